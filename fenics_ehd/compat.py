@@ -1,0 +1,110 @@
+"""Everything that differs between dolfinx versions, detected by feature at import.
+
+Spelled as the newest version spells it. No other module tests a version.
+"""
+
+from __future__ import annotations
+
+import inspect
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from petsc4py import PETSc
+
+try:
+    from dolfinx.io import gmsh as _gmshio
+except ImportError:
+    from dolfinx.io import gmshio as _gmshio
+
+try:
+    import basix.ufl as _basix_ufl
+except ImportError:
+    _basix_ufl = None
+    from basix.ufl_wrapper import BasixElement as _BasixElement
+
+
+def model_to_mesh(model, comm: MPI.Comm, rank: int = 0):
+    """Mesh, cell tags and facet tags of the current Gmsh model (held by `rank`)."""
+    return tuple(_gmshio.model_to_mesh(model, comm, rank, gdim=3))[:3]
+
+
+def _cell_in_space(cell: str):
+    """UFL cell with geometric dimension 3: the old UFL asks elements on a surface for it."""
+    return ufl.Cell(cell, geometric_dimension=3)
+
+
+def lagrange_element(cell: str, degree: int, shape: tuple[int, ...] = ()):
+    """Nodal Lagrange element, blocked when `shape` is ``(3,)``."""
+    if _basix_ufl is not None:
+        return _basix_ufl.element("Lagrange", cell, degree, shape=shape)
+    if shape:
+        return ufl.VectorElement("Lagrange", _cell_in_space(cell), degree, dim=shape[0])
+    return ufl.FiniteElement("Lagrange", _cell_in_space(cell), degree)
+
+
+def custom_element(cell: str, wcoeffs, x, interpolation, degree: int, superdegree: int, shape=()):
+    """Element from its polynomial span and point evaluations, blocked when `shape` is ``(3,)``."""
+    cell_type = getattr(basix.CellType, cell)
+    if _basix_ufl is not None:
+        scalar = _basix_ufl.custom_element(
+            cell_type, (), wcoeffs, x, interpolation, 0, basix.MapType.identity,
+            basix.SobolevSpace.H1, False, degree, superdegree,
+        )  # fmt: skip
+        return _basix_ufl.blocked_element(scalar, shape=shape) if shape else scalar
+    scalar = _BasixElement(
+        basix.create_custom_element(
+            cell_type, [], wcoeffs, x, interpolation, 0, basix.MapType.identity,
+            False, degree, superdegree,
+        )
+    )  # fmt: skip
+    scalar._cell = _cell_in_space(cell)
+    return ufl.VectorElement(scalar, dim=shape[0]) if shape else scalar
+
+
+def functionspace(domain, element):
+    """Function space on a mesh."""
+    if hasattr(fem, "functionspace"):
+        return fem.functionspace(domain, element)
+    return fem.FunctionSpace(domain, element)
+
+
+def create_mesh(comm: MPI.Comm, cells: np.ndarray, element, x: np.ndarray):
+    """Mesh from cells (nodes in dolfinx order), a blocked Lagrange element and node positions."""
+    if _basix_ufl is None:
+        return mesh.create_mesh(comm, cells, x, ufl.Mesh(element))
+    x_comes_last = list(inspect.signature(mesh.create_mesh).parameters)[3] == "x"
+    return mesh.create_mesh(comm, cells, *((element, x) if x_comes_last else (x, element)))
+
+
+def _cell_rows(dofmap, domain) -> np.ndarray:
+    """Rows of a dofmap, one for each local cell (ghosts included)."""
+    cells = domain.topology.index_map(domain.topology.dim)
+    raw = np.asarray(getattr(dofmap, "array", dofmap))
+    return raw.reshape(cells.size_local + cells.num_ghosts, -1)
+
+
+def geometry_dofmap(domain) -> np.ndarray:
+    """Geometry nodes of every local cell, shape (cells, nodes per cell)."""
+    geometry = domain.geometry
+    dofmap = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    return _cell_rows(dofmap, domain)
+
+
+def space_dofmap(space) -> np.ndarray:
+    """Scalar dofs (block indices) of every local cell of a space, shape (cells, dofs)."""
+    return _cell_rows(space.dofmap.list, space.mesh)
+
+
+def petsc_vector(function) -> PETSc.Vec:
+    """PETSc vector that shares its memory with a function."""
+    return function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector
+
+
+def fem_petsc():
+    """Return `dolfinx.fem.petsc`, which 0.11 no longer imports by itself."""
+    import dolfinx.fem.petsc as module
+
+    return module

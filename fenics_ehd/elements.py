@@ -1,0 +1,109 @@
+"""The two quadratic families used on quadrilaterals and hexahedra.
+
+``serendipity``: 8 nodes on the quadrilateral, 20 on the hexahedron, all
+monomials of superlinear degree at most 2 (Arnold and Awanou, Found. Comput.
+Math. 11, 2011), evaluated at vertices and edge midpoints. dolfinx's own
+serendipity element is not nodal, so this one is built as a custom element.
+``lagrange``: 9 and 27 nodes.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import basix
+import numpy as np
+
+from fenics_ehd import compat
+
+FAMILIES = ("serendipity", "lagrange")
+
+
+def superlinear_degree(exponents: tuple[int, ...]) -> int:
+    """Degree of a monomial that counts only the variables entering at least squared."""
+    return sum(e for e in exponents if e > 1)
+
+
+def _expansion_coefficients(cell, dimension: int) -> np.ndarray:
+    """Serendipity monomials in basix's orthonormal basis of degree 2."""
+    points, weights = basix.make_quadrature(cell, 6)
+    legendre = basix.tabulate_polynomials(basix.PolynomialType.legendre, cell, 2, points)
+    exponents = [
+        e for e in itertools.product(range(3), repeat=dimension) if superlinear_degree(e) <= 2
+    ]
+    monomials = np.array(
+        [np.prod([points[:, d] ** k for d, k in enumerate(e)], axis=0) for e in exponents]
+    )
+    return monomials @ (weights * legendre).T
+
+
+def _point_evaluations(cell, dimension: int):
+    """Points and identity interpolation matrices at vertices and edge midpoints."""
+    geometry, topology = basix.geometry(cell), basix.topology(cell)
+    points: list[list[np.ndarray]] = []
+    matrices: list[list[np.ndarray]] = []
+    for entity_dimension in range(4):
+        entities = topology[entity_dimension] if entity_dimension <= dimension else []
+        nodal = entity_dimension < 2
+        points.append(
+            [
+                geometry[entity].mean(axis=0)[None, :] if nodal else np.zeros((0, dimension))
+                for entity in entities
+            ]
+        )
+        size = int(nodal)
+        matrices.append([np.ones((size, 1, size, 1)) for _ in entities])
+    return points, matrices
+
+
+def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()):
+    """UFL element of a quadratic family.
+
+    Parameters
+    ----------
+    family
+        ``"serendipity"`` (8 or 20 nodes) or ``"lagrange"`` (9 or 27 nodes).
+    cell
+        ``"quadrilateral"`` or ``"hexahedron"``.
+    shape
+        ``()`` for a scalar field, ``(3,)`` for a displacement.
+    """
+    if family == "lagrange":
+        return compat.lagrange_element(cell, 2, shape)
+    if family != "serendipity":
+        raise ValueError(f"element family {family!r} is not one of {', '.join(FAMILIES)}")
+    cell_type = getattr(basix.CellType, cell)
+    dimension = len(basix.topology(cell_type)) - 1
+    coefficients = _expansion_coefficients(cell_type, dimension)
+    points, matrices = _point_evaluations(cell_type, dimension)
+    return compat.custom_element(cell, coefficients, points, matrices, 1, 2, shape)
+
+
+def shape_functions(family: str, points: np.ndarray) -> np.ndarray:
+    """Nodal shape functions on the quadrilateral, in the order of the element's nodes.
+
+    Parameters
+    ----------
+    family
+        ``"serendipity"`` or ``"lagrange"``.
+    points
+        Reference points, shape (p, 2).
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (p, 8) or (p, 9).
+    """
+    cell = basix.CellType.quadrilateral
+    corners = basix.geometry(cell)
+    nodes = [*corners, *(corners[edge].mean(axis=0) for edge in basix.topology(cell)[1])]
+    exponents = list(itertools.product(range(3), repeat=2))
+    if family == "serendipity":
+        exponents = [e for e in exponents if superlinear_degree(e) <= 2]
+    else:
+        nodes.append(corners.mean(axis=0))
+
+    def monomials(x):
+        return np.array([[np.prod(row ** np.array(e)) for e in exponents] for row in np.asarray(x)])
+
+    return np.linalg.solve(monomials(nodes).T, monomials(points).T).T

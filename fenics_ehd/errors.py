@@ -1,0 +1,49 @@
+"""Named errors: each message is one line with the value, the limit and the key to change."""
+
+
+class EhdError(Exception):
+    """Base of every error that fenics_ehd raises on purpose; the command line exits with 1."""
+
+    exit_status = 1
+
+
+class InputError(EhdError):
+    """Bad input: a value, a key or a file. The command line exits with 2."""
+
+    exit_status = 2
+
+
+class SettingsError(InputError):
+    """A scene file or option holds a key or a value that cannot be used."""
+
+
+class MeshError(InputError):
+    """The Gmsh model lacks something that the part needs, or cannot be meshed."""
+
+
+class BodyFileError(InputError):
+    """A reduced-body file cannot be read, or does not hold a reduced body."""
+
+
+class InterfaceMismatchError(InputError):
+    """Film mesh and bore nodes do not match."""
+
+
+class SolverError(EhdError):
+    """A linear, eigenvalue or nonlinear solve failed or did not pass its own check."""
+
+
+class CavitationError(SolverError):
+    """The complementarity problem of the film was not solved to its tolerance."""
+
+
+class GapClosedError(SolverError):
+    """The film thickness is not positive everywhere."""
+
+
+class StepSizeError(SolverError):
+    """The time integration needed a step below its smallest allowed one."""
+
+
+class VerificationError(SolverError):
+    """A computed result violates a property it must have."""

@@ -1,0 +1,1 @@
+"""Planar floating frame, mechanism kinematics, journal coupling and time integration."""

@@ -1,0 +1,225 @@
+"""Variable-step backward differentiation for implicit second-order systems.
+
+Solves ``r(t, x, x', x'') = 0``. Rates are those of the interpolation
+polynomial through the newest and the last k points, at the newest point, for
+``x`` and again for ``x'``; k = 2 is A-stable at constant steps and damps the
+high-frequency static modes, which carry no dynamics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from fenics_ehd.errors import GapClosedError, SolverError, StepSizeError
+
+#: Steps grow and shrink by at most these factors, and aim this far below the tolerance.
+GROWTH, SHRINKAGE, SAFETY = 2.0, 0.2, 0.9
+
+#: Newton stops when its last update is below this fraction of the step tolerance.
+NEWTON_FRACTION = 1e-2
+MAX_NEWTON = 12
+
+#: An update may not take more than this fraction of the distance to the boundary.
+BOUNDARY_FRACTION = 0.7
+
+
+class SecondOrderProblem(Protocol):
+    """What the integrator asks of a problem; `norm` makes the tolerance mean something."""
+
+    def linearise(self, time: float, x: np.ndarray, rate: np.ndarray, acceleration: np.ndarray,
+                  shifts: tuple[float, float], guess: Any) -> tuple[np.ndarray, np.ndarray, Any]:
+        """Residual, its total derivative along x, and an auxiliary state."""  # fmt: skip
+
+    def norm(self, x: np.ndarray, change: np.ndarray) -> float:
+        """Size of a change of x, relative: 1 is a change of the size of the quantity watched."""
+
+    def admissible_fraction(self, x: np.ndarray, change: np.ndarray) -> float:
+        """Largest f with x + f * change on the boundary of the admissible set."""
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """Settings of the integration.
+
+    Attributes
+    ----------
+    tolerance
+        Largest estimated local error of a step, in the problem's norm.
+    first_step, smallest_step, largest_step
+        [s].
+    order
+        Number of past points k in the formula, 1 to 5.
+    """
+
+    tolerance: float
+    first_step: float
+    smallest_step: float
+    largest_step: float
+    order: int = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One accepted step.
+
+    `rejected` counts the attempts since the last accepted step that failed,
+    by reason; `newton_iterations` includes theirs.
+    """
+
+    time: float
+    x: np.ndarray
+    rate: np.ndarray
+    acceleration: np.ndarray
+    auxiliary: Any
+    newton_iterations: int
+    rejected: dict[str, int] = field(default_factory=dict)
+
+
+class _NewtonFailure(SolverError):
+    """Newton's iteration did not converge: a shorter step is tried."""
+
+
+def derivative_weights(times: np.ndarray) -> np.ndarray:
+    """Weights of the derivative, at the first time, of the polynomial through all times."""
+    distance = times[0] - times[1:]
+    weights = np.empty(len(times))
+    weights[0] = np.sum(1.0 / distance)
+    for j in range(1, len(times)):
+        others = np.delete(times, [0, j])
+        weights[j] = np.prod(times[0] - others) / np.prod(times[j] - others) / (times[j] - times[0])
+    return weights
+
+
+def extrapolate(times: np.ndarray, values: np.ndarray, target: float) -> np.ndarray:
+    """Value at `target` of the polynomial through all points."""
+    weights = np.array(
+        [np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
+         for j, t in enumerate(times)]
+    )  # fmt: skip
+    return weights @ values
+
+
+class _History:
+    """Past points, newest first."""
+
+    def __init__(self, time: float, x: np.ndarray, rate: np.ndarray):
+        self.times = np.array([time])
+        self.x = x[None]
+        self.rate = rate[None]
+
+    def push(self, time: float, x: np.ndarray, rate: np.ndarray, keep: int) -> None:
+        self.times = np.concatenate([[time], self.times])[:keep]
+        self.x = np.vstack([x, self.x])[:keep]
+        self.rate = np.vstack([rate, self.rate])[:keep]
+
+    def predict(self, time: float, points: int) -> np.ndarray:
+        if len(self.times) == 1:
+            return self.x[0] + (time - self.times[0]) * self.rate[0]
+        return extrapolate(self.times[:points], self.x[:points], time)
+
+
+def _newton(problem: SecondOrderProblem, time: float, history: _History, order: int,
+            predicted: np.ndarray, tolerance: float, auxiliary: Any):  # fmt: skip
+    """Solve one step; raises when it does not converge within the admissible set."""
+    times = np.concatenate([[time], history.times[:order]])
+    weights = derivative_weights(times)
+    alpha = weights[0]
+    past_x = weights[1:] @ history.x[:order]
+    past_rate = weights[1:] @ history.rate[:order]
+    start = history.x[0]
+    change = predicted - start
+    limit = BOUNDARY_FRACTION * problem.admissible_fraction(start, change)
+    x = start + min(1.0, limit) * change
+    for iteration in range(1, MAX_NEWTON + 1):
+        rate = alpha * x + past_x
+        acceleration = alpha * rate + past_rate
+        residual, jacobian, auxiliary = problem.linearise(
+            time, x, rate, acceleration, (alpha, alpha**2), auxiliary
+        )
+        update = -np.linalg.solve(jacobian, residual)
+        if not np.isfinite(update).all():
+            raise _NewtonFailure("Newton's update is not finite")
+        fraction = min(1.0, BOUNDARY_FRACTION * problem.admissible_fraction(x, update))
+        x = x + fraction * update
+        if fraction == 1.0 and problem.norm(x, update) <= tolerance:
+            rate = alpha * x + past_x
+            return x, rate, alpha * rate + past_rate, auxiliary, iteration
+    raise _NewtonFailure(f"Newton did not converge in {MAX_NEWTON} iterations")
+
+
+def integrate(problem: SecondOrderProblem, span: tuple[float, float], x: np.ndarray,
+              rate: np.ndarray, control: StepControl) -> Iterator[Step]:  # fmt: skip
+    """Integrate and yield every accepted step.
+
+    The local error is estimated from the distance between the solution and the
+    extrapolation of the last k + 1 points.
+
+    Parameters
+    ----------
+    problem
+        The system.
+    span
+        Start and end time [s]; the last step ends at the end.
+    x, rate
+        Initial values, shape (n,).
+    control
+        Tolerance and step sizes.
+
+    Raises
+    ------
+    StepSizeError
+        The step fell below the smallest allowed one.
+    """
+    time, end = span
+    history = _History(time, x, rate)
+    step, auxiliary, iterations = control.first_step, None, 0
+    rejected: dict[str, int] = {}
+    while time < end:
+        remaining = end - time
+        # Two equal steps rather than a long and a tiny one.
+        step = remaining if step >= remaining else min(step, max(0.5 * remaining, remaining - step))
+        order = min(control.order, len(history.times))
+        target = end if step >= remaining else time + step
+        predicted = history.predict(target, order + 1)
+        try:
+            x, rate, acceleration, state, count = _newton(
+                problem, target, history, order, predicted,
+                NEWTON_FRACTION * control.tolerance, auxiliary,
+            )  # fmt: skip
+            iterations += count
+            error = _error(problem, history, order, target, x, predicted)
+            reason = "error above tolerance" if error > control.tolerance else None
+        except (GapClosedError, _NewtonFailure, np.linalg.LinAlgError) as failure:
+            iterations += MAX_NEWTON
+            error, reason = np.inf, type(failure).__name__.lstrip("_")
+        ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
+        factor = np.clip(SAFETY * ratio ** (1.0 / (order + 1)), SHRINKAGE, GROWTH)
+        if reason is None:
+            time, auxiliary = target, state
+            history.push(time, x, rate, control.order + 2)
+            yield Step(time, x, rate, acceleration, state, iterations, rejected)
+            iterations, rejected = 0, {}
+        else:
+            rejected[reason] = rejected.get(reason, 0) + 1
+        step = min(step * factor, control.largest_step)
+        if step < control.smallest_step and time < end:
+            raise StepSizeError(
+                f"the step fell to {step:.1e} s at t = {time:.6g} s, below time.smallest_step = "
+                f"{control.smallest_step:.1e} s, after {rejected or 'slow convergence'}: "
+                "raise time.tolerance or check the load on the bearing"
+            )
+
+
+def _error(problem, history: _History, order: int, time: float, x: np.ndarray,
+           predicted: np.ndarray) -> float:  # fmt: skip
+    """Local error of x: the part of its distance from the extrapolation that the formula leaves."""
+    if len(history.times) <= order:
+        # Too little history for the extrapolation: the first tiny steps pass.
+        return 0.0
+    implicit = 1.0 / np.sum(1.0 / (time - history.times[:order]))
+    share = implicit / (time - history.times[order] + implicit)
+    return share * problem.norm(x, x - predicted)

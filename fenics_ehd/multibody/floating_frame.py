@@ -1,0 +1,111 @@
+"""Inertia of a flexible rod in its floating frame, with exact derivatives.
+
+A material point lies at ``C1 + A(theta) p``, ``p = B s`` with
+``s = (1, xi)`` and ``B`` the fields of `InertiaIntegrals`. In the rod's frame
+its acceleration is
+
+    p'' + A^T C1'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
+
+relative, Coriolis, Euler and centrifugal terms, complete and without
+approximation, because p is affine in xi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.multibody.crank import CrankMotion
+from fenics_ehd.multibody.guide import RodAngle, rotation
+from fenics_ehd.reduction.body import InertiaIntegrals
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaForces:
+    """Generalised inertia forces on ``xi`` and ``theta`` and their total derivatives along xi."""
+
+    on_xi: np.ndarray
+    on_theta: float
+    on_xi_slope: np.ndarray
+    on_theta_slope: np.ndarray
+
+
+def with_point_mass(inertia: InertiaIntegrals, point: np.ndarray, mass: float) -> InertiaIntegrals:
+    """Inertia with a point mass fixed to a boundary point, shape of `point` (2, 3 + n).
+
+    A piston whose pin stays on a line has no transverse acceleration, so it may
+    be carried as a full point mass there.
+    """
+    spun = np.array([-point[1], point[0]])
+    return InertiaIntegrals(
+        mass=inertia.mass + mass * point.T @ point,
+        spin=inertia.spin + mass * point.T @ spun,
+        centrifugal=inertia.centrifugal + mass * spun.T @ spun,
+    )
+
+
+def inertia_forces(inertia: InertiaIntegrals, crank: CrankMotion, angle: RodAngle,
+                   state: tuple[np.ndarray, np.ndarray, np.ndarray],
+                   shifts: tuple[float, float]) -> InertiaForces:  # fmt: skip
+    """Virtual work of the inertia forces.
+
+    Parameters
+    ----------
+    inertia
+        Inertia integrals, the piston's mass included.
+    crank, angle
+        Motion of C1 and of the frame.
+    state
+        ``xi``, ``xi'``, ``xi''``, shape (2 + n,) each.
+    shifts
+        ``d xi' / d xi`` and ``d xi'' / d xi`` of the time integration formula.
+    """
+    xi, xi_rate, xi_acceleration = state
+    alpha, beta = shifts
+    m, g, c = inertia.mass, inertia.spin, inertia.centrifugal
+    s = np.concatenate([[1.0], xi])
+    s_rate = np.concatenate([[0.0], xi_rate])
+    carried = rotation(angle.angle).T @ crank.acceleration
+    a = np.concatenate([[0.0], xi_acceleration])
+    a[1:3] += carried
+    # d(A^T C1'')/d theta = -S A^T C1''
+    a_slope = np.zeros((len(s), len(xi)))
+    a_slope[1:] = beta * np.eye(len(xi))
+    a_slope[1:3] += np.outer([carried[1], -carried[0]], angle.angle_slope)
+    rate, acceleration = angle.rate, angle.acceleration
+
+    g_s, g_rate, c_s = g @ s, g @ s_rate, c @ s
+    on_s = m @ a + 2 * rate * g_rate + acceleration * g_s - rate**2 * c_s
+    on_s_slope = (
+        m @ a_slope
+        + (2 * rate * alpha + acceleration) * g[:, 1:]
+        - rate**2 * c[:, 1:]
+        + np.outer(2 * g_rate - 2 * rate * c_s, angle.rate_slope)
+        + np.outer(g_s, angle.acceleration_slope)
+    )
+    # (S B)^T M B = -G
+    c_rate = c @ s_rate
+    on_theta = -s @ g @ a + 2 * rate * (s @ c_rate) + acceleration * (s @ c_s)
+    on_theta_slope = (
+        -(g @ a)[1:]
+        - (s @ g) @ a_slope
+        + 2 * rate * (c_rate[1:] + alpha * c_s[1:])
+        + 2 * acceleration * c_s[1:]
+        + 2 * (s @ c_rate) * angle.rate_slope
+        + (s @ c_s) * angle.acceleration_slope
+    )
+    return InertiaForces(on_s[1:], float(on_theta), on_s_slope[1:], on_theta_slope)
+
+
+def kinetic_energy(inertia: InertiaIntegrals, crank: CrankMotion, angle: RodAngle,
+                   xi: np.ndarray, xi_rate: np.ndarray) -> float:  # fmt: skip
+    """Kinetic energy of the rod and the masses fixed to it [J]."""
+    s = np.concatenate([[1.0], xi])
+    velocity = np.concatenate([[0.0], xi_rate])
+    velocity[1:3] += rotation(angle.angle).T @ crank.velocity
+    return float(
+        0.5 * velocity @ inertia.mass @ velocity
+        + angle.rate * velocity @ inertia.spin @ s
+        + 0.5 * angle.rate**2 * s @ inertia.centrifugal @ s
+    )

@@ -1,0 +1,30 @@
+"""Solver defaults that a user can override by prefix."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from petsc4py import PETSc
+
+
+def configure(solver, prefix: str, defaults: Mapping[str, object]) -> None:
+    """Set a KSP, SNES or EPS from options, `defaults` standing in for those not given.
+
+    Parameters
+    ----------
+    solver
+        PETSc object with ``setOptionsPrefix`` and ``setFromOptions``.
+    prefix
+        Options prefix, ``"film_"`` reads ``-film_...``.
+    defaults
+        Option name without prefix and value. They are withdrawn from PETSc's
+        options database afterwards, so they cannot leak into another solver.
+    """
+    options = PETSc.Options(prefix)
+    added = {key: value for key, value in defaults.items() if not options.hasName(key)}
+    for key, value in added.items():
+        options[key] = value
+    solver.setOptionsPrefix(prefix)
+    solver.setFromOptions()
+    for key in added:
+        options.delValue(key)

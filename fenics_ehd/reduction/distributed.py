@@ -1,0 +1,67 @@
+"""Products of distributed matrices with tall arrays, each rank holding its own rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+
+def dense_matrix(columns: np.ndarray, comm) -> PETSc.Mat:
+    """PETSc dense matrix from the rows this rank owns, shape (owned, k)."""
+    rows, width = columns.shape
+    matrix = PETSc.Mat().createDense(((rows, None), (None, width)), comm=comm)
+    matrix.setUp()
+    matrix.getDenseArray()[:, :] = columns
+    matrix.assemble()
+    return matrix
+
+
+def multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    """Owned rows of ``matrix @ columns``."""
+    if columns.shape[1] == 0:
+        return np.zeros((matrix.local_size[0], 0))
+    dense = dense_matrix(columns, matrix.comm)
+    product = matrix.matMult(dense)
+    result = np.array(product.getDenseArray())
+    product.destroy()
+    dense.destroy()
+    return result
+
+
+def inner(left: np.ndarray, right: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+    """``left.T @ right`` summed over the ranks, on every rank."""
+    return comm.allreduce(left.T @ right, op=MPI.SUM)
+
+
+def symmetric(matrix: np.ndarray) -> np.ndarray:
+    """Symmetric part: removes the round-off of a product that is symmetric by construction."""
+    return 0.5 * (matrix + matrix.T)
+
+
+def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    """``matrix.T @ columns`` on every rank, shape (matrix columns, k)."""
+    source, target = matrix.createVecLeft(), matrix.createVecRight()
+    comm = matrix.comm.tompi4py()
+    result = np.empty((matrix.size[1], columns.shape[1]))
+    for i in range(columns.shape[1]):
+        source.array = columns[:, i]
+        matrix.multTranspose(source, target)
+        result[:, i] = np.concatenate(comm.allgather(target.array))
+    return result
+
+
+def load_columns(load: PETSc.Mat, pressures: np.ndarray) -> np.ndarray:
+    """Owned rows of ``load @ pressures`` for pressures known on every rank, shape (k, p)."""
+    first, last = load.getOwnershipRangeColumn()
+    return multiply(load, pressures[first:last])
+
+
+def node_rows(columns: np.ndarray, first_node: int, nodes: np.ndarray, comm) -> np.ndarray:
+    """Rows of given global nodes on every rank, shape (nodes, 3, k)."""
+    owned = len(columns) // 3
+    local = nodes - first_node
+    mine = (local >= 0) & (local < owned)
+    rows = np.zeros((len(nodes), 3, columns.shape[1]))
+    rows[mine] = columns.reshape(owned, 3, -1)[local[mine]]
+    return comm.allreduce(rows, op=MPI.SUM)

@@ -1,0 +1,1 @@
+"""Machines: each scene is a short file that puts the parts together."""

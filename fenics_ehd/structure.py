@@ -1,0 +1,185 @@
+"""Elastic part with a lubricated bore: dolfinx matrices for the reduction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_ehd import compat
+from fenics_ehd.elements import quadratic_element
+from fenics_ehd.errors import MeshError
+from fenics_ehd.geometry import PartMesh
+from fenics_ehd.reduction.structure import Bore, Recovery, Structure
+
+#: 3 Gauss points a direction integrate the elastic energy of both families on
+#: straight cells and the bore load on a cylinder exactly; the mass of a
+#: triquadratic field needs 4.
+STIFFNESS_DEGREE = 5
+MASS_DEGREE = 6
+
+#: Largest distance of a bore node from the cylinder, relative to its radius.
+CYLINDER_TOLERANCE = 1e-6
+
+#: Corner, edge order of VTK's quadratic hexahedron in dolfinx's node numbers.
+_VTK_HEXAHEDRON = [0, 1, 3, 2, 4, 5, 7, 6, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 15, 14]
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic elastic material: Young's modulus [Pa], Poisson's ratio, density [kg/m^3]."""
+
+    youngs_modulus: float
+    poissons_ratio: float
+    density: float
+
+
+def assemble_structure(part: PartMesh, material: Material, *, family: str = "serendipity",
+                       pressure_family: str = "lagrange", bore: str = "bore",
+                       attachments: tuple[str, ...] = ("pin",)) -> Structure:  # fmt: skip
+    """Assemble K, M, the bore load matrix and the attachment loads.
+
+    Parameters
+    ----------
+    part
+        Mesh with the named groups.
+    material
+        Elastic constants and density.
+    family
+        ``"serendipity"``: 20-node hexahedra, ``"lagrange"``: 27-node ones.
+    pressure_family
+        Family of the pressure shape functions in (15), that of the film.
+    bore, attachments
+        Names of the lubricated surface and of the boundary points' surfaces.
+
+    Returns
+    -------
+    Structure
+        Rows distributed over the ranks of the mesh.
+
+    Raises
+    ------
+    MeshError
+        A named surface is missing or empty, or the bore is not a cylinder about z.
+    """
+    mesh = part.mesh
+    space = compat.functionspace(mesh, quadratic_element(family, "hexahedron", (3,)))
+    pressures = compat.functionspace(mesh, quadratic_element(pressure_family, "hexahedron"))
+    surfaces = {name: part.group(name) for name in (bore, *attachments)}
+    for name, tag in surfaces.items():
+        if not mesh.comm.allreduce(len(part.facet_tags.find(tag)), op=MPI.SUM):
+            raise MeshError(f"physical group {name!r} holds no facets of the mesh")
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=part.facet_tags)
+    stiffness, mass = _elastic_matrices(space, material)
+    index_map = space.dofmap.index_map
+    return Structure(
+        stiffness=stiffness,
+        mass=mass,
+        coordinates=space.tabulate_dof_coordinates()[: index_map.size_local].copy(),
+        bore=_bore(part, space, pressures, surfaces[bore], ds),
+        attachments={
+            name: _mean_displacement(space, ds(surfaces[name])) for name in attachments
+        },
+        recovery=_recovery(space),
+    )
+
+
+def _elastic_matrices(space, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
+    """K and M of (16)."""
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    modulus, ratio = material.youngs_modulus, material.poissons_ratio
+    mu = modulus / (2 * (1 + ratio))
+    lame = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
+
+    def strain(w):
+        return ufl.sym(ufl.grad(w))
+
+    stress = 2 * mu * strain(u) + lame * ufl.tr(strain(u)) * ufl.Identity(3)
+    dx = ufl.Measure("dx", domain=space.mesh)
+    degree = "quadrature_degree"
+    energy = ufl.inner(stress, strain(v)) * dx(metadata={degree: STIFFNESS_DEGREE})
+    inertia = material.density * ufl.inner(u, v) * dx(metadata={degree: MASS_DEGREE})
+    return _matrix(energy), _matrix(inertia)
+
+
+def _matrix(form) -> PETSc.Mat:
+    matrix = compat.fem_petsc().assemble_matrix(fem.form(form))
+    matrix.assemble()
+    return matrix
+
+
+def _vector(form) -> PETSc.Vec:
+    vector = compat.fem_petsc().assemble_vector(fem.form(form))
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    return vector
+
+
+def _mean_displacement(space, surface) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
+    """Area-weighted mean of each displacement component over a surface, as load vectors."""
+    v = ufl.TestFunction(space)
+    mesh = space.mesh
+    one = fem.Constant(mesh, PETSc.ScalarType(1.0))
+    area = mesh.comm.allreduce(fem.assemble_scalar(fem.form(one * surface)), op=MPI.SUM)
+    metadata = {"quadrature_degree": STIFFNESS_DEGREE}
+    return tuple(_vector(v[i] / area * surface(metadata=metadata)) for i in range(3))
+
+
+def _surface_nodes(part: PartMesh, space, tag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Global nodes of a space on a surface and their positions, sorted by z, then angle."""
+    comm = space.mesh.comm
+    facets = part.facet_tags.find(tag)
+    dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
+    owned = dofs[dofs < space.dofmap.index_map.size_local]
+    nodes = np.concatenate(comm.allgather(space.dofmap.index_map.local_range[0] + owned))
+    x = np.vstack(comm.allgather(space.tabulate_dof_coordinates()[owned]))
+    radius = np.linalg.norm(x[:, :2], axis=1).mean()
+    angle = np.mod(np.arctan2(x[:, 1], x[:, 0]) + 1e-9, 2 * np.pi)
+    order = np.lexsort((np.round(angle, 6), np.round(x[:, 2] / radius, 6)))
+    return nodes[order].astype(np.int32), x[order]
+
+
+def _bore(part: PartMesh, space, pressures, tag: int, ds) -> Bore:
+    """Bore nodes and the rectangular load matrix (15).
+
+    The outward normal of the solid points to the oil, so a positive pressure
+    pushes along its negative.
+    """
+    nodes, x = _surface_nodes(part, space, tag)
+    pressure_nodes, pressure_x = _surface_nodes(part, pressures, tag)
+    radii = np.linalg.norm(x[:, :2], axis=1)
+    radius = radii.mean()
+    deviation = np.abs(radii - radius).max() / radius
+    if not deviation <= CYLINDER_TOLERANCE:
+        raise MeshError(
+            f"the bore is not a cylinder about the z axis: a node lies {deviation:.1e} radii off, "
+            f"above {CYLINDER_TOLERANCE:.0e}"
+        )
+    p, v = ufl.TrialFunction(pressures), ufl.TestFunction(space)
+    normal = ufl.FacetNormal(space.mesh)
+    surface = ds(tag, metadata={"quadrature_degree": STIFFNESS_DEGREE})
+    whole = _matrix(-p * ufl.inner(normal, v) * surface)
+    share = np.array_split(np.arange(len(pressure_nodes)), space.mesh.comm.size)
+    mine = share[space.mesh.comm.rank]
+    rows = PETSc.IS().createStride(whole.local_size[0], whole.getOwnershipRange()[0], 1,
+                                   comm=whole.comm)  # fmt: skip
+    columns = PETSc.IS().createGeneral(pressure_nodes[mine], comm=whole.comm)
+    return Bore(
+        radius=float(radius),
+        width=float(np.ptp(x[:, 2])),
+        nodes=nodes,
+        coordinates=x,
+        pressure_coordinates=pressure_x,
+        load=whole.createSubMatrix(rows, columns),
+    )
+
+
+def _recovery(space) -> Recovery:
+    """Owned cells with their 20 corner and edge nodes."""
+    cells = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
+    dofs = compat.space_dofmap(space)[:cells, _VTK_HEXAHEDRON]
+    numbers = space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
+    return Recovery(np.asarray(numbers).reshape(dofs.shape))
