@@ -5,7 +5,7 @@ Needs petsc4py, slepc4py, numpy and h5py; dolfinx is not imported.
 
 from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
 from fenics_ehd.reduction.body_file import load_body, save_body
-from fenics_ehd.reduction.load_dependent import load_dependent
+from fenics_ehd.reduction.load_dependent import LoadDependentBasis, load_dependent
 from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
 from fenics_ehd.reduction.residual_modes import SELECTIONS
 from fenics_ehd.reduction.structure import Bore, Recovery, Structure
@@ -15,6 +15,7 @@ __all__ = [
     "SELECTIONS",
     "Bore",
     "InertiaIntegrals",
+    "LoadDependentBasis",
     "Recovery",
     "ReducedBody",
     "Structure",

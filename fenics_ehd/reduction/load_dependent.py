@@ -83,6 +83,8 @@ def load_dependent(structure: Structure, n_vibration: int, n_residual: int,
         full_flexibility=bore_flexibility(solver) if estimate_error else None,
         accuracy=basis.accuracy,
         provenance={
+            "vibration_modes": str(n_vibration),
+            "residual_modes": str(n_residual),
             "pressure_set": pressure_set,
             "selection": selection,
             "degrees_of_freedom": str(structure.size),
@@ -91,7 +93,10 @@ def load_dependent(structure: Structure, n_vibration: int, n_residual: int,
     return body, basis
 
 
-def _check(structure, n_vibration, n_residual, pressure_set, selection) -> None:
+def _check(structure: Structure, n_vibration: int, n_residual: int, pressure_set: str,
+           selection: str) -> None:  # fmt: skip
+    if structure.bore is None:
+        raise SettingsError("the structure has no bore: pressure loads need one")
     for name, value, known in (
         ("pressure_set", pressure_set, PRESSURE_SETS),
         ("selection", selection, SELECTIONS),

@@ -61,7 +61,8 @@ class Structure:
     coordinates
         Positions of the owned nodes, shape (owned nodes, 3) [m].
     bore
-        The lubricated interface.
+        The lubricated interface; None for a part without one, of which only
+        static responses and vibration modes can be computed.
     attachments
         Load vectors of unit forces along x, y and z at each boundary point.
         The same vectors give the point's mean displacement: force and
@@ -73,7 +74,7 @@ class Structure:
     stiffness: PETSc.Mat
     mass: PETSc.Mat
     coordinates: np.ndarray
-    bore: Bore
+    bore: Bore | None = None
     attachments: Mapping[str, tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]] = field(default_factory=dict)
     recovery: Recovery | None = None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
@@ -113,7 +114,8 @@ def _verify(structure, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
 
 def _orient(structure, modes: np.ndarray) -> np.ndarray:
     """Fix the sign of each mode by its product with a field of no symmetry."""
-    x, y, z = (structure.coordinates / structure.bore.radius).T
+    size = structure.comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
+    x, y, z = (structure.coordinates / size).T
     field = np.stack([x + y**2, x**2 + 2 * y - z, 3 * z + x * y], axis=1).reshape(-1, 1)
     signs = np.sign(inner(modes, field, structure.comm)[:, 0])
     return modes * np.where(signs == 0, 1.0, signs)

@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_ehd.film import Film, FilmState
 from fenics_ehd.multibody.crank import ConstantSpeedCrank, CrankMotion
+from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.floating_frame import (
     inertia_forces,
     kinetic_energy,
@@ -25,23 +26,6 @@ class MechanismState:
     crank: CrankMotion
     angle: RodAngle
     film: FilmState
-
-
-@dataclass(frozen=True)
-class Powers:
-    """Energy and the powers that change it [J], [W].
-
-    ``d(kinetic + strain)/dt = drive + drag - film - damping``: the crank's work on
-    the rod through the film, the shaft's drag on the oil, the loss in the film's
-    pressure flow and in the rod's structure.
-    """
-
-    kinetic: float
-    strain: float
-    drive: float
-    drag: float
-    film: float
-    damping: float
 
 
 class SliderCrank:

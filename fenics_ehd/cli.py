@@ -1,0 +1,166 @@
+"""Command line. Heavy imports happen inside the commands, so that ``--help`` answers at once."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from pathlib import Path
+
+import click
+
+from fenics_ehd import __version__
+from fenics_ehd.errors import EhdError
+
+# One thread per rank; the BLAS reads these when numpy is first imported.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+SCENES = ("slider-crank",)
+PARTS = ("conrod",)
+
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print results as JSON on stdout, nothing else there."
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="fenics-ehd")
+def cli() -> None:
+    """Mechanisms with elastohydrodynamically lubricated revolute joints."""
+
+
+@cli.command()
+@click.argument("scene")
+@click.option("--body", type=click.Path(dir_okay=False), help="Reduced rod made by 'reduce'.")
+@click.option("--method", type=click.Choice(["m3", "rigid"]), help="Reduction of the rod.")
+@click.option("-o", "--output", "directory", type=click.Path(file_okay=False),
+              help="Folder for the results [default: results/SCENE].")  # fmt: skip
+@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the two curves.")
+@click.option("--vtk", "frames", is_flag=False, flag_value=60, type=click.IntRange(min=2),
+              help="Write a ParaView series of this many frames [60 when no number is given].")  # fmt: skip
+@json_option
+def run(scene, body, method, directory, plots, frames, as_json) -> None:
+    """Simulate SCENE: slider-crank, or a TOML file made by 'init'."""
+    from fenics_ehd.commands import run_scene
+
+    run_scene(scene, body, method, directory, plots, frames, as_json)
+
+
+@cli.command()
+@click.argument("part", type=click.Choice(PARTS))
+@click.option("-o", "--output", "path", required=True, type=click.Path(dir_okay=False),
+              help="HDF5 file of the reduced body.")  # fmt: skip
+@click.option("--scene", type=click.Path(dir_okay=False), help="Take [rod], [reduction], [film] "
+              "from this TOML file; options below win.")  # fmt: skip
+@click.option("--method", type=click.Choice(["m3"]), help="Reduction method.")
+@click.option("--vibration-modes", type=int, help="n_v.")
+@click.option("--residual-modes", type=int, help="n_r.")
+@click.option("--pressure-set", help="pc1 (unit pressures) or pc2 (bearing shapes).")
+@click.option("--selection", help="lowest-frequency, largest-eigenvalue or smallest-eigenvalue.")
+@json_option
+def reduce(part, path, scene, as_json, **options) -> None:
+    """Reduce PART to a handful of modes; also under mpirun."""
+    from fenics_ehd.commands import reduce_part
+
+    reduce_part(path, scene, {k: v for k, v in options.items() if v is not None}, as_json)
+
+
+@cli.command()
+@click.argument("scene", type=click.Choice(SCENES))
+def init(scene) -> None:
+    """Print a scene file with every key, its default and its meaning."""
+    from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+    from fenics_ehd.settings import to_toml
+
+    click.echo(to_toml(SliderCrankSettings()), nl=False)
+
+
+@cli.command()
+@click.argument("directories", nargs=-1, required=True, type=click.Path(file_okay=False))
+@click.option("-o", "--output", "target", type=click.Path(file_okay=False),
+              help="Folder for the pictures [default: the first of DIRECTORIES].")  # fmt: skip
+def plot(directories, target) -> None:
+    """Draw peak pressure and minimum film thickness of one or more runs."""
+    from fenics_ehd.output import read_history
+    from fenics_ehd.plotting import plot_history
+
+    histories = {Path(d).name or str(d): read_history(d) for d in directories}
+    if len(histories) < len(directories):
+        histories = {str(d): read_history(d) for d in directories}
+    target = Path(target or directories[0])
+    target.mkdir(parents=True, exist_ok=True)
+    for path in plot_history(histories, target):
+        click.echo(path)
+
+
+@cli.command()
+@json_option
+def info(as_json) -> None:
+    """Show versions and where the Gmsh models are."""
+    from fenics_ehd.commands import show_info
+
+    show_info(as_json)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: named errors become one line and an exit status."""
+    _quiet_compilers()
+    try:
+        status = cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0
+    except click.ClickException as error:
+        error.show()
+        status = 2
+    except EhdError as error:
+        _complain(f"{type(error).__name__}: {error}")
+        status = error.exit_status
+    except (KeyboardInterrupt, click.exceptions.Abort):
+        _complain("interrupted")
+        status = 130
+    except MemoryError:
+        _complain("out of memory: choose fewer modes or a coarser mesh")
+        status = 1
+    except Exception:
+        # One rank's surprise would leave the others waiting for ever.
+        if _ranks() > 1:
+            import traceback
+
+            traceback.print_exc()
+            from mpi4py import MPI
+
+            MPI.COMM_WORLD.Abort(1)
+        raise
+    sys.exit(status)
+
+
+def _quiet_compilers() -> None:
+    """Keep the build log of just-in-time compiled forms off the terminal.
+
+    setuptools raises the root logger to INFO while it builds them, so the
+    threshold goes to the handlers.
+    """
+    logging.basicConfig()
+    for handler in logging.getLogger().handlers:
+        handler.setLevel(logging.WARNING)
+
+
+def _ranks() -> int:
+    if "mpi4py.MPI" not in sys.modules:
+        return 1
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD.size
+
+
+def _complain(message: str) -> None:
+    """One line on stderr, from the first rank only."""
+    if "mpi4py.MPI" in sys.modules:
+        from mpi4py import MPI
+
+        if MPI.COMM_WORLD.rank:
+            return
+    click.echo(f"fenics-ehd: {' '.join(message.split())}", err=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,249 @@
+"""What the commands do, once the command line is understood."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import attrs
+import click
+import numpy as np
+from mpi4py import MPI
+from tqdm import tqdm
+
+from fenics_ehd.errors import EhdError, SettingsError
+from fenics_ehd.output import read_history, to_json, versions, write_summary
+from fenics_ehd.reduction import ReducedBody, load_body, save_body
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.settings import build, read_toml
+
+#: Polar inertia of the paper's rod, Table 1 [kg m^2].
+PAPER_INERTIA = 4e-3
+
+
+def read_scene(scene: str) -> tuple[SliderCrankSettings, dict]:
+    """Settings of a scene given by name or TOML file, and the tables as written."""
+    if scene == "slider-crank":
+        return SliderCrankSettings(), {}
+    if Path(scene).suffix != ".toml":
+        raise SettingsError(f"scene {scene!r} is neither 'slider-crank' nor a .toml file")
+    tables = read_toml(scene)
+    try:
+        settings = build(SliderCrankSettings, tables)
+    except SettingsError as error:
+        raise SettingsError(f"{scene}: {error}") from None
+    model = Path(settings.rod.model)
+    if model.suffix and not model.is_absolute():
+        # A model is named relative to the file that names it.
+        rod = attrs.evolve(settings.rod, model=str(Path(scene).parent / model))
+        settings = attrs.evolve(settings, rod=rod)
+    return settings, tables
+
+
+def run_scene(scene: str, body_file: str | None, method: str | None, directory: str | None,
+              plots: bool, frames: int | None, as_json: bool) -> None:  # fmt: skip
+    """``fenics-ehd run``."""
+    settings, tables = read_scene(scene)
+    if body_file and method:
+        raise SettingsError("--body and --method exclude each other: the body has its method")
+    if body_file and frames:
+        raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
+    if method:
+        settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
+    rod, seconds = None, 0.0
+    if body_file:
+        body = load_body(body_file)
+        check_origin(body, tables)
+    else:
+        rod = _reduce(settings)
+        body, seconds = rod.body, rod.seconds
+    part = None
+    if frames:
+        from fenics_ehd.paraview import gather_part
+
+        columns = rod.basis.columns[:, : body.modes]
+        part = gather_part(rod.structure, columns)
+    # The time integration is serial: other ranks have done their share.
+    if MPI.COMM_WORLD.rank == 0:
+        target = Path(directory or Path("results") / Path(scene).stem)
+        summary = _simulate(settings, body, seconds, target)
+        _finish(settings, body, target, plots, part, frames)
+        click.echo(to_json(summary) if as_json else _report(summary, target))
+
+
+def _reduce(settings: SliderCrankSettings):
+    """Reduce the rod on all ranks and say so: the first time, forms are compiled."""
+    from fenics_ehd.scenes.rod import reduce_rod
+
+    if MPI.COMM_WORLD.rank == 0:
+        click.echo("reducing the rod (forms are compiled once, in about half a minute)", err=True)
+    return reduce_rod(settings)
+
+
+def check_origin(body: ReducedBody, tables: Mapping) -> None:
+    """Refuse a body that was not made as the scene file says.
+
+    Raises
+    ------
+    SettingsError
+        A key of [rod], [reduction] or [film] in the file differs from the body's.
+    """
+    rod = {k: v for k, v in tables.get("rod", {}).items() if k != "damping_time"}
+    written = {f"geometry.{k}": v for k, v in rod.pop("geometry", {}).items()}
+    written |= rod | tables.get("reduction", {})
+    if "element" in tables.get("film", {}):
+        written["film_element"] = tables["film"]["element"]
+    made = {**body.provenance, "method": body.method}
+    for key, value in written.items():
+        text = repr(float(value)) if isinstance(value, float) else str(value)
+        if key in made and made[key] not in (text, repr(value)):
+            raise SettingsError(
+                f"the body was made with {key} = {made[key]}, the scene says {value!r}: "
+                "reduce the rod again or take the key out"
+            )
+
+
+def _simulate(settings, body: ReducedBody, seconds: float, directory: Path) -> dict:
+    from fenics_ehd.scenes.run import Totals, open_history, simulate, summarise
+
+    totals = Totals()
+    end = settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed
+    bar = tqdm(
+        total=1e3 * end, unit="ms", file=sys.stderr,
+        mininterval=0.2 if sys.stderr.isatty() else 10.0,
+        bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} "
+        "[{elapsed}, ends in {remaining}]",
+    )  # fmt: skip
+
+    def progress(totals, step):
+        bar.set_postfix_str(
+            f"step {totals.steps}, {totals.newton_iterations} iterations, "
+            f"p {step.auxiliary.film.pressure.max() * 1e-6:.1f} MPa",
+            refresh=False,
+        )
+        bar.update(1e3 * totals.time - bar.n)
+
+    status = "failed"
+    try:
+        with bar, open_history(directory, body) as history:
+            simulate(settings, body, totals, history.add, progress)
+        status = "complete"
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    except EhdError as error:
+        status = f"failed: {' '.join(str(error).split())}"
+        raise
+    finally:
+        summary = summarise(settings, body, totals, status, seconds)
+        if directory.is_dir():
+            write_summary(directory, summary)
+    return summary
+
+
+def _finish(settings, body, directory: Path, plots: bool, part, frames: int | None) -> None:
+    """Pictures and ParaView files, only when asked for."""
+    if plots:
+        from fenics_ehd.plotting import plot_history
+
+        label = f"{body.method.upper()}, {body.modes} modes"
+        plot_history({label: read_history(directory)}, directory)
+    if part is not None:
+        from fenics_ehd.scenes.series import write_run_series
+
+        write_run_series(settings, body, part, directory, frames)
+
+
+def _report(summary: Mapping, directory: Path) -> str:
+    """The run in a few lines."""
+    estimate = summary["basis_error_estimate_m"]
+    lines = [
+        f"{summary['scene']}, {summary['method']} with {summary['modes']} modes: "
+        f"{summary['steps']} steps, {summary['newton_iterations']} Newton iterations",
+        f"  maximum pressure        {summary['max_pressure_Pa'] * 1e-6:9.3f} MPa "
+        f"at {summary['max_pressure_time_s'] * 1e3:.3f} ms",
+        f"  minimum film thickness  {summary['min_film_thickness_m'] * 1e6:9.4f} um  "
+        f"at {summary['min_film_thickness_time_s'] * 1e3:.3f} ms",
+        f"  basis error estimate    {estimate * 1e6:9.4f} um  of gap"
+        if np.isfinite(estimate)
+        else "  basis error estimate    not computed",
+        f"  energy balance error    {summary['energy_balance_error']:9.1e}",
+        f"  time: reduction {summary['reduction_time_s']:.2f} s, "
+        f"integration {summary['wall_time_s']:.2f} s",
+        f"  results in {directory}",
+    ]
+    return "\n".join(lines)
+
+
+def reduce_part(path: str, scene: str | None, options: Mapping, as_json: bool) -> None:
+    """``fenics-ehd reduce``: every rank takes part, the first one writes."""
+    settings, _ = read_scene(scene) if scene else (SliderCrankSettings(), {})
+    tables = attrs.asdict(settings.reduction) | options
+    reduction = build(type(settings.reduction), tables, "reduction.")
+    rod = _reduce(attrs.evolve(settings, reduction=reduction))
+    if MPI.COMM_WORLD.rank:
+        return
+    _save(rod.body, path)
+    summary = reduction_summary(rod.body, rod.seconds, path)
+    click.echo(to_json(summary) if as_json else _inventory(rod.body, summary))
+
+
+def _save(body: ReducedBody, path: str) -> None:
+    try:
+        save_body(body, path)
+    except OSError as error:
+        raise SettingsError(f"--output {shlex.quote(path)}: {error}") from None
+
+
+def reduction_summary(body: ReducedBody, seconds: float, path: str) -> dict[str, object]:
+    """Figures of a reduction."""
+    inertia = body.inertia
+    return {
+        "method": body.method,
+        "modes": body.modes,
+        "frame": body.frame,
+        "mass_kg": inertia.total_mass,
+        "centre_of_mass_m": float(inertia.centre_of_mass[0]),
+        "polar_inertia_kg_m2": inertia.polar_inertia,
+        "frequencies_Hz": [float(f) for f in body.frequencies],
+        "kinds": list(body.kinds),
+        **body.accuracy,
+        **body.provenance,
+        "reduction_time_s": seconds,
+        "file": path,
+        "versions": versions(),
+    }
+
+
+def _inventory(body: ReducedBody, summary: Mapping) -> str:
+    inertia = body.inertia
+    dropped = int(body.accuracy["static_dropped"])
+    lines = [
+        f"{body.method}: {body.modes} modes of {summary['degrees_of_freedom']} degrees of freedom, "
+        f"frame {body.frame}, {summary['reduction_time_s']:.2f} s",
+        f"  mass {inertia.total_mass:.4f} kg, centre {inertia.centre_of_mass[0] * 1e3:.2f} mm "
+        f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2 "
+        f"({100 * (inertia.polar_inertia / PAPER_INERTIA - 1):+.1f} % of the paper's 4e-3)",
+        f"  {dropped} of {int(body.accuracy['static_requested'])} static modes dropped as "
+        "linearly dependent",
+        "  number  kind          frequency [Hz]",
+    ]
+    for i, (kind, frequency) in enumerate(zip(body.kinds, body.frequencies, strict=True), 1):
+        lines.append(f"  {i:6d}  {kind:12s}  {frequency:14.1f}")
+    lines.append(f"  written to {summary['file']}")
+    return "\n".join(lines)
+
+
+def show_info(as_json: bool) -> None:
+    """``fenics-ehd info``."""
+    from fenics_ehd.geometry import model_path
+
+    found: dict[str, object] = dict(versions())
+    found["package"] = str(Path(__file__).parent)
+    found["conrod_model"] = str(model_path("conrod"))
+    if as_json:
+        click.echo(to_json(found))
+    else:
+        click.echo("\n".join(f"{name:14s} {value}" for name, value in found.items()))

@@ -1,0 +1,38 @@
+"""Error of the gap caused by the bore flexibility that a truncated basis misses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class BasisErrorEstimate:
+    """``(S_full - S_basis) w`` along a run, with ``w + zeta dw/dt = P``.
+
+    The quasi-static answer of the missing flexibility to the pressure of the
+    run, damped as the structure is. An estimate within a factor of two or so,
+    not a bound.
+
+    Parameters
+    ----------
+    missing_flexibility
+        Outward bore displacement per nodal pressure, shape (m, k) [m/Pa].
+    damping_time
+        zeta [s].
+    """
+
+    def __init__(self, missing_flexibility: np.ndarray, damping_time: float):
+        self._missing = missing_flexibility
+        self._damping_time = damping_time
+        self._filtered = np.zeros(missing_flexibility.shape[1])
+        self.largest = 0.0 if missing_flexibility.size else float("nan")
+
+    def add(self, step: float, pressure: np.ndarray) -> float:
+        """Largest gap error over the bore after one step of this length [s], in [m]."""
+        if not self._missing.size:
+            return float("nan")
+        # Backward Euler on the first-order lag.
+        share = step / (step + self._damping_time)
+        self._filtered += share * (pressure - self._filtered)
+        error = float(np.abs(self._missing @ self._filtered).max())
+        self.largest = max(self.largest, error)
+        return error

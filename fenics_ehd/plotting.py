@@ -1,0 +1,57 @@
+"""Plots of a run, after the paper's figures 5 to 8."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402 (the backend must be chosen first)
+import numpy as np  # noqa: E402
+
+#: Typical safe film thickness of engine bearings, section 4.2 [um].
+SAFE_FILM_THICKNESS = 2.5
+
+
+def plot_history(histories: Mapping[str, Mapping[str, np.ndarray]], directory: str | Path,
+                 formats: tuple[str, ...] = ("png", "svg")) -> list[Path]:  # fmt: skip
+    """Peak pressure and minimum film thickness against time.
+
+    Parameters
+    ----------
+    histories
+        Columns of ``history.csv`` by the name to show in the legend.
+    directory
+        Where the pictures go.
+    formats
+        File formats.
+
+    Returns
+    -------
+    list of Path
+        ``max_pressure`` and ``min_film_thickness`` in each format.
+    """
+    panels = (
+        ("max_pressure", "max_pressure_Pa", 1e-6, "maximum pressure [MPa]"),
+        ("min_film_thickness", "min_film_thickness_m", 1e6, "minimum film thickness [µm]"),
+    )
+    written = []
+    for name, column, factor, label in panels:
+        figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+        for legend, history in histories.items():
+            axes.plot(1e3 * history["time_s"], factor * history[column], label=legend)
+        if name == "min_film_thickness":
+            axes.axhline(SAFE_FILM_THICKNESS, color="0.4", linestyle="--", linewidth=1,
+                         label=f"safe film, {SAFE_FILM_THICKNESS} µm")  # fmt: skip
+        axes.set(xlabel="time [ms]", ylabel=label, ylim=(0, None))
+        axes.margins(x=0)
+        axes.grid(alpha=0.3)
+        axes.legend()
+        for suffix in formats:
+            path = Path(directory) / f"{name}.{suffix}"
+            figure.savefig(path, dpi=150)
+            written.append(path)
+        plt.close(figure)
+    return written

@@ -1,0 +1,197 @@
+"""Run a slider-crank over its crank revolutions and record every step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from fenics_ehd.film import Film, FilmParameters
+from fenics_ehd.film.layout import film_layout
+from fenics_ehd.multibody.basis_error import BasisErrorEstimate
+from fenics_ehd.multibody.bdf import Step, StepControl, integrate
+from fenics_ehd.multibody.crank import ConstantSpeedCrank
+from fenics_ehd.multibody.energy import EnergyBalance
+from fenics_ehd.output import HistoryWriter
+from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.scenes.slider_crank import SliderCrank
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+
+
+@dataclass
+class Totals:
+    """Figures of a run so far."""
+
+    time: float = 0.0
+    steps: int = 0
+    newton_iterations: int = 0
+    rejected_steps: int = 0
+    film_solves: int = 0
+    max_pressure: float = 0.0
+    max_pressure_time: float = 0.0
+    min_film_thickness: float = np.inf
+    min_film_thickness_time: float = 0.0
+    basis_error: float = float("nan")
+    energy_error: float = 0.0
+    wall_time: float = 0.0
+
+
+def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderCrank:
+    """Put crank, rod, film and piston together."""
+    cells, pressure_family = film_layout(body.pressure_nodes)
+    displacement_family = film_layout(body.bore_nodes)[1]
+    mechanism, bearing = settings.mechanism, settings.bearing
+    parameters = FilmParameters(
+        radius=body.bore_radius,
+        width=body.bore_width,
+        clearance=bearing.clearance,
+        viscosity=bearing.viscosity,
+        rate=mechanism.crank_speed,
+        cells=cells,
+        pressure_family=pressure_family,
+        displacement_family=displacement_family,
+    )
+    film = Film(parameters, body.bore_nodes, body.pressure_nodes)
+    crank = ConstantSpeedCrank(mechanism.crank_length, mechanism.crank_speed)
+    return SliderCrank(crank, body, film, mechanism.piston_mass, settings.rod.damping_time)
+
+
+def simulate(settings: SliderCrankSettings, body: ReducedBody, totals: Totals,
+             record: Callable[[dict, dict], None] | None = None,
+             progress: Callable[[Totals, Step], None] | None = None) -> Totals:  # fmt: skip
+    """Integrate the scene from its start: slider at the far end, shaft centred.
+
+    Parameters
+    ----------
+    settings
+        The scene.
+    body
+        Reduced rod.
+    totals
+        Updated step by step, so that an interrupted run keeps its figures.
+    record
+        Called with the history row and the fields of every accepted step.
+    progress
+        Called after every accepted step.
+
+    Returns
+    -------
+    Totals
+        The object given.
+    """
+    mechanism = build_mechanism(settings, body)
+    speed = settings.mechanism.crank_speed
+    time = settings.time
+    control = StepControl(
+        tolerance=time.tolerance,
+        first_step=time.first_step,
+        smallest_step=time.smallest_step,
+        largest_step=np.radians(time.largest_step) / speed,
+        order=time.order,
+    )
+    end = settings.mechanism.revolutions * 2 * np.pi / speed
+    rest = np.zeros(mechanism.size)
+    estimate = BasisErrorEstimate(body.missing_flexibility, settings.rod.damping_time)
+    balance = None
+    started = perf_counter()
+    for step in integrate(mechanism, (0.0, end), rest, rest, control):
+        powers = mechanism.powers(step.x, step.rate, step.auxiliary)
+        if balance is None:
+            balance = EnergyBalance(step.time, powers)
+        balance.add(step.time, powers)
+        pressure = step.auxiliary.film.pressure
+        error = estimate.add(step.time - totals.time, pressure)
+        row = _row(mechanism, step, powers, balance, error, step.time - totals.time)
+        _account(totals, row, step, balance, estimate)
+        totals.film_solves = mechanism.journal.film.cavitation.solves
+        totals.wall_time = perf_counter() - started
+        if record is not None:
+            record(row, {"coordinates": step.x, "rates": step.rate, "pressure_Pa": pressure})
+        if progress is not None:
+            progress(totals, step)
+    return totals
+
+
+def _row(mechanism: SliderCrank, step: Step, powers, balance, error: float, size: float) -> dict:
+    """One row of the history."""
+    state = step.auxiliary
+    pressure = state.film.pressure
+    peak = int(np.argmax(pressure))
+    x, y, _ = mechanism.journal.film.pressure_nodes[peak]
+    return {
+        "time_s": step.time,
+        "max_pressure_Pa": pressure[peak],
+        "min_film_thickness_m": mechanism.journal.gap(step.x).min(),
+        "max_pressure_angle_deg": np.degrees(np.arctan2(y, x)),
+        "eccentricity_x_m": -step.x[0],
+        "eccentricity_y_m": -step.x[1],
+        "rod_angle_rad": state.angle.angle,
+        "rod_rate_rad_per_s": state.angle.rate,
+        "step_s": size,
+        "newton_iterations": step.newton_iterations,
+        "rejected_steps": sum(step.rejected.values()),
+        "kinetic_energy_J": powers.kinetic,
+        "strain_energy_J": powers.strain,
+        "energy_defect_J": balance.defect,
+        "basis_error_estimate_m": error,
+    }
+
+
+def _account(totals: Totals, row: dict, step: Step, balance, estimate) -> None:
+    totals.time = step.time
+    totals.steps += 1
+    totals.newton_iterations += step.newton_iterations
+    totals.rejected_steps += row["rejected_steps"]
+    if row["max_pressure_Pa"] > totals.max_pressure:
+        totals.max_pressure, totals.max_pressure_time = row["max_pressure_Pa"], step.time
+    if row["min_film_thickness_m"] < totals.min_film_thickness:
+        totals.min_film_thickness = row["min_film_thickness_m"]
+        totals.min_film_thickness_time = step.time
+    totals.basis_error = estimate.largest
+    totals.energy_error = balance.error
+
+
+def summarise(settings: SliderCrankSettings, body: ReducedBody, totals: Totals, status: str,
+              reduction_seconds: float) -> dict[str, object]:  # fmt: skip
+    """Figures of ``summary.json``."""
+    from fenics_ehd.output import versions
+
+    return {
+        "status": status,
+        "scene": settings.scene,
+        "method": body.method,
+        "modes": body.modes,
+        "max_pressure_Pa": float(totals.max_pressure),
+        "max_pressure_time_s": totals.max_pressure_time,
+        "min_film_thickness_m": float(totals.min_film_thickness),
+        "min_film_thickness_time_s": totals.min_film_thickness_time,
+        "basis_error_estimate_m": totals.basis_error,
+        "energy_balance_error": totals.energy_error,
+        "simulated_time_s": totals.time,
+        "steps": totals.steps,
+        "rejected_steps": totals.rejected_steps,
+        "newton_iterations": totals.newton_iterations,
+        "film_solves": totals.film_solves,
+        "rod_mass_kg": body.inertia.total_mass,
+        "rod_centre_of_mass_m": float(body.inertia.centre_of_mass[0]),
+        "rod_polar_inertia_kg_m2": body.inertia.polar_inertia,
+        "frequencies_Hz": [float(f) for f in body.frequencies],
+        "reduction_time_s": reduction_seconds,
+        "wall_time_s": totals.wall_time,
+        "versions": versions(),
+    }
+
+
+def open_history(directory, body: ReducedBody) -> HistoryWriter:
+    """History files for a run of this body."""
+    return HistoryWriter(
+        directory,
+        fields={
+            "coordinates": 2 + body.modes,
+            "rates": 2 + body.modes,
+            "pressure_Pa": len(body.pressure_nodes),
+        },
+        constants={"pressure_nodes_m": body.pressure_nodes, "bore_nodes_m": body.bore_nodes},
+    )

@@ -1,0 +1,89 @@
+"""Settings of the slider-crank scene; the defaults are Table 1 of the paper."""
+
+from __future__ import annotations
+
+import attrs
+
+from fenics_ehd.settings import choice, count, flag, number, numbers, section, text
+
+ELEMENTS = ("serendipity", "lagrange")
+PRESSURE_SETS = ("pc1", "pc2")
+SELECTIONS = ("lowest-frequency", "largest-eigenvalue", "smallest-eigenvalue")
+
+
+@attrs.frozen
+class Mechanism:
+    """Crank at constant speed, piston on a line."""
+
+    crank_length: float = number(0.048, "crank radius [m]", above=0)
+    crank_speed: float = number(500.0, "angular speed of the crank [rad/s]", above=0)
+    piston_mass: float = number(0.5, "[kg]", least=0)
+    revolutions: float = number(1.0, "crank revolutions to simulate", above=0)
+
+
+@attrs.frozen
+class Bearing:
+    """Big-end bearing; radius and width are those of the rod's bore."""
+
+    clearance: float = number(17e-6, "radial clearance [m]", above=0)
+    viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
+
+
+@attrs.frozen
+class Rod:
+    """Connecting rod: Gmsh model and material."""
+
+    model: str = text("conrod", "shipped model, or path of a .geo or .msh file")
+    element: str = choice(
+        "serendipity", ELEMENTS, "20-node (serendipity) or 27-node (lagrange) hexahedra"
+    )
+    youngs_modulus: float = number(210e9, "[Pa]", above=0)
+    poissons_ratio: float = number(0.3, "[-]", above=-1, below=0.5)
+    density: float = number(7850.0, "[kg/m3]", above=0)
+    damping_time: float = number(1e-3, "zeta of D = zeta K [s]", least=0)
+    geometry: dict = numbers("parameters of the Gmsh model by name, big_end_wall = 0.0114 say")
+
+
+@attrs.frozen
+class Reduction:
+    """Reduction of the rod."""
+
+    method: str = choice("m3", ("m3", "rigid"), "load-dependent dual basis, or no elasticity")
+    vibration_modes: int = count(6, "free-floating vibration modes n_v")
+    residual_modes: int = count(31, "residual modes n_r")
+    pressure_set: str = choice("pc2", PRESSURE_SETS, "unit pressures (34) or bearing shapes (35)")
+    selection: str = choice("lowest-frequency", SELECTIONS, "which residual modes are kept")
+    estimate_error: bool = flag(True, "also solve for the bore flexibility the basis misses")
+
+
+@attrs.frozen
+class Film:
+    """Film mesh: its cells are those of the bore."""
+
+    element: str = choice("lagrange", ELEMENTS, "9-node (lagrange) or 8-node (serendipity)")
+
+
+@attrs.frozen
+class Time:
+    """Integration in time."""
+
+    tolerance: float = number(
+        1e-5, "local error of a step, relative change of the gap", above=1e-12, below=1
+    )
+    order: int = count(2, "of the backward differentiation formula, 1 to 5", least=1, most=5)
+    first_step: float = number(1e-8, "[s]; the film builds up from zero eccentricity", above=0)
+    smallest_step: float = number(1e-13, "[s]", above=0)
+    largest_step: float = number(7.2, "[degrees of crank angle]", above=0)
+
+
+@attrs.frozen
+class SliderCrankSettings:
+    """The whole scene."""
+
+    scene: str = choice("slider-crank", ("slider-crank",), "kind of scene")
+    mechanism: Mechanism = section(Mechanism)
+    bearing: Bearing = section(Bearing)
+    rod: Rod = section(Rod)
+    reduction: Reduction = section(Reduction)
+    film: Film = section(Film)
+    time: Time = section(Time)

@@ -1,0 +1,174 @@
+"""Settings with units and limits, read from TOML and checked value by value."""
+
+from __future__ import annotations
+
+import difflib
+import operator
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import attrs
+
+from fenics_ehd.errors import SettingsError
+
+T = TypeVar("T")
+
+
+def number(default: float, help_text: str, *, above: float | None = None,
+           least: float | None = None, below: float | None = None) -> Any:  # fmt: skip
+    """Real number with limits: `above` and `below` exclusive, `least` inclusive."""
+
+    def check(_instance, attribute, value):
+        if not isinstance(value, float) or not abs(value) < float("inf"):
+            raise SettingsError(f"{attribute.name} = {value!r} must be a finite number")
+        for limit, words, holds in (
+            (above, "above", operator.gt),
+            (least, "at least", operator.ge),
+            (below, "below", operator.lt),
+        ):
+            if limit is not None and not holds(value, limit):
+                raise SettingsError(f"{attribute.name} = {value!r} must be {words} {limit:g}")
+
+    return attrs.field(
+        default=default,
+        validator=check,
+        converter=_as_float,
+        metadata={"help": help_text},
+    )
+
+
+def count(default: int, help_text: str, least: int = 0, most: int | None = None) -> Any:
+    """Whole number of at least `least` and at most `most`."""
+    limits = f"at least {least}" + (f" and at most {most}" if most is not None else "")
+
+    def check(_instance, attribute, value):
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        if not whole or value < least or (most is not None and value > most):
+            raise SettingsError(f"{attribute.name} = {value!r} must be a whole number, {limits}")
+
+    return attrs.field(default=default, validator=check, metadata={"help": help_text})
+
+
+def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
+    """One of several words."""
+
+    def check(_instance, attribute, value):
+        if value not in options:
+            raise SettingsError(f"{attribute.name} = {value!r} must be one of {', '.join(options)}")
+
+    help_text = f"{help_text}: {', '.join(options)}"
+    return attrs.field(default=default, validator=check, metadata={"help": help_text})
+
+
+def text(default: str, help_text: str) -> Any:
+    """Non-empty text."""
+
+    def check(_instance, attribute, value):
+        if not isinstance(value, str) or not value:
+            raise SettingsError(f"{attribute.name} = {value!r} must be a non-empty text")
+
+    return attrs.field(default=default, validator=check, metadata={"help": help_text})
+
+
+def flag(default: bool, help_text: str) -> Any:
+    """true or false."""
+
+    def check(_instance, attribute, value):
+        if not isinstance(value, bool):
+            raise SettingsError(f"{attribute.name} = {value!r} must be true or false")
+
+    return attrs.field(default=default, validator=check, metadata={"help": help_text})
+
+
+def section(cls: type) -> Any:
+    """Nested table."""
+    return attrs.field(factory=cls, metadata={"section": cls})
+
+
+def numbers(help_text: str) -> Any:
+    """Free table of names and numbers."""
+
+    def check(_instance, attribute, value):
+        for key, entry in value.items():
+            if isinstance(entry, bool) or not isinstance(entry, (int, float)):
+                raise SettingsError(f"{attribute.name}.{key} = {entry!r} must be a number")
+
+    return attrs.field(factory=dict, validator=check, metadata={"help": help_text, "table": True})
+
+
+def _as_float(value):
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
+    """Settings object from nested tables.
+
+    Raises
+    ------
+    SettingsError
+        An unknown key, or a value outside its limits; the message starts with the key.
+    """
+    if not isinstance(table, Mapping):
+        raise SettingsError(f"{path.rstrip('.')} = {table!r} must be a table")
+    known = {a.name: a for a in attrs.fields(cls)}
+    values = {}
+    for key, value in table.items():
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {path}{close[0]}?" if close else f"known: {', '.join(known)}"
+            raise SettingsError(f"unknown key {path}{key}: {hint}")
+        nested = known[key].metadata.get("section")
+        values[key] = build(nested, value, f"{path}{key}.") if nested else value
+        if known[key].metadata.get("table") and not isinstance(value, Mapping):
+            raise SettingsError(f"{path}{key} = {value!r} must be a table")
+    try:
+        return cls(**values)
+    except SettingsError as error:
+        raise SettingsError(f"{path}{error}") from None
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Tables of a TOML file.
+
+    Raises
+    ------
+    SettingsError
+        The file cannot be read or is not TOML.
+    """
+    try:
+        with open(path, "rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise SettingsError(f"scene file {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"scene file {path}: {error}") from None
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, int):
+        return str(value)
+    digits = format(value, ".12g")
+    return digits if set(digits) & set(".en") else f"{digits}.0"
+
+
+def to_toml(settings: Any, path: str = "") -> str:
+    """TOML text of a settings object, every key with its meaning; `build` reads it back."""
+    own, nested = [], []
+    for attribute in attrs.fields(type(settings)):
+        value = getattr(settings, attribute.name)
+        name = f"{path}{attribute.name}"
+        help_text = attribute.metadata.get("help", "")
+        if attribute.metadata.get("section"):
+            nested.append(f"\n[{name}]\n{to_toml(value, name + '.')}")
+        elif attribute.metadata.get("table"):
+            lines = [f"{key} = {_literal(entry)}\n" for key, entry in value.items()]
+            nested.append(f"\n# {help_text}\n[{name}]\n{''.join(lines)}")
+        else:
+            own.append(f"{attribute.name} = {_literal(value)}  # {help_text}\n")
+    return "".join(own) + "".join(nested)
