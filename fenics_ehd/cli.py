@@ -34,13 +34,32 @@ def cli() -> None:
 @click.argument("scene")
 @click.option("--body", type=click.Path(dir_okay=False), help="Reduced rod made by 'reduce'.")
 @click.option("--method", type=click.Choice(["m3", "rigid"]), help="Reduction of the rod.")
-@click.option("-o", "--output", "directory", type=click.Path(file_okay=False),
-              help="Folder for the results [default: results/SCENE].")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    "directory",
+    type=click.Path(file_okay=False),
+    help="Folder for the results [default: results/SCENE].",
+)
 @click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the two curves.")
-@click.option("--vtk", "frames", is_flag=False, flag_value=60, type=click.IntRange(min=2),
-              help="Write a ParaView series of this many frames [60 when no number is given].")  # fmt: skip
+@click.option(
+    "--vtk",
+    "frames",
+    is_flag=False,
+    flag_value=60,
+    type=click.IntRange(min=2),
+    help="Write a ParaView series of this many frames [60 when no number is given].",
+)
 @json_option
-def run(scene, body, method, directory, plots, frames, as_json) -> None:
+def run(
+    scene: str,
+    body: str | None,
+    method: str | None,
+    directory: str | None,
+    plots: bool,
+    frames: int | None,
+    as_json: bool,
+) -> None:
     """Simulate SCENE: slider-crank, or a TOML file made by 'init'."""
     from fenics_ehd.commands import run_scene
 
@@ -49,17 +68,28 @@ def run(scene, body, method, directory, plots, frames, as_json) -> None:
 
 @cli.command()
 @click.argument("part", type=click.Choice(PARTS))
-@click.option("-o", "--output", "path", required=True, type=click.Path(dir_okay=False),
-              help="HDF5 file of the reduced body.")  # fmt: skip
-@click.option("--scene", type=click.Path(dir_okay=False), help="Take [rod], [reduction], [film] "
-              "from this TOML file; options below win.")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    "path",
+    required=True,
+    type=click.Path(dir_okay=False),
+    help="HDF5 file of the reduced body.",
+)
+@click.option(
+    "--scene",
+    type=click.Path(dir_okay=False),
+    help="Take [rod], [reduction], [film] from this TOML file; options below win.",
+)
 @click.option("--method", type=click.Choice(["m3"]), help="Reduction method.")
 @click.option("--vibration-modes", type=int, help="n_v.")
 @click.option("--residual-modes", type=int, help="n_r.")
 @click.option("--pressure-set", help="pc1 (unit pressures) or pc2 (bearing shapes).")
 @click.option("--selection", help="lowest-frequency, largest-eigenvalue or smallest-eigenvalue.")
 @json_option
-def reduce(part, path, scene, as_json, **options) -> None:
+def reduce(
+    part: str, path: str, scene: str | None, as_json: bool, **options: str | int | None
+) -> None:
     """Reduce PART to a handful of modes; also under mpirun."""
     from fenics_ehd.commands import reduce_part
 
@@ -68,7 +98,7 @@ def reduce(part, path, scene, as_json, **options) -> None:
 
 @cli.command()
 @click.argument("scene", type=click.Choice(SCENES))
-def init(scene) -> None:
+def init(scene: str) -> None:
     """Print a scene file with every key, its default and its meaning."""
     from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
     from fenics_ehd.settings import to_toml
@@ -78,9 +108,14 @@ def init(scene) -> None:
 
 @cli.command()
 @click.argument("directories", nargs=-1, required=True, type=click.Path(file_okay=False))
-@click.option("-o", "--output", "target", type=click.Path(file_okay=False),
-              help="Folder for the pictures [default: the first of DIRECTORIES].")  # fmt: skip
-def plot(directories, target) -> None:
+@click.option(
+    "-o",
+    "--output",
+    "target",
+    type=click.Path(file_okay=False),
+    help="Folder for the pictures [default: the first of DIRECTORIES].",
+)
+def plot(directories: tuple[str, ...], target: str | None) -> None:
     """Draw peak pressure and minimum film thickness of one or more runs."""
     from fenics_ehd.output import read_history
     from fenics_ehd.plotting import plot_history
@@ -88,15 +123,15 @@ def plot(directories, target) -> None:
     histories = {Path(d).name or str(d): read_history(d) for d in directories}
     if len(histories) < len(directories):
         histories = {str(d): read_history(d) for d in directories}
-    target = Path(target or directories[0])
-    target.mkdir(parents=True, exist_ok=True)
-    for path in plot_history(histories, target):
+    folder = Path(target or directories[0])
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in plot_history(histories, folder):
         click.echo(path)
 
 
 @cli.command()
 @json_option
-def info(as_json) -> None:
+def info(as_json: bool) -> None:
     """Show versions and where the Gmsh models are."""
     from fenics_ehd.commands import show_info
 

@@ -6,6 +6,7 @@ import shlex
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import click
@@ -18,6 +19,12 @@ from fenics_ehd.output import read_history, to_json, versions, write_summary
 from fenics_ehd.reduction import ReducedBody, load_body, save_body
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build, read_toml
+
+if TYPE_CHECKING:  # slow to import, and not every command needs them
+    from fenics_ehd.multibody.bdf import Step
+    from fenics_ehd.paraview import PartFields
+    from fenics_ehd.scenes.rod import ReducedRod
+    from fenics_ehd.scenes.run import Totals
 
 #: Polar inertia of the paper's rod, Table 1 [kg m^2].
 PAPER_INERTIA = 4e-3
@@ -42,8 +49,15 @@ def read_scene(scene: str) -> tuple[SliderCrankSettings, dict]:
     return settings, tables
 
 
-def run_scene(scene: str, body_file: str | None, method: str | None, directory: str | None,
-              plots: bool, frames: int | None, as_json: bool) -> None:  # fmt: skip
+def run_scene(
+    scene: str,
+    body_file: str | None,
+    method: str | None,
+    directory: str | None,
+    plots: bool,
+    frames: int | None,
+    as_json: bool,
+) -> None:
     """``fenics-ehd run``."""
     settings, tables = read_scene(scene)
     if body_file and method:
@@ -52,19 +66,16 @@ def run_scene(scene: str, body_file: str | None, method: str | None, directory: 
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
     if method:
         settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
-    rod, seconds = None, 0.0
+    part, seconds = None, 0.0
     if body_file:
+        from fenics_ehd.scenes.rod import check_origin
+
         body = load_body(body_file)
-        check_origin(body, tables)
+        check_origin(body, settings, tables)
     else:
         rod = _reduce(settings)
         body, seconds = rod.body, rod.seconds
-    part = None
-    if frames:
-        from fenics_ehd.paraview import gather_part
-
-        columns = rod.basis.columns[:, : body.modes]
-        part = gather_part(rod.structure, columns)
+        part = _gather(rod) if frames else None
     # The time integration is serial: other ranks have done their share.
     if MPI.COMM_WORLD.rank == 0:
         target = Path(directory or Path("results") / Path(scene).stem)
@@ -73,7 +84,7 @@ def run_scene(scene: str, body_file: str | None, method: str | None, directory: 
         click.echo(to_json(summary) if as_json else _report(summary, target))
 
 
-def _reduce(settings: SliderCrankSettings):
+def _reduce(settings: SliderCrankSettings) -> ReducedRod:
     """Reduce the rod on all ranks and say so: the first time, forms are compiled."""
     from fenics_ehd.scenes.rod import reduce_rod
 
@@ -82,42 +93,30 @@ def _reduce(settings: SliderCrankSettings):
     return reduce_rod(settings)
 
 
-def check_origin(body: ReducedBody, tables: Mapping) -> None:
-    """Refuse a body that was not made as the scene file says.
+def _gather(rod: ReducedRod) -> PartFields | None:
+    """Collect what ParaView files need on the first rank; None elsewhere."""
+    from fenics_ehd.paraview import gather_part
 
-    Raises
-    ------
-    SettingsError
-        A key of [rod], [reduction] or [film] in the file differs from the body's.
-    """
-    rod = {k: v for k, v in tables.get("rod", {}).items() if k != "damping_time"}
-    written = {f"geometry.{k}": v for k, v in rod.pop("geometry", {}).items()}
-    written |= rod | tables.get("reduction", {})
-    if "element" in tables.get("film", {}):
-        written["film_element"] = tables["film"]["element"]
-    made = {**body.provenance, "method": body.method}
-    for key, value in written.items():
-        text = repr(float(value)) if isinstance(value, float) else str(value)
-        if key in made and made[key] not in (text, repr(value)):
-            raise SettingsError(
-                f"the body was made with {key} = {made[key]}, the scene says {value!r}: "
-                "reduce the rod again or take the key out"
-            )
+    return gather_part(rod.structure, rod.basis.columns[:, : rod.body.modes])
 
 
-def _simulate(settings, body: ReducedBody, seconds: float, directory: Path) -> dict:
+def _simulate(
+    settings: SliderCrankSettings, body: ReducedBody, seconds: float, directory: Path
+) -> dict[str, object]:
     from fenics_ehd.scenes.run import Totals, open_history, simulate, summarise
 
     totals = Totals()
     end = settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed
     bar = tqdm(
-        total=1e3 * end, unit="ms", file=sys.stderr,
+        total=1e3 * end,
+        unit="ms",
+        file=sys.stderr,
         mininterval=0.2 if sys.stderr.isatty() else 10.0,
         bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} "
         "[{elapsed}, ends in {remaining}]",
-    )  # fmt: skip
+    )
 
-    def progress(totals, step):
+    def progress(totals: Totals, step: Step) -> None:
         bar.set_postfix_str(
             f"step {totals.steps}, {totals.newton_iterations} iterations, "
             f"p {step.auxiliary.film.pressure.max() * 1e-6:.1f} MPa",
@@ -143,20 +142,27 @@ def _simulate(settings, body: ReducedBody, seconds: float, directory: Path) -> d
     return summary
 
 
-def _finish(settings, body, directory: Path, plots: bool, part, frames: int | None) -> None:
+def _finish(
+    settings: SliderCrankSettings,
+    body: ReducedBody,
+    directory: Path,
+    plots: bool,
+    part: PartFields | None,
+    frames: int | None,
+) -> None:
     """Pictures and ParaView files, only when asked for."""
     if plots:
         from fenics_ehd.plotting import plot_history
 
         label = f"{body.method.upper()}, {body.modes} modes"
         plot_history({label: read_history(directory)}, directory)
-    if part is not None:
+    if part is not None and frames is not None:
         from fenics_ehd.scenes.series import write_run_series
 
         write_run_series(settings, body, part, directory, frames)
 
 
-def _report(summary: Mapping, directory: Path) -> str:
+def _report(summary: Mapping[str, Any], directory: Path) -> str:
     """The run in a few lines."""
     estimate = summary["basis_error_estimate_m"]
     lines = [
@@ -177,10 +183,10 @@ def _report(summary: Mapping, directory: Path) -> str:
     return "\n".join(lines)
 
 
-def reduce_part(path: str, scene: str | None, options: Mapping, as_json: bool) -> None:
+def reduce_part(path: str, scene: str | None, options: Mapping[str, Any], as_json: bool) -> None:
     """``fenics-ehd reduce``: every rank takes part, the first one writes."""
     settings, _ = read_scene(scene) if scene else (SliderCrankSettings(), {})
-    tables = attrs.asdict(settings.reduction) | options
+    tables = {**attrs.asdict(settings.reduction), **options}
     reduction = build(type(settings.reduction), tables, "reduction.")
     rod = _reduce(attrs.evolve(settings, reduction=reduction))
     if MPI.COMM_WORLD.rank:
@@ -217,7 +223,7 @@ def reduction_summary(body: ReducedBody, seconds: float, path: str) -> dict[str,
     }
 
 
-def _inventory(body: ReducedBody, summary: Mapping) -> str:
+def _inventory(body: ReducedBody, summary: Mapping[str, Any]) -> str:
     inertia = body.inertia
     dropped = int(body.accuracy["static_dropped"])
     lines = [

@@ -6,6 +6,9 @@ Spelled as the newest version spells it. No other module tests a version.
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any, TypeAlias
 
 import basix
 import numpy as np
@@ -26,17 +29,25 @@ except ImportError:
     from basix.ufl_wrapper import BasixElement as _BasixElement
 
 
-def model_to_mesh(model, comm: MPI.Comm, rank: int = 0):
+#: For annotations: classes that every version names differently or keeps private.
+CompiledForm: TypeAlias = Any
+Element: TypeAlias = Any
+MeshTags: TypeAlias = Any
+
+
+def model_to_mesh(
+    model: Any, comm: MPI.Comm, rank: int = 0
+) -> tuple[mesh.Mesh, MeshTags, MeshTags]:
     """Mesh, cell tags and facet tags of the current Gmsh model (held by `rank`)."""
     return tuple(_gmshio.model_to_mesh(model, comm, rank, gdim=3))[:3]
 
 
-def _cell_in_space(cell: str):
+def _cell_in_space(cell: str) -> ufl.Cell:
     """UFL cell with geometric dimension 3: the old UFL asks elements on a surface for it."""
     return ufl.Cell(cell, geometric_dimension=3)
 
 
-def lagrange_element(cell: str, degree: int, shape: tuple[int, ...] = ()):
+def lagrange_element(cell: str, degree: int, shape: tuple[int, ...] = ()) -> Element:
     """Nodal Lagrange element, blocked when `shape` is ``(3,)``."""
     if _basix_ufl is not None:
         return _basix_ufl.element("Lagrange", cell, degree, shape=shape)
@@ -45,33 +56,58 @@ def lagrange_element(cell: str, degree: int, shape: tuple[int, ...] = ()):
     return ufl.FiniteElement("Lagrange", _cell_in_space(cell), degree)
 
 
-def custom_element(cell: str, wcoeffs, x, interpolation, degree: int, superdegree: int, shape=()):
+def custom_element(
+    cell: str,
+    wcoeffs: np.ndarray,
+    x: Sequence[Sequence[np.ndarray]],
+    interpolation: Sequence[Sequence[np.ndarray]],
+    degree: int,
+    superdegree: int,
+    shape: tuple[int, ...] = (),
+) -> Element:
     """Element from its polynomial span and point evaluations, blocked when `shape` is ``(3,)``."""
     cell_type = getattr(basix.CellType, cell)
     if _basix_ufl is not None:
         scalar = _basix_ufl.custom_element(
-            cell_type, (), wcoeffs, x, interpolation, 0, basix.MapType.identity,
-            basix.SobolevSpace.H1, False, degree, superdegree,
-        )  # fmt: skip
+            cell_type,
+            (),
+            wcoeffs,
+            x,
+            interpolation,
+            0,
+            basix.MapType.identity,
+            basix.SobolevSpace.H1,
+            False,
+            degree,
+            superdegree,
+        )
         return _basix_ufl.blocked_element(scalar, shape=shape) if shape else scalar
     scalar = _BasixElement(
         basix.create_custom_element(
-            cell_type, [], wcoeffs, x, interpolation, 0, basix.MapType.identity,
-            False, degree, superdegree,
+            cell_type,
+            [],
+            wcoeffs,
+            x,
+            interpolation,
+            0,
+            basix.MapType.identity,
+            False,
+            degree,
+            superdegree,
         )
-    )  # fmt: skip
+    )
     scalar._cell = _cell_in_space(cell)
     return ufl.VectorElement(scalar, dim=shape[0]) if shape else scalar
 
 
-def functionspace(domain, element):
+def functionspace(domain: mesh.Mesh, element: Element) -> fem.FunctionSpace:
     """Function space on a mesh."""
     if hasattr(fem, "functionspace"):
         return fem.functionspace(domain, element)
     return fem.FunctionSpace(domain, element)
 
 
-def create_mesh(comm: MPI.Comm, cells: np.ndarray, element, x: np.ndarray):
+def create_mesh(comm: MPI.Comm, cells: np.ndarray, element: Element, x: np.ndarray) -> mesh.Mesh:
     """Mesh from cells (nodes in dolfinx order), a blocked Lagrange element and node positions."""
     if _basix_ufl is None:
         return mesh.create_mesh(comm, cells, x, ufl.Mesh(element))
@@ -79,31 +115,31 @@ def create_mesh(comm: MPI.Comm, cells: np.ndarray, element, x: np.ndarray):
     return mesh.create_mesh(comm, cells, *((element, x) if x_comes_last else (x, element)))
 
 
-def _cell_rows(dofmap, domain) -> np.ndarray:
+def _cell_rows(dofmap: Any, domain: mesh.Mesh) -> np.ndarray:
     """Rows of a dofmap, one for each local cell (ghosts included)."""
     cells = domain.topology.index_map(domain.topology.dim)
     raw = np.asarray(getattr(dofmap, "array", dofmap))
     return raw.reshape(cells.size_local + cells.num_ghosts, -1)
 
 
-def geometry_dofmap(domain) -> np.ndarray:
+def geometry_dofmap(domain: mesh.Mesh) -> np.ndarray:
     """Geometry nodes of every local cell, shape (cells, nodes per cell)."""
     geometry = domain.geometry
     dofmap = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
     return _cell_rows(dofmap, domain)
 
 
-def space_dofmap(space) -> np.ndarray:
+def space_dofmap(space: fem.FunctionSpace) -> np.ndarray:
     """Scalar dofs (block indices) of every local cell of a space, shape (cells, dofs)."""
     return _cell_rows(space.dofmap.list, space.mesh)
 
 
-def petsc_vector(function) -> PETSc.Vec:
+def petsc_vector(function: fem.Function) -> PETSc.Vec:
     """PETSc vector that shares its memory with a function."""
     return function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector
 
 
-def fem_petsc():
+def fem_petsc() -> ModuleType:
     """Return `dolfinx.fem.petsc`, which 0.11 no longer imports by itself."""
     import dolfinx.fem.petsc as module
 

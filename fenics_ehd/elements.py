@@ -10,6 +10,7 @@ serendipity element is not nodal, so this one is built as a custom element.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -24,7 +25,7 @@ def superlinear_degree(exponents: tuple[int, ...]) -> int:
     return sum(e for e in exponents if e > 1)
 
 
-def _expansion_coefficients(cell, dimension: int) -> np.ndarray:
+def _expansion_coefficients(cell: basix.CellType, dimension: int) -> np.ndarray:
     """Serendipity monomials in basix's orthonormal basis of degree 2."""
     points, weights = basix.make_quadrature(cell, 6)
     legendre = basix.tabulate_polynomials(basix.PolynomialType.legendre, cell, 2, points)
@@ -37,7 +38,9 @@ def _expansion_coefficients(cell, dimension: int) -> np.ndarray:
     return monomials @ (weights * legendre).T
 
 
-def _point_evaluations(cell, dimension: int):
+def _point_evaluations(
+    cell: basix.CellType, dimension: int
+) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
     """Points and identity interpolation matrices at vertices and edge midpoints."""
     geometry, topology = basix.geometry(cell), basix.topology(cell)
     points: list[list[np.ndarray]] = []
@@ -56,7 +59,7 @@ def _point_evaluations(cell, dimension: int):
     return points, matrices
 
 
-def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()):
+def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()) -> compat.Element:
     """UFL element of a quadratic family.
 
     Parameters
@@ -103,7 +106,7 @@ def shape_functions(family: str, points: np.ndarray) -> np.ndarray:
     else:
         nodes.append(corners.mean(axis=0))
 
-    def monomials(x):
+    def monomials(x: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
         return np.array([[np.prod(row ** np.array(e)) for e in exponents] for row in np.asarray(x)])
 
     return np.linalg.solve(monomials(nodes).T, monomials(points).T).T

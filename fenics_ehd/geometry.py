@@ -9,12 +9,11 @@ from pathlib import Path
 
 import basix
 import gmsh
-import numpy as np
+from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
 from fenics_ehd import compat
 from fenics_ehd.errors import MeshError
-
 
 #: Gmsh's number of the 27-node hexahedron.
 _HEXAHEDRON_27 = 12
@@ -24,9 +23,9 @@ _HEXAHEDRON_27 = 12
 class PartMesh:
     """Second-order hexahedral mesh with the numbers of its named groups."""
 
-    mesh: object
-    cell_tags: object
-    facet_tags: object
+    mesh: Mesh
+    cell_tags: compat.MeshTags
+    facet_tags: compat.MeshTags
     groups: Mapping[str, int]
 
     def group(self, name: str) -> int:
@@ -69,18 +68,26 @@ def _generate(path: Path, parameters: Mapping[str, float]) -> dict[str, int]:
         names = _parameter_names(path)
         for key, value in parameters.items():
             if key not in names:
-                raise MeshError(f"model {path.name} has no parameter {key!r}; it has "
-                                f"{', '.join(names)}")  # fmt: skip
+                raise MeshError(
+                    f"model {path.name} has no parameter {key!r}; it has {', '.join(names)}"
+                )
             gmsh.onelab.setNumber(names[key], [float(value)])
     gmsh.open(str(path))
     if not gmsh.model.mesh.getNodes()[0].size:
         gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
-    return {gmsh.model.getPhysicalName(*group): group[1] for group in gmsh.model.getPhysicalGroups()}
+    return {
+        gmsh.model.getPhysicalName(*group): group[1] for group in gmsh.model.getPhysicalGroups()
+    }
 
 
-def build_mesh(path: str | Path, parameters: Mapping[str, float] | None = None, *,
-               comm: MPI.Comm = MPI.COMM_WORLD, serendipity_geometry: bool = True):  # fmt: skip
+def build_mesh(
+    path: str | Path,
+    parameters: Mapping[str, float] | None = None,
+    *,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    serendipity_geometry: bool = True,
+) -> PartMesh:
     """Mesh a Gmsh model on rank 0 and distribute it.
 
     Parameters
@@ -127,7 +134,7 @@ def build_mesh(path: str | Path, parameters: Mapping[str, float] | None = None, 
     return PartMesh(mesh, cell_tags, facet_tags, groups)
 
 
-def _place_centre_nodes(mesh) -> None:
+def _place_centre_nodes(mesh: Mesh) -> None:
     """Move face and cell centres of 27-node hexahedra to the 20-node interpolation."""
     topology = basix.topology(basix.CellType.hexahedron)
     edges = {frozenset(edge): 8 + i for i, edge in enumerate(topology[1])}
@@ -135,7 +142,6 @@ def _place_centre_nodes(mesh) -> None:
     x = mesh.geometry.x
     for i, face in enumerate(topology[2]):
         sides = [number for edge, number in edges.items() if edge <= set(face)]
-        x[nodes[:, 20 + i]] = -0.25 * x[nodes[:, face]].sum(axis=1) + 0.5 * x[
-            nodes[:, sides]
-        ].sum(axis=1)
+        corners, middles = (x[nodes[:, part]].sum(axis=1) for part in (face, sides))
+        x[nodes[:, 20 + i]] = -0.25 * corners + 0.5 * middles
     x[nodes[:, 26]] = -0.25 * x[nodes[:, :8]].sum(axis=1) + 0.25 * x[nodes[:, 8:20]].sum(axis=1)

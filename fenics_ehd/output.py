@@ -7,7 +7,7 @@ import json
 import math
 import platform
 from collections.abc import Mapping
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from types import TracebackType
 
@@ -34,17 +34,20 @@ class HistoryWriter:
         Arrays stored once.
     """
 
-    def __init__(self, directory: str | Path, fields: Mapping[str, int],
-                 constants: Mapping[str, np.ndarray]):  # fmt: skip
+    def __init__(
+        self, directory: str | Path, fields: Mapping[str, int], constants: Mapping[str, np.ndarray]
+    ):
         self.directory = Path(directory)
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             (self.directory / "summary.json").unlink(missing_ok=True)
+            # HDF5 first: it also fails when another program has the file open.
+            self._file = h5py.File(self.directory / "history.h5", "w")
             self._csv = open(self.directory / "history.csv", "w", newline="")
         except OSError as error:
-            raise InputError(f"output directory {directory}: {error.strerror}") from None
+            reason = error.strerror or str(error).splitlines()[0]
+            raise InputError(f"output directory {directory}: {reason}") from None
         self._rows: csv.DictWriter | None = None
-        self._file = h5py.File(self.directory / "history.h5", "w")
         for name, values in constants.items():
             self._file[name] = values
         self._sets = {
@@ -73,8 +76,12 @@ class HistoryWriter:
     def __enter__(self) -> HistoryWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:  # fmt: skip
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._csv.close()
         self._file.close()
 
@@ -120,15 +127,21 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
 
 def versions() -> dict[str, str]:
     """Versions of everything that takes part in a result."""
-    found = {"fenics_ehd": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "matplotlib"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "missing"
-    for name in ("dolfinx", "gmsh"):
-        try:
-            found[name] = getattr(__import__(name), "__version__", "unknown")
-        except ImportError:
-            found[name] = "missing"
-    return found
+    names = ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "dolfinx", "gmsh", "matplotlib")
+    return {
+        "fenics_ehd": __version__,
+        "python": platform.python_version(),
+        **{name: _version(name) for name in names},
+    }
+
+
+def _version(name: str) -> str:
+    """Version of a package; Debian ships some without the metadata that pip leaves."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        pass
+    try:
+        return str(getattr(import_module(name), "__version__", "unknown"))
+    except ImportError:
+        return "missing"

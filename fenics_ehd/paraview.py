@@ -9,7 +9,8 @@ import meshio
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.reduction import ReducedBody, Structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,19 +22,32 @@ class PartFields:
     basis: np.ndarray
 
 
-def gather_part(structure, columns: np.ndarray) -> PartFields | None:
-    """Collect nodes, cells and basis of a distributed part on rank 0; None elsewhere."""
-    comm = structure.comm
-    parts = comm.gather((structure.coordinates, structure.recovery.cells, columns))
+def gather_part(structure: Structure, columns: np.ndarray) -> PartFields | None:
+    """Collect nodes, cells and basis of a distributed part on rank 0; None elsewhere.
+
+    Raises
+    ------
+    SettingsError
+        The structure holds no elements.
+    """
+    if structure.recovery is None:
+        raise SettingsError("the structure has no elements: displacement fields need them")
+    parts = structure.comm.gather((structure.coordinates, structure.recovery.cells, columns))
     if parts is None:
         return None
     nodes, cells, basis = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     return PartFields(nodes, cells, basis.reshape(len(nodes), 3, -1))
 
 
-def write_series(directory: str | Path, part: PartFields, body: ReducedBody,
-                 times: np.ndarray, poses: np.ndarray, coordinates: np.ndarray,
-                 pressures: np.ndarray) -> Path:  # fmt: skip
+def write_series(
+    directory: str | Path,
+    part: PartFields,
+    body: ReducedBody,
+    times: np.ndarray,
+    poses: np.ndarray,
+    coordinates: np.ndarray,
+    pressures: np.ndarray,
+) -> Path:
     """Write ``rod.pvd`` and one ``.vtu`` file for each time.
 
     Parameters

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
+if TYPE_CHECKING:
+    from slepc4py import SLEPc
 
-def configure(solver, prefix: str, defaults: Mapping[str, object]) -> None:
+
+def configure(
+    solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
+) -> None:
     """Set a KSP, SNES or EPS from options, `defaults` standing in for those not given.
 
     Parameters

@@ -8,15 +8,18 @@ from pathlib import Path
 import matplotlib
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402 (the backend must be chosen first)
-import numpy as np  # noqa: E402
+import matplotlib.pyplot as plt  # the backend must be chosen first
+import numpy as np
 
 #: Typical safe film thickness of engine bearings, section 4.2 [um].
 SAFE_FILM_THICKNESS = 2.5
 
 
-def plot_history(histories: Mapping[str, Mapping[str, np.ndarray]], directory: str | Path,
-                 formats: tuple[str, ...] = ("png", "svg")) -> list[Path]:  # fmt: skip
+def plot_history(
+    histories: Mapping[str, Mapping[str, np.ndarray]],
+    directory: str | Path,
+    formats: tuple[str, ...] = ("png", "svg"),
+) -> list[Path]:
     """Peak pressure and minimum film thickness against time.
 
     Parameters
@@ -43,8 +46,13 @@ def plot_history(histories: Mapping[str, Mapping[str, np.ndarray]], directory: s
         for legend, history in histories.items():
             axes.plot(1e3 * history["time_s"], factor * history[column], label=legend)
         if name == "min_film_thickness":
-            axes.axhline(SAFE_FILM_THICKNESS, color="0.4", linestyle="--", linewidth=1,
-                         label=f"safe film, {SAFE_FILM_THICKNESS} µm")  # fmt: skip
+            axes.axhline(
+                SAFE_FILM_THICKNESS,
+                color="0.4",
+                linestyle="--",
+                linewidth=1,
+                label=f"safe film, {SAFE_FILM_THICKNESS} µm",
+            )
         axes.set(xlabel="time [ms]", ylabel=label, ylim=(0, None))
         axes.margins(x=0)
         axes.grid(alpha=0.3)

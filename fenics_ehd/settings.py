@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import operator
 import tomllib
 from collections.abc import Mapping
@@ -13,14 +14,20 @@ import attrs
 
 from fenics_ehd.errors import SettingsError
 
-T = TypeVar("T")
+T = TypeVar("T", bound=attrs.AttrsInstance)
 
 
-def number(default: float, help_text: str, *, above: float | None = None,
-           least: float | None = None, below: float | None = None) -> Any:  # fmt: skip
+def number(
+    default: float,
+    help_text: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+) -> Any:
     """Real number with limits: `above` and `below` exclusive, `least` inclusive."""
 
-    def check(_instance, attribute, value):
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         if not isinstance(value, float) or not abs(value) < float("inf"):
             raise SettingsError(f"{attribute.name} = {value!r} must be a finite number")
         for limit, words, holds in (
@@ -43,7 +50,7 @@ def count(default: int, help_text: str, least: int = 0, most: int | None = None)
     """Whole number of at least `least` and at most `most`."""
     limits = f"at least {least}" + (f" and at most {most}" if most is not None else "")
 
-    def check(_instance, attribute, value):
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         whole = isinstance(value, int) and not isinstance(value, bool)
         if not whole or value < least or (most is not None and value > most):
             raise SettingsError(f"{attribute.name} = {value!r} must be a whole number, {limits}")
@@ -54,7 +61,7 @@ def count(default: int, help_text: str, least: int = 0, most: int | None = None)
 def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
     """One of several words."""
 
-    def check(_instance, attribute, value):
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         if value not in options:
             raise SettingsError(f"{attribute.name} = {value!r} must be one of {', '.join(options)}")
 
@@ -65,7 +72,7 @@ def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
 def text(default: str, help_text: str) -> Any:
     """Non-empty text."""
 
-    def check(_instance, attribute, value):
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         if not isinstance(value, str) or not value:
             raise SettingsError(f"{attribute.name} = {value!r} must be a non-empty text")
 
@@ -73,9 +80,9 @@ def text(default: str, help_text: str) -> Any:
 
 
 def flag(default: bool, help_text: str) -> Any:
-    """true or false."""
+    """True or false."""
 
-    def check(_instance, attribute, value):
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         if not isinstance(value, bool):
             raise SettingsError(f"{attribute.name} = {value!r} must be true or false")
 
@@ -90,15 +97,16 @@ def section(cls: type) -> Any:
 def numbers(help_text: str) -> Any:
     """Free table of names and numbers."""
 
-    def check(_instance, attribute, value):
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         for key, entry in value.items():
-            if isinstance(entry, bool) or not isinstance(entry, (int, float)):
-                raise SettingsError(f"{attribute.name}.{key} = {entry!r} must be a number")
+            plain = isinstance(entry, (int, float)) and not isinstance(entry, bool)
+            if not plain or not abs(entry) < float("inf"):
+                raise SettingsError(f"{attribute.name}.{key} = {entry!r} must be a finite number")
 
     return attrs.field(factory=dict, validator=check, metadata={"help": help_text, "table": True})
 
 
-def _as_float(value):
+def _as_float(value: Any) -> Any:
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
@@ -150,7 +158,7 @@ def _literal(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return f'"{value}"'
+        return json.dumps(value)
     if isinstance(value, int):
         return str(value)
     digits = format(value, ".12g")

@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
+from ufl.core.expr import Expr
 
 from fenics_ehd import compat
 from fenics_ehd.elements import quadratic_element
@@ -38,9 +39,15 @@ class Material:
     density: float
 
 
-def assemble_structure(part: PartMesh, material: Material, *, family: str = "serendipity",
-                       pressure_family: str = "lagrange", bore: str = "bore",
-                       attachments: tuple[str, ...] = ("pin",)) -> Structure:  # fmt: skip
+def assemble_structure(
+    part: PartMesh,
+    material: Material,
+    *,
+    family: str = "serendipity",
+    pressure_family: str = "lagrange",
+    bore: str = "bore",
+    attachments: tuple[str, ...] = ("pin",),
+) -> Structure:
     """Assemble K, M, the bore load matrix and the attachment loads.
 
     Parameters
@@ -81,21 +88,20 @@ def assemble_structure(part: PartMesh, material: Material, *, family: str = "ser
         mass=mass,
         coordinates=space.tabulate_dof_coordinates()[: index_map.size_local].copy(),
         bore=_bore(part, space, pressures, surfaces[bore], ds),
-        attachments={
-            name: _mean_displacement(space, ds(surfaces[name])) for name in attachments
-        },
+        attachments={name: _mean_displacement(space, ds(surfaces[name])) for name in attachments},
         recovery=_recovery(space),
+        owner=mesh,
     )
 
 
-def _elastic_matrices(space, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
+def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
     """K and M of (16)."""
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     modulus, ratio = material.youngs_modulus, material.poissons_ratio
     mu = modulus / (2 * (1 + ratio))
     lame = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
 
-    def strain(w):
+    def strain(w: Expr) -> Expr:
         return ufl.sym(ufl.grad(w))
 
     stress = 2 * mu * strain(u) + lame * ufl.tr(strain(u)) * ufl.Identity(3)
@@ -106,19 +112,21 @@ def _elastic_matrices(space, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
     return _matrix(energy), _matrix(inertia)
 
 
-def _matrix(form) -> PETSc.Mat:
+def _matrix(form: ufl.Form) -> PETSc.Mat:
     matrix = compat.fem_petsc().assemble_matrix(fem.form(form))
     matrix.assemble()
     return matrix
 
 
-def _vector(form) -> PETSc.Vec:
+def _vector(form: ufl.Form) -> PETSc.Vec:
     vector = compat.fem_petsc().assemble_vector(fem.form(form))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     return vector
 
 
-def _mean_displacement(space, surface) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
+def _mean_displacement(
+    space: fem.FunctionSpace, surface: ufl.Measure
+) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
     """Area-weighted mean of each displacement component over a surface, as load vectors."""
     v = ufl.TestFunction(space)
     mesh = space.mesh
@@ -128,7 +136,9 @@ def _mean_displacement(space, surface) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]
     return tuple(_vector(v[i] / area * surface(metadata=metadata)) for i in range(3))
 
 
-def _surface_nodes(part: PartMesh, space, tag: int) -> tuple[np.ndarray, np.ndarray]:
+def _surface_nodes(
+    part: PartMesh, space: fem.FunctionSpace, tag: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Global nodes of a space on a surface and their positions, sorted by z, then angle."""
     comm = space.mesh.comm
     facets = part.facet_tags.find(tag)
@@ -142,7 +152,13 @@ def _surface_nodes(part: PartMesh, space, tag: int) -> tuple[np.ndarray, np.ndar
     return nodes[order].astype(np.int32), x[order]
 
 
-def _bore(part: PartMesh, space, pressures, tag: int, ds) -> Bore:
+def _bore(
+    part: PartMesh,
+    space: fem.FunctionSpace,
+    pressures: fem.FunctionSpace,
+    tag: int,
+    ds: ufl.Measure,
+) -> Bore:
     """Bore nodes and the rectangular load matrix (15).
 
     The outward normal of the solid points to the oil, so a positive pressure
@@ -164,8 +180,9 @@ def _bore(part: PartMesh, space, pressures, tag: int, ds) -> Bore:
     whole = _matrix(-p * ufl.inner(normal, v) * surface)
     share = np.array_split(np.arange(len(pressure_nodes)), space.mesh.comm.size)
     mine = share[space.mesh.comm.rank]
-    rows = PETSc.IS().createStride(whole.local_size[0], whole.getOwnershipRange()[0], 1,
-                                   comm=whole.comm)  # fmt: skip
+    rows = PETSc.IS().createStride(
+        whole.local_size[0], whole.getOwnershipRange()[0], 1, comm=whole.comm
+    )
     columns = PETSc.IS().createGeneral(pressure_nodes[mine], comm=whole.comm)
     return Bore(
         radius=float(radius),
@@ -177,7 +194,7 @@ def _bore(part: PartMesh, space, pressures, tag: int, ds) -> Bore:
     )
 
 
-def _recovery(space) -> Recovery:
+def _recovery(space: fem.FunctionSpace) -> Recovery:
     """Owned cells with their 20 corner and edge nodes."""
     cells = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
     dofs = compat.space_dofmap(space)[:cells, _VTK_HEXAHEDRON]

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 
@@ -67,9 +68,16 @@ class CavitationSolver:
         Communicator of one rank.
     """
 
-    def __init__(self, size: int, mass: np.ndarray | None = None, *, comm=PETSc.COMM_SELF,
-                 options_prefix: str = "film_", tolerance: float = 1e-10,
-                 smallest_source: float = 0.0):  # fmt: skip
+    def __init__(
+        self,
+        size: int,
+        mass: np.ndarray | None = None,
+        *,
+        comm: PETSc.Comm | MPI.Comm = PETSc.COMM_SELF,
+        options_prefix: str = "film_",
+        tolerance: float = 1e-10,
+        smallest_source: float = 0.0,
+    ):
         self._tolerance = tolerance
         self._smallest_source = smallest_source
         self._mass = None if mass is None else cho_factor(mass)
@@ -83,26 +91,33 @@ class CavitationSolver:
         self._residual = self._upper.duplicate()
         self._rhs = self._upper.duplicate()
         self._prefix = options_prefix
-        self._snes: PETSc.SNES | None = None
-        self._matrix: PETSc.Mat | None = None
+        self._current: tuple[PETSc.Mat, PETSc.SNES] | None = None
         self.solves = 0
 
-    def _create_snes(self) -> PETSc.SNES:
+    def _snes(self, matrix: PETSc.Mat) -> PETSc.SNES:
+        """SNES with this matrix as its Jacobian, the same one as long as the matrix is the same."""
+        if self._current is None or matrix.handle != self._current[0].handle:
+            self._current = (matrix, self._create_snes(matrix))
+        return self._current[1]
+
+    def _create_snes(self, matrix: PETSc.Mat) -> PETSc.SNES:
         snes = PETSc.SNES().create(comm=self._comm)
         snes.setType("vinewtonrsls")
-        snes.setFunction(self._function, self._residual)
-        snes.setJacobian(self._jacobian, self._matrix)
+        snes.setFunction(self._function, self._residual, args=(matrix,))
+        snes.setJacobian(self._jacobian, matrix)
         snes.setVariableBounds(self._lower, self._upper)
         snes.setTolerances(rtol=0.0, stol=0.0, max_it=60)
         configure(snes, self._prefix, DEFAULT_OPTIONS)
         return snes
 
-    def _function(self, snes, x, f) -> None:
-        self._matrix.mult(x, f)
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, matrix: PETSc.Mat) -> None:
+        matrix.mult(x, f)
         f.axpy(-1.0, self._rhs)
 
-    def _jacobian(self, snes, x, jacobian, preconditioner) -> None:
-        """The problem is linear: `_matrix` already holds the Jacobian."""
+    def _jacobian(
+        self, snes: PETSc.SNES, x: PETSc.Vec, jacobian: PETSc.Mat, preconditioner: PETSc.Mat
+    ) -> None:
+        """The problem is linear: its matrix already is the Jacobian."""
 
     def reduced_matrix(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """``A``, or ``N^-1 A`` (dense) when the complementarity is taken with N."""
@@ -138,25 +153,23 @@ class CavitationSolver:
         CavitationError
             SNES-VI did not converge, or the result fails its own check.
         """
-        if self._snes is None or matrix.handle != self._matrix.handle:
-            self._matrix = matrix
-            self._snes = self._create_snes()
+        snes = self._snes(matrix)
         self._rhs.array = rhs
         self._unknown.array = np.maximum(guess, 0.0)
         scale = max(float(np.linalg.norm(rhs)), self._smallest_source)
-        self._snes.setTolerances(atol=self._tolerance * scale)
-        self._snes.solve(None, self._unknown)
+        snes.setTolerances(atol=self._tolerance * scale)
+        snes.solve(None, self._unknown)
         self.solves += 1
-        reason = self._snes.getConvergedReason()
-        iterations = self._snes.getIterationNumber()
+        reason = snes.getConvergedReason()
+        iterations = snes.getIterationNumber()
         if reason <= 0:
             raise CavitationError(
                 f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
-                f"{self._snes.getFunctionNorm():.2e} above {self._tolerance * scale:.2e}: "
+                f"{snes.getFunctionNorm():.2e} above {self._tolerance * scale:.2e}: "
                 f"see -{self._prefix}snes_monitor"
             )
         pressure = self._unknown.array.copy()
-        self._function(self._snes, self._unknown, self._residual)
+        self._function(snes, self._unknown, self._residual, matrix)
         flux = self._residual.array.copy()
         verify_complementarity(pressure, flux, scale)
         full_film = np.flatnonzero((pressure > 0.0) | (flux < 0.0)).astype(np.int32)

@@ -103,14 +103,25 @@ class Film:
         The nodes given are not those of the film mesh.
     """
 
-    def __init__(self, parameters: FilmParameters, bore_nodes: np.ndarray | None = None,
-                 pressure_nodes: np.ndarray | None = None, *, comm=MPI.COMM_SELF,
-                 options_prefix: str = "film_", tolerance: float = 1e-10):  # fmt: skip
+    def __init__(
+        self,
+        parameters: FilmParameters,
+        bore_nodes: np.ndarray | None = None,
+        pressure_nodes: np.ndarray | None = None,
+        *,
+        comm: MPI.Comm = MPI.COMM_SELF,
+        options_prefix: str = "film_",
+        tolerance: float = 1e-10,
+    ):
         self.parameters = parameters
         mesh = cylinder_mesh(parameters.radius, parameters.width, *parameters.cells, comm)
-        self._forms = reynolds_forms(mesh, parameters.radius, parameters.clearance,
-                                     parameters.pressure_family,
-                                     parameters.displacement_family)  # fmt: skip
+        self._forms = reynolds_forms(
+            mesh,
+            parameters.radius,
+            parameters.clearance,
+            parameters.pressure_family,
+            parameters.displacement_family,
+        )
         forms = self._forms
         own_pressure = forms.pressure.function_space.tabulate_dof_coordinates()
         own_bore = forms.displacement.function_space.tabulate_dof_coordinates()
@@ -120,8 +131,7 @@ class Film:
         self._to_bore = self._match("bore", self.bore_nodes, own_bore)
         inside = np.abs(own_pressure[:, 2]) < (0.5 - MATCH_TOLERANCE) * parameters.width
         self._free = np.flatnonzero(inside).astype(np.int32)
-        self._gap_rows = gap_rows(forms.displacement.function_space,
-                                  parameters.displacement_family)  # fmt: skip
+        self._gap_rows = gap_rows(forms.displacement.function_space, parameters.displacement_family)
         self._allocate(options_prefix, tolerance, comm)
 
     def _match(self, name: str, given: np.ndarray, own: np.ndarray) -> np.ndarray:
@@ -132,12 +142,12 @@ class Film:
             raise InterfaceMismatchError(
                 f"{len(given)} {name} nodes of the body do not match the {len(own)} nodes of the "
                 f"{self.parameters.cells[0]} x {self.parameters.cells[1]} film "
-                f"(largest distance {distance.max():.2e} m): set film.cells and film.element "
-                "as the body was made"
+                f"(largest distance {distance.max():.2e} m): reduce the part with the "
+                "film element of the scene"
             )
         return index
 
-    def _allocate(self, prefix: str, tolerance: float, comm) -> None:
+    def _allocate(self, prefix: str, tolerance: float, comm: MPI.Comm) -> None:
         petsc, forms = compat.fem_petsc(), self._forms
         self._stiffness = petsc.create_matrix(forms.stiffness)
         self._derivative = petsc.create_matrix(forms.gap_derivative)
@@ -149,12 +159,16 @@ class Film:
         whole.assemble()
         mass = self._scipy(self._free_block(whole))
         consistent = self.parameters.pressure_family == "serendipity"
+        # The source of a film at unit speed: nodal areas, or ones when divided by the mass matrix.
+        unit_source = np.ones(len(self._free)) if consistent else mass.sum(axis=1)
         self.cavitation = CavitationSolver(
-            len(self._free), mass.toarray() if consistent else None, comm=comm,
-            options_prefix=prefix, tolerance=tolerance,
-            # The source of a film at unit speed is of the order of its nodal areas.
-            smallest_source=SMALLEST_SOURCE * np.linalg.norm(mass.sum(axis=1)),
-        )  # fmt: skip
+            len(self._free),
+            mass.toarray() if consistent else None,
+            comm=comm,
+            options_prefix=prefix,
+            tolerance=tolerance,
+            smallest_source=SMALLEST_SOURCE * float(np.linalg.norm(unit_source)),
+        )
 
     def _free_block(self, matrix: PETSc.Mat, reuse: PETSc.Mat | None = None) -> PETSc.Mat:
         return matrix.createSubMatrix(self._rows, self._rows, submat=reuse)
@@ -168,7 +182,9 @@ class Film:
         """Gap change at the points of `gap` per unit direction, (m, 3, n) to (points, n)."""
         return self._gap_rows @ directions[self._to_bore].reshape(-1, directions.shape[2])
 
-    def _set(self, displacement, displacement_rate, shaft_rate) -> None:
+    def _set(
+        self, displacement: np.ndarray, displacement_rate: np.ndarray, shaft_rate: float
+    ) -> None:
         """Put a state, made dimensionless, into the coefficients of the forms."""
         p, forms = self.parameters, self._forms
         forms.displacement.x.array[:] = displacement[self._to_bore].ravel() / p.clearance
@@ -176,16 +192,21 @@ class Film:
         forms.displacement_rate.x.array[:] = rate
         forms.shaft_speed.value = shaft_rate / p.rate
 
-    def _assemble_all(self, form) -> np.ndarray:
+    def _assemble_all(self, form: compat.CompiledForm) -> np.ndarray:
         self._vector.set(0.0)
         compat.fem_petsc().assemble_vector(self._vector, form)
         return self._vector.array
 
-    def _assemble(self, form) -> np.ndarray:
+    def _assemble(self, form: compat.CompiledForm) -> np.ndarray:
         return self._assemble_all(form)[self._free]
 
-    def solve(self, displacement: np.ndarray, displacement_rate: np.ndarray, shaft_rate: float,
-              guess: FilmState | None = None) -> FilmState:  # fmt: skip
+    def solve(
+        self,
+        displacement: np.ndarray,
+        displacement_rate: np.ndarray,
+        shaft_rate: float,
+        guess: FilmState | None = None,
+    ) -> FilmState:
         """Pressure for a given gap and its rate.
 
         Parameters
@@ -228,8 +249,9 @@ class Film:
         pressures[self._to_pressure[self._free]] = self.parameters.pressure_scale * values
         return pressures
 
-    def sensitivity(self, state: FilmState, directions: np.ndarray, rate_shift: float,
-                    shaft_rates: np.ndarray) -> np.ndarray:  # fmt: skip
+    def sensitivity(
+        self, state: FilmState, directions: np.ndarray, rate_shift: float, shaft_rates: np.ndarray
+    ) -> np.ndarray:
         """Exact derivative of the pressure of the last `solve` in given directions.
 
         Parameters

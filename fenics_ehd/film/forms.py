@@ -21,7 +21,9 @@ from dataclasses import dataclass
 
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 from petsc4py import PETSc
+from ufl.core.expr import Expr
 
 from fenics_ehd import compat
 from fenics_ehd.elements import quadratic_element
@@ -47,15 +49,15 @@ class ReynoldsForms:
     displacement_rate: fem.Function
     shaft_speed: fem.Constant
     rate_shift: fem.Constant
-    stiffness: object
-    source: object
-    gap_derivative: object
-    speed_derivative: object
-    couette: object
-    mass: object
+    stiffness: compat.CompiledForm
+    source: compat.CompiledForm
+    gap_derivative: compat.CompiledForm
+    speed_derivative: compat.CompiledForm
+    couette: compat.CompiledForm
+    mass: compat.CompiledForm
 
 
-def surface_frame(mesh):
+def surface_frame(mesh: Mesh) -> tuple[Expr, Expr]:
     """Outward normal of the bore and circumferential direction, as UFL vectors.
 
     The normal is that of the discrete surface, as `FacetNormal` gives it on the
@@ -68,8 +70,9 @@ def surface_frame(mesh):
     return normal, tangent
 
 
-def reynolds_forms(mesh, radius: float, clearance: float, pressure_family: str,
-                   displacement_family: str) -> ReynoldsForms:  # fmt: skip
+def reynolds_forms(
+    mesh: Mesh, radius: float, clearance: float, pressure_family: str, displacement_family: str
+) -> ReynoldsForms:
     """Build and compile the forms.
 
     Parameters
@@ -94,7 +97,7 @@ def reynolds_forms(mesh, radius: float, clearance: float, pressure_family: str,
     gap = 1 + ufl.inner(normal, w)
     mean_speed = 0.5 * (speed - (clearance / radius) * ufl.inner(w_rate, tangent))
 
-    def poiseuille(pressure):
+    def poiseuille(pressure: Expr) -> ufl.Form:
         return gap**3 * ufl.inner(ufl.grad(pressure), ufl.grad(test)) * dx
 
     couette = area * radius * gap * mean_speed * ufl.inner(tangent, ufl.grad(test)) * dx
@@ -107,11 +110,15 @@ def reynolds_forms(mesh, radius: float, clearance: float, pressure_family: str,
     # The residual is affine in the shaft speed.
     speed_derivative = -area * radius * gap * 0.5 * ufl.inner(tangent, ufl.grad(test)) * dx
     return ReynoldsForms(
-        p, w, w_rate, speed, shift,
+        pressure=p,
+        displacement=w,
+        displacement_rate=w_rate,
+        shaft_speed=speed,
+        rate_shift=shift,
         stiffness=fem.form(poiseuille(trial)),
         source=fem.form(couette - squeeze),
         gap_derivative=fem.form(gap_derivative),
         speed_derivative=fem.form(speed_derivative),
         couette=fem.form(couette),
         mass=fem.form(area * trial * test * dx),
-    )  # fmt: skip
+    )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import basix
 import numpy as np
+from dolfinx.fem import FunctionSpace
+from dolfinx.mesh import Mesh
 from scipy import sparse
 
 from fenics_ehd import compat
@@ -20,7 +22,7 @@ def _reference_points() -> np.ndarray:
     return np.vstack([nodes, centres, nodes.mean(axis=0), gauss])
 
 
-def _normals(mesh, points: np.ndarray) -> np.ndarray:
+def _normals(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     """Outward normal of the discrete bore at reference points of every cell, (cells, points, 3)."""
     lagrange = basix.create_element(
         basix.ElementFamily.P, basix.CellType.quadrilateral, 2, basix.LagrangeVariant.equispaced
@@ -32,7 +34,7 @@ def _normals(mesh, points: np.ndarray) -> np.ndarray:
     return normal / np.linalg.norm(normal, axis=2)[:, :, None]
 
 
-def gap_rows(space, family: str) -> sparse.csr_matrix:
+def gap_rows(space: FunctionSpace, family: str) -> sparse.csr_matrix:
     """Gap change per nodal displacement, ``n . u``, at nodes and Gauss points of every cell.
 
     Parameters
@@ -51,13 +53,11 @@ def gap_rows(space, family: str) -> sparse.csr_matrix:
     shape = shape_functions(family, points)
     normals = _normals(space.mesh, points)
     dofs = compat.space_dofmap(space)
-    cells, count = dofs.shape
+    cells = len(dofs)
     columns = 3 * dofs[:, None, :, None] + np.arange(3)
     values = shape[None, :, :, None] * normals[:, :, None, :]
     columns = np.broadcast_to(columns, values.shape)
-    rows = np.broadcast_to(
-        np.arange(cells * len(points)).reshape(cells, -1, 1, 1), values.shape
-    )
+    rows = np.broadcast_to(np.arange(cells * len(points)).reshape(cells, -1, 1, 1), values.shape)
     size = 3 * (space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts)
     return sparse.csr_matrix(
         (values.ravel(), (rows.ravel(), columns.ravel())), shape=(cells * len(points), size)

@@ -9,6 +9,7 @@ the circumference at 20 cells.
 from __future__ import annotations
 
 import numpy as np
+from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
 from fenics_ehd import compat
@@ -18,14 +19,16 @@ def _cell_nodes(around: int, along: int) -> np.ndarray:
     """Node indices of every cell in dolfinx order: corners, edges, centre."""
     i, j = np.meshgrid(np.arange(around), np.arange(along), indexing="ij")
 
-    def node(a, b):
+    def node(a: int, b: int) -> np.ndarray:
         return ((2 * i + a) % (2 * around)) * (2 * along + 1) + 2 * j + b
 
     offsets = [(0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1)]
     return np.stack([node(a, b).ravel() for a, b in offsets], axis=1).astype(np.int64)
 
 
-def cylinder_mesh(radius: float, width: float, around: int, along: int, comm=MPI.COMM_SELF):
+def cylinder_mesh(
+    radius: float, width: float, around: int, along: int, comm: MPI.Comm = MPI.COMM_SELF
+) -> Mesh:
     """Closed cylinder about the z axis, z from ``-width/2`` to ``width/2``.
 
     Parameters

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fenics_ehd.errors import GapClosedError, SolverError, StepSizeError
+from fenics_ehd.errors import SolverError, StepSizeError
 
 #: Steps grow and shrink by at most these factors, and aim this far below the tolerance.
 GROWTH, SHRINKAGE, SAFETY = 2.0, 0.2, 0.9
@@ -30,9 +30,16 @@ BOUNDARY_FRACTION = 0.7
 class SecondOrderProblem(Protocol):
     """What the integrator asks of a problem; `norm` makes the tolerance mean something."""
 
-    def linearise(self, time: float, x: np.ndarray, rate: np.ndarray, acceleration: np.ndarray,
-                  shifts: tuple[float, float], guess: Any) -> tuple[np.ndarray, np.ndarray, Any]:
-        """Residual, its total derivative along x, and an auxiliary state."""  # fmt: skip
+    def linearise(
+        self,
+        time: float,
+        x: np.ndarray,
+        rate: np.ndarray,
+        acceleration: np.ndarray,
+        shifts: tuple[float, float],
+        guess: Any,
+    ) -> tuple[np.ndarray, np.ndarray, Any]:
+        """Residual, its total derivative along x, and an auxiliary state."""
 
     def norm(self, x: np.ndarray, change: np.ndarray) -> float:
         """Size of a change of x, relative: 1 is a change of the size of the quantity watched."""
@@ -79,8 +86,16 @@ class Step:
     rejected: dict[str, int] = field(default_factory=dict)
 
 
-class _NewtonFailure(SolverError):
-    """Newton's iteration did not converge: a shorter step is tried."""
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """Outcome of Newton's iteration for one step; `failure` says why there is no solution."""
+
+    iterations: int
+    failure: str | None = None
+    x: np.ndarray = field(default_factory=lambda: np.empty(0))
+    rate: np.ndarray = field(default_factory=lambda: np.empty(0))
+    acceleration: np.ndarray = field(default_factory=lambda: np.empty(0))
+    auxiliary: Any = None
 
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
@@ -97,9 +112,11 @@ def derivative_weights(times: np.ndarray) -> np.ndarray:
 def extrapolate(times: np.ndarray, values: np.ndarray, target: float) -> np.ndarray:
     """Value at `target` of the polynomial through all points."""
     weights = np.array(
-        [np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
-         for j, t in enumerate(times)]
-    )  # fmt: skip
+        [
+            np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
+            for j, t in enumerate(times)
+        ]
+    )
     return weights @ values
 
 
@@ -116,15 +133,41 @@ class _History:
         self.x = np.vstack([x, self.x])[:keep]
         self.rate = np.vstack([rate, self.rate])[:keep]
 
+    def usable_order(self, order: int) -> int:
+        """Order with one more past point for the extrapolation; the first step has the rate."""
+        return max(1, min(order, len(self.times) - 1))
+
     def predict(self, time: float, points: int) -> np.ndarray:
+        """Extrapolation of the newest points, or along the initial rate."""
         if len(self.times) == 1:
             return self.x[0] + (time - self.times[0]) * self.rate[0]
         return extrapolate(self.times[:points], self.x[:points], time)
 
+    def local_error(
+        self,
+        problem: SecondOrderProblem,
+        order: int,
+        time: float,
+        x: np.ndarray,
+        predicted: np.ndarray,
+    ) -> float:
+        """Part of the distance from the extrapolation that the formula leaves, in the norm."""
+        implicit = 1.0 / np.sum(1.0 / (time - self.times[:order]))
+        oldest = self.times[order] if len(self.times) > order else self.times[0]
+        share = implicit / (time - oldest + implicit)
+        return share * problem.norm(x, x - predicted)
 
-def _newton(problem: SecondOrderProblem, time: float, history: _History, order: int,
-            predicted: np.ndarray, tolerance: float, auxiliary: Any):  # fmt: skip
-    """Solve one step; raises when it does not converge within the admissible set."""
+
+def _newton(
+    problem: SecondOrderProblem,
+    time: float,
+    history: _History,
+    order: int,
+    predicted: np.ndarray,
+    tolerance: float,
+    auxiliary: Any,
+) -> _Attempt:
+    """Solve one step with iterates that stay in the admissible set."""
     times = np.concatenate([[time], history.times[:order]])
     weights = derivative_weights(times)
     alpha = weights[0]
@@ -137,22 +180,30 @@ def _newton(problem: SecondOrderProblem, time: float, history: _History, order: 
     for iteration in range(1, MAX_NEWTON + 1):
         rate = alpha * x + past_x
         acceleration = alpha * rate + past_rate
-        residual, jacobian, auxiliary = problem.linearise(
-            time, x, rate, acceleration, (alpha, alpha**2), auxiliary
-        )
-        update = -np.linalg.solve(jacobian, residual)
+        try:
+            residual, jacobian, auxiliary = problem.linearise(
+                time, x, rate, acceleration, (alpha, alpha**2), auxiliary
+            )
+            update = -np.linalg.solve(jacobian, residual)
+        except (SolverError, np.linalg.LinAlgError) as error:
+            return _Attempt(iteration, f"{type(error).__name__}: {error}")
         if not np.isfinite(update).all():
-            raise _NewtonFailure("Newton's update is not finite")
+            return _Attempt(iteration, "Newton's update is not finite")
         fraction = min(1.0, BOUNDARY_FRACTION * problem.admissible_fraction(x, update))
         x = x + fraction * update
         if fraction == 1.0 and problem.norm(x, update) <= tolerance:
             rate = alpha * x + past_x
-            return x, rate, alpha * rate + past_rate, auxiliary, iteration
-    raise _NewtonFailure(f"Newton did not converge in {MAX_NEWTON} iterations")
+            return _Attempt(iteration, None, x, rate, alpha * rate + past_rate, auxiliary)
+    return _Attempt(MAX_NEWTON, f"Newton did not converge in {MAX_NEWTON} iterations")
 
 
-def integrate(problem: SecondOrderProblem, span: tuple[float, float], x: np.ndarray,
-              rate: np.ndarray, control: StepControl) -> Iterator[Step]:  # fmt: skip
+def integrate(
+    problem: SecondOrderProblem,
+    span: tuple[float, float],
+    x: np.ndarray,
+    rate: np.ndarray,
+    control: StepControl,
+) -> Iterator[Step]:
     """Integrate and yield every accepted step.
 
     The local error is estimated from the distance between the solution and the
@@ -176,50 +227,59 @@ def integrate(problem: SecondOrderProblem, span: tuple[float, float], x: np.ndar
     """
     time, end = span
     history = _History(time, x, rate)
-    step, auxiliary, iterations = control.first_step, None, 0
+    step = min(control.first_step, control.largest_step)
+    auxiliary, iterations = None, 0
     rejected: dict[str, int] = {}
     while time < end:
-        remaining = end - time
-        # Two equal steps rather than a long and a tiny one.
-        step = remaining if step >= remaining else min(step, max(0.5 * remaining, remaining - step))
-        order = min(control.order, len(history.times))
-        target = end if step >= remaining else time + step
+        target, step = _target(time, end, step)
+        order = history.usable_order(control.order)
         predicted = history.predict(target, order + 1)
-        try:
-            x, rate, acceleration, state, count = _newton(
-                problem, target, history, order, predicted,
-                NEWTON_FRACTION * control.tolerance, auxiliary,
-            )  # fmt: skip
-            iterations += count
-            error = _error(problem, history, order, target, x, predicted)
-            reason = "error above tolerance" if error > control.tolerance else None
-        except (GapClosedError, _NewtonFailure, np.linalg.LinAlgError) as failure:
-            iterations += MAX_NEWTON
-            error, reason = np.inf, type(failure).__name__.lstrip("_")
+        attempt = _newton(
+            problem,
+            target,
+            history,
+            order,
+            predicted,
+            NEWTON_FRACTION * control.tolerance,
+            auxiliary,
+        )
+        iterations += attempt.iterations
+        failure, error = attempt.failure, np.inf
+        if failure is None:
+            error = history.local_error(problem, order, target, attempt.x, predicted)
+            if not error <= control.tolerance:
+                failure = "error above tolerance"
         ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
-        factor = np.clip(SAFETY * ratio ** (1.0 / (order + 1)), SHRINKAGE, GROWTH)
-        if reason is None:
-            time, auxiliary = target, state
-            history.push(time, x, rate, control.order + 2)
-            yield Step(time, x, rate, acceleration, state, iterations, rejected)
+        step *= float(np.clip(SAFETY * ratio ** (1.0 / (order + 1)), SHRINKAGE, GROWTH))
+        step = min(step, control.largest_step)
+        if failure is None:
+            time, auxiliary = target, attempt.auxiliary
+            history.push(time, attempt.x, attempt.rate, control.order + 2)
+            yield Step(
+                time,
+                attempt.x,
+                attempt.rate,
+                attempt.acceleration,
+                attempt.auxiliary,
+                iterations,
+                rejected,
+            )
             iterations, rejected = 0, {}
         else:
+            reason = failure.split(":")[0]
             rejected[reason] = rejected.get(reason, 0) + 1
-        step = min(step * factor, control.largest_step)
         if step < control.smallest_step and time < end:
             raise StepSizeError(
                 f"the step fell to {step:.1e} s at t = {time:.6g} s, below time.smallest_step = "
-                f"{control.smallest_step:.1e} s, after {rejected or 'slow convergence'}: "
+                f"{control.smallest_step:.1e} s (last attempt: {failure or 'accepted'}): "
                 "raise time.tolerance or check the load on the bearing"
             )
 
 
-def _error(problem, history: _History, order: int, time: float, x: np.ndarray,
-           predicted: np.ndarray) -> float:  # fmt: skip
-    """Local error of x: the part of its distance from the extrapolation that the formula leaves."""
-    if len(history.times) <= order:
-        # Too little history for the extrapolation: the first tiny steps pass.
-        return 0.0
-    implicit = 1.0 / np.sum(1.0 / (time - history.times[:order]))
-    share = implicit / (time - history.times[order] + implicit)
-    return share * problem.norm(x, x - predicted)
+def _target(time: float, end: float, step: float) -> tuple[float, float]:
+    """End of the next step and its length: two equal last steps, not a long and a tiny one."""
+    remaining = end - time
+    if step >= remaining:
+        return end, remaining
+    step = min(step, max(0.5 * remaining, remaining - step))
+    return time + step, step

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CrankMotion:
-    """Position, velocity and acceleration of C1 [m], [m/s], [m/s^2], and the shaft speed [rad/s]."""
+    """Position, velocity and acceleration of C1 [m], [m/s], [m/s^2]; shaft speed [rad/s]."""
 
     position: np.ndarray
     velocity: np.ndarray

@@ -45,9 +45,13 @@ def with_point_mass(inertia: InertiaIntegrals, point: np.ndarray, mass: float) -
     )
 
 
-def inertia_forces(inertia: InertiaIntegrals, crank: CrankMotion, angle: RodAngle,
-                   state: tuple[np.ndarray, np.ndarray, np.ndarray],
-                   shifts: tuple[float, float]) -> InertiaForces:  # fmt: skip
+def inertia_forces(
+    inertia: InertiaIntegrals,
+    crank: CrankMotion,
+    angle: RodAngle,
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    shifts: tuple[float, float],
+) -> InertiaForces:
     """Virtual work of the inertia forces.
 
     Parameters
@@ -98,8 +102,13 @@ def inertia_forces(inertia: InertiaIntegrals, crank: CrankMotion, angle: RodAngl
     return InertiaForces(on_s[1:], float(on_theta), on_s_slope[1:], on_theta_slope)
 
 
-def kinetic_energy(inertia: InertiaIntegrals, crank: CrankMotion, angle: RodAngle,
-                   xi: np.ndarray, xi_rate: np.ndarray) -> float:  # fmt: skip
+def kinetic_energy(
+    inertia: InertiaIntegrals,
+    crank: CrankMotion,
+    angle: RodAngle,
+    xi: np.ndarray,
+    xi_rate: np.ndarray,
+) -> float:
     """Kinetic energy of the rod and the masses fixed to it [J]."""
     s = np.concatenate([[1.0], xi])
     velocity = np.concatenate([[0.0], xi_rate])

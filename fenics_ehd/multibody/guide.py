@@ -50,8 +50,14 @@ def rotation(angle: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def rod_angle(crank: CrankMotion, pin: np.ndarray, xi: np.ndarray, xi_rate: np.ndarray,
-              xi_acceleration: np.ndarray, shifts: tuple[float, float]) -> RodAngle:  # fmt: skip
+def rod_angle(
+    crank: CrankMotion,
+    pin: np.ndarray,
+    xi: np.ndarray,
+    xi_rate: np.ndarray,
+    xi_acceleration: np.ndarray,
+    shifts: tuple[float, float],
+) -> RodAngle:
     """Solve the pin's condition and differentiate it.
 
     Parameters
@@ -92,14 +98,17 @@ def rod_angle(crank: CrankMotion, pin: np.ndarray, xi: np.ndarray, xi_rate: np.n
     rate_slope = -(x_rate * slope + alpha * y_xi + rate * x_slope) / x
 
     x_rate_slope = alpha * x_xi - y_rate * slope
-    acceleration = -(
-        crank.acceleration[1] + y_xi @ xi_acceleration + 2 * rate * x_rate - rate**2 * y
-    ) / x
-    acceleration_slope = -(
-        (x_xi @ xi_acceleration) * slope
-        + beta * y_xi
-        + 2 * rate_slope * (x_rate - rate * y)
-        + 2 * rate * x_rate_slope
-        + acceleration * x_slope
-    ) / x
+    acceleration = (
+        -(crank.acceleration[1] + y_xi @ xi_acceleration + 2 * rate * x_rate - rate**2 * y) / x
+    )
+    acceleration_slope = (
+        -(
+            (x_xi @ xi_acceleration) * slope
+            + beta * y_xi
+            + 2 * rate_slope * (x_rate - rate * y)
+            + 2 * rate * x_rate_slope
+            + acceleration * x_slope
+        )
+        / x
+    )
     return RodAngle(theta, rate, acceleration, slope, rate_slope, acceleration_slope, curvature)

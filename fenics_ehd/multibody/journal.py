@@ -60,9 +60,15 @@ class Journal:
         """Bore displacement relative to the shaft, shape (m, 3) [m]."""
         return (self._flat @ xi).reshape(-1, 3)
 
-    def forces(self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float,
-               shaft_rate_slope: np.ndarray, rate_shift: float,
-               guess: FilmState | None) -> FilmForces:  # fmt: skip
+    def forces(
+        self,
+        xi: np.ndarray,
+        xi_rate: np.ndarray,
+        shaft_rate: float,
+        shaft_rate_slope: np.ndarray,
+        rate_shift: float,
+        guess: FilmState | None,
+    ) -> FilmForces:
         """Film forces with exact derivatives.
 
         Parameters

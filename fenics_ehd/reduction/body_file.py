@@ -23,9 +23,13 @@ def save_body(body: ReducedBody, path: str | Path) -> None:
     partial = path.with_name(path.name + ".part")
     with h5py.File(partial, "w") as file:
         file.attrs.update(
-            format=FORMAT, format_version=FORMAT_VERSION, method=body.method, frame=body.frame,
-            bore_radius=body.bore_radius, bore_width=body.bore_width,
-        )  # fmt: skip
+            format=FORMAT,
+            format_version=FORMAT_VERSION,
+            method=body.method,
+            frame=body.frame,
+            bore_radius=body.bore_radius,
+            bore_width=body.bore_width,
+        )
         for name in _ARRAYS:
             file[name] = getattr(body, name)
         file["kinds"] = np.array(body.kinds, dtype=h5py.string_dtype())

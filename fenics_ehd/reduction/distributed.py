@@ -7,7 +7,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 
-def dense_matrix(columns: np.ndarray, comm) -> PETSc.Mat:
+def dense_matrix(columns: np.ndarray, comm: PETSc.Comm) -> PETSc.Mat:
     """PETSc dense matrix from the rows this rank owns, shape (owned, k)."""
     rows, width = columns.shape
     matrix = PETSc.Mat().createDense(((rows, None), (None, width)), comm=comm)
@@ -57,7 +57,9 @@ def load_columns(load: PETSc.Mat, pressures: np.ndarray) -> np.ndarray:
     return multiply(load, pressures[first:last])
 
 
-def node_rows(columns: np.ndarray, first_node: int, nodes: np.ndarray, comm) -> np.ndarray:
+def node_rows(
+    columns: np.ndarray, first_node: int, nodes: np.ndarray, comm: MPI.Comm
+) -> np.ndarray:
     """Rows of given global nodes on every rank, shape (nodes, 3, k)."""
     owned = len(columns) // 3
     local = nodes - first_node

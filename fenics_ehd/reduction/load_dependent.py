@@ -32,10 +32,17 @@ class LoadDependentBasis:
     accuracy: dict[str, float]
 
 
-def load_dependent(structure: Structure, n_vibration: int, n_residual: int,
-                   pressure_set: str = "pc2", selection: str = "lowest-frequency", *,
-                   attachment_directions: tuple[int, ...] = (0, 1), estimate_error: bool = True,
-                   options_prefix: str = "") -> tuple[ReducedBody, LoadDependentBasis]:  # fmt: skip
+def load_dependent(
+    structure: Structure,
+    n_vibration: int,
+    n_residual: int,
+    pressure_set: str = "pc2",
+    selection: str = "lowest-frequency",
+    *,
+    attachment_directions: tuple[int, ...] = (0, 1),
+    estimate_error: bool = True,
+    options_prefix: str = "",
+) -> tuple[ReducedBody, LoadDependentBasis]:
     """Reduce a part with vibration, attachment and load-dependent residual modes.
 
     Parameters
@@ -74,10 +81,17 @@ def load_dependent(structure: Structure, n_vibration: int, n_residual: int,
     """
     _check(structure, n_vibration, n_residual, pressure_set, selection)
     solver = StaticSolver(structure, options_prefix=f"{options_prefix}static_")
-    basis = _basis(solver, n_vibration, n_residual, pressure_set, selection,
-                   attachment_directions, f"{options_prefix}modes_")  # fmt: skip
+    prefix = f"{options_prefix}modes_"
+    basis = _basis(
+        solver, n_vibration, n_residual, pressure_set, selection, attachment_directions, prefix
+    )
     body = project(
-        structure, basis.columns, basis.stiffness, basis.mass, basis.frequencies, basis.kinds,
+        structure,
+        basis.columns,
+        basis.stiffness,
+        basis.mass,
+        basis.frequencies,
+        basis.kinds,
         method="m3",
         frame="mean-axis" if solver.rigid_modes.shape[1] else "clamped",
         full_flexibility=bore_flexibility(solver) if estimate_error else None,
@@ -89,21 +103,20 @@ def load_dependent(structure: Structure, n_vibration: int, n_residual: int,
             "selection": selection,
             "degrees_of_freedom": str(structure.size),
         },
-    )  # fmt: skip
+    )
     return body, basis
 
 
-def _check(structure: Structure, n_vibration: int, n_residual: int, pressure_set: str,
-           selection: str) -> None:  # fmt: skip
-    if structure.bore is None:
-        raise SettingsError("the structure has no bore: pressure loads need one")
+def _check(
+    structure: Structure, n_vibration: int, n_residual: int, pressure_set: str, selection: str
+) -> None:
     for name, value, known in (
         ("pressure_set", pressure_set, PRESSURE_SETS),
         ("selection", selection, SELECTIONS),
     ):
         if value not in known:
             raise SettingsError(f"{name} {value!r} is not one of {', '.join(known)}")
-    available = PRESSURE_SETS[pressure_set](structure.bore).shape[1]
+    available = PRESSURE_SETS[pressure_set](structure.lubricated_bore).shape[1]
     if not 0 <= n_residual <= available:
         raise SettingsError(
             f"residual_modes {n_residual} is not between 0 and {available}, "
@@ -116,16 +129,23 @@ def _check(structure: Structure, n_vibration: int, n_residual: int, pressure_set
         )
 
 
-def _basis(solver: StaticSolver, n_vibration: int, n_residual: int, pressure_set: str,
-           selection: str, directions: tuple[int, ...], modes_prefix: str):  # fmt: skip
+def _basis(
+    solver: StaticSolver,
+    n_vibration: int,
+    n_residual: int,
+    pressure_set: str,
+    selection: str,
+    directions: tuple[int, ...],
+    modes_prefix: str,
+) -> LoadDependentBasis:
     structure = solver.structure
     omega, modes = vibration_modes(solver, n_vibration, options_prefix=modes_prefix)
     attachment_loads = np.column_stack(
         [vectors[d].array for vectors in structure.attachments.values() for d in directions]
         or [np.zeros((structure.stiffness.local_size[0], 0))]
     )
-    pressures = PRESSURE_SETS[pressure_set](structure.bore)
-    pressure_loads = load_columns(structure.bore.load, pressures)
+    bore = structure.lubricated_bore
+    pressure_loads = load_columns(bore.load, PRESSURE_SETS[pressure_set](bore))
     loads = np.hstack([attachment_loads, pressure_loads])
     responses = _filtered_responses(solver, omega, modes, loads)
 
@@ -152,21 +172,30 @@ def _basis(solver: StaticSolver, n_vibration: int, n_residual: int, pressure_set
     columns = np.hstack([modes, responses @ combination])
     angular = np.concatenate([omega, 1.0 / np.sqrt(values)])
     rank = combination.shape[1]
-    return _verified(solver, columns, angular, n_vibration, {
+    accuracy = {
         "static_candidates": float(len(stiffness)),
         "static_requested": float(n_attachment + n_residual),
         "static_rank": float(rank),
         "static_dropped": float(n_attachment + n_residual - rank),
-    })  # fmt: skip
+    }
+    return _verified(solver, columns, angular, n_vibration, accuracy)
 
 
-def _filtered_responses(solver, omega, modes, loads) -> np.ndarray:
+def _filtered_responses(
+    solver: StaticSolver, omega: np.ndarray, modes: np.ndarray, loads: np.ndarray
+) -> np.ndarray:
     """Static responses (29) less what the vibration modes already cover (30)."""
     covered = inner(modes, loads, solver.structure.comm)
     return solver.solve(loads) - (modes / omega**2) @ covered
 
 
-def _verified(solver, columns, angular, n_vibration, accuracy) -> LoadDependentBasis:
+def _verified(
+    solver: StaticSolver,
+    columns: np.ndarray,
+    angular: np.ndarray,
+    n_vibration: int,
+    accuracy: dict[str, float],
+) -> LoadDependentBasis:
     """Reduced matrices from the columns themselves, checked against their diagonal form."""
     structure = solver.structure
     comm = structure.comm
@@ -188,6 +217,10 @@ def _verified(solver, columns, angular, n_vibration, accuracy) -> LoadDependentB
             )
     kinds = ("vibration",) * n_vibration + ("static",) * (len(angular) - n_vibration)
     return LoadDependentBasis(
-        columns, np.diag(angular**2), np.eye(len(angular)), angular / (2 * np.pi), kinds,
-        accuracy | {name: float(value) for name, value in defects.items()},
-    )  # fmt: skip
+        columns=columns,
+        stiffness=np.diag(angular**2),
+        mass=np.eye(len(angular)),
+        frequencies=angular / (2 * np.pi),
+        kinds=kinds,
+        accuracy=accuracy | {name: float(value) for name, value in defects.items()},
+    )

@@ -47,7 +47,7 @@ def attachment_rows(structure: Structure, fields: np.ndarray) -> dict[str, np.nd
 def bore_flexibility(solver: StaticSolver) -> np.ndarray:
     """Outward bore displacement per unit nodal pressure of the full part, (m, k) [m/Pa]."""
     structure = solver.structure
-    bore = structure.bore
+    bore = structure.lubricated_bore
     identity = np.eye(len(bore.pressure_coordinates))
     first = structure.stiffness.getOwnershipRange()[0] // 3
     blocks = []
@@ -58,10 +58,20 @@ def bore_flexibility(solver: StaticSolver) -> np.ndarray:
     return np.hstack(blocks)
 
 
-def project(structure: Structure, basis: np.ndarray, stiffness: np.ndarray, mass: np.ndarray,
-            frequencies: np.ndarray, kinds: tuple[str, ...], *, method: str, frame: str,
-            full_flexibility: np.ndarray | None, accuracy: Mapping[str, float],
-            provenance: Mapping[str, str]) -> ReducedBody:  # fmt: skip
+def project(
+    structure: Structure,
+    basis: np.ndarray,
+    stiffness: np.ndarray,
+    mass: np.ndarray,
+    frequencies: np.ndarray,
+    kinds: tuple[str, ...],
+    *,
+    method: str,
+    frame: str,
+    full_flexibility: np.ndarray | None,
+    accuracy: Mapping[str, float],
+    provenance: Mapping[str, str],
+) -> ReducedBody:
     """Reduced body of a basis whose reduced stiffness and mass are known.
 
     Parameters
@@ -78,7 +88,7 @@ def project(structure: Structure, basis: np.ndarray, stiffness: np.ndarray, mass
     position = structure.coordinates.reshape(-1, 1)
     translations = rigid_fields(structure.coordinates)[:, :2]
     fields = np.hstack([position, translations, basis])
-    bore = structure.bore
+    bore = structure.lubricated_bore
     first = structure.stiffness.getOwnershipRange()[0] // 3
     body = ReducedBody(
         method=method,

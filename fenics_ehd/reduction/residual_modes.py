@@ -7,6 +7,9 @@ import numpy as np
 #: Directions whose energy is below this fraction of the largest are linearly dependent.
 RANK_TOLERANCE = 1e-12
 
+#: A column with less than this fraction of the largest energy is round-off.
+NULL_COLUMN = 1e-22
+
 
 def _ascending(stiffness: np.ndarray) -> np.ndarray:
     return np.linalg.eigh(stiffness)[1]
@@ -54,10 +57,8 @@ def energy_orthonormal(stiffness: np.ndarray, tolerance: float = RANK_TOLERANCE)
         shape (n, rank).
     """
     diagonal = np.diag(stiffness)
-    largest = diagonal.max(initial=0.0)
-    scale = np.where(diagonal > tolerance * largest, 1.0, 0.0) / np.sqrt(
-        np.maximum(diagonal, tolerance * largest + np.finfo(float).tiny)
-    )
+    alive = diagonal > NULL_COLUMN * diagonal.max(initial=0.0)
+    scale = np.where(alive, 1.0 / np.sqrt(np.where(alive, diagonal, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(scale[:, None] * stiffness * scale)
     kept = values > tolerance * values.max(initial=0.0)
     return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from petsc4py import PETSc
+
+from fenics_ehd.errors import SettingsError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +75,9 @@ class Structure:
         displacement are dual.
     recovery
         Elements, when displacement fields are to be drawn.
+    owner
+        Whatever must outlive the matrices; dolfinx frees the communicator they
+        live on together with the mesh.
     """
 
     stiffness: PETSc.Mat
@@ -77,11 +86,25 @@ class Structure:
     bore: Bore | None = None
     attachments: Mapping[str, tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]] = field(default_factory=dict)
     recovery: Recovery | None = None
+    owner: object = None
 
     @property
-    def comm(self):
+    def comm(self) -> MPI.Comm:
         """MPI communicator (mpi4py) of the matrices."""
         return self.stiffness.comm.tompi4py()
+
+    @property
+    def lubricated_bore(self) -> Bore:
+        """The bore, of a part that must have one.
+
+        Raises
+        ------
+        SettingsError
+            The part has no bore.
+        """
+        if self.bore is None:
+            raise SettingsError("the structure has no bore: pressure loads need one")
+        return self.bore
 
     @property
     def size(self) -> int:

@@ -11,6 +11,7 @@ from fenics_ehd.errors import SolverError, VerificationError
 from fenics_ehd.petsc_options import configure
 from fenics_ehd.reduction.distributed import inner, multiply
 from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.structure import Structure
 
 #: Tolerance of SLEPc's residual, and of our own check of it, relative to the eigenvalue.
 EIGEN_TOLERANCE = 1e-10
@@ -23,11 +24,13 @@ class _Flexibility:
     def __init__(self, solver: StaticSolver):
         self._solver = solver
 
-    def apply(self, pc, x, y):
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         y.array = self._solver.apply(x.getArray(readonly=True).reshape(-1, 1))[:, 0]
 
 
-def vibration_modes(solver: StaticSolver, count: int, *, options_prefix: str = "modes_"):
+def vibration_modes(
+    solver: StaticSolver, count: int, *, options_prefix: str = "modes_"
+) -> tuple[np.ndarray, np.ndarray]:
     """Lowest elastic modes of the part, mass-normalised.
 
     Shift-invert at zero on the space deflated by the exact rigid-body modes, so
@@ -97,7 +100,7 @@ def vibration_modes(solver: StaticSolver, count: int, *, options_prefix: str = "
     return np.sqrt(eigenvalues), _orient(structure, modes)
 
 
-def _verify(structure, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
+def _verify(structure: Structure, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
     inertia = multiply(structure.mass, modes) * eigenvalues
     defect = multiply(structure.stiffness, modes) - inertia
     norms = np.sqrt([structure.comm.allreduce(np.sum(a**2, axis=0)) for a in (defect, inertia)])
@@ -112,7 +115,7 @@ def _verify(structure, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
         raise VerificationError(f"vibration modes are not mass-orthonormal: defect {defect:.1e}")
 
 
-def _orient(structure, modes: np.ndarray) -> np.ndarray:
+def _orient(structure: Structure, modes: np.ndarray) -> np.ndarray:
     """Fix the sign of each mode by its product with a field of no symmetry."""
     size = structure.comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
     x, y, z = (structure.coordinates / size).T

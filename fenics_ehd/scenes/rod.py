@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -43,9 +45,11 @@ def build_structure(settings: SliderCrankSettings, comm: MPI.Comm) -> Structure:
 
     rod = settings.rod
     part = build_mesh(
-        _model(settings), rod.geometry, comm=comm,
+        _model(settings),
+        rod.geometry,
+        comm=comm,
         serendipity_geometry=rod.element == "serendipity",
-    )  # fmt: skip
+    )
     material = Material(rod.youngs_modulus, rod.poissons_ratio, rod.density)
     return assemble_structure(
         part, material, family=rod.element, pressure_family=settings.film.element
@@ -74,15 +78,52 @@ def reduce_rod(settings: SliderCrankSettings, comm: MPI.Comm = MPI.COMM_WORLD) -
     )
     if rigid:
         body = body.rigid()
-    rod = settings.rod
-    origin = {
-        "model": rod.model,
+    body = replace(body, provenance={**body.provenance, **origin(settings)})
+    return ReducedRod(body, structure, basis, perf_counter() - start)
+
+
+def origin(settings: SliderCrankSettings) -> dict[str, str]:
+    """What a body depends on, as text by name, for its provenance."""
+    rod, reduction = settings.rod, settings.reduction
+    model = _model(settings)
+    values = {
+        "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
         "element": rod.element,
-        "film_element": settings.film.element,
         "youngs_modulus": repr(rod.youngs_modulus),
         "poissons_ratio": repr(rod.poissons_ratio),
         "density": repr(rod.density),
-        **{f"geometry.{name}": repr(value) for name, value in rod.geometry.items()},
+        "film_element": settings.film.element,
+        "method": reduction.method,
+        **{f"geometry.{name}": repr(float(v)) for name, v in sorted(rod.geometry.items())},
     }
-    body = replace(body, provenance={**body.provenance, **origin})
-    return ReducedRod(body, structure, basis, perf_counter() - start)
+    if reduction.method != "rigid":
+        for name in ("vibration_modes", "residual_modes", "pressure_set", "selection"):
+            values[name] = str(getattr(reduction, name))
+    return values
+
+
+def check_origin(body: ReducedBody, settings: SliderCrankSettings, tables: Mapping) -> None:
+    """Refuse a body that was not made as the scene file says.
+
+    Only what the file writes in [rod], [reduction] and [film] counts; a body
+    that was not made from a scene is taken as it is.
+
+    Raises
+    ------
+    SettingsError
+        A key in the file differs from the body's.
+    """
+    if "model" not in body.provenance:
+        return
+    asked, made = origin(settings), body.provenance
+    written = {"film_element"} if "element" in tables.get("film", {}) else set()
+    for section in ("rod", "reduction"):
+        written |= set(tables.get(section, {}))
+    if "geometry" in written:
+        written |= {name for name in {*asked, *made} if name.startswith("geometry.")}
+    for name in sorted(written & {*asked, *made}):
+        if asked.get(name) != made.get(name):
+            raise SettingsError(
+                f"the body was made with {name} = {made.get(name, 'default')}, the scene says "
+                f"{asked.get(name, 'default')}: reduce the rod again or take the key out"
+            )

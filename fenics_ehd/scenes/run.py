@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
+from fenics_ehd.errors import SettingsError
 from fenics_ehd.film import Film, FilmParameters
 from fenics_ehd.film.layout import film_layout
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import Step, StepControl, integrate
 from fenics_ehd.multibody.crank import ConstantSpeedCrank
-from fenics_ehd.multibody.energy import EnergyBalance
+from fenics_ehd.multibody.energy import EnergyBalance, Powers
 from fenics_ehd.output import HistoryWriter
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.slider_crank import SliderCrank
@@ -39,10 +42,24 @@ class Totals:
 
 
 def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderCrank:
-    """Put crank, rod, film and piston together."""
+    """Put crank, rod, film and piston together.
+
+    Raises
+    ------
+    SettingsError
+        The crank is longer than the rod.
+    InterfaceMismatchError
+        The body's bore is not meshed as a film mesh is.
+    """
     cells, pressure_family = film_layout(body.pressure_nodes)
     displacement_family = film_layout(body.bore_nodes)[1]
     mechanism, bearing = settings.mechanism, settings.bearing
+    rod_length = float(np.hypot(*body.points["pin"][:2, 0]))
+    if not mechanism.crank_length < rod_length:
+        raise SettingsError(
+            f"mechanism.crank_length = {mechanism.crank_length:g} m must be below the rod's "
+            f"length of {rod_length:g} m, or the crank cannot turn"
+        )
     parameters = FilmParameters(
         radius=body.bore_radius,
         width=body.bore_width,
@@ -58,9 +75,13 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
     return SliderCrank(crank, body, film, mechanism.piston_mass, settings.rod.damping_time)
 
 
-def simulate(settings: SliderCrankSettings, body: ReducedBody, totals: Totals,
-             record: Callable[[dict, dict], None] | None = None,
-             progress: Callable[[Totals, Step], None] | None = None) -> Totals:  # fmt: skip
+def simulate(
+    settings: SliderCrankSettings,
+    body: ReducedBody,
+    totals: Totals,
+    record: Callable[[dict[str, Any], dict[str, np.ndarray]], None] | None = None,
+    progress: Callable[[Totals, Step], None] | None = None,
+) -> Totals:
     """Integrate the scene from its start: slider at the far end, shaft centred.
 
     Parameters
@@ -114,7 +135,14 @@ def simulate(settings: SliderCrankSettings, body: ReducedBody, totals: Totals,
     return totals
 
 
-def _row(mechanism: SliderCrank, step: Step, powers, balance, error: float, size: float) -> dict:
+def _row(
+    mechanism: SliderCrank,
+    step: Step,
+    powers: Powers,
+    balance: EnergyBalance,
+    error: float,
+    size: float,
+) -> dict[str, Any]:
     """One row of the history."""
     state = step.auxiliary
     pressure = state.film.pressure
@@ -139,7 +167,13 @@ def _row(mechanism: SliderCrank, step: Step, powers, balance, error: float, size
     }
 
 
-def _account(totals: Totals, row: dict, step: Step, balance, estimate) -> None:
+def _account(
+    totals: Totals,
+    row: dict[str, Any],
+    step: Step,
+    balance: EnergyBalance,
+    estimate: BasisErrorEstimate,
+) -> None:
     totals.time = step.time
     totals.steps += 1
     totals.newton_iterations += step.newton_iterations
@@ -153,8 +187,13 @@ def _account(totals: Totals, row: dict, step: Step, balance, estimate) -> None:
     totals.energy_error = balance.error
 
 
-def summarise(settings: SliderCrankSettings, body: ReducedBody, totals: Totals, status: str,
-              reduction_seconds: float) -> dict[str, object]:  # fmt: skip
+def summarise(
+    settings: SliderCrankSettings,
+    body: ReducedBody,
+    totals: Totals,
+    status: str,
+    reduction_seconds: float,
+) -> dict[str, object]:
     """Figures of ``summary.json``."""
     from fenics_ehd.output import versions
 
@@ -184,7 +223,7 @@ def summarise(settings: SliderCrankSettings, body: ReducedBody, totals: Totals, 
     }
 
 
-def open_history(directory, body: ReducedBody) -> HistoryWriter:
+def open_history(directory: str | Path, body: ReducedBody) -> HistoryWriter:
     """History files for a run of this body."""
     return HistoryWriter(
         directory,

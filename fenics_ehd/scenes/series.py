@@ -15,8 +15,9 @@ from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 
 
-def write_run_series(settings: SliderCrankSettings, body: ReducedBody, part: PartFields,
-                     directory: Path, frames: int) -> Path:  # fmt: skip
+def write_run_series(
+    settings: SliderCrankSettings, body: ReducedBody, part: PartFields, directory: Path, frames: int
+) -> Path:
     """Write `frames` recorded steps, evenly spread over the run, to ``DIR/vtk``."""
     history = read_history(directory)
     times = history["time_s"]

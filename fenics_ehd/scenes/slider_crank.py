@@ -48,8 +48,14 @@ class SliderCrank:
         zeta of ``D_e = zeta T^T K T`` [s].
     """
 
-    def __init__(self, crank: ConstantSpeedCrank, body: ReducedBody, film: Film,
-                 piston_mass: float, damping_time: float):  # fmt: skip
+    def __init__(
+        self,
+        crank: ConstantSpeedCrank,
+        body: ReducedBody,
+        film: Film,
+        piston_mass: float,
+        damping_time: float,
+    ):
         self.crank = crank
         self.journal = Journal(body, film)
         self.size = 2 + body.modes
@@ -60,14 +66,26 @@ class SliderCrank:
         self._stiffness[2:, 2:] = body.stiffness
         self._damping = damping_time * self._stiffness
 
-    def linearise(self, time, x, rate, acceleration, shifts, guess):
+    def linearise(
+        self,
+        time: float,
+        x: np.ndarray,
+        rate: np.ndarray,
+        acceleration: np.ndarray,
+        shifts: tuple[float, float],
+        guess: MechanismState | None,
+    ) -> tuple[np.ndarray, np.ndarray, MechanismState]:
         """Residual of the projected equations of motion and its total derivative."""
         crank = self.crank.at(time)
         angle = rod_angle(crank, self._pin, x, rate, acceleration, shifts)
         film = self.journal.forces(
-            x, rate, crank.speed - angle.rate, -angle.rate_slope, shifts[0],
+            x,
+            rate,
+            crank.speed - angle.rate,
+            -angle.rate_slope,
+            shifts[0],
             guess.film if guess is not None else None,
-        )  # fmt: skip
+        )
         inertia = inertia_forces(self._inertia, crank, angle, (x, rate, acceleration), shifts)
         on_xi = inertia.on_xi - film.on_xi + self._stiffness @ x + self._damping @ rate
         on_theta = inertia.on_theta - film.on_theta
@@ -83,11 +101,11 @@ class SliderCrank:
         )
         return residual, jacobian, MechanismState(crank, angle, film.state)
 
-    def norm(self, x, change):
+    def norm(self, x: np.ndarray, change: np.ndarray) -> float:
         """Largest change of the gap relative to the gap there."""
         return float(np.max(np.abs(self.journal.gap_change(change)) / self.journal.gap(x)))
 
-    def admissible_fraction(self, x, change):
+    def admissible_fraction(self, x: np.ndarray, change: np.ndarray) -> float:
         """Fraction of a change at which the gap closes somewhere."""
         closing = -self.journal.gap_change(change) / self.journal.gap(x)
         largest = closing.max()

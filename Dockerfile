@@ -1,0 +1,45 @@
+# docker build -t fenics-ehd .
+# docker run --rm -v "$PWD/results:/results" fenics-ehd run slider-crank -o /results/slider-crank
+# docker run --rm --entrypoint python fenics-ehd -m pytest /opt/fenics_ehd/tests
+# docker run --rm --entrypoint mpirun fenics-ehd -n 2 fenics-ehd reduce conrod -o /tmp/conrod.h5
+FROM debian:trixie-slim
+
+# Before the project, so that an edited file does not install 500 packages again.
+COPY debian-packages.txt /opt/fenics_ehd/
+RUN apt-get update \
+ && sed 's/#.*//' /opt/fenics_ehd/debian-packages.txt \
+    | DEBIAN_FRONTEND=noninteractive xargs apt-get install -y --no-install-recommends \
+ && rm -rf /var/lib/apt/lists/*
+
+# Whoever --user names must find a home to write to: FFCx compiles forms into ~/.cache, Matplotlib
+# lists the fonts there. Nothing is compiled in advance; to keep it, mount a volume at /home/ehd.
+RUN useradd --uid 1000 ehd \
+ && mkdir -p /home/ehd/.cache/fenics /home/ehd/.cache/matplotlib /home/ehd/.config/matplotlib \
+ && chmod -R 1777 /home/ehd \
+ && install -d -m 777 /results
+ENV HOME=/home/ehd
+
+# The folder mounted at /results seldom belongs to uid 1000: Docker makes a missing one for root.
+# A process that is not root cannot write there, and starting as root only to step down would leave
+# every --entrypoint as root. So one set-uid program, which can do this and nothing else, opens that
+# one folder, not what is in it. With --user "$(id -u):$(id -g)" it is not needed.
+RUN printf '%s\n' '#include <unistd.h>' '#include <sys/stat.h>' \
+      'int main(void) { return chmod("/results", 0777) != 0; }' \
+    | gcc -x c -o /usr/local/libexec/open-results - \
+ && chmod 4755 /usr/local/libexec/open-results \
+ && printf '%s\n' '#!/bin/sh' 'test -w /results || /usr/local/libexec/open-results' \
+      'exec /opt/venv/bin/fenics-ehd "$@"' > /usr/local/bin/fenics-ehd \
+ && chmod 755 /usr/local/bin/fenics-ehd
+ENV PATH=/usr/local/bin:/opt/venv/bin:/usr/bin:/bin
+
+# Installed, not run from the checkout: what a package forgot to ship fails here.
+COPY . /opt/fenics_ehd
+RUN /usr/bin/python3 -m venv --system-site-packages /opt/venv \
+ && pip install --no-cache-dir --no-deps --no-build-isolation /opt/fenics_ehd \
+ && rm -rf /opt/fenics_ehd/build /opt/fenics_ehd/*.egg-info
+
+# One thread per rank, and no pytest cache beside tests that this user cannot write to.
+ENV OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTEST_ADDOPTS="-p no:cacheprovider"
+USER ehd
+WORKDIR /results
+ENTRYPOINT ["fenics-ehd"]

@@ -1,0 +1,77 @@
+.DEFAULT_GOAL := help
+.PHONY: help set-up demo test test-slow test-all test-mpi lint clean
+
+# Debian's dolfinx belongs to this interpreter; the first python3 on the path may be another one.
+PYTHON := /usr/bin/python3
+VENV := .venv
+LINT_VENV := .venv-lint
+# Pinned, so that a new release of a linter cannot fail an old commit.
+LINTERS := ruff==0.17.5 mypy==2.4.1
+# More arguments for pytest: make test ARGS='-k film'
+ARGS :=
+# Ranks that wait for each other shall fail, not hang.
+MPI_TIME_LIMIT := 900
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*  ## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+
+set-up: $(VENV)/stamp  ## install what is missing
+
+demo: set-up  ## run the slider-crank into results/slider-crank
+	$(VENV)/bin/fenics-ehd run slider-crank -o results/slider-crank
+
+test: set-up  ## run the fast tests
+	$(VENV)/bin/python -m pytest $(ARGS)
+
+test-slow: set-up  ## run the slow tests
+	$(VENV)/bin/python -m pytest -m slow $(ARGS)
+
+test-all: set-up  ## run fast and slow tests
+	$(VENV)/bin/python -m pytest -m "" $(ARGS)
+
+# Containers run as root and may offer one core, both of which Open MPI 4 and 5 refuse unless told.
+# Rank 1 writes to a file, or its lines would cut through those of rank 0.
+test-mpi: export OMPI_ALLOW_RUN_AS_ROOT := 1
+test-mpi: export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
+test-mpi: export OMP_NUM_THREADS := 1
+test-mpi: export OPENBLAS_NUM_THREADS := 1
+test-mpi: set-up  ## run the parallel tests on 2 ranks
+	@rm -f $(VENV)/rank-1.log
+	timeout $(MPI_TIME_LIMIT) mpirun -n 2 --oversubscribe sh -c ' \
+	  test "$$OMPI_COMM_WORLD_RANK" = 0 || exec > $(VENV)/rank-1.log 2>&1; \
+	  exec $(VENV)/bin/python -m pytest -m mpi -p no:cacheprovider --color=no $(ARGS)' \
+	|| { status=$$?; cat $(VENV)/rank-1.log; exit $$status; }
+
+lint: set-up $(LINT_VENV)/stamp  ## ruff and mypy
+	$(LINT_VENV)/bin/ruff check .
+	$(LINT_VENV)/bin/ruff format --check .
+	$(LINT_VENV)/bin/mypy --python-executable $(VENV)/bin/python
+
+clean:  ## remove the environments and everything built, but no results
+	rm -rf $(VENV) $(LINT_VENV) build *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/stamp: pyproject.toml debian-packages.txt
+	@command -v dpkg-query >/dev/null || { \
+	  echo "fenics_ehd takes dolfinx from Debian 12 or later; elsewhere use the Dockerfile" >&2; exit 1; }
+	@missing=; for package in $$(sed 's/#.*//' debian-packages.txt); do \
+	  dpkg-query -Wf '$${db:Status-Status}' $$package 2>/dev/null | grep -q ^installed \
+	    || missing="$$missing $$package"; \
+	done; \
+	if [ -z "$$missing" ]; then :; \
+	elif [ "$$(id -u)" = 0 ]; then \
+	  apt-get update && \
+	  DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $$missing; \
+	else \
+	  echo "sudo apt-get update && sudo apt-get install --no-install-recommends$$missing" >&2; exit 1; \
+	fi
+	$(PYTHON) -m venv --clear --system-site-packages $(VENV)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check \
+	  --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# Linters import nothing of ours, so they may come from PyPI.
+$(LINT_VENV)/stamp: Makefile
+	$(PYTHON) -m venv --clear $(LINT_VENV)
+	$(LINT_VENV)/bin/pip install --quiet --disable-pip-version-check $(LINTERS)
+	@touch $@

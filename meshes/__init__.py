@@ -1,0 +1,1 @@
+"""Gmsh models of the parts, shipped as package data."""
