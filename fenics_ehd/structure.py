@@ -131,9 +131,10 @@ def _mean_displacement(
     v = ufl.TestFunction(space)
     mesh = space.mesh
     one = fem.Constant(mesh, PETSc.ScalarType(1.0))
+    # The same rule for the area: the mean of a constant is that constant.
+    surface = surface(metadata={"quadrature_degree": STIFFNESS_DEGREE})
     area = mesh.comm.allreduce(fem.assemble_scalar(fem.form(one * surface)), op=MPI.SUM)
-    metadata = {"quadrature_degree": STIFFNESS_DEGREE}
-    return tuple(_vector(v[i] / area * surface(metadata=metadata)) for i in range(3))
+    return tuple(_vector(v[i] / area * surface) for i in range(3))
 
 
 def _surface_nodes(

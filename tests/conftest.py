@@ -1,0 +1,28 @@
+"""Parts that several test modules look at, made once: treat them as read-only."""
+
+import pytest
+from mpi4py import MPI
+
+from fenics_ehd.reduction import load_dependent
+from fenics_ehd.scenes.rod import build_structure
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+
+
+@pytest.fixture(scope="session")
+def rod_structure():
+    """Default rod on this rank alone."""
+    return build_structure(SliderCrankSettings(), MPI.COMM_SELF)
+
+
+@pytest.fixture(scope="session")
+def rod_body(rod_structure):
+    """Default reduction of the default rod."""
+    return load_dependent(rod_structure, 6, 31)[0]
+
+
+@pytest.fixture(scope="session")
+def oracle_rod():
+    """Default rod of `oracle_rod.py`."""
+    from oracle_rod import build_rod
+
+    return build_rod()

@@ -1,0 +1,227 @@
+"""The command line as a user meets it, in processes of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from fenics_ehd.output import read_history
+
+COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
+
+# A rigid rod over the first degrees of crank angle: everything but the many modes.
+SHORT = """
+[mechanism]
+revolutions = 0.02
+[reduction]
+method = "rigid"
+estimate_error = false
+[time]
+tolerance = 1e-3
+"""
+
+
+def call(*arguments, **options):
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "short.toml"
+    path.write_text(SHORT)
+    return path
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    path = tmp_path_factory.mktemp("body") / "conrod.h5"
+    result = call("reduce", "conrod", "--residual-modes", 4, "-o", path)
+    assert result.returncode == 0, result.stderr
+    assert "12 modes" in result.stdout
+    assert "polar inertia" in result.stdout
+    return path
+
+
+def test_help_imports_no_finite_elements():
+    code = (
+        "import sys\nfrom fenics_ehd.cli import cli\n"
+        "cli.main(['--help'], standalone_mode=False)\n"
+        "heavy = {'dolfinx', 'petsc4py', 'gmsh', 'numpy', 'matplotlib'} & set(sys.modules)\n"
+        "sys.exit(', '.join(heavy) or 0)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert "slider-crank" in result.stdout
+
+
+def test_run_writes_everything_it_promises(scene, tmp_path):
+    result = call("run", scene, "-o", tmp_path, "--json")
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout)
+    assert summary == json.loads((tmp_path / "summary.json").read_text())
+    promised = {
+        "max_pressure_Pa", "min_film_thickness_m", "steps", "newton_iterations",
+        "basis_error_estimate_m", "energy_balance_error", "modes", "method", "status",
+        "reduction_time_s", "wall_time_s", "versions",
+    }  # fmt: skip
+    assert promised <= set(summary)
+    assert summary["status"] == "complete"
+    assert summary["basis_error_estimate_m"] is None
+    history = read_history(tmp_path)
+    assert list(history)[:3] == ["time_s", "max_pressure_Pa", "min_film_thickness_m"]
+    assert len(history["time_s"]) == summary["steps"]
+    assert history["time_s"][-1] == pytest.approx(0.02 * 2 * np.pi / 500, rel=1e-9)
+    with h5py.File(tmp_path / "history.h5") as file:
+        assert file["pressure_Pa"].shape == (summary["steps"], 440)
+        assert file["pressure_Pa"][()].max() == pytest.approx(summary["max_pressure_Pa"])
+    for name in ("max_pressure", "min_film_thickness"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 1000
+    assert not (tmp_path / "vtk").exists()
+
+
+def test_run_from_body_file_equals_run_from_mesh(body, tmp_path):
+    short = "[mechanism]\nrevolutions = 0.02\n[time]\ntolerance = 1e-3\n"
+    whole, online = tmp_path / "whole.toml", tmp_path / "online.toml"
+    online.write_text(short)
+    whole.write_text(short + "[reduction]\nresidual_modes = 4\n")
+    results = [
+        call("run", whole, "-o", tmp_path / "a", "--no-plots", "--json", "--vtk", "3"),
+        call("run", online, "--body", body, "-o", tmp_path / "b", "--no-plots", "--json"),
+    ]
+    a, b = (json.loads(r.stdout) for r in results)
+    assert a["max_pressure_Pa"] == b["max_pressure_Pa"]
+    assert a["min_film_thickness_m"] == b["min_film_thickness_m"]
+    assert not (tmp_path / "a" / "max_pressure.png").exists()
+    meshio = pytest.importorskip("meshio")
+    assert len(list((tmp_path / "a" / "vtk").glob("*.vtu"))) == 3
+    mesh = meshio.read(tmp_path / "a" / "vtk" / "rod_0002.vtu")
+    with h5py.File(tmp_path / "a" / "history.h5") as file:
+        peak = file["pressure_Pa"][-1].max()
+    # The 20-node rod lacks the film's cell centres, so the peak may lie between its nodes.
+    assert 0.7 * peak < mesh.point_data["pressure_Pa"].max() <= peak
+    assert 0 < np.abs(mesh.point_data["displacement"]).max() < 1e-4
+
+
+def test_body_that_contradicts_the_scene_is_refused(body, tmp_path):
+    path = tmp_path / "other.toml"
+    path.write_text("[rod]\nyoungs_modulus = 200e9\n")
+    result = call("run", path, "--body", body, "-o", tmp_path / "out")
+    assert result.returncode == 2
+    assert "youngs_modulus = 210000000000.0" in result.stderr
+
+
+def test_plot_draws_several_runs(scene, tmp_path):
+    call("run", scene, "-o", tmp_path / "one", "--no-plots")
+    call("run", scene, "-o", tmp_path / "two", "--no-plots")
+    result = call("plot", tmp_path / "one", tmp_path / "two", "-o", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "max_pressure.svg").exists()
+
+
+def test_options_reach_the_film_solver(scene, tmp_path):
+    environment = os.environ | {"PETSC_OPTIONS": "-film_snes_monitor"}
+    result = call("run", scene, "-o", tmp_path, "--no-plots", env=environment)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    starts = result.stdout.count("  0 SNES Function norm")
+    assert starts == summary["film_solves"] >= summary["newton_iterations"] > summary["steps"]
+
+
+MESH_WITHOUT_BORE = """
+SetFactory("Built-in");
+Point(1) = {0, 0, 0};
+l[] = Extrude {1, 0, 0} { Point{1}; Layers{2}; Recombine; };
+s[] = Extrude {0, 1, 0} { Line{l[1]}; Layers{2}; Recombine; };
+v[] = Extrude {0, 0, 1} { Surface{s[1]}; Layers{2}; Recombine; };
+Physical Volume("rod", 1) = {v[1]};
+Physical Surface("pin", 3) = {s[1]};
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[mechanism]\ncrank_lenght = 1", "crank_lenght"),
+        ("[bearing]\nclearance = -1e-6", "bearing.clearance"),
+        ("[rod]\nmodel = 'absent.geo'", "absent.geo"),
+        ("[rod]\nmodel = 'no_bore.geo'", "'bore'"),
+        ("[rod]\nmodel = 'nonsense.geo'", "nonsense.geo"),
+        ("[rod.geometry]\nbig_end_wal = 0.01", "big_end_wal"),
+        ("[rod.geometry]\nbore_cells_around = 21", "multiple of 5"),
+        ("[reduction]\nresidual_modes = 81", "residual_modes 81"),
+        ("[mechanism]\ncrank_length = 0.2", "mechanism.crank_length = 0.2"),
+        ("[[", "scene.toml"),
+    ],
+)
+def test_bad_scene_exits_2_with_one_line(text, named, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    (tmp_path / "no_bore.geo").write_text(MESH_WITHOUT_BORE)
+    (tmp_path / "nonsense.geo").write_text("this is no Gmsh model")
+    result = call("run", path, "-o", tmp_path / "out")
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    last = result.stderr.strip().splitlines()[-1]
+    assert last.startswith("fenics-ehd: ")
+    assert named in last
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["run", "crank-slider"], "crank-slider"),
+        (["run", "absent.toml"], "absent.toml"),
+        (["run", "slider-crank", "--body", "absent.h5"], "absent.h5"),
+        (["run", "slider-crank", "--body", __file__], "test_cli.py"),
+        (["run", "slider-crank", "--body", "a.h5", "--method", "m3"], "--body"),
+        (["reduce", "conrod", "-o", "/nonexistent/conrod.h5", "--residual-modes", "-1"], "-1"),
+        (["plot", "/nonexistent"], "/nonexistent"),
+        (["frobnicate"], "frobnicate"),
+    ],
+)
+def test_bad_command_exits_2_with_its_name(arguments, named, tmp_path):
+    result = call(*arguments, cwd=tmp_path)
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    assert named in result.stderr.splitlines()[-1]
+
+
+def test_body_of_another_format_is_refused(tmp_path):
+    path = tmp_path / "other.h5"
+    with h5py.File(path, "w") as file:
+        file["data"] = 1
+    result = call("run", "slider-crank", "--body", path, "-o", tmp_path / "out")
+    assert result.returncode == 2
+    assert "not a fenics_ehd reduced body" in result.stderr
+
+
+def test_interrupt_keeps_what_was_computed(tmp_path):
+    path = tmp_path / "long.toml"
+    path.write_text(SHORT.replace("0.02", "50"))
+    process = subprocess.Popen(
+        [*COMMAND, "run", str(path), "-o", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True
+    )
+    history = tmp_path / "out" / "history.csv"
+    deadline = time.monotonic() + 240
+    while time.monotonic() < deadline:
+        if history.exists() and history.read_text().count("\n") > 20:
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    stderr = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "interrupted"
+    columns = read_history(tmp_path / "out")
+    assert len(columns["time_s"]) == summary["steps"] >= 20
+    with h5py.File(tmp_path / "out" / "history.h5") as file:
+        assert len(file["pressure_Pa"]) == summary["steps"]

@@ -1,0 +1,177 @@
+"""The reduction: what M3 promises, on any number of ranks, and its file."""
+
+import subprocess
+import sys
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+
+from fenics_ehd.errors import BodyFileError, SettingsError
+from fenics_ehd.reduction import (
+    SELECTIONS,
+    InertiaIntegrals,
+    ReducedBody,
+    load_body,
+    load_dependent,
+    save_body,
+)
+from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
+from fenics_ehd.reduction.residual_modes import energy_orthonormal
+from fenics_ehd.reduction.rigid_body import rigid_body_modes
+from fenics_ehd.scenes.rod import build_structure
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+
+
+@pytest.fixture(scope="module")
+def structure():
+    return build_structure(SliderCrankSettings(), MPI.COMM_WORLD)
+
+
+@pytest.fixture(scope="module")
+def body(structure):
+    return load_dependent(structure, 6, 31)[0]
+
+
+def test_reduction_imports_without_dolfinx():
+    code = (
+        "import sys, fenics_ehd.reduction\n"
+        "heavy = {'dolfinx', 'ufl', 'gmsh', 'scipy', 'matplotlib'} & set(sys.modules)\n"
+        "sys.exit(', '.join(heavy) or 0)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+def test_reduced_matrices_are_diagonal_with_ascending_groups(body):
+    assert body.modes == 6 + 2 + 31
+    assert body.kinds == ("vibration",) * 6 + ("static",) * 33
+    np.testing.assert_array_equal(body.mass, np.eye(body.modes))
+    np.testing.assert_allclose(np.diag(body.stiffness), (2 * np.pi * body.frequencies) ** 2)
+    assert np.all(np.diff(body.frequencies[:6]) > 0)
+    assert np.all(np.diff(body.frequencies[6:]) > 0)
+    assert body.accuracy["static_rank"] == 33
+
+
+@pytest.mark.parametrize("pressure_set", ["pc2", "pc1"])
+def test_static_response_is_exact_for_the_whole_set(structure, pressure_set):
+    pressures = PRESSURE_SETS[pressure_set](structure.bore)
+    size = pressures.shape[1]
+    whole, _ = load_dependent(structure, 6, size, pressure_set)
+    exact = (whole.basis_flexibility() + whole.missing_flexibility) @ pressures
+    missed = whole.missing_flexibility @ pressures
+    assert np.abs(missed).max() < 1e-6 * np.abs(exact).max()
+    assert whole.accuracy["static_dropped"] < 0.2 * size
+
+
+@pytest.mark.parametrize("selection", SELECTIONS)
+def test_more_residual_modes_miss_less_flexibility(structure, selection):
+    missing = [
+        load_dependent(structure, 6, n, "pc2", selection)[0].missing_flexibility
+        for n in (0, 16, 48, 80)
+    ]
+    energies = [np.linalg.norm(m) for m in missing]
+    assert np.all(np.diff(energies) < 0)
+
+
+def test_unknown_names_and_too_many_modes_are_refused(structure):
+    with pytest.raises(SettingsError, match="pressure_set 'pc3' is not one of pc1, pc2"):
+        load_dependent(structure, 6, 31, "pc3")
+    with pytest.raises(SettingsError, match="selection 'best'"):
+        load_dependent(structure, 6, 31, "pc2", "best")
+    with pytest.raises(SettingsError, match="residual_modes 81 is not between 0 and 80"):
+        load_dependent(structure, 6, 81)
+    with pytest.raises(SettingsError, match="vibration_modes -1"):
+        load_dependent(structure, -1, 31)
+
+
+@pytest.mark.mpi
+def test_rank_count_does_not_change_the_body(structure, body):
+    alone = load_dependent(build_structure(SliderCrankSettings(), MPI.COMM_SELF), 6, 31)[0]
+    np.testing.assert_allclose(body.frequencies, alone.frequencies, rtol=1e-8)
+    np.testing.assert_allclose(body.bore_nodes, alone.bore_nodes, atol=1e-12)
+    for part in ("basis", "missing"):
+        ours, theirs = (
+            b.basis_flexibility() if part == "basis" else b.missing_flexibility
+            for b in (body, alone)
+        )
+        assert np.abs(ours - theirs).max() < 1e-8 * np.abs(theirs).max()
+    np.testing.assert_allclose(
+        body.inertia.mass[:3, :3], alone.inertia.mass[:3, :3], rtol=1e-9, atol=1e-12
+    )
+
+
+@pytest.mark.mpi
+def test_every_rank_holds_the_same_body(body):
+    comm = MPI.COMM_WORLD
+    for f in fields(ReducedBody):
+        value = getattr(body, f.name)
+        if isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(value, comm.bcast(value))
+
+
+@pytest.mark.mpi
+def test_rigid_modes_are_orthonormal_and_store_no_energy(structure):
+    modes = rigid_body_modes(structure)
+    comm = structure.comm
+    from fenics_ehd.reduction.distributed import inner, multiply
+
+    gram = inner(modes, multiply(structure.mass, modes), comm)
+    np.testing.assert_allclose(gram, np.eye(6), atol=1e-12)
+    force = multiply(structure.stiffness, modes)
+    diagonal = structure.stiffness.getDiagonal().array[:, None] * modes
+    sizes = [np.sqrt(comm.allreduce(np.sum(a**2))) for a in (force, diagonal)]
+    assert sizes[0] < 1e-11 * sizes[1]
+
+
+def test_body_file_returns_every_bit(body, tmp_path):
+    if MPI.COMM_WORLD.rank:
+        return
+    save_body(body, tmp_path / "rod.h5")
+    again = load_body(tmp_path / "rod.h5")
+    for f in fields(ReducedBody):
+        ours, theirs = getattr(body, f.name), getattr(again, f.name)
+        if isinstance(ours, np.ndarray):
+            assert ours.tobytes() == theirs.tobytes()
+            assert ours.shape == theirs.shape
+        elif f.name == "inertia":
+            for g in fields(InertiaIntegrals):
+                np.testing.assert_array_equal(getattr(ours, g.name), getattr(theirs, g.name))
+        elif f.name == "points":
+            assert ours.keys() == theirs.keys()
+            for name in ours:
+                np.testing.assert_array_equal(ours[name], theirs[name])
+        else:
+            assert ours == theirs
+
+
+def test_truncated_file_is_named(body, tmp_path):
+    path = tmp_path / "rod.h5"
+    save_body(body, path)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(BodyFileError, match=r"rod\.h5"):
+        load_body(path)
+
+
+@settings(deadline=None, max_examples=50, derandomize=True)
+@given(st.integers(1, 8), st.integers(0, 4), st.integers(0, 2**32 - 1))
+def test_energy_orthonormalisation_finds_the_rank(rank, dependent, seed):
+    random = np.random.default_rng(seed)
+    columns = random.standard_normal((20, rank)) * 10.0 ** random.uniform(-4, 4, rank)
+    mixed = np.hstack([columns, columns @ random.standard_normal((rank, dependent))])
+    gram = mixed.T @ mixed
+    combination = energy_orthonormal(gram)
+    assert combination.shape[1] == rank
+    np.testing.assert_allclose(combination.T @ gram @ combination, np.eye(rank), atol=1e-5)
+
+
+def test_rigid_body_keeps_mass_and_gains_missing_flexibility(body):
+    rigid = body.rigid()
+    assert rigid.modes == 0
+    assert rigid.inertia.total_mass == body.inertia.total_mass
+    np.testing.assert_array_equal(rigid.load_projection, body.load_projection[:3])
+    whole = body.basis_flexibility() + body.missing_flexibility
+    np.testing.assert_allclose(rigid.missing_flexibility, whole)
