@@ -1,0 +1,428 @@
+"""Time integration: orders, tolerances, stiffness, admissible steps, and what it reports."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fenics_ehd.errors import GapClosedError, StepSizeError
+from fenics_ehd.multibody.bdf import StepControl, derivative_weights, extrapolate, integrate
+
+#: Derandomised, so that every machine tests the same cases.
+profile = settings(deadline=None, derandomize=True, max_examples=60)
+
+
+@dataclass
+class Linear:
+    """``x'' + c x' + k x = force(t)``, one oscillator in each coordinate."""
+
+    damping: np.ndarray
+    stiffness: np.ndarray
+    force: object = lambda t: 0.0
+    calls: list = field(default_factory=list)
+
+    def linearise(self, time, x, rate, acceleration, shifts, guess):
+        self.calls.append(time)
+        residual = acceleration + self.damping * rate + self.stiffness * x - self.force(time)
+        jacobian = np.diag(shifts[1] + shifts[0] * self.damping + self.stiffness)
+        return residual, jacobian, (guess or 0) + 1
+
+    def norm(self, x, change):
+        return float(np.abs(change).max())
+
+    def admissible_fraction(self, x, change):
+        return np.inf
+
+
+def oscillator(damping, stiffness, force=lambda t: 0.0):
+    return Linear(np.atleast_1d(float(damping)), np.atleast_1d(float(stiffness)), force)
+
+
+def control(**changes):
+    values = {"tolerance": 1e-6, "first_step": 1e-6, "smallest_step": 1e-12, "largest_step": 1.0}
+    return StepControl(**(values | changes))
+
+
+def run(problem, end, x, rate, **changes):
+    return list(
+        integrate(problem, (0.0, end), np.atleast_1d(float(x)), np.atleast_1d(float(rate)),
+                  control(**changes))
+    )  # fmt: skip
+
+
+def attempts(times):
+    """Number of attempted steps: calls of one attempt share their time, a retry has another."""
+    return 1 + int(np.count_nonzero(np.diff(times)))
+
+
+# --- Formulas
+
+
+@st.composite
+def grids(draw):
+    """Points in time, newest first, their distances within a factor of 100."""
+    distances = draw(st.lists(st.floats(0.02, 2.0), min_size=1, max_size=5))
+    return draw(st.floats(-3.0, 3.0)) - np.concatenate([[0.0], np.cumsum(distances)])
+
+
+@profile
+@given(grids(), st.data())
+def test_derivative_weights_are_exact_for_polynomials(times, data):
+    coefficients = data.draw(
+        st.lists(st.floats(-1, 1), min_size=len(times), max_size=len(times)).map(np.poly1d)
+    )
+    weights = derivative_weights(times)
+    found = weights @ coefficients(times)
+    rounding = np.abs(weights) @ np.abs(coefficients(times)) + 1.0
+    assert found == pytest.approx(coefficients.deriv()(times[0]), abs=1e-11 * rounding)
+
+
+@profile
+@given(grids(), st.floats(0.0, 2.0), st.data())
+def test_extrapolation_is_exact_for_polynomials(times, ahead, data):
+    rows = [
+        data.draw(st.lists(st.floats(-1, 1), min_size=len(times), max_size=len(times)))
+        for _ in range(2)
+    ]
+    polynomials = [np.poly1d(row) for row in rows]
+    values = np.column_stack([p(times) for p in polynomials])
+    target = times[0] + ahead
+    found = extrapolate(times, values, target)
+    # Lagrange's polynomials magnify the rounding of the values.
+    magnified = [
+        np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
+        for j, t in enumerate(times)
+    ]
+    rounding = np.abs(magnified) @ np.abs(values) + 1.0
+    expected = np.array([p(target) for p in polynomials])
+    assert np.all(np.abs(found - expected) <= 1e-11 * rounding)
+
+
+def test_weights_of_equal_steps_are_the_classical_ones():
+    assert derivative_weights(-np.arange(2.0)) == pytest.approx([1, -1])
+    assert derivative_weights(-np.arange(3.0)) == pytest.approx([3 / 2, -2, 1 / 2])
+    assert derivative_weights(-np.arange(4.0)) == pytest.approx([11 / 6, -3, 3 / 2, -1 / 3])
+
+
+# --- Order and tolerance
+
+
+def flat_start():
+    """An oscillator driven along ``t^6 exp(-t)``.
+
+    Flat at the start, so that the first steps, which have too little history
+    for their order, leave no error that hides the order of the others.
+    """
+    p = np.poly1d([1, 0, 0, 0, 0, 0, 0])
+    first = p.deriv() - p
+    second = first.deriv() - first
+    damping, stiffness = 0.3, 4.0
+
+    def force(t):
+        return np.exp(-t) * (second(t) + damping * first(t) + stiffness * p(t))
+
+    return oscillator(damping, stiffness, force), lambda t: np.exp(-t) * p(t)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_error_at_fixed_steps_falls_with_the_order(order):
+    problem, exact = flat_start()
+    errors = []
+    for count in (400, 800):
+        step = 4.0 / count
+        steps = run(problem, 4.0, 0, 0, tolerance=1e6, first_step=step, largest_step=step,
+                    order=order)  # fmt: skip
+        assert len(steps) == pytest.approx(count, abs=2)
+        errors.append(max(abs(s.x[0] - exact(s.time)) for s in steps))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_rates_have_the_order_of_the_formula_too(order):
+    problem, exact = flat_start()
+    errors = []
+    for count in (400, 800):
+        step = 4.0 / count
+        last = run(problem, 4.0, 0, 0, tolerance=1e6, first_step=step, largest_step=step,
+                   order=order)[-1]  # fmt: skip
+        rate = 6 * exact(last.time) / last.time - exact(last.time)
+        errors.append(abs(last.rate[0] - rate))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.2)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_error_falls_in_proportion_to_the_tolerance(order):
+    problem = oscillator(0.2, 9.0)
+    decay, speed = 0.1, np.sqrt(9.0 - 0.01)
+
+    def exact(t):
+        return np.exp(-decay * t) * (np.cos(speed * t) + decay / speed * np.sin(speed * t))
+
+    tolerances = np.array([1e-3, 1e-4, 1e-5, 1e-6]) / (1 if order == 1 else 10)
+    errors = []
+    for tolerance in tolerances:
+        # Long enough for rates free of rounding, short enough for a start at order 1.
+        steps = run(problem, 3.0, 1, 0, tolerance=tolerance, order=order, first_step=1e-6)
+        errors.append(max(abs(s.x[0] - exact(s.time)) for s in steps))
+    # Local error of order k + 1 at tolerance, so a global one of tolerance^(k / (k + 1)).
+    rates = np.diff(np.log10(errors)) / np.diff(np.log10(tolerances))
+    assert np.all(np.abs(rates - order / (order + 1)) < 0.2), errors
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_shorter_first_step_does_no_harm(order):
+    # Steps double many times from a start as short as this one: a formula that is not stable
+    # at that growth magnifies the rounding of the first rates instead of forgetting it.
+    problem = oscillator(0.2, 9.0)
+    errors = []
+    for first_step in (1e-6, 1e-9):
+        steps = run(problem, 3.0, 1, 0, tolerance=1e-5, order=order, first_step=first_step)
+        speed = np.sqrt(9.0 - 0.01)
+        exact = [
+            np.exp(-0.1 * s.time) * (np.cos(speed * s.time) + 0.1 / speed * np.sin(speed * s.time))
+            for s in steps
+        ]
+        errors.append(max(abs(s.x[0] - x) for s, x in zip(steps, exact, strict=True)))
+    assert errors[1] < 1.5 * errors[0]
+
+
+# --- Stiffness
+
+
+def test_an_overdamped_stiff_mode_follows_its_load_at_large_steps():
+    # A bore mode: 100 kHz, relaxing within 1 ms, under a load that begins smoothly.
+    stiffness, relaxation, speed = (2 * np.pi * 1e5) ** 2, 1e-3, 500.0
+    problem = oscillator(
+        relaxation * stiffness, stiffness, lambda t: stiffness * (1 - np.cos(speed * t))
+    )
+    lag = speed * relaxation
+    errors = []
+    for step in (1e-4, 5e-5):
+        steps = run(problem, 2e-2, 0, 0, tolerance=1e6, first_step=step, largest_step=step)
+        times = np.array([s.time for s in steps])
+        decayed = lag**2 * np.exp(-times / relaxation)
+        wave = np.cos(speed * times) + lag * np.sin(speed * times)
+        settled = 1 - (wave + decayed) / (1 + lag**2)
+        errors.append(np.abs([s.x[0] for s in steps] - settled).max())
+    assert errors[0] < 2e-3
+    assert errors[1] < errors[0] / 3
+
+
+@pytest.mark.parametrize("damping", [0.0, 2e-3])
+def test_a_stiff_mode_off_its_equilibrium_dies_at_large_steps(damping):
+    # Undamped or not: steps of 60 periods must not feed the mode.
+    stiffness = (2 * np.pi * 6e5) ** 2
+    problem = oscillator(damping * stiffness, stiffness)
+    steps = run(problem, 1e-2, 1, 0, tolerance=1e6, first_step=1e-4, largest_step=1e-4)
+    amplitudes = np.array([abs(s.x[0]) for s in steps])
+    assert amplitudes.max() < 1.0 + 1e-12
+    assert amplitudes[-1] < 1e-2
+    assert np.all(np.diff(np.maximum.accumulate(amplitudes[::-1])) >= 0)
+
+
+# --- Admissible set
+
+
+@dataclass
+class Squeeze:
+    """A mass pressed on a squeeze film of thickness x > 0: ``x'' + x' / x^3 = -load``."""
+
+    load: float
+    seen: list = field(default_factory=list)
+    shortened: int = 0
+
+    def linearise(self, time, x, rate, acceleration, shifts, guess):
+        self.seen.append(float(x[0]))
+        assert x[0] > 0, "the film was evaluated with a closed gap"
+        residual = acceleration + rate / x**3 + self.load
+        slope = shifts[1] + shifts[0] / x**3 - 3 * rate / x**4
+        return residual, np.diag(slope), None
+
+    def norm(self, x, change):
+        return float(np.abs(change / x).max())
+
+    def admissible_fraction(self, x, change):
+        fraction = float(-x[0] / change[0]) if change[0] < 0 else np.inf
+        self.shortened += fraction < 1
+        return fraction
+
+
+@pytest.mark.parametrize("first_step", [1e-6, 3.0])
+def test_an_admissible_set_that_the_predictor_would_leave_is_never_left(first_step):
+    problem = Squeeze(load=10.0)
+    steps = run(problem, 30.0, 1, -1, tolerance=1e-3, first_step=first_step, largest_step=5.0)
+    assert min(problem.seen) > 0
+    # Without inertia 1 / (2 x^2) grows at the rate of the load.
+    settled = (2 * 10.0 * 30.0) ** -0.5
+    if first_step > 1:
+        assert problem.shortened, "this test wants a predictor that leaves the set"
+        assert steps[-1].x[0] == pytest.approx(settled, rel=0.05)
+    else:
+        assert steps[-1].x[0] == pytest.approx(settled, rel=0.01)
+
+
+def test_the_gap_stays_open_at_every_step_size():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        problem = Squeeze(load=10 ** rng.uniform(-1, 4))
+        steps = run(problem, 1.0, 1, -(10 ** rng.uniform(-2, 3)), tolerance=1e-2,
+                    first_step=10 ** rng.uniform(-6, 0), smallest_step=1e-14)  # fmt: skip
+        assert min(problem.seen) > 0
+        assert steps[-1].time == 1.0
+
+
+# --- What is rejected, counted and reported
+
+
+@dataclass
+class Closing(Linear):
+    """An oscillator whose gap closes in steps longer than a limit."""
+
+    longest: float = 1.0
+
+    def linearise(self, time, x, rate, acceleration, shifts, guess):
+        result = super().linearise(time, x, rate, acceleration, shifts, guess)
+        # The first weight of the formula of order 1 is 1 / step.
+        if shifts[0] < 1.0 / self.longest:
+            raise GapClosedError("closed")
+        return result
+
+
+def test_failed_attempts_are_counted_by_reason():
+    problem = Closing(np.ones(1), np.ones(1), longest=0.01)
+    first = next(integrate(problem, (0.0, 10.0), np.ones(1), np.zeros(1),
+                           control(first_step=0.8, tolerance=1e-3)))  # fmt: skip
+    # 0.8, 0.16, 0.032 are too long; a failure shortens by five.
+    assert first.time == pytest.approx(0.0064)
+    assert first.rejected == {"GapClosedError": 3}
+
+
+def test_every_attempt_is_an_accepted_or_a_counted_rejected_step():
+    # A kick that no step size anticipates.
+    problem = oscillator(1.0, 4.0, lambda t: 1e3 * (t > 0.5))
+    steps = run(problem, 1.0, 1, 0)
+    rejected = sum(sum(s.rejected.values()) for s in steps)
+    assert {reason for s in steps for reason in s.rejected} == {"error above tolerance"}
+    assert len(steps) + rejected == attempts(problem.calls)
+    assert rejected >= 3
+    # The counts belong to the step that succeeded, and do not pile up.
+    assert sum(bool(s.rejected) for s in steps) < 10
+
+
+def test_newton_iterations_are_the_evaluations_made():
+    problem = oscillator(1.0, 4.0, lambda t: 1e3 * (t > 0.5))
+    steps = run(problem, 1.0, 1, 0)
+    assert sum(s.newton_iterations for s in steps) == len(problem.calls)
+
+
+def test_newton_iterations_of_failed_attempts_are_the_evaluations_made():
+    problem = Closing(np.ones(1), np.ones(1), longest=0.01)
+    first = next(integrate(problem, (0.0, 10.0), np.ones(1), np.zeros(1),
+                           control(first_step=0.8, tolerance=1e-3)))  # fmt: skip
+    # Three attempts fail at their first evaluation.
+    assert sum(first.rejected.values()) == 3
+    assert first.newton_iterations == len(problem.calls)
+
+
+def test_a_step_below_the_smallest_names_the_key_and_the_reason():
+    problem = Closing(np.ones(1), np.ones(1), longest=1e-9)
+    with pytest.raises(StepSizeError) as caught:
+        run(problem, 1.0, 1, 0, first_step=1e-3, smallest_step=1e-6)
+    message = str(caught.value)
+    assert "time.smallest_step = 1.0e-06 s" in message
+    assert "GapClosedError" in message
+    assert "time.tolerance" in message
+    assert "t = 0 s" in message
+
+
+def test_a_problem_that_never_converges_ends_with_a_named_error():
+    class Hopeless(Linear):
+        def linearise(self, *arguments):
+            _, jacobian, state = super().linearise(*arguments)
+            # Every update is of length 1, whatever the step.
+            return jacobian @ np.ones(1), jacobian, state
+
+    problem = Hopeless(np.ones(1), np.ones(1))
+    with pytest.raises(StepSizeError, match=r"time\.smallest_step"):
+        run(problem, 1.0, 1, 0, first_step=1e-3, smallest_step=1e-6)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_residual_that_is_no_number_ends_with_a_named_error(bad):
+    problem = oscillator(1.0, 4.0, lambda t: bad if t > 0.5 else 0.0)
+    with pytest.raises(StepSizeError, match=r"time\.smallest_step"):
+        run(problem, 1.0, 1, 0, smallest_step=1e-9)
+
+
+def test_a_singular_matrix_ends_with_a_named_error():
+    class Singular(Linear):
+        def linearise(self, *arguments):
+            residual, jacobian, state = super().linearise(*arguments)
+            return residual, 0 * jacobian, state
+
+    with pytest.raises(StepSizeError, match="LinAlgError"):
+        run(Singular(np.ones(1), np.ones(1)), 1.0, 1, 0, first_step=1e-3, smallest_step=1e-6)
+
+
+# --- Times
+
+
+@pytest.mark.parametrize("end", [1e-12, 0.1, 1 / 3, 0.7, 1.0])
+@pytest.mark.parametrize("first_step", [1e-6, 0.05, 0.3])
+def test_the_last_step_ends_exactly_at_the_end(end, first_step):
+    steps = run(oscillator(1.0, 4.0), end, 1, 0, first_step=first_step * end,
+                largest_step=0.31 * end, tolerance=1e-3, smallest_step=1e-20)  # fmt: skip
+    times = np.array([0.0, *(s.time for s in steps)])
+    assert times[-1] == end
+    assert np.all(np.diff(times) > 0)
+    # No sliver at the end: its short step would spoil the formula's weights.
+    assert times[-1] - times[-2] > 0.3 * (times[-2] - times[-3])
+
+
+@pytest.mark.parametrize("start", [0.0, 0.25, 1e3])
+def test_a_run_of_no_length_takes_no_step(start):
+    problem = oscillator(1.0, 4.0)
+    assert list(integrate(problem, (start, start), np.ones(1), np.zeros(1), control())) == []
+    assert problem.calls == []
+
+
+def test_no_step_is_longer_than_the_longest_allowed():
+    steps = run(oscillator(1.0, 4.0), 1.0, 1, 0, tolerance=1e6, first_step=0.3, largest_step=0.01)
+    assert np.diff([0.0, *(s.time for s in steps)]).max() <= 0.01 * (1 + 1e-12)
+
+
+def test_a_first_step_that_is_too_long_is_found_out():
+    # Critical damping, 1 / e within the first step, whose value must not be taken on trust.
+    problem = oscillator(2.0, 1.0)
+    steps = run(problem, 3.0, 1, 0, tolerance=1e-6, first_step=1.0, largest_step=1.0)
+    errors = [abs(s.x[0] - (1 + s.time) * np.exp(-s.time)) for s in steps]
+    assert max(errors) < 1e-3
+
+
+def test_history_is_that_of_accepted_steps_only():
+    # The same steps, once found by trial and once taken straight away, give the same values.
+    kick = oscillator(1.0, 4.0, lambda t: 30.0 * (t > 0.5))
+    trial = run(kick, 1.0, 1, 0, tolerance=1e-4)
+    assert any(s.rejected for s in trial)
+    for newer, older, oldest in zip(trial[3:], trial[2:], trial[1:], strict=False):
+        times = np.array([newer.time, older.time, oldest.time])
+        values = np.array([newer.x[0], older.x[0], oldest.x[0]])
+        rates = np.array([newer.rate[0], older.rate[0], oldest.rate[0]])
+        weights = derivative_weights(times)
+        assert newer.rate[0] == pytest.approx(weights @ values, abs=1e-9)
+        assert newer.acceleration[0] == pytest.approx(weights @ rates, rel=1e-9, abs=1e-9)
+        # Rounding of x enters the acceleration times the squared weight.
+        residual = (
+            newer.acceleration[0] + newer.rate[0] + 4 * newer.x[0] - 30.0 * (newer.time > 0.5)
+        )
+        assert residual == pytest.approx(0.0, abs=1e-10 + 1e-14 * weights[0] ** 2)
+
+
+def test_every_step_starts_from_the_auxiliary_state_of_the_last_accepted_one():
+    problem = oscillator(1.0, 4.0, lambda t: 1e3 * (t > 0.5))
+    steps = run(problem, 1.0, 1, 0)
+    # The state counts evaluations since the start, those of rejected attempts left out.
+    rejected_calls = len(problem.calls) - steps[-1].auxiliary
+    assert rejected_calls == 2 * sum(sum(s.rejected.values()) for s in steps)
