@@ -47,7 +47,11 @@ def test_printed_settings_read_back_to_twelve_digits(clearance, modes, geometry)
         ({"rod": {"poissons_ratio": 0.5}}, "rod.poissons_ratio = 0.5 must be below 0.5"),
         ({"rod": {"element": "cubic"}}, "rod.element = 'cubic' must be one of serendipity"),
         ({"rod": 3}, "rod = 3 must be a table"),
-        ({"rod": {"geometry": {"pin_radius": "a"}}}, "rod.geometry.pin_radius = 'a' must be a num"),
+        (
+            {"rod": {"geometry": {"pin_radius": "a"}}},
+            "rod.geometry.pin_radius = 'a' must be a finite",
+        ),
+        ({"rod": {"geometry": {"a": float("inf")}}}, "rod.geometry.a = inf must be a finite"),
         ({"rod": {"geometry": 1}}, "rod.geometry = 1 must be a table"),
         ({"reduction": {"residual_modes": 3.5}}, "reduction.residual_modes = 3.5 must be a whole"),
         ({"reduction": {"estimate_error": 1}}, "reduction.estimate_error = 1 must be true or"),
