@@ -207,7 +207,11 @@ def test_interrupt_keeps_what_was_computed(tmp_path):
     path = tmp_path / "long.toml"
     path.write_text(SHORT.replace("0.02", "50"))
     process = subprocess.Popen(
-        [*COMMAND, "run", str(path), "-o", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True
+        [*COMMAND, "run", str(path), "-o", str(tmp_path / "out")],
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     history = tmp_path / "out" / "history.csv"
     deadline = time.monotonic() + 240

@@ -155,6 +155,7 @@ class Film:
         self._rows = PETSc.IS().createGeneral(self._free, comm=comm)
         self._block: PETSc.Mat | None = None
         self._prefix = prefix
+        self._last: FilmState | None = None
         whole = petsc.assemble_matrix(forms.mass)
         whole.assemble()
         mass = self._scipy(self._free_block(whole))
@@ -241,7 +242,14 @@ class Film:
         rhs = self.cavitation.reduced_rhs(self._assemble(self._forms.source))
         start = np.zeros(len(self._free)) if guess is None else guess.cavitation.pressure
         result = self.cavitation.solve(self._reduced, rhs, start)
-        return FilmState(self._to_caller(result.pressure[:, None])[:, 0], result, thickness)
+        pressure = self._to_caller(result.pressure[:, None])[:, 0]
+        self._last = FilmState(pressure, result, thickness)
+        return self._last
+
+    def _require_last(self, state: FilmState) -> None:
+        """The matrices of the film are those of its last solve."""
+        if state is not self._last:
+            raise ValueError("only the state of the last solve can be asked for this")
 
     def _to_caller(self, values: np.ndarray) -> np.ndarray:
         """Dimensionless values on the free nodes to pressures in the caller's order [Pa]."""
@@ -273,6 +281,7 @@ class Film:
             set (zero pressure) it is zero: the one-sided derivative from inside
             the partition.
         """
+        self._require_last(state)
         p, forms = self.parameters, self._forms
         forms.pressure.x.array[:] = 0.0
         forms.pressure.x.array[self._free] = state.cavitation.pressure
@@ -317,6 +326,7 @@ class Film:
         Their difference is the power that the film takes from the normal motion
         of the bore; both come from the Reynolds matrices of the last `solve`.
         """
+        self._require_last(state)
         p = self.parameters
         pressure = np.zeros(len(self._to_pressure))
         pressure[self._free] = state.cavitation.pressure

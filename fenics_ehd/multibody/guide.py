@@ -80,7 +80,7 @@ def rod_angle(
     length = np.hypot(*arm)
     if not abs(crank.position[1]) < length:
         raise SolverError(
-            f"the rod, {length:.4g} m, is shorter than the crank pin's height "
+            f"the rod, {length:.4g} m, is not longer than the crank pin's height "
             f"{abs(crank.position[1]):.4g} m: set rod length above crank length"
         )
     theta = -np.arcsin(crank.position[1] / length) - np.arctan2(arm[1], arm[0])

@@ -121,7 +121,8 @@ def simulate(
         powers = mechanism.powers(step.x, step.rate, step.auxiliary)
         if balance is None:
             balance = EnergyBalance(step.time, powers)
-        balance.add(step.time, powers)
+        else:
+            balance.add(step.time, powers)
         pressure = step.auxiliary.film.pressure
         error = estimate.add(step.time - totals.time, pressure)
         row = _row(mechanism, step, powers, balance, error, step.time - totals.time)
