@@ -41,5 +41,6 @@ RUN /usr/bin/python3 -m venv --system-site-packages /opt/venv \
 # One thread per rank, and no pytest cache beside tests that this user cannot write to.
 ENV OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTEST_ADDOPTS="-p no:cacheprovider"
 USER ehd
-WORKDIR /results
+# Where results/SCENE, the default of --output, is inside the mounted folder.
+WORKDIR /
 ENTRYPOINT ["fenics-ehd"]

@@ -44,11 +44,16 @@ def cli() -> None:
 @click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the two curves.")
 @click.option(
     "--vtk",
-    "frames",
-    is_flag=False,
-    flag_value=60,
+    is_flag=True,
+    help="Write a ParaView series: the moving rod, its elastic "
+    "displacement to warp by, the pressure.",
+)
+@click.option(
+    "--frames",
     type=click.IntRange(min=2),
-    help="Write a ParaView series of this many frames [60 when no number is given].",
+    default=60,
+    show_default=True,
+    help="Frames of the series.",
 )
 @json_option
 def run(
@@ -57,13 +62,14 @@ def run(
     method: str | None,
     directory: str | None,
     plots: bool,
-    frames: int | None,
+    vtk: bool,
+    frames: int,
     as_json: bool,
 ) -> None:
     """Simulate SCENE: slider-crank, or a TOML file made by 'init'."""
     from fenics_ehd.commands import run_scene
 
-    run_scene(scene, body, method, directory, plots, frames, as_json)
+    run_scene(scene, body, method, directory, plots, frames if vtk else None, as_json)
 
 
 @cli.command()
@@ -117,13 +123,14 @@ def init(scene: str) -> None:
 )
 def plot(directories: tuple[str, ...], target: str | None) -> None:
     """Draw peak pressure and minimum film thickness of one or more runs."""
-    from fenics_ehd.output import read_history
+    from fenics_ehd.output import read_history, require_writable
     from fenics_ehd.plotting import plot_history
 
     histories = {Path(d).name or str(d): read_history(d) for d in directories}
     if len(histories) < len(directories):
         histories = {str(d): read_history(d) for d in directories}
     folder = Path(target or directories[0])
+    require_writable(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for path in plot_history(histories, folder):
         click.echo(path)
@@ -155,7 +162,10 @@ def main(arguments: list[str] | None = None) -> None:
     except MemoryError:
         _complain("out of memory: choose fewer modes or a coarser mesh")
         status = 1
-    except Exception:
+    except OSError as error:
+        _complain(f"{error.filename or 'file'}: {error.strerror or error}")
+        status = 1
+    except Exception as error:
         # One rank's surprise would leave the others waiting for ever.
         if _ranks() > 1:
             import traceback
@@ -164,7 +174,11 @@ def main(arguments: list[str] | None = None) -> None:
             from mpi4py import MPI
 
             MPI.COMM_WORLD.Abort(1)
-        raise
+        if "petsc4py" not in type(error).__module__:
+            raise
+        lines = str(error).strip().splitlines()
+        _complain(f"PETSc: {lines[-1] if lines else error}: are the material's figures sensible?")
+        status = 1
     sys.exit(status)
 
 

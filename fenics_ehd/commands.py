@@ -14,8 +14,15 @@ import numpy as np
 from mpi4py import MPI
 from tqdm import tqdm
 
-from fenics_ehd.errors import EhdError, SettingsError
-from fenics_ehd.output import read_history, to_json, versions, write_summary
+from fenics_ehd.errors import EhdError, SettingsError, VerificationError
+from fenics_ehd.interrupt import interrupt_between_steps
+from fenics_ehd.output import (
+    read_history,
+    require_writable,
+    to_json,
+    versions,
+    write_summary,
+)
 from fenics_ehd.reduction import ReducedBody, load_body, save_body
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build, read_toml
@@ -66,6 +73,8 @@ def run_scene(
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
     if method:
         settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
+    target = Path(directory or Path("results") / Path(scene).stem)
+    require_writable(target)
     part, seconds = None, 0.0
     if body_file:
         from fenics_ehd.scenes.rod import check_origin
@@ -78,10 +87,11 @@ def run_scene(
         part = _gather(rod) if frames else None
     # The time integration is serial: other ranks have done their share.
     if MPI.COMM_WORLD.rank == 0:
-        target = Path(directory or Path("results") / Path(scene).stem)
         summary = _simulate(settings, body, seconds, target)
         _finish(settings, body, target, plots, part, frames)
         click.echo(to_json(summary) if as_json else _report(summary, target))
+        if summary["status"] != "complete":
+            raise VerificationError(str(summary["status"]))
 
 
 def _reduce(settings: SliderCrankSettings) -> ReducedRod:
@@ -97,13 +107,13 @@ def _gather(rod: ReducedRod) -> PartFields | None:
     """Collect what ParaView files need on the first rank; None elsewhere."""
     from fenics_ehd.paraview import gather_part
 
-    return gather_part(rod.structure, rod.basis.columns[:, : rod.body.modes])
+    return gather_part(rod.structure, rod.columns)
 
 
 def _simulate(
     settings: SliderCrankSettings, body: ReducedBody, seconds: float, directory: Path
 ) -> dict[str, object]:
-    from fenics_ehd.scenes.run import Totals, open_history, simulate, summarise
+    from fenics_ehd.scenes.run import Totals, open_history, simulate, summarise, verdict
 
     totals = Totals()
     end = settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed
@@ -123,12 +133,14 @@ def _simulate(
             refresh=False,
         )
         bar.update(1e3 * totals.time - bar.n)
+        check()
 
     status = "failed"
+    history = open_history(directory, body)
     try:
-        with bar, open_history(directory, body) as history:
+        with bar, history, interrupt_between_steps() as check:
             simulate(settings, body, totals, history.add, progress)
-        status = "complete"
+        status = verdict(totals)
     except KeyboardInterrupt:
         status = "interrupted"
         raise
@@ -137,7 +149,7 @@ def _simulate(
         raise
     finally:
         summary = summarise(settings, body, totals, status, seconds)
-        if directory.is_dir():
+        if history.started:
             write_summary(directory, summary)
     return summary
 
@@ -162,6 +174,13 @@ def _finish(
         write_run_series(settings, body, part, directory, frames)
 
 
+def _estimate_line(estimate: float, film: float) -> str:
+    if not np.isfinite(estimate):
+        return "  basis error estimate    not computed"
+    line = f"  basis error estimate    {estimate * 1e6:9.4f} um  of gap"
+    return f"{line}, not small against the film: take more modes" if estimate > 0.2 * film else line
+
+
 def _report(summary: Mapping[str, Any], directory: Path) -> str:
     """The run in a few lines."""
     estimate = summary["basis_error_estimate_m"]
@@ -172,9 +191,7 @@ def _report(summary: Mapping[str, Any], directory: Path) -> str:
         f"at {summary['max_pressure_time_s'] * 1e3:.3f} ms",
         f"  minimum film thickness  {summary['min_film_thickness_m'] * 1e6:9.4f} um  "
         f"at {summary['min_film_thickness_time_s'] * 1e3:.3f} ms",
-        f"  basis error estimate    {estimate * 1e6:9.4f} um  of gap"
-        if np.isfinite(estimate)
-        else "  basis error estimate    not computed",
+        _estimate_line(estimate, summary["min_film_thickness_m"]),
         f"  energy balance error    {summary['energy_balance_error']:9.1e}",
         f"  time: reduction {summary['reduction_time_s']:.2f} s, "
         f"integration {summary['wall_time_s']:.2f} s",
@@ -185,6 +202,7 @@ def _report(summary: Mapping[str, Any], directory: Path) -> str:
 
 def reduce_part(path: str, scene: str | None, options: Mapping[str, Any], as_json: bool) -> None:
     """``fenics-ehd reduce``: every rank takes part, the first one writes."""
+    require_writable(path)
     settings, _ = read_scene(scene) if scene else (SliderCrankSettings(), {})
     tables = {**attrs.asdict(settings.reduction), **options}
     reduction = build(type(settings.reduction), tables, "reduction.")

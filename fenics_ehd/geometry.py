@@ -116,7 +116,9 @@ def build_mesh(
         try:
             groups = _generate(Path(path), parameters or {})
             if not len(gmsh.model.mesh.getElementsByType(_HEXAHEDRON_27)[0]):
-                failure = f"model {path} gives no hexahedra"
+                failure = f"model {path} gives no hexahedra: check its numbers of cells"
+            elif not gmsh.model.getPhysicalGroups(3):
+                failure = f"model {path} has no physical volume: name the part's solid"
         except MeshError as error:
             failure = str(error)
         except Exception as error:  # Gmsh raises plain Exception

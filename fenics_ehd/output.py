@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 import platform
 from collections.abc import Mapping
 from importlib import import_module, metadata
 from pathlib import Path
 from types import TracebackType
+from typing import TextIO
 
 import h5py
 import numpy as np
@@ -21,8 +23,32 @@ from fenics_ehd.errors import InputError
 FLUSH_EVERY = 50
 
 
+#: Files of a run, beside the history itself, that a new run in the same folder makes stale.
+STALE = ("summary.json", "max_pressure.*", "min_film_thickness.*", "vtk/rod.pvd", "vtk/rod_*.vtu")
+
+
+def require_writable(path: str | Path) -> None:
+    """Refuse an output path early, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        Neither the path nor the nearest folder above it can be written to.
+    """
+    existing = Path(path).absolute()
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if existing != Path(path).absolute() and not existing.is_dir():
+        raise InputError(f"output {path}: {existing} is not a folder")
+    if not os.access(existing, os.W_OK):
+        raise InputError(f"output {path}: no permission to write to {existing}")
+
+
 class HistoryWriter:
     """Writes ``history.csv`` and ``history.h5`` while a run goes on.
+
+    The files are made with the first step, so that a run that cannot start
+    leaves the results of a former one alone.
 
     Parameters
     ----------
@@ -38,40 +64,50 @@ class HistoryWriter:
         self, directory: str | Path, fields: Mapping[str, int], constants: Mapping[str, np.ndarray]
     ):
         self.directory = Path(directory)
+        self._fields, self._constants = fields, constants
+        self._files: tuple[h5py.File, TextIO, csv.DictWriter] | None = None
+        self._count = 0
+
+    @property
+    def started(self) -> bool:
+        """Whether a step was written."""
+        return self._count > 0
+
+    def _open(self, names: list[str]) -> tuple[h5py.File, TextIO, csv.DictWriter]:
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
-            (self.directory / "summary.json").unlink(missing_ok=True)
+            for pattern in STALE:
+                for old in self.directory.glob(pattern):
+                    old.unlink()
             # HDF5 first: it also fails when another program has the file open.
-            self._file = h5py.File(self.directory / "history.h5", "w")
-            self._csv = open(self.directory / "history.csv", "w", newline="")
+            file = h5py.File(self.directory / "history.h5", "w")
+            rows = open(self.directory / "history.csv", "w", newline="")
         except OSError as error:
             reason = error.strerror or str(error).splitlines()[0]
-            raise InputError(f"output directory {directory}: {reason}") from None
-        self._rows: csv.DictWriter | None = None
-        for name, values in constants.items():
-            self._file[name] = values
-        self._sets = {
-            name: self._file.create_dataset(
+            raise InputError(f"output directory {self.directory}: {reason}") from None
+        for name, values in self._constants.items():
+            file[name] = values
+        for name, length in self._fields.items():
+            file.create_dataset(
                 name, (0, length), maxshape=(None, length), chunks=(64, max(length, 1)), dtype="f8"
             )
-            for name, length in fields.items()
-        }
-        self._count = 0
+        writer = csv.DictWriter(rows, names)
+        writer.writeheader()
+        return file, rows, writer
 
     def add(self, row: Mapping[str, float], fields: Mapping[str, np.ndarray]) -> None:
         """Append one accepted step."""
-        if self._rows is None:
-            self._rows = csv.DictWriter(self._csv, list(row))
-            self._rows.writeheader()
-        self._rows.writerow({name: f"{value:.10g}" for name, value in row.items()})
-        self._csv.flush()
+        if self._files is None:
+            self._files = self._open(list(row))
+        file, rows, writer = self._files
+        writer.writerow({name: f"{value:.10g}" for name, value in row.items()})
+        rows.flush()
         for name, values in fields.items():
-            dataset = self._sets[name]
-            dataset.resize(self._count + 1, axis=0)
-            dataset[self._count] = values
+            file[name].resize(self._count + 1, axis=0)
+            file[name][self._count] = values
         self._count += 1
         if self._count % FLUSH_EVERY == 0:
-            self._file.flush()
+            file.flush()
 
     def __enter__(self) -> HistoryWriter:
         return self
@@ -82,8 +118,9 @@ class HistoryWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._csv.close()
-        self._file.close()
+        if self._files is not None:
+            self._files[0].close()
+            self._files[1].close()
 
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
@@ -120,6 +157,8 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
         columns = np.array(whole, dtype=float).T
         if not len(whole):
             raise ValueError("no steps")
+        if header[:3] != ["time_s", "max_pressure_Pa", "min_film_thickness_m"]:
+            raise ValueError("not its columns")
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: not a history of a run ({error})") from None
     return dict(zip(header, columns, strict=True))

@@ -36,7 +36,7 @@ def gather_part(structure: Structure, columns: np.ndarray) -> PartFields | None:
     if parts is None:
         return None
     nodes, cells, basis = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
-    return PartFields(nodes, cells, basis.reshape(len(nodes), 3, -1))
+    return PartFields(nodes, cells, basis.reshape(len(nodes), 3, basis.shape[1]))
 
 
 def write_series(

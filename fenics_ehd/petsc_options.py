@@ -1,4 +1,4 @@
-"""Solver defaults that a user can override by prefix."""
+"""Solvers whose defaults a user can override by prefix."""
 
 from __future__ import annotations
 
@@ -34,3 +34,23 @@ def configure(
     solver.setFromOptions()
     for key in added:
         options.delValue(key)
+
+
+def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None:
+    """Solve for every column of a dense matrix, all at once when the method factorises.
+
+    Parameters
+    ----------
+    ksp
+        Solver, set up.
+    right, solution
+        Dense matrices of the same layout.
+    """
+    if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
+        ksp.pc.getFactorMatrix().matSolve(right, solution)
+        return
+    given, unknown = ksp.getOperators()[0].createVecs()
+    for column in range(right.size[1]):
+        given.array = right.getDenseArray()[:, column]
+        ksp.solve(given, unknown)
+        solution.getDenseArray()[:, column] = unknown.array

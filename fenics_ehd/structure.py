@@ -185,14 +185,33 @@ def _bore(
         whole.local_size[0], whole.getOwnershipRange()[0], 1, comm=whole.comm
     )
     columns = PETSc.IS().createGeneral(pressure_nodes[mine], comm=whole.comm)
+    load = whole.createSubMatrix(rows, columns)
+    _check_closed(x, load, radius)
     return Bore(
         radius=float(radius),
         width=float(np.ptp(x[:, 2])),
         nodes=nodes,
         coordinates=x,
         pressure_coordinates=pressure_x,
-        load=whole.createSubMatrix(rows, columns),
+        load=load,
     )
+
+
+def _check_closed(x: np.ndarray, load: PETSc.Mat, radius: float) -> None:
+    """The bore must be a whole cylinder, half of it on either side of z = 0."""
+    middle = 0.5 * (x[:, 2].min() + x[:, 2].max())
+    if not abs(middle) <= CYLINDER_TOLERANCE * radius:
+        raise MeshError(f"the bore must be centred at z = 0, its middle is at z = {middle:.3e} m")
+    ones, force = load.createVecs()
+    ones.set(1.0)
+    load.mult(ones, force)
+    comm = load.comm.tompi4py()
+    net = comm.allreduce(force.array.reshape(-1, 3).sum(axis=0), op=MPI.SUM)
+    if not np.abs(net).max() <= CYLINDER_TOLERANCE * radius**2:
+        raise MeshError(
+            f"the bore is not a whole cylinder: a constant pressure leaves a net force of "
+            f"{np.abs(net).max():.1e} m2 times it"
+        )
 
 
 def _recovery(space: fem.FunctionSpace) -> Recovery:

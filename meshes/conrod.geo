@@ -20,7 +20,7 @@ DefineConstant[
 ];
 
 DefineConstant[
-  bore_cells_around = {20, Min 10, Max 80, Step 5, Name "Rod/bore_cells_around", Label "Cells around the bore (multiple of 5)"}
+  bore_cells_around = {20, Min 10, Max 80, Step 10, Name "Rod/bore_cells_around", Label "Cells around the bore (multiple of 10)"}
   bore_cells_along  = { 5, Min  1, Max 40, Step 1, Name "Rod/bore_cells_along",  Label "Cells along the bore width"}
   big_end_layers    = { 2, Min  1, Max 10, Step 1, Name "Rod/big_end_layers",    Label "Cells through the big-end wall"}
   shank_cells       = {12, Min  2, Max 80, Step 1, Name "Rod/shank_cells",       Label "Cells along the shank"}
@@ -29,14 +29,21 @@ DefineConstant[
 
 // A fifth of the bore cells, those at -36..36 degrees, continue across the shank;
 // the rest is shared by two equal blocks that meet behind the bore. The mesh is
-// symmetric about y = 0, with a cell boundary there if cells_across is even.
+// symmetric about y = 0, with a cell boundary there: the film mesh starts there too.
 // The pin bore follows: about a quarter of its cells face the shank.
 cells_across = Floor(bore_cells_around / 5);
 
-If(5 * cells_across != bore_cells_around)
-  Error("bore_cells_around = %g is not a multiple of 5", bore_cells_around);
+If(10 * Floor(bore_cells_around / 10) != bore_cells_around)
+  Error("bore_cells_around = %g is not a multiple of 10: a cell boundary must lie at angle zero", bore_cells_around);
   Abort;
 EndIf
+counts[] = {bore_cells_along, big_end_layers, shank_cells, small_end_layers};
+For c In {0:3}
+  If(counts[c] < 1 || counts[c] != Floor(counts[c]))
+    Error("number of cells %g (along, big_end_layers, shank_cells, small_end_layers) is not a whole number above 0", counts[c]);
+    Abort;
+  EndIf
+EndFor
 
 // Index 0 is the big end, 1 the small end.
 centre_x[]     = {0, rod_length};

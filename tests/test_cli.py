@@ -93,7 +93,7 @@ def test_run_from_body_file_equals_run_from_mesh(body, tmp_path):
     online.write_text(short)
     whole.write_text(short + "[reduction]\nresidual_modes = 4\n")
     results = [
-        call("run", whole, "-o", tmp_path / "a", "--no-plots", "--json", "--vtk", "3"),
+        call("run", whole, "-o", tmp_path / "a", "--no-plots", "--json", "--vtk", "--frames", "3"),
         call("run", online, "--body", body, "-o", tmp_path / "b", "--no-plots", "--json"),
     ]
     a, b = (json.loads(r.stdout) for r in results)
@@ -155,8 +155,11 @@ Physical Surface("pin", 3) = {s[1]};
         ("[rod]\nmodel = 'no_bore.geo'", "'bore'"),
         ("[rod]\nmodel = 'nonsense.geo'", "nonsense.geo"),
         ("[rod.geometry]\nbig_end_wal = 0.01", "big_end_wal"),
-        ("[rod.geometry]\nbore_cells_around = 21", "multiple of 5"),
+        ("[rod.geometry]\nbore_cells_around = 15", "multiple of 10"),
+        ("[rod.geometry]\nbore_cells_along = 2.5", "2.5"),
         ("[reduction]\nresidual_modes = 81", "residual_modes 81"),
+        ("[bearing]\nclearance = 2e-3", "bearing.clearance = 0.002"),
+        ("[time]\nsmallest_step = 1e-5", "time.smallest_step = 1e-05"),
         ("[mechanism]\ncrank_length = 0.2", "mechanism.crank_length = 0.2"),
         ("[[", "scene.toml"),
     ],

@@ -6,7 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fenics_ehd.elements import FAMILIES
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
+from fenics_ehd.scenes import slider_crank_settings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build, read_toml, to_toml
 
@@ -44,7 +47,7 @@ def test_printed_settings_read_back_to_twelve_digits(clearance, modes, geometry)
         ({"bearing": {"clearance": "17 um"}}, "bearing.clearance = '17 um' must be a finite"),
         ({"bearing": {"clearance": float("nan")}}, "bearing.clearance = nan must be a finite"),
         ({"bearing": {"viscosity": True}}, "bearing.viscosity = True must be a finite number"),
-        ({"rod": {"poissons_ratio": 0.5}}, "rod.poissons_ratio = 0.5 must be below 0.5"),
+        ({"rod": {"poissons_ratio": 0.5}}, "rod.poissons_ratio = 0.5 must be below 0.49"),
         ({"rod": {"element": "cubic"}}, "rod.element = 'cubic' must be one of serendipity"),
         ({"rod": 3}, "rod = 3 must be a table"),
         (
@@ -64,6 +67,12 @@ def test_bad_value_is_named_with_its_limit(tables, message):
         build(SliderCrankSettings, tables)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_choices_are_those_of_the_reduction_and_the_elements():
+    assert set(slider_crank_settings.ELEMENTS) == set(FAMILIES)
+    assert set(slider_crank_settings.PRESSURE_SETS) == set(PRESSURE_SETS)
+    assert set(slider_crank_settings.SELECTIONS) == set(SELECTIONS)
 
 
 def test_broken_toml_is_named(tmp_path):

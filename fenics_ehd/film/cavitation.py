@@ -60,7 +60,8 @@ class CavitationSolver:
     options_prefix
         Prefix of the PETSc options, ``"film_"`` gives ``-film_snes_monitor``.
     tolerance
-        Absolute tolerance on the 2-norm of the reduced residual, relative to ``||b||``.
+        On the 2-norm of the reduced residual, relative to ``||b||``; the option
+        ``snes_atol`` stands for it too.
     smallest_source
         Stands in for ``||b||`` where it is smaller: below it b is round-off, as for
         a centred shaft.
@@ -108,6 +109,9 @@ class CavitationSolver:
         snes.setVariableBounds(self._lower, self._upper)
         snes.setTolerances(rtol=0.0, stol=0.0, max_it=60)
         configure(snes, self._prefix, DEFAULT_OPTIONS)
+        options = PETSc.Options(self._prefix)
+        if options.hasName("snes_atol"):
+            self._tolerance = options.getReal("snes_atol")
         return snes
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, matrix: PETSc.Mat) -> None:

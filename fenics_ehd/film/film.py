@@ -16,7 +16,7 @@ from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver
 from fenics_ehd.film.forms import reynolds_forms
 from fenics_ehd.film.gap import gap_rows
 from fenics_ehd.film.mesh import cylinder_mesh
-from fenics_ehd.petsc_options import configure
+from fenics_ehd.petsc_options import configure, solve_columns
 
 #: Largest distance between a film node and the bore node it belongs to, relative to the radius.
 MATCH_TOLERANCE = 1e-6
@@ -174,6 +174,15 @@ class Film:
     def _free_block(self, matrix: PETSc.Mat, reuse: PETSc.Mat | None = None) -> PETSc.Mat:
         return matrix.createSubMatrix(self._rows, self._rows, submat=reuse)
 
+    def load(self, direction: np.ndarray) -> np.ndarray:
+        """Work of unit nodal pressures on a bore displacement (m, 3), shape (k,) [m^3]."""
+        p, forms = self.parameters, self._forms
+        self._set(np.zeros_like(direction), direction, 0.0)
+        squeeze = self._assemble_all(forms.couette) - self._assemble_all(forms.source)
+        work = np.empty(len(self._to_pressure))
+        work[self._to_pressure] = squeeze * p.radius**2 * p.clearance * p.rate
+        return work
+
     def gap(self, displacement: np.ndarray) -> np.ndarray:
         """Gap at the nodes and Gauss points [m], from the bore displacement (m, 3) [m]."""
         own = displacement[self._to_bore].ravel()
@@ -196,7 +205,7 @@ class Film:
     def _assemble_all(self, form: compat.CompiledForm) -> np.ndarray:
         self._vector.set(0.0)
         compat.fem_petsc().assemble_vector(self._vector, form)
-        return self._vector.array
+        return self._vector.array.copy()
 
     def _assemble(self, form: compat.CompiledForm) -> np.ndarray:
         return self._assemble_all(form)[self._free]
@@ -314,7 +323,7 @@ class Film:
         ksp.setUp()
         right = PETSc.Mat().createDense(rhs.shape, array=np.asfortranarray(rhs), comm=block.comm)
         solution = right.duplicate()
-        ksp.pc.getFactorMatrix().matSolve(right, solution)
+        solve_columns(ksp, right, solution)
         values = np.array(solution.getDenseArray())
         for item in (ksp, block, right, solution, rows):
             item.destroy()

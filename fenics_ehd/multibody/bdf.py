@@ -79,7 +79,8 @@ class Step:
     """One accepted step.
 
     `rejected` counts the attempts since the last accepted step that failed,
-    by reason; `newton_iterations` includes theirs.
+    by reason; `newton_iterations` includes theirs. `auxiliary` belongs to the
+    last iterate but one, which differs from x by less than the Newton tolerance.
     """
 
     time: float
@@ -196,7 +197,8 @@ def _newton(
             return _Attempt(iteration, "Newton's update is not finite")
         fraction = min(1.0, BOUNDARY_FRACTION * problem.admissible_fraction(x, update))
         x = x + fraction * update
-        if fraction == 1.0 and problem.norm(x, update) <= tolerance:
+        # One iteration would leave the auxiliary state that of the prediction.
+        if iteration > 1 and fraction == 1.0 and problem.norm(x, update) <= tolerance:
             rate = alpha * x + past_x
             return _Attempt(iteration, None, x, rate, alpha * rate + past_rate, auxiliary)
     return _Attempt(MAX_NEWTON, f"Newton did not converge in {MAX_NEWTON} iterations")

@@ -6,8 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.errors import InterfaceMismatchError
 from fenics_ehd.film import Film, FilmState
 from fenics_ehd.reduction.body import ReducedBody
+
+#: Largest difference of the film's load from the body's, relative to the largest nodal load.
+CONJUGACY_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,20 @@ class Journal:
         self._gap = film.gap_map(self._directions)
         self._load = body.load_projection
         self._spin_load = body.spin_load_projection
+        self._check_conjugacy()
+
+    def _check_conjugacy(self) -> None:
+        """The film's pressure must do the same work on the bore by its own integrals and by J."""
+        for field, direction in ((1, 0), (2, 1)):
+            expected = self._load[field]
+            own = self.film.load(self._directions[:, :, direction])
+            defect = np.abs(own - expected).max() / np.abs(expected).max()
+            if not defect <= CONJUGACY_TOLERANCE:
+                raise InterfaceMismatchError(
+                    f"film and body disagree on the work of a pressure by {defect:.1e} (relative), "
+                    f"above {CONJUGACY_TOLERANCE:.0e}: the bore's cells must start at angle zero "
+                    "and the body's load matrix must belong to this film element"
+                )
 
     def gap(self, xi: np.ndarray) -> np.ndarray:
         """Gap at every watched point [m]."""

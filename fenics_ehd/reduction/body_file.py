@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def load_body(path: str | Path) -> ReducedBody:
                     f"body file {path}: format version {file.attrs['format_version']}, "
                     f"this program reads {FORMAT_VERSION}; reduce the part again"
                 )
-            return ReducedBody(
+            body = ReducedBody(
                 **{name: np.array(file[name]) for name in _ARRAYS},
                 method=str(file.attrs["method"]),
                 frame=str(file.attrs["frame"]),
@@ -73,5 +74,41 @@ def load_body(path: str | Path) -> ReducedBody:
                 accuracy={k: float(v) for k, v in file["accuracy"].attrs.items()},
                 provenance={k: str(v) for k, v in file["provenance"].attrs.items()},
             )
-    except (OSError, KeyError) as error:
+    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise BodyFileError(f"body file {path}: {str(error).splitlines()[0]}") from error
+    for defect in defects(body):
+        raise BodyFileError(f"body file {path}: {defect}")
+    return body
+
+
+def defects(body: ReducedBody) -> Iterator[str]:
+    """What contradicts itself in a body, one line each."""
+    n, nodes, pressures = body.modes, len(body.bore_nodes), len(body.pressure_nodes)
+    square = (3 + n, 3 + n)
+    shapes = {
+        "stiffness": (body.stiffness, (n, n)),
+        "mass": (body.mass, (n, n)),
+        "bore_nodes": (body.bore_nodes, (nodes, 3)),
+        "bore_basis": (body.bore_basis, (nodes, 3, n)),
+        "pressure_nodes": (body.pressure_nodes, (pressures, 3)),
+        "load_projection": (body.load_projection, (3 + n, pressures)),
+        "spin_load_projection": (body.spin_load_projection, (3 + n, pressures)),
+        "inertia/mass": (body.inertia.mass, square),
+        "inertia/spin": (body.inertia.spin, square),
+        "inertia/centrifugal": (body.inertia.centrifugal, square),
+        **{f"points/{name}": (rows, (3, 3 + n)) for name, rows in body.points.items()},
+    }
+    if body.missing_flexibility.size:
+        shapes["missing_flexibility"] = (body.missing_flexibility, (nodes, pressures))
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape:
+            yield f"{name} has shape {array.shape}, {n} modes need {shape}"
+        elif not np.isfinite(array).all():
+            yield f"{name} holds a value that is not finite"
+        elif name in ("stiffness", "mass", "inertia/mass"):
+            scale = np.sqrt(np.abs(np.diag(array)))
+            scaled = array / np.outer(scale, scale) if scale.all() else -np.eye(len(array))
+            if len(array) and not np.linalg.eigvalsh(scaled).min() > -1e-9:
+                yield f"{name} is not positive definite"
+    if not (body.bore_radius > 0 and body.bore_width > 0):
+        yield f"bore of radius {body.bore_radius:g} m and width {body.bore_width:g} m"

@@ -65,5 +65,5 @@ def node_rows(
     local = nodes - first_node
     mine = (local >= 0) & (local < owned)
     rows = np.zeros((len(nodes), 3, columns.shape[1]))
-    rows[mine] = columns.reshape(owned, 3, -1)[local[mine]]
+    rows[mine] = columns.reshape(owned, 3, columns.shape[1])[local[mine]]
     return comm.allreduce(rows, op=MPI.SUM)

@@ -97,10 +97,6 @@ def load_dependent(
         full_flexibility=bore_flexibility(solver) if estimate_error else None,
         accuracy=basis.accuracy,
         provenance={
-            "vibration_modes": str(n_vibration),
-            "residual_modes": str(n_residual),
-            "pressure_set": pressure_set,
-            "selection": selection,
             "degrees_of_freedom": str(structure.size),
         },
     )

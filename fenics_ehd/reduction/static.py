@@ -7,7 +7,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.errors import VerificationError
-from fenics_ehd.petsc_options import configure
+from fenics_ehd.petsc_options import configure, solve_columns
 from fenics_ehd.reduction.distributed import dense_matrix, inner, multiply
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
 from fenics_ehd.reduction.structure import Structure
@@ -89,7 +89,7 @@ class StaticSolver:
         comm = self.structure.stiffness.comm
         rhs = dense_matrix(balanced, comm)
         response = dense_matrix(np.zeros_like(balanced), comm)
-        self._ksp.pc.getFactorMatrix().matSolve(rhs, response)
+        solve_columns(self._ksp, rhs, response)
         columns = np.array(response.getDenseArray())
         rhs.destroy()
         response.destroy()

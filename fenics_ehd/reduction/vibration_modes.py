@@ -95,7 +95,9 @@ def vibration_modes(
         eigenvalues[i] = eps.getEigenpair(i, template).real
         modes[:, i] = template.array
     order = np.argsort(eigenvalues)
-    eigenvalues, modes = eigenvalues[order], modes[:, order]
+    # SLEPc's purification applies K, whose round-off reintroduces rigid motion in a soft part.
+    eigenvalues, modes = eigenvalues[order], solver.remove_rigid_motion(modes[:, order])
+    modes /= np.sqrt(np.diag(inner(modes, multiply(structure.mass, modes), structure.comm)))
     _verify(structure, eigenvalues, modes)
     return np.sqrt(eigenvalues), _orient(structure, modes)
 

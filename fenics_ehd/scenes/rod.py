@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.errors import SettingsError
-from fenics_ehd.reduction import LoadDependentBasis, ReducedBody, Structure, load_dependent
+from fenics_ehd.reduction import ReducedBody, Structure, load_dependent, rigid
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 
 
@@ -19,12 +20,13 @@ from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 class ReducedRod:
     """A reduced rod, and what only displacement fields need.
 
-    `structure` and `basis` stay distributed over the ranks that reduced the rod.
+    `structure` and `columns`, the part-size basis, stay distributed over the
+    ranks that reduced the rod.
     """
 
     body: ReducedBody
     structure: Structure
-    basis: LoadDependentBasis
+    columns: np.ndarray
     seconds: float
 
 
@@ -67,19 +69,21 @@ def reduce_rod(settings: SliderCrankSettings, comm: MPI.Comm = MPI.COMM_WORLD) -
     start = perf_counter()
     structure = build_structure(settings, comm)
     reduction = settings.reduction
-    rigid = reduction.method == "rigid"
-    body, basis = load_dependent(
-        structure,
-        0 if rigid else reduction.vibration_modes,
-        0 if rigid else reduction.residual_modes,
-        reduction.pressure_set,
-        reduction.selection,
-        estimate_error=reduction.estimate_error,
-    )
-    if rigid:
-        body = body.rigid()
+    if reduction.method == "rigid":
+        body = rigid(structure, estimate_error=reduction.estimate_error)
+        columns = np.zeros((structure.stiffness.local_size[0], 0))
+    else:
+        body, basis = load_dependent(
+            structure,
+            reduction.vibration_modes,
+            reduction.residual_modes,
+            reduction.pressure_set,
+            reduction.selection,
+            estimate_error=reduction.estimate_error,
+        )
+        columns = basis.columns
     body = replace(body, provenance={**body.provenance, **origin(settings)})
-    return ReducedRod(body, structure, basis, perf_counter() - start)
+    return ReducedRod(body, structure, columns, perf_counter() - start)
 
 
 def origin(settings: SliderCrankSettings) -> dict[str, str]:

@@ -17,10 +17,16 @@ from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import Step, StepControl, integrate
 from fenics_ehd.multibody.crank import ConstantSpeedCrank
 from fenics_ehd.multibody.energy import EnergyBalance, Powers
-from fenics_ehd.output import HistoryWriter
+from fenics_ehd.output import HistoryWriter, versions
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.slider_crank import SliderCrank
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+
+#: Largest clearance over bore radius; the film's equations neglect terms of that order.
+THIN_FILM = 0.05
+
+#: Largest energy balance error of a run that may be trusted.
+ENERGY_LIMIT = 0.05
 
 
 @dataclass
@@ -47,18 +53,27 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
     Raises
     ------
     SettingsError
-        The crank is longer than the rod.
+        The crank is longer than the rod, the film not thin, or the body clamped.
     InterfaceMismatchError
         The body's bore is not meshed as a film mesh is.
     """
     cells, pressure_family = film_layout(body.pressure_nodes)
     displacement_family = film_layout(body.bore_nodes)[1]
     mechanism, bearing = settings.mechanism, settings.bearing
+    if "pin" not in body.points:
+        raise SettingsError("the body has no boundary point 'pin' for the piston")
     rod_length = float(np.hypot(*body.points["pin"][:2, 0]))
     if not mechanism.crank_length < rod_length:
         raise SettingsError(
             f"mechanism.crank_length = {mechanism.crank_length:g} m must be below the rod's "
             f"length of {rod_length:g} m, or the crank cannot turn"
+        )
+    if body.frame == "clamped":
+        raise SettingsError("the body was clamped when it was reduced, a rod must be free")
+    if not bearing.clearance < THIN_FILM * body.bore_radius:
+        raise SettingsError(
+            f"bearing.clearance = {bearing.clearance:g} m must be below {THIN_FILM:g} of the bore "
+            f"radius {body.bore_radius:g} m: the film is taken as thin"
         )
     parameters = FilmParameters(
         radius=body.bore_radius,
@@ -73,6 +88,28 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
     film = Film(parameters, body.bore_nodes, body.pressure_nodes)
     crank = ConstantSpeedCrank(mechanism.crank_length, mechanism.crank_speed)
     return SliderCrank(crank, body, film, mechanism.piston_mass, settings.rod.damping_time)
+
+
+def step_control(settings: SliderCrankSettings, end: float) -> StepControl:
+    """Step sizes of the run up to `end` [s].
+
+    Raises
+    ------
+    SettingsError
+        The smallest step is not the smallest.
+    """
+    time = settings.time
+    largest = np.radians(time.largest_step) / settings.mechanism.crank_speed
+    for name, value in (
+        ("time.first_step", time.first_step),
+        ("time.largest_step", largest),
+        ("the simulated time", end),
+    ):
+        if not time.smallest_step < value:
+            raise SettingsError(
+                f"time.smallest_step = {time.smallest_step:g} s must be below {name} = {value:g} s"
+            )
+    return StepControl(time.tolerance, time.first_step, time.smallest_step, largest, time.order)
 
 
 def simulate(
@@ -102,27 +139,16 @@ def simulate(
     Totals
         The object given.
     """
+    end = settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed
+    control = step_control(settings, end)
     mechanism = build_mechanism(settings, body)
-    speed = settings.mechanism.crank_speed
-    time = settings.time
-    control = StepControl(
-        tolerance=time.tolerance,
-        first_step=time.first_step,
-        smallest_step=time.smallest_step,
-        largest_step=np.radians(time.largest_step) / speed,
-        order=time.order,
-    )
-    end = settings.mechanism.revolutions * 2 * np.pi / speed
     rest = np.zeros(mechanism.size)
     estimate = BasisErrorEstimate(body.missing_flexibility, settings.rod.damping_time)
-    balance = None
+    balance = EnergyBalance(0.0, mechanism.initial_powers())
     started = perf_counter()
     for step in integrate(mechanism, (0.0, end), rest, rest, control):
         powers = mechanism.powers(step.x, step.rate, step.auxiliary)
-        if balance is None:
-            balance = EnergyBalance(step.time, powers)
-        else:
-            balance.add(step.time, powers)
+        balance.add(step.time, powers)
         pressure = step.auxiliary.film.pressure
         error = estimate.add(step.time - totals.time, pressure)
         row = _row(mechanism, step, powers, balance, error, step.time - totals.time)
@@ -188,6 +214,16 @@ def _account(
     totals.energy_error = balance.error
 
 
+def verdict(totals: Totals) -> str:
+    """``"complete"``, or why the figures of a run that came to its end cannot be trusted."""
+    if totals.energy_error > ENERGY_LIMIT:
+        return (
+            f"untrustworthy: energy balance error {100 * totals.energy_error:.2g} % above "
+            f"{100 * ENERGY_LIMIT:g} %, lower time.tolerance"
+        )
+    return "complete"
+
+
 def summarise(
     settings: SliderCrankSettings,
     body: ReducedBody,
@@ -196,8 +232,6 @@ def summarise(
     reduction_seconds: float,
 ) -> dict[str, object]:
     """Figures of ``summary.json``."""
-    from fenics_ehd.output import versions
-
     return {
         "status": status,
         "scene": settings.scene,

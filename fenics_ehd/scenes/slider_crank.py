@@ -111,6 +111,13 @@ class SliderCrank:
         largest = closing.max()
         return 1.0 / largest if largest > 0.0 else np.inf
 
+    def initial_powers(self) -> Powers:
+        """Energy at the start: a centred shaft at rest in the bore, no pressure yet."""
+        crank, rest = self.crank.at(0.0), np.zeros(self.size)
+        angle = rod_angle(crank, self._pin, rest, rest, rest, (0.0, 0.0))
+        kinetic = kinetic_energy(self._inertia, crank, angle, rest, rest)
+        return Powers(kinetic, strain=0.0, drive=0.0, drag=0.0, film=0.0, damping=0.0)
+
     def powers(self, x: np.ndarray, rate: np.ndarray, state: MechanismState) -> Powers:
         """Energy and powers at an accepted step."""
         crank, angle = state.crank, state.angle

@@ -38,7 +38,7 @@ class Rod:
         "serendipity", ELEMENTS, "20-node (serendipity) or 27-node (lagrange) hexahedra"
     )
     youngs_modulus: float = number(210e9, "[Pa]", above=0)
-    poissons_ratio: float = number(0.3, "[-]", above=-1, below=0.5)
+    poissons_ratio: float = number(0.3, "[-]; quadratic elements lock above", above=-1, below=0.49)
     density: float = number(7850.0, "[kg/m3]", above=0)
     damping_time: float = number(1e-3, "zeta of D = zeta K [s]", least=0)
     geometry: dict = numbers("parameters of the Gmsh model by name, big_end_wall = 0.0114 say")
