@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -60,9 +62,17 @@ def _parameter_names(path: Path) -> dict[str, str]:
     return {name.rsplit("/", 1)[-1]: name for name in names}
 
 
+def _initialize_gmsh() -> None:
+    """Start Gmsh without letting it take Ctrl-C away from Python, as newer versions do."""
+    former = signal.getsignal(signal.SIGINT)
+    gmsh.initialize([""])
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, former)
+
+
 def _generate(path: Path, parameters: Mapping[str, float]) -> dict[str, int]:
     """Mesh a model in a fresh Gmsh session; the caller finalises Gmsh."""
-    gmsh.initialize([""])
+    _initialize_gmsh()
     gmsh.option.setNumber("General.Terminal", 0)
     if parameters:
         names = _parameter_names(path)
