@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 
-from fenics_ehd.errors import BodyFileError, SettingsError
+from fenics_ehd.errors import BodyFileError, InterfaceMismatchError, SettingsError
 from fenics_ehd.reduction import (
     SELECTIONS,
     InertiaIntegrals,
@@ -23,7 +23,9 @@ from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
 from fenics_ehd.reduction.residual_modes import energy_orthonormal
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
 from fenics_ehd.scenes.rod import build_structure
+from fenics_ehd.scenes.run import build_mechanism
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.settings import build
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +177,37 @@ def test_rigid_body_keeps_mass_and_gains_missing_flexibility(body):
     np.testing.assert_array_equal(rigid.load_projection, body.load_projection[:3])
     whole = body.basis_flexibility() + body.missing_flexibility
     np.testing.assert_allclose(rigid.missing_flexibility, whole)
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1e4])
+def test_modes_of_a_softer_or_stiffer_part_only_scale(body, factor):
+    settings = build(SliderCrankSettings, {"rod": {"youngs_modulus": 210e9 * factor}})
+    structure = build_structure(settings, MPI.COMM_WORLD)
+    scaled, _ = load_dependent(structure, 6, 31, estimate_error=False)
+    np.testing.assert_allclose(scaled.frequencies, body.frequencies * factor**0.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("stiffness", np.eye(5), "stiffness has shape"),
+        ("stiffness", -np.eye(39), "stiffness is not positive definite"),
+        ("stiffness", np.full((39, 39), np.nan), "stiffness holds a value that is not finite"),
+        ("bore_basis", np.zeros((340, 3)), "bore_basis has shape"),
+        ("missing_flexibility", np.zeros((3, 4)), "missing_flexibility has shape"),
+        ("pressure_nodes", np.zeros((0, 3)), "load_projection has shape"),
+        ("points", {"pin": np.zeros((2, 2))}, "points/pin has shape"),
+        ("bore_radius", -1.0, "bore of radius -1"),
+    ],
+)
+def test_inconsistent_body_file_is_refused(body, tmp_path, name, value, message):
+    path = tmp_path / "rod.h5"
+    save_body(replace(body, **{name: value}), path)
+    with pytest.raises(BodyFileError, match=message):
+        load_body(path)
+
+
+def test_another_load_matrix_than_the_film_has_is_refused(body):
+    other = replace(body, load_projection=1.001 * body.load_projection)
+    with pytest.raises(InterfaceMismatchError, match="disagree on the work of a pressure"):
+        build_mechanism(SliderCrankSettings(), other)
