@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from differences import numbers, slope
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -15,26 +16,6 @@ from fenics_ehd.reduction.body import InertiaIntegrals
 
 #: Derandomised, so that every machine tests the same cases.
 profile = settings(deadline=None, derandomize=True, max_examples=40)
-
-#: Central differences of order 8, which leave 1e-11 of values and rates of order 1.
-OFFSETS = np.array([-4, -3, -2, -1, 1, 2, 3, 4])
-WEIGHTS = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-STEP = 0.02
-
-
-def slope(function, at=0.0, step=STEP):
-    """Derivative of a function of one number."""
-    values = [np.asarray(function(at + k * step)) for k in OFFSETS]
-    return sum(w * v for w, v in zip(WEIGHTS, values, strict=True)) / step
-
-
-def numbers(*shape, largest=1.0):
-    return hnp.arrays(
-        float,
-        shape,
-        elements=st.floats(-largest, largest, allow_subnormal=False),
-        fill=st.nothing(),
-    )
 
 
 @dataclass
@@ -130,7 +111,8 @@ def lagrange_forces(cloud, motion):
         def momentum(t, unit=unit):
             return 0.5 * (energy(t, rate_change=unit) - energy(t, rate_change=-unit))
 
-        forces.append(slope(momentum) - slope(lambda h, unit=unit: energy(0.0, change=h * unit)))
+        varied = slope(lambda h, unit=unit: energy(0.0, change=h * unit), step=0.02)
+        forces.append(slope(momentum, step=0.02) - varied)
     return np.array(forces)
 
 

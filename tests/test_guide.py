@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from differences import numbers, slope
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 from fenics_ehd.errors import SolverError
 from fenics_ehd.multibody.crank import ConstantSpeedCrank, CrankMotion
@@ -14,25 +14,6 @@ from fenics_ehd.multibody.guide import rod_angle, rotation
 
 #: Derandomised, so that every machine tests the same cases.
 profile = settings(deadline=None, derandomize=True, max_examples=60)
-
-#: Central differences of order 8.
-OFFSETS = np.array([-4, -3, -2, -1, 1, 2, 3, 4])
-WEIGHTS = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-
-
-def slope(function, at=0.0, step=0.01):
-    """Derivative of a function of one number."""
-    values = [np.asarray(function(at + k * step)) for k in OFFSETS]
-    return sum(w * v for w, v in zip(WEIGHTS, values, strict=True)) / step
-
-
-def numbers(*shape, largest=1.0):
-    return hnp.arrays(
-        float,
-        shape,
-        elements=st.floats(-largest, largest, allow_subnormal=False),
-        fill=st.nothing(),
-    )
 
 
 @dataclass
