@@ -113,7 +113,8 @@ def _gather(rod: ReducedRod) -> PartFields | None:
 def _simulate(
     settings: SliderCrankSettings, body: ReducedBody, seconds: float, directory: Path
 ) -> dict[str, object]:
-    from fenics_ehd.scenes.run import Totals, open_history, simulate, summarise, verdict
+    from fenics_ehd.results import open_history, summarise
+    from fenics_ehd.scenes.run import Totals, simulate, verdict
 
     totals = Totals()
     end = settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed
@@ -169,7 +170,7 @@ def _finish(
         label = f"{body.method.upper()}, {body.modes} modes"
         plot_history({label: read_history(directory)}, directory)
     if part is not None and frames is not None:
-        from fenics_ehd.scenes.series import write_run_series
+        from fenics_ehd.results import write_run_series
 
         write_run_series(settings, body, part, directory, frames)
 

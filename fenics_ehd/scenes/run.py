@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -17,7 +16,6 @@ from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import Step, StepControl, integrate
 from fenics_ehd.multibody.crank import ConstantSpeedCrank
 from fenics_ehd.multibody.energy import EnergyBalance, Powers
-from fenics_ehd.output import HistoryWriter, versions
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.slider_crank import SliderCrank
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
@@ -222,50 +220,3 @@ def verdict(totals: Totals) -> str:
             f"{100 * ENERGY_LIMIT:g} %, lower time.tolerance"
         )
     return "complete"
-
-
-def summarise(
-    settings: SliderCrankSettings,
-    body: ReducedBody,
-    totals: Totals,
-    status: str,
-    reduction_seconds: float,
-) -> dict[str, object]:
-    """Figures of ``summary.json``."""
-    return {
-        "status": status,
-        "scene": settings.scene,
-        "method": body.method,
-        "modes": body.modes,
-        "max_pressure_Pa": float(totals.max_pressure),
-        "max_pressure_time_s": totals.max_pressure_time,
-        "min_film_thickness_m": float(totals.min_film_thickness),
-        "min_film_thickness_time_s": totals.min_film_thickness_time,
-        "basis_error_estimate_m": totals.basis_error,
-        "energy_balance_error": totals.energy_error,
-        "simulated_time_s": totals.time,
-        "steps": totals.steps,
-        "rejected_steps": totals.rejected_steps,
-        "newton_iterations": totals.newton_iterations,
-        "film_solves": totals.film_solves,
-        "rod_mass_kg": body.inertia.total_mass,
-        "rod_centre_of_mass_m": float(body.inertia.centre_of_mass[0]),
-        "rod_polar_inertia_kg_m2": body.inertia.polar_inertia,
-        "frequencies_Hz": [float(f) for f in body.frequencies],
-        "reduction_time_s": reduction_seconds,
-        "wall_time_s": totals.wall_time,
-        "versions": versions(),
-    }
-
-
-def open_history(directory: str | Path, body: ReducedBody) -> HistoryWriter:
-    """History files for a run of this body."""
-    return HistoryWriter(
-        directory,
-        fields={
-            "coordinates": 2 + body.modes,
-            "rates": 2 + body.modes,
-            "pressure_Pa": len(body.pressure_nodes),
-        },
-        constants={"pressure_nodes_m": body.pressure_nodes, "bore_nodes_m": body.bore_nodes},
-    )
