@@ -166,8 +166,12 @@ def _literal(value: Any) -> str:
         return json.dumps(value)
     if isinstance(value, int):
         return str(value)
-    digits = format(value, ".12g")
-    return digits if set(digits) & set(".en") else f"{digits}.0"
+    plain = format(value, ".12g")
+    mantissa, exponent = format(value, ".11e").split("e")
+    short = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    if not set(plain) & set(".en"):
+        plain += ".0"
+    return min(plain, short, key=len)
 
 
 def to_toml(settings: Any, path: str = "") -> str:
