@@ -171,7 +171,7 @@ def _literal(value: Any) -> str:
     short = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
     if not set(plain) & set(".en"):
         plain += ".0"
-    return min(plain, short, key=len)
+    return plain if len(plain) <= 8 else min(plain, short, key=len)
 
 
 def to_toml(settings: Any, path: str = "") -> str:
