@@ -217,6 +217,7 @@ def reduce_part(path: str, scene: str | None, options: Mapping[str, Any], as_jso
 
 def _save(body: ReducedBody, path: str) -> None:
     try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
         save_body(body, path)
     except OSError as error:
         raise SettingsError(f"--output {shlex.quote(path)}: {error}") from None
