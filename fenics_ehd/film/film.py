@@ -70,13 +70,10 @@ class FilmState:
         Nodal pressure in the caller's order, shape (k,) [Pa].
     cavitation
         The dimensionless complementarity solution on the free nodes.
-    film_thickness
-        Smallest gap over nodes and Gauss points [m].
     """
 
     pressure: np.ndarray
     cavitation: CavitationResult
-    film_thickness: float
 
 
 class Film:
@@ -252,7 +249,7 @@ class Film:
         start = np.zeros(len(self._free)) if guess is None else guess.cavitation.pressure
         result = self.cavitation.solve(self._reduced, rhs, start)
         pressure = self._to_caller(result.pressure[:, None])[:, 0]
-        self._last = FilmState(pressure, result, thickness)
+        self._last = FilmState(pressure, result)
         return self._last
 
     def _require_last(self, state: FilmState) -> None:
