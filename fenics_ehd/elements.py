@@ -1,16 +1,18 @@
-"""The two quadratic families used on quadrilaterals and hexahedra.
+"""The quadratic elements of parts and surfaces.
+
+Two families on quadrilaterals and hexahedra, one on triangles and tetrahedra.
 
 ``serendipity``: 8 nodes on the quadrilateral, 20 on the hexahedron, all
 monomials of superlinear degree at most 2 (Arnold and Awanou, Found. Comput.
 Math. 11, 2011), evaluated at vertices and edge midpoints. dolfinx's own
 serendipity element is not nodal, so this one is built as a custom element.
-``lagrange``: 9 and 27 nodes.
+``lagrange``: 9 and 27 nodes. On triangles and tetrahedra, 6 and 10 nodes, the
+two are the same.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -18,6 +20,17 @@ import numpy as np
 from fenics_ehd import compat
 
 FAMILIES = ("serendipity", "lagrange")
+
+#: Cells on which every quadratic family is the same.
+SIMPLICES = ("triangle", "tetrahedron")
+
+#: Cell of each family on a surface: 4, 8 and 9 nodes on the quadrilateral, 6 on the triangle.
+SURFACE_CELLS = {
+    "bilinear": "quadrilateral",
+    "serendipity": "quadrilateral",
+    "lagrange": "quadrilateral",
+    "triangle": "triangle",
+}
 
 
 def superlinear_degree(exponents: tuple[int, ...]) -> int:
@@ -65,16 +78,17 @@ def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()) -> co
     Parameters
     ----------
     family
-        ``"serendipity"`` (8 or 20 nodes) or ``"lagrange"`` (9 or 27 nodes).
+        ``"serendipity"`` (8 or 20 nodes) or ``"lagrange"`` (9 or 27 nodes);
+        either gives the 6 or 10 nodes of triangle and tetrahedron.
     cell
-        ``"quadrilateral"`` or ``"hexahedron"``.
+        ``"quadrilateral"``, ``"hexahedron"``, ``"triangle"`` or ``"tetrahedron"``.
     shape
         ``()`` for a scalar field, ``(3,)`` for a displacement.
     """
-    if family == "lagrange":
-        return compat.lagrange_element(cell, 2, shape)
-    if family != "serendipity":
+    if family not in FAMILIES:
         raise ValueError(f"element family {family!r} is not one of {', '.join(FAMILIES)}")
+    if family == "lagrange" or cell in SIMPLICES:
+        return compat.lagrange_element(cell, 2, shape)
     cell_type = getattr(basix.CellType, cell)
     dimension = len(basix.topology(cell_type)) - 1
     coefficients = _expansion_coefficients(cell_type, dimension)
@@ -82,31 +96,50 @@ def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()) -> co
     return compat.custom_element(cell, coefficients, points, matrices, 1, 2, shape)
 
 
+def _surface_exponents(family: str) -> np.ndarray:
+    """Exponents of the monomials that a family on a surface spans, shape (k, 2)."""
+    if family not in SURFACE_CELLS:
+        raise ValueError(f"surface family {family!r} is not one of {', '.join(SURFACE_CELLS)}")
+    exponents = itertools.product(range(2 if family == "bilinear" else 3), repeat=2)
+    kept = {
+        "serendipity": lambda e: superlinear_degree(e) <= 2,
+        "triangle": lambda e: sum(e) <= 2,
+    }.get(family, lambda e: True)
+    return np.array([e for e in exponents if kept(e)])
+
+
+def surface_degree(family: str) -> int:
+    """Total polynomial degree of a family on a surface."""
+    return int(_surface_exponents(family).sum(axis=1).max())
+
+
+def surface_nodes(family: str) -> np.ndarray:
+    """Reference nodes of a family on a surface: corners, edge midpoints, centre; shape (k, 2)."""
+    size = len(_surface_exponents(family))
+    cell = getattr(basix.CellType, SURFACE_CELLS[family])
+    corners = basix.geometry(cell)
+    middles = [corners[edge].mean(axis=0) for edge in basix.topology(cell)[1]]
+    return np.vstack([corners, *middles, corners.mean(axis=0)])[:size]
+
+
 def shape_functions(family: str, points: np.ndarray) -> np.ndarray:
-    """Nodal shape functions on the quadrilateral, in the order of the element's nodes.
+    """Nodal shape functions on a surface cell, in the order of the element's nodes.
 
     Parameters
     ----------
     family
-        ``"serendipity"`` or ``"lagrange"``.
+        A key of `SURFACE_CELLS`.
     points
         Reference points, shape (p, 2).
 
     Returns
     -------
     numpy.ndarray
-        shape (p, 8) or (p, 9).
+        shape (p, k), k nodes a cell.
     """
-    cell = basix.CellType.quadrilateral
-    corners = basix.geometry(cell)
-    nodes = [*corners, *(corners[edge].mean(axis=0) for edge in basix.topology(cell)[1])]
-    exponents = list(itertools.product(range(3), repeat=2))
-    if family == "serendipity":
-        exponents = [e for e in exponents if superlinear_degree(e) <= 2]
-    else:
-        nodes.append(corners.mean(axis=0))
+    exponents = _surface_exponents(family)
 
-    def monomials(x: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-        return np.array([[np.prod(row ** np.array(e)) for e in exponents] for row in np.asarray(x)])
+    def monomials(x: np.ndarray) -> np.ndarray:
+        return np.prod(np.asarray(x)[:, None, :] ** exponents, axis=2)
 
-    return np.linalg.solve(monomials(nodes).T, monomials(points).T).T
+    return np.linalg.solve(monomials(surface_nodes(family)).T, monomials(points).T).T

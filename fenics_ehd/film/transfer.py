@@ -1,0 +1,170 @@
+"""Pressure and displacement between film and bore meshes that do not match, section 2.2.
+
+Two ways to the nodal forces of a film pressure. The mortar (14) gives pressures
+on the bore's nodes, to be loaded with (15). The conservative one integrates the
+film's pressure against the bore's shape functions: resultant force and moment
+stay those of the film to round-off. Either way the transpose carries
+displacements back, so force and gap are conjugate.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from fenics_ehd.elements import shape_functions, surface_degree
+from fenics_ehd.film.overlay import overlay, triangle_rule
+from fenics_ehd.film.surface import Surface, interpolation_matrix
+
+#: Triangles integrated at once.
+BLOCK = 20_000
+
+
+class Mortar:
+    """``P_s = H_sf P_f`` (14), the L2 projection of film pressures onto the bore's mesh.
+
+    ``H = D^-1 M`` with ``D = int N_s N_s dA`` and ``M = int N_s N_f dA``, the
+    latter integrated exactly over the true intersections of the cells: what
+    both meshes can represent is reproduced, and the integral of every pressure
+    is kept. H itself is full and is not formed.
+
+    Parameters
+    ----------
+    structure
+        Bore mesh of the pressures of (15), m nodes.
+    film
+        Film mesh, k nodes.
+    radius
+        Radius of both [m].
+
+    Attributes
+    ----------
+    mass, coupling
+        D, shape (m, m), and M, shape (m, k), sparse [m^2].
+
+    Raises
+    ------
+    InterfaceMismatchError
+        The meshes do not cover the same cylinder.
+    """
+
+    def __init__(self, structure: Surface, film: Surface, radius: float):
+        self.mass = radius * _mass(structure)
+        self.coupling = radius * _coupling(structure, film)
+        self._factor = splu(self.mass.tocsc())
+
+    def to_structure(self, pressures: np.ndarray) -> np.ndarray:
+        """``H P_f`` for film pressures of shape (k,) or (k, columns)."""
+        return self._factor.solve(self.coupling @ pressures)
+
+    def transpose(self, values: np.ndarray) -> np.ndarray:
+        """``H^T v`` for values dual to the bore's pressures, shape (m,) or (m, columns)."""
+        return self.coupling.T @ self._factor.solve(values, trans="T")
+
+    def matrix(self) -> np.ndarray:
+        """H as a dense array, shape (m, k): bore size, to be projected with J of a body."""
+        return self._factor.solve(self.coupling.toarray())
+
+
+def _mass(surface: Surface) -> sparse.csr_matrix:
+    """``int N N dphi dz`` on the whole cells."""
+    barycentric, weights = triangle_rule(2 * surface_degree(surface.family))
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    halves = [corners] if surface.triangular else [corners, 1.0 - corners]
+    points = np.vstack([barycentric @ half for half in halves])
+    values = shape_functions(surface.family, points)
+    local = values.T @ (0.5 * np.tile(weights, len(halves))[:, None] * values)
+    entries = surface.determinants[:, None, None] * local
+    size = len(surface.nodes)
+    return _assemble(surface.cells, surface.cells, entries, (size, size))
+
+
+def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
+    """``int N_s N_f dphi dz`` on the intersections of the cells."""
+    tiles = overlay(structure, film)
+    degree = surface_degree(structure.family) + surface_degree(film.family)
+    barycentric, weights = triangle_rule(degree)
+    size = (len(structure.nodes), len(film.nodes))
+    total = sparse.csr_matrix(size)
+    for start in range(0, len(tiles.areas), BLOCK):
+        part = slice(start, start + BLOCK)
+        ours, theirs = (
+            shape_functions(surface.family, (barycentric @ corners[part]).reshape(-1, 2)).reshape(
+                -1, len(weights), surface.cells.shape[1]
+            )
+            for surface, corners in ((structure, tiles.on_structure), (film, tiles.on_film))
+        )
+        scaled = (tiles.areas[part, None] * weights)[:, :, None] * theirs
+        entries = ours.swapaxes(1, 2) @ scaled
+        rows = structure.cells[tiles.structure_cells[part]]
+        total = total + _assemble(rows, film.cells[tiles.film_cells[part]], entries, size)
+    return total
+
+
+def _assemble(
+    rows: np.ndarray, columns: np.ndarray, entries: np.ndarray, shape: tuple[int, int]
+) -> sparse.csr_matrix:
+    """Sum cell matrices (c, i, j) with rows (c, i) and columns (c, j)."""
+    i = np.broadcast_to(rows[:, :, None], entries.shape).ravel()
+    j = np.broadcast_to(columns[:, None, :], entries.shape).ravel()
+    return sparse.coo_matrix((entries.ravel(), (i, j)), shape=shape).tocsr()
+
+
+def outward_displacement(structure: Surface, phi: np.ndarray, z: np.ndarray) -> sparse.csr_matrix:
+    """Gap change ``n . N_s u`` at points of the film per displacement of the bore nodes.
+
+    Parameters
+    ----------
+    structure
+        Bore mesh of the displacements, m nodes.
+    phi, z
+        Points, shape (p,) [rad], [m]; ``n = (cos phi, sin phi, 0)``.
+
+    Returns
+    -------
+    scipy.sparse.csr_matrix
+        shape (p, 3 m), columns ``3 node + component``.
+    """
+    shape = interpolation_matrix(structure, phi, z)
+    normal = np.repeat(np.column_stack([np.cos(phi), np.sin(phi)]), np.diff(shape.indptr), axis=0)
+    return sparse.csr_matrix(
+        (
+            (shape.data[:, None] * normal).ravel(),
+            (3 * shape.indices[:, None] + np.arange(2)).ravel(),
+            2 * shape.indptr,
+        ),
+        shape=(len(phi), 3 * len(structure.nodes)),
+    )
+
+
+def conservative_load(
+    structure: Surface,
+    phi: np.ndarray,
+    z: np.ndarray,
+    weights: np.ndarray,
+    film_values: sparse.spmatrix,
+) -> sparse.csr_matrix:
+    """Nodal forces on the bore ``F = int N_s n p dA`` of film pressures.
+
+    At the film's own quadrature points the resultant force and the moments
+    about x and y are the film's to round-off, because the shape functions
+    reproduce 1 and z. At those of `intersection_points` every nodal force is
+    exact up to the quadrature of cos and sin.
+
+    Parameters
+    ----------
+    structure
+        Bore mesh of the displacements, m nodes.
+    phi, z, weights
+        Quadrature points [rad], [m] and weights [m^2], shape (p,).
+    film_values
+        Shape functions of the film's k pressure nodes there, shape (p, k).
+
+    Returns
+    -------
+    scipy.sparse.csr_matrix
+        shape (3 m, k) [m^2]: the weighted transpose of `outward_displacement`.
+    """
+    rows = outward_displacement(structure, phi, z)
+    return (rows.T @ (sparse.diags(weights) @ sparse.csr_matrix(film_values))).tocsr()
