@@ -11,24 +11,37 @@ from pathlib import Path
 
 import basix
 import gmsh
+import numpy as np
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
 from fenics_ehd import compat
 from fenics_ehd.errors import MeshError
 
-#: Gmsh's number of the 27-node hexahedron.
-_HEXAHEDRON_27 = 12
+#: Gmsh's numbers of the second-order cells and of the triangle on their faces.
+_GMSH_CELLS = {"hexahedron": 12, "tetrahedron": 11}
+_TRIANGLE_6 = 9
+
+#: Cells that can be asked for, by their short names.
+CELLS = {"hex": "hexahedron", "tet": "tetrahedron"}
+
+#: Parameter of a model that can be meshed with either.
+_SWITCH = "tetrahedra"
 
 
 @dataclass(frozen=True, eq=False)
 class PartMesh:
-    """Second-order hexahedral mesh with the numbers of its named groups."""
+    """Second-order mesh of hexahedra or tetrahedra with the numbers of its named groups."""
 
     mesh: Mesh
     cell_tags: compat.MeshTags
     facet_tags: compat.MeshTags
     groups: Mapping[str, int]
+
+    @property
+    def cell(self) -> str:
+        """``"hexahedron"`` or ``"tetrahedron"``."""
+        return self.mesh.topology.cell_type.name
 
     def group(self, name: str) -> int:
         """Number of a named physical group.
@@ -70,18 +83,19 @@ def _initialize_gmsh() -> None:
         signal.signal(signal.SIGINT, former)
 
 
-def _generate(path: Path, parameters: Mapping[str, float]) -> dict[str, int]:
+def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
     """Mesh a model in a fresh Gmsh session; the caller finalises Gmsh."""
     _initialize_gmsh()
     gmsh.option.setNumber("General.Terminal", 0)
-    if parameters:
-        names = _parameter_names(path)
-        for key, value in parameters.items():
-            if key not in names:
-                raise MeshError(
-                    f"model {path.name} has no parameter {key!r}; it has {', '.join(names)}"
-                )
-            gmsh.onelab.setNumber(names[key], [float(value)])
+    names = {} if path.suffix == ".msh" else _parameter_names(path)
+    for key, value in parameters.items():
+        if key not in names:
+            raise MeshError(
+                f"model {path.name} has no parameter {key!r}; it has {', '.join(names)}"
+            )
+        gmsh.onelab.setNumber(names[key], [float(value)])
+    if _SWITCH in names and _SWITCH not in parameters:
+        gmsh.onelab.setNumber(names[_SWITCH], [float(cells == "tet")])
     gmsh.open(str(path))
     if not gmsh.model.mesh.getNodes()[0].size:
         gmsh.model.mesh.generate(3)
@@ -91,12 +105,29 @@ def _generate(path: Path, parameters: Mapping[str, float]) -> dict[str, int]:
     }
 
 
+def _check_cells(path: str | Path, cells: str) -> None:
+    """The current model must hold the cells asked for and no other solids."""
+    found = set(gmsh.model.mesh.getElementTypes(3))
+    wanted = _GMSH_CELLS[CELLS[cells]]
+    if wanted not in found:
+        other = next((name for name in CELLS if _GMSH_CELLS[CELLS[name]] in found), None)
+        plural = {"hex": "hexahedra", "tet": "tetrahedra"}
+        cure = f"ask for cells = {other!r}" if other else "check its numbers of cells"
+        raise MeshError(f"model {path} gives no {plural[cells]}: {cure}")
+    if len(found) > 1:
+        raise MeshError(f"model {path} mixes {len(found)} kinds of cells: mesh it with one")
+    if not gmsh.model.getPhysicalGroups(3):
+        raise MeshError(f"model {path} has no physical volume: name the part's solid")
+
+
 def build_mesh(
     path: str | Path,
     parameters: Mapping[str, float] | None = None,
     *,
     comm: MPI.Comm = MPI.COMM_WORLD,
     serendipity_geometry: bool = True,
+    cells: str = "hex",
+    bore: str = "bore",
 ) -> PartMesh:
     """Mesh a Gmsh model on rank 0 and distribute it.
 
@@ -109,8 +140,14 @@ def build_mesh(
     comm
         Communicator the mesh is distributed over.
     serendipity_geometry
-        Put face and cell centres where the 20 edge and corner nodes put them,
-        which a 20-node element needs to represent linear fields.
+        Put face and cell centres of hexahedra where the 20 edge and corner nodes
+        put them, which a 20-node element needs to represent linear fields.
+    cells
+        ``"hex"`` or ``"tet"``; the latter sets the model's parameter
+        ``tetrahedra`` if it has one.
+    bore
+        Surface on a cylinder about z: mid-side nodes of tetrahedra there are put
+        on the cylinder, half way in angle and height.
 
     Returns
     -------
@@ -119,16 +156,16 @@ def build_mesh(
     Raises
     ------
     MeshError
-        Gmsh cannot read or mesh the model, or it holds no hexahedra.
+        Gmsh cannot read or mesh the model, or it holds other cells.
     """
     groups, failure = None, None
     if comm.rank == 0:
         try:
-            groups = _generate(Path(path), parameters or {})
-            if not len(gmsh.model.mesh.getElementsByType(_HEXAHEDRON_27)[0]):
-                failure = f"model {path} gives no hexahedra: check its numbers of cells"
-            elif not gmsh.model.getPhysicalGroups(3):
-                failure = f"model {path} has no physical volume: name the part's solid"
+            groups = _generate(Path(path), parameters or {}, cells)
+            _check_cells(path, cells)
+            if cells == "tet":
+                _round_bore(groups.get(bore))
+                _check_tetrahedra(path)
         except MeshError as error:
             failure = str(error)
         except Exception as error:  # Gmsh raises plain Exception
@@ -141,9 +178,50 @@ def build_mesh(
     finally:
         if comm.rank == 0:
             gmsh.finalize()
-    if serendipity_geometry:
+    if serendipity_geometry and cells == "hex":
         _place_centre_nodes(mesh)
     return PartMesh(mesh, cell_tags, facet_tags, groups)
+
+
+def _round_bore(group: int | None) -> None:
+    """Put mid-side nodes of the bore's triangles on the cylinder, half way in angle and height.
+
+    There the isoparametric bore is the best quadratic one, and straight edges in
+    the unwrapped plane are what the mesh transfer takes them for.
+    """
+    if group is None:
+        return
+    tags, x, _ = gmsh.model.mesh.getNodes()
+    x = x.reshape(-1, 3)
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    nodes = [
+        gmsh.model.mesh.getElementsByType(_TRIANGLE_6, entity)[1]
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(2, group)
+    ]
+    triangles = np.concatenate(nodes).reshape(-1, 6)
+    corners = x[row[triangles[:, :3]]]
+    # Gmsh orders the edges 0-1, 1-2, 2-0.
+    following = np.roll(corners, -1, axis=1)
+    middle = 0.5 * (corners + following)
+    reach = [np.linalg.norm(end[:, :, :2], axis=2) for end in (corners, following, middle)]
+    middle[:, :, :2] *= (0.5 * (reach[0] + reach[1]) / np.maximum(reach[2], 1e-300))[:, :, None]
+    edge_nodes, first = np.unique(triangles[:, 3:], return_index=True)
+    for node, position in zip(edge_nodes, middle.reshape(-1, 3)[first], strict=True):
+        gmsh.model.mesh.setNode(node, position, [])
+
+
+def _check_tetrahedra(path: str | Path) -> None:
+    """No curved tetrahedron may be turned inside out."""
+    kind = _GMSH_CELLS["tetrahedron"]
+    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss4")
+    volumes = gmsh.model.mesh.getJacobians(kind, points)[1].reshape(-1, len(weights))
+    inverted = np.count_nonzero(volumes.min(axis=1) <= 0)
+    if inverted:
+        raise MeshError(
+            f"{inverted} of {len(volumes)} tetrahedra of {path} are turned inside out by the "
+            "curvature of the surface: take smaller ones, more cells around and along the bore"
+        )
 
 
 def _place_centre_nodes(mesh: Mesh) -> None:

@@ -12,10 +12,13 @@ from scipy.spatial import cKDTree
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import ReducedBody, Structure
 
+#: meshio's names of quadratic cells, by their number of nodes.
+_CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
+
 
 @dataclass(frozen=True, eq=False)
 class PartFields:
-    """The whole part on one rank: nodes (n, 3) [m], cells (c, 20), basis (n, 3, modes)."""
+    """The whole part on one rank: nodes (n, 3) [m], cells (c, 20 or 10), basis (n, 3, modes)."""
 
     nodes: np.ndarray
     cells: np.ndarray
@@ -87,7 +90,7 @@ def write_series(
         pressure = np.where(on_bore, pressures[i][nearest], 0.0)
         mesh = meshio.Mesh(
             origin + part.nodes @ rotation.T,
-            [("hexahedron20", part.cells)],
+            [(_CELL_NAMES[part.cells.shape[1]], part.cells)],
             point_data={"displacement": displacement @ rotation.T, "pressure_Pa": pressure},
         )
         name = f"rod_{i:04d}.vtu"

@@ -16,18 +16,35 @@ from fenics_ehd.elements import quadratic_element
 from fenics_ehd.errors import MeshError
 from fenics_ehd.geometry import PartMesh
 from fenics_ehd.reduction.structure import Bore, Recovery, Structure
+from fenics_ehd.surface_mesh import surface_mesh
+
+
+@dataclass(frozen=True)
+class QuadratureDegrees:
+    """Degrees of the rules for elastic energy, kinetic energy and surface loads."""
+
+    stiffness: int
+    mass: int
+    surface: int
+
 
 #: 3 Gauss points a direction integrate the elastic energy of both families on
-#: straight cells and the bore load on a cylinder exactly; the mass of a
-#: triquadratic field needs 4.
-STIFFNESS_DEGREE = 5
-MASS_DEGREE = 6
+#: straight hexahedra and the bore load on a cylinder exactly; the mass of a
+#: triquadratic field needs 4. On curved tetrahedra mass and load are of degree
+#: 4 + 3 and 4 + 2; the energy is rational there, and of degree 2 on straight ones.
+DEGREES = {
+    "hexahedron": QuadratureDegrees(stiffness=5, mass=6, surface=5),
+    "tetrahedron": QuadratureDegrees(stiffness=5, mass=7, surface=6),
+}
 
 #: Largest distance of a bore node from the cylinder, relative to its radius.
 CYLINDER_TOLERANCE = 1e-6
 
-#: Corner, edge order of VTK's quadratic hexahedron in dolfinx's node numbers.
-_VTK_HEXAHEDRON = [0, 1, 3, 2, 4, 5, 7, 6, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 15, 14]
+#: Corner, edge order of VTK's quadratic cells in dolfinx's node numbers.
+_VTK_ORDER = {
+    "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 15, 14],
+    "tetrahedron": [0, 1, 2, 3, 9, 6, 8, 7, 5, 4],
+}
 
 
 @dataclass(frozen=True)
@@ -57,9 +74,10 @@ def assemble_structure(
     material
         Elastic constants and density.
     family
-        ``"serendipity"``: 20-node hexahedra, ``"lagrange"``: 27-node ones.
+        ``"serendipity"``: 20-node hexahedra, ``"lagrange"``: 27-node ones;
+        tetrahedra have 10 nodes.
     pressure_family
-        Family of the pressure shape functions in (15), that of the film.
+        Family of the pressure shape functions in (15), that of a matching film.
     bore, attachments
         Names of the lubricated surface and of the boundary points' surfaces.
 
@@ -74,8 +92,9 @@ def assemble_structure(
         A named surface is missing or empty, or the bore is not a cylinder about z.
     """
     mesh = part.mesh
-    space = compat.functionspace(mesh, quadratic_element(family, "hexahedron", (3,)))
-    pressures = compat.functionspace(mesh, quadratic_element(pressure_family, "hexahedron"))
+    cell = part.cell
+    space = compat.functionspace(mesh, quadratic_element(family, cell, (3,)))
+    pressures = compat.functionspace(mesh, quadratic_element(pressure_family, cell))
     surfaces = {name: part.group(name) for name in (bore, *attachments)}
     for name, tag in surfaces.items():
         if not mesh.comm.allreduce(len(part.facet_tags.find(tag)), op=MPI.SUM):
@@ -106,10 +125,14 @@ def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PET
 
     stress = 2 * mu * strain(u) + lame * ufl.tr(strain(u)) * ufl.Identity(3)
     dx = ufl.Measure("dx", domain=space.mesh)
-    degree = "quadrature_degree"
-    energy = ufl.inner(stress, strain(v)) * dx(metadata={degree: STIFFNESS_DEGREE})
-    inertia = material.density * ufl.inner(u, v) * dx(metadata={degree: MASS_DEGREE})
+    degrees, key = _degrees(space), "quadrature_degree"
+    energy = ufl.inner(stress, strain(v)) * dx(metadata={key: degrees.stiffness})
+    inertia = material.density * ufl.inner(u, v) * dx(metadata={key: degrees.mass})
     return _matrix(energy), _matrix(inertia)
+
+
+def _degrees(space: fem.FunctionSpace) -> QuadratureDegrees:
+    return DEGREES[space.mesh.topology.cell_type.name]
 
 
 def _matrix(form: ufl.Form) -> PETSc.Mat:
@@ -132,25 +155,9 @@ def _mean_displacement(
     mesh = space.mesh
     one = fem.Constant(mesh, PETSc.ScalarType(1.0))
     # The same rule for the area: the mean of a constant is that constant.
-    surface = surface(metadata={"quadrature_degree": STIFFNESS_DEGREE})
+    surface = surface(metadata={"quadrature_degree": _degrees(space).surface})
     area = mesh.comm.allreduce(fem.assemble_scalar(fem.form(one * surface)), op=MPI.SUM)
     return tuple(_vector(v[i] / area * surface) for i in range(3))
-
-
-def _surface_nodes(
-    part: PartMesh, space: fem.FunctionSpace, tag: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Global nodes of a space on a surface and their positions, sorted by z, then angle."""
-    comm = space.mesh.comm
-    facets = part.facet_tags.find(tag)
-    dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
-    owned = dofs[dofs < space.dofmap.index_map.size_local]
-    nodes = np.concatenate(comm.allgather(space.dofmap.index_map.local_range[0] + owned))
-    x = np.vstack(comm.allgather(space.tabulate_dof_coordinates()[owned]))
-    radius = np.linalg.norm(x[:, :2], axis=1).mean()
-    angle = np.mod(np.arctan2(x[:, 1], x[:, 0]) + 1e-9, 2 * np.pi)
-    order = np.lexsort((np.round(angle, 6), np.round(x[:, 2] / radius, 6)))
-    return nodes[order].astype(np.int32), x[order]
 
 
 def _bore(
@@ -160,14 +167,10 @@ def _bore(
     tag: int,
     ds: ufl.Measure,
 ) -> Bore:
-    """Bore nodes and the rectangular load matrix (15).
-
-    The outward normal of the solid points to the oil, so a positive pressure
-    pushes along its negative.
-    """
-    nodes, x = _surface_nodes(part, space, tag)
-    pressure_nodes, pressure_x = _surface_nodes(part, pressures, tag)
-    radii = np.linalg.norm(x[:, :2], axis=1)
+    """Bore nodes, surface meshes of displacement and pressure, and the load matrix."""
+    facets = part.facet_tags.find(tag)
+    own, loaded = surface_mesh(space, facets), surface_mesh(pressures, facets)
+    radii = np.linalg.norm(own.coordinates[:, :2], axis=1)
     radius = radii.mean()
     deviation = np.abs(radii - radius).max() / radius
     if not deviation <= CYLINDER_TOLERANCE:
@@ -175,9 +178,36 @@ def _bore(
             f"the bore is not a cylinder about the z axis: a node lies {deviation:.1e} radii off, "
             f"above {CYLINDER_TOLERANCE:.0e}"
         )
+    load = _load_matrix(space, pressures, loaded.nodes, ds(tag))
+    _check_closed(own.coordinates, load, radius)
+    return Bore(
+        radius=float(radius),
+        width=float(np.ptp(own.coordinates[:, 2])),
+        nodes=own.nodes,
+        coordinates=own.coordinates,
+        pressure_coordinates=loaded.coordinates,
+        load=load,
+        cells=own.cells,
+        family=own.family,
+        pressure_cells=loaded.cells,
+        pressure_family=loaded.family,
+    )
+
+
+def _load_matrix(
+    space: fem.FunctionSpace,
+    pressures: fem.FunctionSpace,
+    pressure_nodes: np.ndarray,
+    surface: ufl.Measure,
+) -> PETSc.Mat:
+    """Rectangular load matrix (15) with the columns of the given pressure nodes.
+
+    The outward normal of the solid points to the oil, so a positive pressure
+    pushes along its negative.
+    """
     p, v = ufl.TrialFunction(pressures), ufl.TestFunction(space)
     normal = ufl.FacetNormal(space.mesh)
-    surface = ds(tag, metadata={"quadrature_degree": STIFFNESS_DEGREE})
+    surface = surface(metadata={"quadrature_degree": _degrees(space).surface})
     whole = _matrix(-p * ufl.inner(normal, v) * surface)
     share = np.array_split(np.arange(len(pressure_nodes)), space.mesh.comm.size)
     mine = share[space.mesh.comm.rank]
@@ -185,16 +215,7 @@ def _bore(
         whole.local_size[0], whole.getOwnershipRange()[0], 1, comm=whole.comm
     )
     columns = PETSc.IS().createGeneral(pressure_nodes[mine], comm=whole.comm)
-    load = whole.createSubMatrix(rows, columns)
-    _check_closed(x, load, radius)
-    return Bore(
-        radius=float(radius),
-        width=float(np.ptp(x[:, 2])),
-        nodes=nodes,
-        coordinates=x,
-        pressure_coordinates=pressure_x,
-        load=load,
-    )
+    return whole.createSubMatrix(rows, columns)
 
 
 def _check_closed(x: np.ndarray, load: PETSc.Mat, radius: float) -> None:
@@ -215,8 +236,9 @@ def _check_closed(x: np.ndarray, load: PETSc.Mat, radius: float) -> None:
 
 
 def _recovery(space: fem.FunctionSpace) -> Recovery:
-    """Owned cells with their 20 corner and edge nodes."""
-    cells = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
-    dofs = compat.space_dofmap(space)[:cells, _VTK_HEXAHEDRON]
+    """Owned cells with their corner and edge nodes."""
+    topology = space.mesh.topology
+    cells = topology.index_map(topology.dim).size_local
+    dofs = compat.space_dofmap(space)[:cells, _VTK_ORDER[topology.cell_type.name]]
     numbers = space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
     return Recovery(np.asarray(numbers).reshape(dofs.shape))

@@ -1,6 +1,7 @@
-// Connecting rod, all-hexahedral: a planar profile in x, y extruded along z by
-// the bore width. SI units. Bore centre at the origin, pin centre on the x axis,
-// mid-plane of the bore at z = 0.
+// Connecting rod: a planar profile in x, y extruded along z by the bore width,
+// in blocks of hexahedra or, with tetrahedra = 1, as one unstructured volume.
+// SI units. Bore centre at the origin, pin centre on the x axis, mid-plane of the
+// bore at z = 0.
 //
 // The defaults give, at 7850 kg/m3: mass 0.9728 kg, centre of mass x = 0.06776 m
 // (prescribed: 0.973 kg, 0.0677 m), polar inertia about it, z axis, 3.943e-3 kg m2
@@ -25,6 +26,7 @@ DefineConstant[
   big_end_layers    = { 2, Min  1, Max 10, Step 1, Name "Rod/big_end_layers",    Label "Cells through the big-end wall"}
   shank_cells       = {12, Min  2, Max 80, Step 1, Name "Rod/shank_cells",       Label "Cells along the shank"}
   small_end_layers  = { 2, Min  1, Max 10, Step 1, Name "Rod/small_end_layers",  Label "Cells through the small-end wall"}
+  tetrahedra        = { 0, Choices{0, 1},          Name "Rod/tetrahedra",        Label "Tetrahedra instead of hexahedra"}
 ];
 
 // A fifth of the bore cells, those at -36..36 degrees, continue across the shank;
@@ -52,6 +54,7 @@ outer_radius[] = {bore_radius + big_end_wall, pin_radius + small_end_wall};
 shank_width[]  = {shank_width_big, shank_width_small};
 side_cells[]   = {2 * cells_across, Round(1.5 * cells_across)};
 layers[]       = {big_end_layers, small_end_layers};
+rim[]          = {};
 
 For e In {0:1}
   If(shank_width[e] >= 2 * outer_radius[e])
@@ -83,9 +86,11 @@ For e In {0:1}
     Point(inner[i]) = {centre_x[e] + turn * inner_radius[e] * Cos(inner_spoke[i]), turn * inner_radius[e] * Sin(inner_spoke[i]), -bore_width / 2};
     outer[i] = newp;
     Point(outer[i]) = {centre_x[e] + turn * outer_radius[e] * Cos(outer_spoke[i]), turn * outer_radius[e] * Sin(outer_spoke[i]), -bore_width / 2};
-    spoke[i] = newl;
-    Line(spoke[i]) = {inner[i], outer[i]};
-    Transfinite Curve {spoke[i]} = layers[e] + 1;
+    If(!tetrahedra)
+      spoke[i] = newl;
+      Line(spoke[i]) = {inner[i], outer[i]};
+      Transfinite Curve {spoke[i]} = layers[e] + 1;
+    EndIf
   EndFor
 
   For i In {0:2}
@@ -94,13 +99,18 @@ For e In {0:1}
     Circle(inner_arc[i]) = {inner[i], centre, inner[next]};
     outer_arc[i] = newl;
     Circle(outer_arc[i]) = {outer[i], centre, outer[next]};
-    Transfinite Curve {inner_arc[i], outer_arc[i]} = arc_cells[i] + 1;
-    loop = newll;
-    Curve Loop(loop) = {inner_arc[i], spoke[next], -outer_arc[i], -spoke[i]};
-    blocks[3 * e + i] = news;
-    Plane Surface(blocks[3 * e + i]) = {loop};
+    If(!tetrahedra)
+      Transfinite Curve {inner_arc[i], outer_arc[i]} = arc_cells[i] + 1;
+      loop = newll;
+      Curve Loop(loop) = {inner_arc[i], spoke[next], -outer_arc[i], -spoke[i]};
+      blocks[3 * e + i] = news;
+      Plane Surface(blocks[3 * e + i]) = {loop};
+    EndIf
   EndFor
 
+  hole[e] = newll;
+  Curve Loop(hole[e]) = {inner_arc[]};
+  rim[]        += {outer_arc[1], outer_arc[2]};
   shank_arc[e]   = outer_arc[0];
   shank_start[e] = outer[0];
   shank_end[e]   = outer[1];
@@ -110,27 +120,50 @@ For e In {0:1}
   edge[e] = newl;
   Line(edge[e]) = {shank_start[e], shank_end[1 - e]};
 EndFor
-Transfinite Curve {edge[]} = shank_cells + 1;
-loop = newll;
-Curve Loop(loop) = {edge[0], -shank_arc[1], edge[1], -shank_arc[0]};
-blocks[6] = news;
-Plane Surface(blocks[6]) = {loop};
 
-Transfinite Surface {blocks[]};
-Recombine Surface {blocks[]};
+If(tetrahedra)
+  // The profile in one piece: the arcs under the shank are inside it. Of the numbers of
+  // cells those of the bore count: a triangle with this edge has as many nodes to an area
+  // as the quadrilaterals of bore and pin would have.
+  Delete { Curve{shank_arc[]}; }
+  outline = newll;
+  Curve Loop(outline) = {edge[0], rim[2], rim[3], edge[1], rim[0], rim[1]};
+  profile = news;
+  Plane Surface(profile) = {outline, hole[0], hole[1]};
+  swept[] = Extrude {0, 0, bore_width} { Surface{profile}; };
+  // The far face, the volume, then the sides in the order of the loops.
+  rod[]  = {swept[1]};
+  bore[] = {swept[8], swept[9], swept[10]};
+  pin[]  = {swept[11], swept[12], swept[13]};
+  For e In {0:1}
+    around = 2 * Pi * inner_radius[e] / (cells_across + 2 * side_cells[e]);
+    size[e] = 1.16 * Sqrt(around * bore_width / bore_cells_along);
+  EndFor
+  MeshSize { PointsOf { Volume{rod[]}; } } = size[0];
+  MeshSize { PointsOf { Surface{pin[]}; } } = size[1];
+Else
+  Transfinite Curve {edge[]} = shank_cells + 1;
+  loop = newll;
+  Curve Loop(loop) = {edge[0], -shank_arc[1], edge[1], -shank_arc[0]};
+  blocks[6] = news;
+  Plane Surface(blocks[6]) = {loop};
 
-// Per block, Extrude returns the far face, the volume, then the side faces in
-// the order of the curve loop; in the rings the first of these is the bore.
-swept[] = Extrude {0, 0, bore_width} {
-  Surface {blocks[]}; Layers {bore_cells_along}; Recombine;
-};
-For b In {0:6}
-  rod[b] = swept[6 * b + 1];
-EndFor
-For i In {0:2}
-  bore[i] = swept[6 * i + 2];
-  pin[i]  = swept[6 * (3 + i) + 2];
-EndFor
+  Transfinite Surface {blocks[]};
+  Recombine Surface {blocks[]};
+
+  // Per block, Extrude returns the far face, the volume, then the side faces in
+  // the order of the curve loop; in the rings the first of these is the bore.
+  swept[] = Extrude {0, 0, bore_width} {
+    Surface {blocks[]}; Layers {bore_cells_along}; Recombine;
+  };
+  For b In {0:6}
+    rod[b] = swept[6 * b + 1];
+  EndFor
+  For i In {0:2}
+    bore[i] = swept[6 * i + 2];
+    pin[i]  = swept[6 * (3 + i) + 2];
+  EndFor
+EndIf
 
 Physical Volume("rod", 1)   = {rod[]};
 Physical Surface("bore", 2) = {bore[]};

@@ -47,6 +47,11 @@ class InertiaIntegrals:
         return float(self.centrifugal[0, 0] - self.total_mass * offset @ offset)
 
 
+def no_cells() -> np.ndarray:
+    """Cells of a bore whose surface mesh is unknown."""
+    return np.zeros((0, 0), dtype=np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
     """A part described by ``n`` modal coordinates.
@@ -81,6 +86,11 @@ class ReducedBody:
     missing_flexibility
         Outward bore displacement per nodal pressure that the basis cannot
         follow, shape (m, k) [m/Pa]; empty when not computed.
+    bore_cells, bore_family
+        Surface mesh of the bore as in `Bore`: nodes of each cell, shape (c, k), and
+        family; empty when unknown.
+    pressure_cells, pressure_family
+        The same of the pressure nodes.
     accuracy
         Figures of the reduction: rank, dropped columns, residuals.
     provenance
@@ -103,6 +113,10 @@ class ReducedBody:
     inertia: InertiaIntegrals
     points: Mapping[str, np.ndarray]
     missing_flexibility: np.ndarray
+    bore_cells: np.ndarray = field(default_factory=no_cells)
+    bore_family: str = ""
+    pressure_cells: np.ndarray = field(default_factory=no_cells)
+    pressure_family: str = ""
     accuracy: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
 

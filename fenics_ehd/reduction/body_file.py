@@ -13,7 +13,10 @@ from fenics_ehd.errors import BodyFileError
 from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
 
 FORMAT = "fenics_ehd reduced body"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+
+#: Nodes of a surface cell of each family.
+_FAMILY_NODES = {"serendipity": 8, "lagrange": 9, "triangle": 6}
 
 _ARRAYS = tuple(f.name for f in fields(ReducedBody) if f.type == "np.ndarray")
 
@@ -30,6 +33,8 @@ def save_body(body: ReducedBody, path: str | Path) -> None:
             frame=body.frame,
             bore_radius=body.bore_radius,
             bore_width=body.bore_width,
+            bore_family=body.bore_family,
+            pressure_family=body.pressure_family,
         )
         for name in _ARRAYS:
             file[name] = getattr(body, name)
@@ -66,6 +71,8 @@ def load_body(path: str | Path) -> ReducedBody:
                 frame=str(file.attrs["frame"]),
                 bore_radius=float(file.attrs["bore_radius"]),
                 bore_width=float(file.attrs["bore_width"]),
+                bore_family=str(file.attrs["bore_family"]),
+                pressure_family=str(file.attrs["pressure_family"]),
                 kinds=tuple(file["kinds"].asstr()[()]),
                 inertia=InertiaIntegrals(
                     *(np.array(file[f"inertia/{f.name}"]) for f in fields(InertiaIntegrals))
@@ -110,5 +117,20 @@ def defects(body: ReducedBody) -> Iterator[str]:
             scaled = array / np.outer(scale, scale) if scale.all() else -np.eye(len(array))
             if len(array) and not np.linalg.eigvalsh(scaled).min() > -1e-9:
                 yield f"{name} is not positive definite"
+    yield from _cell_defects("bore", body.bore_cells, body.bore_family, nodes)
+    yield from _cell_defects("pressure", body.pressure_cells, body.pressure_family, pressures)
     if not (body.bore_radius > 0 and body.bore_width > 0):
         yield f"bore of radius {body.bore_radius:g} m and width {body.bore_width:g} m"
+
+
+def _cell_defects(name: str, cells: np.ndarray, family: str, nodes: int) -> Iterator[str]:
+    """What is wrong with one of the two surface meshes; having none is right."""
+    if not cells.size and not family:
+        return
+    size = _FAMILY_NODES.get(family)
+    if size is None:
+        yield f"{name}_family {family!r} is not one of {', '.join(_FAMILY_NODES)}"
+    elif cells.ndim != 2 or not len(cells) or cells.shape[1] != size:
+        yield f"{name}_cells has shape {cells.shape}, {family} cells have {size} nodes each"
+    elif cells.dtype.kind not in "iu" or not np.array_equal(np.unique(cells), np.arange(nodes)):
+        yield f"{name}_cells must use each of the {nodes} nodes"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody, outward
+from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody, no_cells, outward
 from fenics_ehd.reduction.distributed import (
     inner,
     load_columns,
@@ -107,6 +107,10 @@ def project(
         inertia=inertia_integrals(structure, fields),
         points=attachment_rows(structure, fields),
         missing_flexibility=np.zeros((0, 0)),
+        bore_cells=no_cells() if bore.cells is None else bore.cells,
+        bore_family=bore.family or "",
+        pressure_cells=no_cells() if bore.pressure_cells is None else bore.pressure_cells,
+        pressure_family=bore.pressure_family or "",
         accuracy=accuracy,
         provenance=provenance,
     )

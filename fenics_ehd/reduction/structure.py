@@ -32,6 +32,13 @@ class Bore:
     load
         J = M_ss of (15), (3 nodes) x k: nodal forces [N] of unit nodal pressures
         [Pa], pushing the bore outward.
+    cells, family
+        Surface mesh of the displacement: positions in `nodes` of the nodes of each
+        bore cell, shape (c, 8, 9 or 6), corners, edge midpoints, centre in dolfinx
+        order, and ``"serendipity"``, ``"lagrange"`` or ``"triangle"``. None when
+        unknown; a film that does not match the bore needs it.
+    pressure_cells, pressure_family
+        The same of the pressure nodes.
     """
 
     radius: float
@@ -40,6 +47,10 @@ class Bore:
     coordinates: np.ndarray
     pressure_coordinates: np.ndarray
     load: PETSc.Mat
+    cells: np.ndarray | None = None
+    family: str | None = None
+    pressure_cells: np.ndarray | None = None
+    pressure_family: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import ReducedBody, Structure, load_dependent, rigid
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.scenes.slider_crank_settings import ELEMENTS, SliderCrankSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +51,18 @@ def build_structure(settings: SliderCrankSettings, comm: MPI.Comm) -> Structure:
         rod.geometry,
         comm=comm,
         serendipity_geometry=rod.element == "serendipity",
+        cells=rod.cells,
     )
     material = Material(rod.youngs_modulus, rod.poissons_ratio, rod.density)
     return assemble_structure(
-        part, material, family=rod.element, pressure_family=settings.film.element
+        part, material, family=rod.element, pressure_family=_pressure_family(settings)
     )
+
+
+def _pressure_family(settings: SliderCrankSettings) -> str:
+    """Family of the pressures in (15): the film's, or 9-node where the film's is no quadratic."""
+    element = settings.film.element
+    return element if element in ELEMENTS else "lagrange"
 
 
 def reduce_rod(settings: SliderCrankSettings, comm: MPI.Comm = MPI.COMM_WORLD) -> ReducedRod:
@@ -92,11 +99,12 @@ def origin(settings: SliderCrankSettings) -> dict[str, str]:
     model = _model(settings)
     values = {
         "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
+        "cells": rod.cells,
         "element": rod.element,
         "youngs_modulus": repr(rod.youngs_modulus),
         "poissons_ratio": repr(rod.poissons_ratio),
         "density": repr(rod.density),
-        "film_element": settings.film.element,
+        "film_element": _pressure_family(settings),
         "method": reduction.method,
         **{f"geometry.{name}": repr(float(v)) for name, v in sorted(rod.geometry.items())},
     }

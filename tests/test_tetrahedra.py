@@ -1,0 +1,277 @@
+"""The unstructured rod of 10-node tetrahedra, and the surface mesh that every bore carries."""
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import gmsh
+import h5py
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy import sparse
+
+from fenics_ehd.errors import BodyFileError, MeshError
+from fenics_ehd.film.overlay import intersection_points
+from fenics_ehd.film.surface import Surface, interpolation_matrix
+from fenics_ehd.film.transfer import conservative_load
+from fenics_ehd.geometry import _check_tetrahedra, build_mesh, model_path
+from fenics_ehd.paraview import gather_part, write_series
+from fenics_ehd.reduction import load_body, load_dependent, rigid, save_body
+from fenics_ehd.reduction.distributed import load_columns, multiply, node_rows
+from fenics_ehd.reduction.pressure_sets import _columns, _hats, bearing_shapes, unit_pressures
+from fenics_ehd.reduction.rigid_body import rigid_fields
+from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.scenes.rod import build_structure
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.settings import build
+
+TETRAHEDRA = build(SliderCrankSettings, {"rod": {"cells": "tet"}})
+
+
+@pytest.fixture(scope="module")
+def structure():
+    return build_structure(TETRAHEDRA, MPI.COMM_WORLD)
+
+
+@pytest.fixture(scope="module")
+def reduced(structure):
+    return load_dependent(structure, 6, 31, estimate_error=False)
+
+
+@pytest.fixture(scope="module")
+def body(reduced):
+    return reduced[0]
+
+
+def surfaces(body):
+    """Displacement and pressure mesh of a bore."""
+    return (
+        Surface.on_cylinder(body.bore_nodes, body.bore_cells, body.bore_family),
+        Surface.on_cylinder(body.pressure_nodes, body.pressure_cells, body.pressure_family),
+    )
+
+
+def smooth_pressures(nodes):
+    """Constant, ovalising and local pressures at bore nodes, shape (k, 4)."""
+    phi, z = np.arctan2(nodes[:, 1], nodes[:, 0]), nodes[:, 2]
+    parabola = 1 - (2 * z / np.ptp(z)) ** 2
+    patches = [np.exp(4 * (np.cos(phi - a) - 1)) * parabola for a in (0.0, 2.0)]
+    return np.column_stack([np.ones_like(z), np.cos(2 * phi), *patches])
+
+
+def bore_responses(structure):
+    """Static bore displacements of the smooth pressures, shape (m, 3, 4)."""
+    bore, solver = structure.bore, StaticSolver(structure)
+    loads = load_columns(bore.load, smooth_pressures(bore.pressure_coordinates))
+    first = structure.stiffness.getOwnershipRange()[0] // 3
+    return node_rows(solver.solve(loads), first, bore.nodes, structure.comm)
+
+
+def test_frequencies_and_mass_are_those_of_the_hexahedral_rod(body, rod_body):
+    np.testing.assert_allclose(body.frequencies[:6], rod_body.frequencies[:6], rtol=5e-3)
+    ours, theirs = body.inertia, rod_body.inertia
+    assert ours.total_mass == pytest.approx(theirs.total_mass, rel=1e-4)
+    assert ours.centre_of_mass[0] == pytest.approx(theirs.centre_of_mass[0], rel=1e-4)
+    assert abs(ours.centre_of_mass[1]) < 1e-4 * theirs.centre_of_mass[0]
+    assert ours.polar_inertia == pytest.approx(theirs.polar_inertia, rel=1e-4)
+
+
+@pytest.mark.mpi
+def test_rigid_motions_store_nothing(structure):
+    fields = rigid_fields(structure.coordinates)
+    force = multiply(structure.stiffness, fields)
+    bound = structure.stiffness.getDiagonal().array[:, None] * fields
+    norms = [np.sqrt(structure.comm.allreduce(np.sum(a**2))) for a in (force, bound)]
+    assert norms[0] < 1e-12 * norms[1]
+
+
+def test_bore_yields_as_that_of_the_hexahedral_rod(structure, rod_structure, body, rod_body):
+    ours, theirs = surfaces(body), surfaces(rod_body)
+    x = intersection_points(ours[0], theirs[0], body.bore_radius, 8)
+    normal = np.column_stack([np.cos(x.phi), np.sin(x.phi), np.zeros_like(x.phi)])
+    outward, pressures = [], []
+    for part, (surface, mesh) in ((structure, ours), (rod_structure, theirs)):
+        rows = bore_responses(part)
+        at_points = interpolation_matrix(surface, x.phi, x.z) @ rows.reshape(len(rows), -1)
+        outward.append(np.einsum("pc,pck->pk", normal, at_points.reshape(-1, 3, 4)))
+        nodal = smooth_pressures(part.bore.pressure_coordinates)
+        pressures.append(interpolation_matrix(mesh, x.phi, x.z) @ nodal)
+    difference = np.abs(outward[0] - outward[1]).max(axis=0)
+    assert np.all(difference < 0.01 * np.abs(outward[1]).max(axis=0))
+    compliance = [x.weights @ (u * p) for u, p in zip(outward, pressures, strict=True)]
+    np.testing.assert_allclose(compliance[0], compliance[1], rtol=2e-3)
+
+
+@pytest.mark.mpi
+def test_rank_count_changes_neither_bore_nor_flexibility(structure):
+    alone = build_structure(TETRAHEDRA, MPI.COMM_SELF)
+    for name in ("coordinates", "pressure_coordinates"):
+        ours, theirs = getattr(structure.bore, name), getattr(alone.bore, name)
+        np.testing.assert_allclose(ours, theirs, atol=1e-14)
+    for name in ("cells", "pressure_cells"):
+        ours, theirs = (np.sort(getattr(s.bore, name), axis=1) for s in (structure, alone))
+        np.testing.assert_array_equal(ours, theirs)
+    ours, theirs = bore_responses(structure), bore_responses(alone)
+    assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
+
+
+def test_bore_is_unstructured_and_its_edges_are_straight_when_unwrapped(structure, rod_structure):
+    bore = structure.bore
+    surface = Surface.on_cylinder(bore.coordinates, bore.cells, bore.family)
+    inner = np.abs(bore.coordinates[:, 2]) < 0.49 * bore.width
+    assert len(np.unique(np.round(surface.nodes[inner, 0], 4))) > 0.8 * inner.sum()
+    place = surface.reference(np.arange(len(surface.cells)), surface.cell_nodes)
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    middles = 0.5 * (corners[[1, 0, 0]] + corners[[2, 2, 1]])
+    np.testing.assert_allclose(
+        place[:, 3:], np.broadcast_to(middles, place[:, 3:].shape), atol=1e-12
+    )
+    radii = np.linalg.norm(bore.coordinates[:, :2], axis=1)
+    assert np.ptp(radii) < 1e-14
+    sizes = structure.size / rod_structure.size, len(bore.nodes) / 440
+    assert np.all(np.abs(np.log(sizes)) < np.log(2.5))
+
+
+@pytest.mark.parametrize("cells", ["hex", "tet"])
+def test_surface_mesh_and_load_matrix_belong_together(cells, structure, rod_structure):
+    part = structure if cells == "tet" else rod_structure
+    bore = part.bore
+    surface = Surface.on_cylinder(bore.coordinates, bore.cells, bore.family)
+    pressures = Surface.on_cylinder(
+        bore.pressure_coordinates, bore.pressure_cells, bore.pressure_family
+    )
+    assert bore.family == {"tet": "triangle", "hex": "serendipity"}[cells]
+    assert bore.pressure_family == {"tet": "triangle", "hex": "lagrange"}[cells]
+    rows = (3 * bore.nodes[:, None] + np.arange(3)).ravel()
+    starts, columns, values = bore.load.getValuesCSR()
+    own = sparse.csr_matrix((values, columns, starts), shape=bore.load.size)[rows]
+    x = intersection_points(surface, pressures, bore.radius, 10)
+    shapes = interpolation_matrix(pressures, x.phi, x.z)
+    unwrapped = conservative_load(surface, x.phi, x.z, x.weights, shapes)
+    # The normal of quadratic elements on a circle is that much off between the nodes.
+    assert abs(own - unwrapped).max() < 5e-3 * abs(own).max()
+    assert own.sum() == pytest.approx(unwrapped.sum(), abs=1e-10 * abs(own).sum())
+
+
+def test_pressure_sets_need_no_columns_of_nodes(structure, rod_structure):
+    nodes = len(structure.bore.pressure_coordinates)
+    np.testing.assert_array_equal(unit_pressures(structure.bore), np.eye(nodes))
+    shapes = bearing_shapes(structure.bore)
+    assert shapes.shape == (nodes, 80)
+    np.testing.assert_allclose(shapes[:, :40].sum(axis=1), 1.0, rtol=1e-13)
+    assert np.all(shapes.max(axis=0) > 0.3)
+    x, y, _ = rod_structure.bore.pressure_coordinates.T
+    angle = np.mod(np.arctan2(y, x) + 1e-9, 2 * np.pi)
+    np.testing.assert_allclose(_hats(angle), _columns(angle), atol=1e-6)
+
+
+@pytest.mark.parametrize("pressure_set", [pytest.param("pc1", marks=pytest.mark.slow), "pc2"])
+def test_any_pressure_set_reduces(structure, pressure_set):
+    body, _ = load_dependent(structure, 2, 12, pressure_set, estimate_error=False)
+    assert body.modes == 2 + 2 + 12
+
+
+def test_body_file_keeps_the_surface_mesh(body, tmp_path):
+    save_body(body, tmp_path / "rod.h5")
+    again = load_body(tmp_path / "rod.h5")
+    for name in ("bore_cells", "pressure_cells", "bore_family", "pressure_family"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(body, name))
+    assert again.bore_family == "triangle"
+    assert again.rigid().bore_cells.shape == body.bore_cells.shape
+    with h5py.File(tmp_path / "rod.h5", "a") as file:
+        file.attrs["format_version"] = 1
+    with pytest.raises(BodyFileError, match=r"version 1, this program reads 2; reduce the part"):
+        load_body(tmp_path / "rod.h5")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"bore_family": "triangles"}, "bore_family 'triangles' is not one of"),
+        ({"bore_family": ""}, "bore_family '' is not one of"),
+        ({"bore_family": "lagrange"}, "lagrange cells have 9 nodes each"),
+        ({"pressure_cells": np.zeros((3, 6), dtype=int)}, "pressure_cells must use each of the"),
+        ({"pressure_cells": np.zeros((0, 6), dtype=int)}, "pressure_cells has shape"),
+    ],
+)
+def test_inconsistent_surface_mesh_is_refused(body, tmp_path, change, message):
+    save_body(replace(body, **change), tmp_path / "rod.h5")
+    with pytest.raises(BodyFileError, match=re.escape(message)):
+        load_body(tmp_path / "rod.h5")
+
+
+def test_bore_without_surface_mesh_is_allowed(structure, tmp_path):
+    bare = {"cells": None, "family": None, "pressure_cells": None, "pressure_family": None}
+    foreign = replace(structure, bore=replace(structure.bore, **bare))
+    save_body(rigid(foreign), tmp_path / "rod.h5")
+    again = load_body(tmp_path / "rod.h5")
+    assert again.bore_cells.shape == (0, 0)
+    assert again.bore_family == again.pressure_family == ""
+
+
+def test_paraview_files_hold_quadratic_tetrahedra(structure, reduced, tmp_path):
+    body, basis = reduced
+    part = gather_part(structure, basis.columns)
+    pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+    x = part.nodes[part.cells]
+    middle = 0.5 * (x[:, [a for a, _ in pairs]] + x[:, [b for _, b in pairs]])
+    size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1).max()
+    assert np.abs(x[:, 4:] - middle).max() < 0.1 * size
+    write_series(
+        tmp_path,
+        part,
+        body,
+        np.zeros(1),
+        np.zeros((1, 3)),
+        np.zeros((1, body.modes)),
+        np.ones((1, len(body.pressure_nodes))),
+    )
+    mesh = meshio.read(tmp_path / "rod_0000.vtu")
+    assert mesh.cells[0].type == "tetra10"
+    assert mesh.point_data["pressure_Pa"].sum() == len(body.pressure_nodes)
+
+
+def test_model_with_other_cells_than_asked_for_is_refused():
+    with pytest.raises(MeshError, match="gives no tetrahedra: ask for cells = 'hex'"):
+        build_mesh(model_path("conrod"), {"tetrahedra": 0}, comm=MPI.COMM_SELF, cells="tet")
+    with pytest.raises(MeshError, match="gives no hexahedra: ask for cells = 'tet'"):
+        build_mesh(model_path("conrod"), {"tetrahedra": 1}, comm=MPI.COMM_SELF)
+
+
+def test_inverted_tetrahedra_are_refused():
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]
+    x = np.vstack([corners, [0.5 * (corners[a] + corners[b]) for a, b in pairs]])
+    gmsh.initialize([""])
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.addDiscreteEntity(3, 1)
+        gmsh.model.mesh.addNodes(3, 1, np.arange(1, 11), x.ravel())
+        gmsh.model.mesh.addElementsByType(1, 11, [1], np.arange(1, 11))
+        _check_tetrahedra("part.geo")
+        gmsh.model.mesh.setNode(5, [0.5, 0.9, 0.9], [])
+        with pytest.raises(MeshError, match=r"1 of 1 tetrahedra of part\.geo are turned inside"):
+            _check_tetrahedra("part.geo")
+    finally:
+        gmsh.finalize()
+
+
+def test_command_line_reduces_the_tetrahedral_rod(tmp_path):
+    path = tmp_path / "rod.h5"
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[reduction]\nestimate_error = false\nresidual_modes = 4\n")
+    command = [sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod", "--cells", "tet"]
+    result = subprocess.run(
+        [*command, "--scene", scene, "-o", path, "--json"], capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout)
+    assert summary["cells"] == "tet"
+    assert summary["modes"] == 6 + 2 + 4
+    body = load_body(path)
+    assert body.bore_family == "triangle"
+    assert body.provenance["cells"] == "tet"
