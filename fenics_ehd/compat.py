@@ -18,11 +18,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 try:
-    from dolfinx.io import gmsh as _gmshio
-except ImportError:
-    from dolfinx.io import gmshio as _gmshio
-
-try:
     import basix.ufl as _basix_ufl
 except ImportError:
     _basix_ufl = None
@@ -39,7 +34,13 @@ def model_to_mesh(
     model: Any, comm: MPI.Comm, rank: int = 0
 ) -> tuple[mesh.Mesh, MeshTags, MeshTags]:
     """Mesh, cell tags and facet tags of the current Gmsh model (held by `rank`)."""
-    return tuple(_gmshio.model_to_mesh(model, comm, rank, gdim=3))[:3]
+    # Here, as Gmsh 4.8 takes Ctrl-C away from Python when it is imported: a run without a mesh
+    # must not meet it.
+    try:
+        from dolfinx.io import gmsh as gmshio
+    except ImportError:
+        from dolfinx.io import gmshio
+    return tuple(gmshio.model_to_mesh(model, comm, rank, gdim=3))[:3]
 
 
 def _cell_in_space(cell: str) -> ufl.Cell:
@@ -54,6 +55,13 @@ def lagrange_element(cell: str, degree: int, shape: tuple[int, ...] = ()) -> Ele
     if shape:
         return ufl.VectorElement("Lagrange", _cell_in_space(cell), degree, dim=shape[0])
     return ufl.FiniteElement("Lagrange", _cell_in_space(cell), degree)
+
+
+def quadrature_element(cell: str, degree: int) -> Element:
+    """Element of values at the points of the default quadrature rule of a degree."""
+    if _basix_ufl is not None:
+        return _basix_ufl.quadrature_element(cell, scheme="default", degree=degree)
+    return ufl.FiniteElement("Quadrature", _cell_in_space(cell), degree, quad_scheme="default")
 
 
 def custom_element(

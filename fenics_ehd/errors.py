@@ -1,5 +1,10 @@
 """Named errors: each message is one line with the value, the limit and the key to change."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
 
 class EhdError(Exception):
     """Base of every error that fenics_ehd raises on purpose; the command line exits with 1."""
@@ -34,7 +39,15 @@ class SolverError(EhdError):
 
 
 class CavitationError(SolverError):
-    """The complementarity problem of the film was not solved to its tolerance."""
+    """The complementarity problem of the film was not solved to its tolerance.
+
+    `state` holds the arrays of the failed film solve by name (gap, velocities,
+    pressure, flux), so that nothing of it is lost.
+    """
+
+    def __init__(self, message: str, state: Mapping[str, Any] | None = None):
+        super().__init__(message)
+        self.state = dict(state or {})
 
 
 class GapClosedError(SolverError):
@@ -43,6 +56,10 @@ class GapClosedError(SolverError):
 
 class StepSizeError(SolverError):
     """The time integration needed a step below its smallest allowed one."""
+
+
+class PeriodicityError(SolverError):
+    """A periodic orbit was not found within the allowed cycles."""
 
 
 class VerificationError(SolverError):

@@ -58,6 +58,53 @@ def count(default: int, help_text: str, least: int = 0, most: int | None = None)
     return attrs.field(default=default, validator=check, metadata={"help": help_text})
 
 
+def counts(default: tuple[int, ...], help_text: str, *, optional: bool = False) -> Any:
+    """Two whole numbers above 0, as cells in two directions; an empty list where `optional`."""
+
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
+        whole = all(isinstance(n, int) and not isinstance(n, bool) and n > 0 for n in value)
+        if not whole or not (len(value) == 2 or (optional and not value)):
+            raise SettingsError(
+                f"{attribute.name} = {list(value)!r} must be two whole numbers above 0"
+                + (", or empty" if optional else "")
+            )
+
+    def as_tuple(value: Any) -> Any:
+        return tuple(value) if isinstance(value, (list, tuple)) else (value,)
+
+    return attrs.field(
+        default=default, validator=check, converter=as_tuple, metadata={"help": help_text}
+    )
+
+
+def rows(columns: tuple[str, ...], help_text: str) -> Any:
+    """List of rows of numbers with the given columns, empty by default."""
+
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
+        wanted = f"a list of [{', '.join(columns)}]"
+        if not isinstance(value, tuple):
+            raise SettingsError(f"{attribute.name} = {value!r} must be {wanted}")
+        for row in value:
+            if not isinstance(row, tuple) or len(row) != len(columns):
+                raise SettingsError(f"{attribute.name}: {row!r} must be one of {wanted}")
+            for name, entry in zip(columns, row, strict=True):
+                if not isinstance(entry, float) or not abs(entry) < float("inf"):
+                    raise SettingsError(
+                        f"{attribute.name}: {name} = {entry!r} must be a finite number"
+                    )
+
+    def as_tuples(value: Any) -> Any:
+        if not isinstance(value, (list, tuple)):
+            return value
+        return tuple(
+            tuple(map(_as_float, row)) if isinstance(row, (list, tuple)) else row for row in value
+        )
+
+    return attrs.field(
+        default=(), validator=check, converter=as_tuples, metadata={"help": help_text}
+    )
+
+
 def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
     """One of several words."""
 
@@ -160,6 +207,8 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def _literal(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_literal, value))}]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):

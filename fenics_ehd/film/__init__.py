@@ -1,5 +1,19 @@
 """The oil film of a bore: Reynolds equation with cavitation."""
 
-from fenics_ehd.film.film import Film, FilmParameters, FilmState
+from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.grid import FilmGrid, uniform_grid
+from fenics_ehd.film.kinematics import Gap, ShaftMotion, shaft_gap
+from fenics_ehd.film.lubricant import Lubricant
+from fenics_ehd.film.parameters import FilmParameters
 
-__all__ = ["Film", "FilmParameters", "FilmState"]
+__all__ = [
+    "Film",
+    "FilmGrid",
+    "FilmParameters",
+    "FilmState",
+    "Gap",
+    "Lubricant",
+    "ShaftMotion",
+    "shaft_gap",
+    "uniform_grid",
+]

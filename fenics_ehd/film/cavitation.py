@@ -1,32 +1,35 @@
-"""Cavitation complementarity (11) by PETSc SNES-VI.
+"""Cavitation complementarity (8), (11) by PETSc SNES-VI.
 
-Find ``p >= 0`` with ``y = A p - b >= 0`` and ``p . y = 0``, component by
-component. With `mass` given, ``y = N^-1 (A p - b)`` as printed in the paper:
-needed by the 8-node element, whose corner functions have a negative integral,
-so that the sign of ``A p - b`` there is not the sign of the flux.
+Find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component,
+``r(p) = A p - b`` for an oil of constant properties. With weights W the defect is
+``y = W^-1 r``: the consistent mass matrix as printed in (11), needed by the
+8-node element, whose corner functions have a negative integral, so that the
+sign of r there is not the sign of the flux. The blocks of SNES-VI are solved by
+`PartitionedSystem`, whose options have the prefix ``partition_`` behind that of
+SNES-VI. (The mass-conserving condition is `fenics_ehd.film.mass_conserving`.)
 """
 
 from __future__ import annotations
 
+import atexit
+import gc
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg import cho_factor, cho_solve
+from scipy import sparse
 
 from fenics_ehd.errors import CavitationError
-from fenics_ehd.petsc_options import configure
-
-#: The problem is linear on each partition: with full steps the reduced-space
-#: Newton method is the primal-dual active set method.
-DEFAULT_OPTIONS = {"snes_linesearch_type": "basic", "ksp_type": "preonly", "pc_type": "lu"}
+from fenics_ehd.film.partition import FixedPattern, PartitionedSystem
+from fenics_ehd.film.snes_vi import SnesVi
 
 #: Largest allowed violation of p >= 0, y >= 0 and p y = 0, relative to max |p|, |b|.
 VERIFY_TOLERANCE = 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CavitationResult:
     """Pressure, flux defect and the partition they satisfy.
 
@@ -35,7 +38,7 @@ class CavitationResult:
     pressure
         Nodal pressure, shape (n,), >= 0.
     flux
-        ``A p - b`` (or ``N^-1`` times it), >= 0 where the film cavitates.
+        ``r(p)`` (or ``W^-1`` times it), >= 0 where the film cavitates.
     full_film
         Indices of the nodes where the equation holds and the pressure is free.
     iterations
@@ -48,138 +51,197 @@ class CavitationResult:
     iterations: int
 
 
+@dataclass(frozen=True, eq=False)
+class Complementarity:
+    """One complementarity problem.
+
+    Attributes
+    ----------
+    residual
+        ``r(p)`` before the weights are applied, shape (n,).
+    entries
+        Entries of its derivative at p, in the order of the solver's pattern.
+    scale
+        Norm of b, over the diagonal of W, to which tolerances refer.
+    weights
+        Entries of W, or None.
+    unit
+        A pressure of the size of the solution's, or somewhat below it.
+    """
+
+    residual: Callable[[np.ndarray], np.ndarray]
+    entries: Callable[[np.ndarray], np.ndarray]
+    scale: float
+    weights: np.ndarray | None = None
+    unit: float = 1.0
+
+
+@atexit.register
+def _collect_before_python_ends() -> None:
+    """Destroy solvers that nobody holds: PetscFinalize, later, would call their Python parts."""
+    gc.collect()
+    PETSc.garbage_cleanup(PETSc.COMM_SELF)
+
+
 class CavitationSolver:
-    """SNES-VI with its vectors, reused from solve to solve.
+    """SNES-VI with its vectors and factorisations, reused from solve to solve.
 
     Parameters
     ----------
-    size
-        Number of unknowns.
-    mass
-        Consistent mass matrix (size, size) as a dense array, or None for the weak form.
+    indptr, indices
+        CSR pattern of the derivative of r and of W, shape (n, n).
+    weighted
+        Whether problems come with weights W.
+    symmetric
+        Whether the derivative of r is symmetric positive definite.
     options_prefix
-        Prefix of the PETSc options, ``"film_"`` gives ``-film_snes_monitor``.
+        Prefix of the PETSc options, ``"film_"`` gives ``-film_snes_monitor``
+        and ``-film_partition_pc_type``.
     tolerance
-        On the 2-norm of the reduced residual, relative to ``||b||``; the option
-        ``snes_atol`` stands for it too.
-    smallest_source
-        Stands in for ``||b||`` where it is smaller: below it b is round-off, as for
-        a centred shaft.
+        On the 2-norm of the reduced residual, relative to `Complementarity.scale`;
+        the option ``snes_atol`` stands for it too.
     comm
         Communicator of one rank.
     """
 
     def __init__(
         self,
-        size: int,
-        mass: np.ndarray | None = None,
+        indptr: np.ndarray,
+        indices: np.ndarray,
         *,
+        weighted: bool = False,
+        symmetric: bool = True,
         comm: PETSc.Comm | MPI.Comm = PETSc.COMM_SELF,
         options_prefix: str = "film_",
         tolerance: float = 1e-10,
-        smallest_source: float = 0.0,
     ):
-        self._tolerance = tolerance
-        self._smallest_source = smallest_source
-        self._mass = None if mass is None else cho_factor(mass)
-        self._dense: PETSc.Mat | None = None
-        self._comm = comm
-        self._upper = PETSc.Vec().createSeq(size, comm=comm)
-        self._upper.set(PETSc.INFINITY)
-        self._lower = self._upper.duplicate()
-        self._lower.set(0.0)
-        self._unknown = self._upper.duplicate()
-        self._residual = self._upper.duplicate()
-        self._rhs = self._upper.duplicate()
-        self._prefix = options_prefix
-        self._current: tuple[PETSc.Mat, PETSc.SNES] | None = None
-        self.solves = 0
+        self._size = size = len(indptr) - 1
+        rows = np.repeat(np.arange(size), np.diff(indptr))
+        self._template = sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), (size, size))
+        self._diagonal = rows == indices
+        self.system = PartitionedSystem(
+            rows,
+            indptr,
+            indices,
+            weighted=weighted,
+            symmetric=symmetric,
+            comm=comm,
+            options_prefix=f"{options_prefix}partition_",
+        )
+        self._weight_factor = (
+            FixedPattern(
+                indptr,
+                indices,
+                symmetric=False,
+                comm=comm,
+                options_prefix=f"{options_prefix}weights_",
+            )
+            if weighted
+            else None
+        )
+        self._weights: np.ndarray | None = None
+        self._snes = SnesVi(
+            self,
+            np.zeros(size),
+            comm=comm,
+            options_prefix=options_prefix,
+            tolerance=tolerance,
+        )
 
-    def _snes(self, matrix: PETSc.Mat) -> PETSc.SNES:
-        """SNES with this matrix as its Jacobian, the same one as long as the matrix is the same."""
-        if self._current is None or matrix.handle != self._current[0].handle:
-            self._current = (matrix, self._create_snes(matrix))
-        return self._current[1]
+    @property
+    def solves(self) -> int:
+        """Solves by SNES-VI so far."""
+        return self._snes.solves
 
-    def _create_snes(self, matrix: PETSc.Mat) -> PETSc.SNES:
-        snes = PETSc.SNES().create(comm=self._comm)
-        snes.setType("vinewtonrsls")
-        snes.setFunction(self._function, self._residual, args=(matrix,))
-        snes.setJacobian(self._jacobian, matrix)
-        snes.setVariableBounds(self._lower, self._upper)
-        snes.setTolerances(rtol=0.0, stol=0.0, max_it=60)
-        configure(snes, self._prefix, DEFAULT_OPTIONS)
-        options = PETSc.Options(self._prefix)
-        if options.hasName("snes_atol"):
-            self._tolerance = options.getReal("snes_atol")
-        return snes
+    # The following four are called by SNES-VI during a solve.
 
-    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, matrix: PETSc.Mat) -> None:
-        matrix.mult(x, f)
-        f.axpy(-1.0, self._rhs)
+    def function(self, x: np.ndarray) -> np.ndarray:
+        """See `VariationalInequality`."""
+        return self._defect(self._problem, x * self._problem.unit) / self._problem.scale
 
-    def _jacobian(
-        self, snes: PETSc.SNES, x: PETSc.Vec, jacobian: PETSc.Mat, preconditioner: PETSc.Mat
-    ) -> None:
-        """The problem is linear: its matrix already is the Jacobian."""
+    def linearise(self, x: np.ndarray) -> None:
+        """See `VariationalInequality`."""
+        self._entries = self._problem.entries(x * self._problem.unit)
 
-    def reduced_matrix(self, matrix: PETSc.Mat) -> PETSc.Mat:
-        """``A``, or ``N^-1 A`` (dense) when the complementarity is taken with N."""
-        if self._mass is None:
-            return matrix
-        if self._dense is None:
-            self._dense = matrix.convert("dense", PETSc.Mat())
-        dense = matrix.convert("dense", PETSc.Mat())
-        self._dense.getDenseArray()[:, :] = cho_solve(self._mass, dense.getDenseArray())
-        dense.destroy()
-        # Writing through the array does not tell PETSc that the values changed.
-        self._dense.assemble()
-        return self._dense
+    def factorise(self, nodes: np.ndarray) -> None:
+        """Factorise for the partition SNES-VI has chosen."""
+        self._nodes = nodes
+        self.system.prepare(self._entries, self._problem.weights, nodes)
 
-    def reduced_rhs(self, rhs: np.ndarray) -> np.ndarray:
-        """``b``, or ``N^-1 b``; columns of a 2-D array alike."""
-        return rhs if self._mass is None else cho_solve(self._mass, rhs)
+    def update(self, rhs: np.ndarray) -> np.ndarray:
+        """Newton update of the pressures of the full nodes."""
+        whole = np.zeros(self._size)
+        whole[self._nodes] = rhs
+        if self._problem.weights is not None:
+            self._template.data = self._problem.weights
+            whole = self._template @ whole
+        return self.system.pressures(whole)[self._nodes] * (
+            self._problem.scale / self._problem.unit
+        )
 
-    def solve(self, matrix: PETSc.Mat, rhs: np.ndarray, guess: np.ndarray) -> CavitationResult:
-        """Solve the complementarity problem.
+    def _defect(self, problem: Complementarity, pressure: np.ndarray) -> np.ndarray:
+        """``y``: r, with the weights taken out."""
+        residual = problem.residual(pressure)
+        if problem.weights is None:
+            return residual
+        assert self._weight_factor is not None
+        if self._weights is not problem.weights:
+            self._weight_factor.factorise(problem.weights)
+            self._weights = problem.weights
+        return self._weight_factor.solve(residual)
+
+    def solve(self, problem: Complementarity, guess: np.ndarray) -> CavitationResult:
+        """Solve a complementarity problem.
 
         Parameters
         ----------
-        matrix
-            ``A`` or ``N^-1 A``, from `reduced_matrix`.
-        rhs
-            ``b`` or ``N^-1 b``, from `reduced_rhs`, shape (n,).
+        problem
+            Its residual and derivative; weights as told to the constructor.
         guess
-            Start value; its zeros are the first active set.
+            Start value; its zeros are the first cavitated nodes.
 
         Raises
         ------
         CavitationError
-            SNES-VI did not converge, or the result fails its own check.
+            SNES-VI did not converge, or the result fails its own check; its
+            `state` holds pressure and flux.
         """
-        snes = self._snes(matrix)
-        self._rhs.array = rhs
-        self._unknown.array = np.maximum(guess, 0.0)
-        scale = max(float(np.linalg.norm(rhs)), self._smallest_source)
-        snes.setTolerances(atol=self._tolerance * scale)
-        snes.solve(None, self._unknown)
-        self.solves += 1
-        reason = snes.getConvergedReason()
-        iterations = snes.getIterationNumber()
-        if reason <= 0:
-            raise CavitationError(
-                f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
-                f"{snes.getFunctionNorm():.2e} above {self._tolerance * scale:.2e}: "
-                f"see -{self._prefix}snes_monitor"
-            )
-        pressure = self._unknown.array.copy()
-        self._function(snes, self._unknown, self._residual, matrix)
-        flux = self._residual.array.copy()
-        verify_complementarity(pressure, flux, scale)
+        self._problem = problem
+        try:
+            x, function, iterations = self._snes.solve(np.maximum(guess, 0.0) / problem.unit)
+        except CavitationError as error:
+            error.state["pressure"] = error.state.pop("x") * problem.unit
+            error.state["flux"] = error.state.pop("function") * problem.scale
+            raise
+        pressure, flux = x * problem.unit, function * problem.scale
+        verify_complementarity(pressure, flux, problem.scale)
         # Round-off leaves pressures of 1e-17 in the cavitated zone: the larger of the two, each in
         # its own scale, tells which equation a node follows.
-        full_film = np.flatnonzero(pressure * scale > flux * pressure.max()).astype(np.int32)
-        return CavitationResult(pressure, flux, full_film, iterations)
+        full_film = np.flatnonzero(pressure * problem.scale > flux * pressure.max(initial=0.0))
+        return CavitationResult(pressure, flux, full_film.astype(np.int32), iterations)
+
+    def derivative(
+        self, problem: Complementarity, result: CavitationResult, change: np.ndarray
+    ) -> np.ndarray:
+        """Change of the pressure when r changes, the partition held.
+
+        Parameters
+        ----------
+        problem, result
+            A problem solved and its solution.
+        change
+            Changes of r, before the weights, shape (n, k).
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (n, k), zero at the cavitated nodes.
+        """
+        if not len(result.full_film) or not change.shape[1]:
+            return np.zeros_like(change)
+        entries = problem.entries(result.pressure)
+        self.system.prepare(entries, problem.weights, result.full_film)
+        return -self.system.pressures(change)
 
 
 def verify_complementarity(pressure: np.ndarray, flux: np.ndarray, scale: float) -> None:
@@ -190,16 +252,17 @@ def verify_complementarity(pressure: np.ndarray, flux: np.ndarray, scale: float)
     CavitationError
         A violation exceeds `VERIFY_TOLERANCE` times the largest pressure or `scale`.
     """
-    largest = max(pressure.max(initial=0.0), np.finfo(float).tiny)
+    tiny = float(np.finfo(float).tiny)
+    largest, scale = max(float(pressure.max(initial=0.0)), tiny), max(scale, tiny)
     violations = {
         "negative pressure": -pressure.min(initial=0.0) / largest,
-        "negative flux": -flux.min(initial=0.0) / max(scale, np.finfo(float).tiny),
-        "pressure times flux": np.abs(pressure * flux).max(initial=0.0)
-        / (largest * max(scale, np.finfo(float).tiny)),
+        "negative flux": -flux.min(initial=0.0) / scale,
+        "pressure times flux": np.abs(pressure / largest * flux).max(initial=0.0) / scale,
     }
     for name, value in violations.items():
         if not value <= VERIFY_TOLERANCE:
             raise CavitationError(
                 f"the film solution violates complementarity: {name} {value:.2e} "
-                f"above {VERIFY_TOLERANCE:.0e}"
+                f"above {VERIFY_TOLERANCE:.0e}",
+                state={"pressure": pressure, "flux": flux},
             )

@@ -1,29 +1,34 @@
-"""Reynolds equation (1) on the bore, dimensionless, as UFL forms.
+"""Weak form of the Reynolds equation on one film cell, tabulated Gauss point by Gauss point.
 
-Unknown ``P = p / p_s`` with ``p_s = 12 eta Omega (R / c)^2``; gap ``H = h / c``;
-time in units of ``1 / Omega``; lengths in units of the bore radius ``R``.
+Dimensionless: ``P = p / p_s`` with ``p_s = 12 eta Omega (R / c)^2``, gap
+``H = h / c``, time in units of ``1 / Omega``, lengths in units of the bore
+radius ``R``. With the flux and the source
 
-The film mesh rides on the bore. With ``W`` the displacement of the bore
-relative to the shaft, divided by the clearance,
+    f = k grad P - rho H V e_phi,     s = d(rho H) / dt,     k = rho H^3 / eta
 
-    H = 1 + n . W,        dH/dt = n . dW/dt,
+the weak form of (1) and its derivative along a pressure trial function u are
 
-``n`` the outward normal of the bore: for a rigid bore ``W = -e / c`` this is
-(3)-(5), ``h = c - e_r``. Kept to leading order in ``c / R``: the term
-``e_t^2 / (2 R_1)`` of (4) and the stretching of the bore are smaller than the
-gap by that factor. Relative to the bore the mean surface speed is half of
-``shaft speed - dw/dt . t``, the ``v`` components of (6).
+    r(v)    = int f . grad v + s v
+    a(u, v) = int (k_phi u_phi + k_c u) v_phi + (k_z u_z + k_d u) v_z + k_m u v
+
+Both are linear in values of their coefficients at the Gauss points. dolfinx
+compiles them once, on a unit cell, and evaluates them for a unit value at one
+Gauss point after another; a film of any number of cells is then assembled by
+multiplying these tensors with the coefficients (`fenics_ehd.film.assembly`),
+which for the small meshes of a bearing is several times faster than running
+the compiled kernel again cell by cell.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
+import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh
-from petsc4py import PETSc
-from ufl.core.expr import Expr
+from mpi4py import MPI
 
 from fenics_ehd import compat
 from fenics_ehd.elements import quadratic_element
@@ -34,91 +39,95 @@ from fenics_ehd.elements import quadratic_element
 QUADRATURE_DEGREE = 5
 
 
-@dataclass(frozen=True)
-class ReynoldsForms:
-    """Spaces, coefficients and compiled forms of one film mesh.
+@dataclass(frozen=True, eq=False)
+class CellTensors:
+    """Shape functions and integrals on the unit cell, (q Gauss points, k nodes).
 
-    ``stiffness``: A of (11), ``source``: b, ``gap_derivative``: the derivative
-    of ``A P - b`` in the direction of nodal ``W`` plus `rate_shift` times that
-    of nodal ``dW/dt``; ``speed_derivative``: the one with respect to the shaft
-    speed; ``couette``: the Couette part of b alone; ``mass``: N of (11).
-    """
-
-    pressure: fem.Function
-    displacement: fem.Function
-    displacement_rate: fem.Function
-    shaft_speed: fem.Constant
-    rate_shift: fem.Constant
-    stiffness: compat.CompiledForm
-    source: compat.CompiledForm
-    gap_derivative: compat.CompiledForm
-    speed_derivative: compat.CompiledForm
-    couette: compat.CompiledForm
-    mass: compat.CompiledForm
-
-
-def surface_frame(mesh: Mesh) -> tuple[Expr, Expr]:
-    """Outward normal of the bore and circumferential direction, as UFL vectors.
-
-    The normal is that of the discrete surface, as `FacetNormal` gives it on the
-    part: gap and pressure force are then conjugate to round-off.
-    """
-    jacobian = ufl.Jacobian(mesh)
-    normal = ufl.cross(jacobian[:, 0], jacobian[:, 1])
-    normal = normal / ufl.sqrt(ufl.dot(normal, normal))
-    tangent = ufl.cross(ufl.as_vector((0, 0, 1)), normal)
-    return normal, tangent
-
-
-def reynolds_forms(
-    mesh: Mesh, radius: float, clearance: float, pressure_family: str, displacement_family: str
-) -> ReynoldsForms:
-    """Build and compile the forms.
-
-    Parameters
+    Attributes
     ----------
-    mesh
-        Cylinder from `cylinder_mesh`.
-    radius, clearance
-        Bore radius ``R`` and radial clearance ``c`` [m].
-    pressure_family, displacement_family
-        ``"serendipity"`` or ``"lagrange"``, for pressure and bore displacement.
+    points, weights
+        Gauss points, shape (q, 2), and weights, shape (q,).
+    value, around, along
+        Shape functions and their slopes in the two directions at the Gauss
+        points, shape (q, k).
+    flux_around, flux_along, source
+        Element vectors of ``r`` for unit ``f_phi``, ``f_z``, ``s`` at one point, shape (q, k).
+    stiffness_around, stiffness_along, convection_around, convection_along, mass
+        Element matrices of ``a`` for unit ``k_phi``, ``k_z``, ``k_c``, ``k_d``,
+        ``k_m`` at one point, test functions first, shape (q, k, k).
     """
-    cell = "quadrilateral"
-    pressures = compat.functionspace(mesh, quadratic_element(pressure_family, cell))
-    displacements = compat.functionspace(mesh, quadratic_element(displacement_family, cell, (3,)))
-    p, w, w_rate = (fem.Function(v) for v in (pressures, displacements, displacements))
-    speed, shift = (fem.Constant(mesh, PETSc.ScalarType(0.0)) for _ in range(2))
-    trial, test = ufl.TrialFunction(pressures), ufl.TestFunction(pressures)
-    normal, tangent = surface_frame(mesh)
 
+    points: np.ndarray
+    weights: np.ndarray
+    value: np.ndarray
+    around: np.ndarray
+    along: np.ndarray
+    flux_around: np.ndarray
+    flux_along: np.ndarray
+    source: np.ndarray
+    stiffness_around: np.ndarray
+    stiffness_along: np.ndarray
+    convection_around: np.ndarray
+    convection_along: np.ndarray
+    mass: np.ndarray
+
+
+@cache
+def cell_tensors(family: str) -> CellTensors:
+    """Tabulate the weak form for an element family (``FilmGrid.family``)."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    geometry = compat.lagrange_element("quadrilateral", 1, (3,))
+    mesh = compat.create_mesh(MPI.COMM_SELF, np.arange(4)[None, :], geometry, corners)
+    space = compat.functionspace(mesh, _element(family))
+    points = compat.functionspace(
+        mesh, compat.quadrature_element("quadrilateral", QUADRATURE_DEGREE)
+    )
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-    area = 1.0 / radius**2
-    gap = 1 + ufl.inner(normal, w)
-    mean_speed = 0.5 * (speed - (clearance / radius) * ufl.inner(w_rate, tangent))
 
-    def poiseuille(pressure: Expr) -> ufl.Form:
-        return gap**3 * ufl.inner(ufl.grad(pressure), ufl.grad(test)) * dx
+    f_phi, f_z, s = fluxes = [fem.Function(points) for _ in range(3)]
+    residual = fem.form((f_phi * v.dx(0) + f_z * v.dx(1) + s * v) * dx)
+    k_phi, k_z, k_c, k_d, k_m = mobilities = [fem.Function(points) for _ in range(5)]
+    derivative = fem.form(
+        ((k_phi * u.dx(0) + k_c * u) * v.dx(0) + (k_z * u.dx(1) + k_d * u) * v.dx(1) + k_m * u * v)
+        * dx
+    )
+    order = compat.space_dofmap(space)[0]
 
-    couette = area * radius * gap * mean_speed * ufl.inner(tangent, ufl.grad(test)) * dx
-    squeeze = area * ufl.inner(normal, w_rate) * test * dx
-    residual = poiseuille(p) - couette + squeeze
-    direction = ufl.TrialFunction(displacements)
-    gap_derivative = ufl.derivative(residual, w, direction) + shift * ufl.derivative(
-        residual, w_rate, direction
-    )
-    # The residual is affine in the shaft speed.
-    speed_derivative = -area * radius * gap * 0.5 * ufl.inner(tangent, ufl.grad(test)) * dx
-    return ReynoldsForms(
-        pressure=p,
-        displacement=w,
-        displacement_rate=w_rate,
-        shaft_speed=speed,
-        rate_shift=shift,
-        stiffness=fem.form(poiseuille(trial)),
-        source=fem.form(couette - squeeze),
-        gap_derivative=fem.form(gap_derivative),
-        speed_derivative=fem.form(speed_derivative),
-        couette=fem.form(couette),
-        mass=fem.form(area * trial * test * dx),
-    )
+    def vector() -> np.ndarray:
+        return compat.fem_petsc().assemble_vector(residual).array[order]
+
+    def matrix() -> np.ndarray:
+        whole = compat.fem_petsc().assemble_matrix(derivative)
+        whole.assemble()
+        return whole.getValues(order, order)
+
+    vectors = [_tabulate(coefficient, points, vector) for coefficient in fluxes]
+    matrices = [_tabulate(coefficient, points, matrix) for coefficient in mobilities]
+    weights = vectors[2].sum(axis=1)
+    around, along, value = (tensor / weights[:, None] for tensor in vectors)
+    gauss = value @ _node_coordinates(space, order)
+    return CellTensors(gauss, weights, value, around, along, *vectors, *matrices)
+
+
+def _element(family: str) -> compat.Element:
+    if family == "bilinear":
+        return compat.lagrange_element("quadrilateral", 1)
+    return quadratic_element(family, "quadrilateral")
+
+
+def _tabulate(
+    coefficient: fem.Function, points: fem.FunctionSpace, assemble: Callable[[], np.ndarray]
+) -> np.ndarray:
+    """Integrals for a unit value of the coefficient at each Gauss point."""
+    rows = []
+    for dof in compat.space_dofmap(points)[0]:
+        coefficient.x.array[:] = 0.0
+        coefficient.x.array[dof] = 1.0
+        rows.append(assemble())
+    coefficient.x.array[:] = 0.0
+    return np.array(rows)
+
+
+def _node_coordinates(space: fem.FunctionSpace, order: np.ndarray) -> np.ndarray:
+    return space.tabulate_dof_coordinates()[order, :2]

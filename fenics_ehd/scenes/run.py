@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.errors import SettingsError
-from fenics_ehd.film import Film, FilmParameters
-from fenics_ehd.film.layout import film_layout
+from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.layout import film_grid
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import Step, StepControl, integrate
 from fenics_ehd.multibody.crank import ConstantSpeedCrank
@@ -22,6 +22,9 @@ from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 
 #: Largest clearance over bore radius; the film's equations neglect terms of that order.
 THIN_FILM = 0.05
+
+#: Film cells around and along a bore that is no structured mesh.
+DEFAULT_CELLS = (20, 5)
 
 #: Largest energy balance error of a run that may be trusted.
 ENERGY_LIMIT = 0.05
@@ -55,8 +58,6 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
     InterfaceMismatchError
         The body's bore is not meshed as a film mesh is.
     """
-    cells, pressure_family = film_layout(body.pressure_nodes)
-    displacement_family = film_layout(body.bore_nodes)[1]
     mechanism, bearing = settings.mechanism, settings.bearing
     if "pin" not in body.points:
         raise SettingsError("the body has no boundary point 'pin' for the piston")
@@ -74,18 +75,37 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
             f"radius {body.bore_radius:g} m: the film is taken as thin"
         )
     parameters = FilmParameters(
-        radius=body.bore_radius,
-        width=body.bore_width,
-        clearance=bearing.clearance,
-        viscosity=bearing.viscosity,
+        film_mesh(settings, body),
+        bearing.clearance,
+        Lubricant(bearing.viscosity),
         rate=mechanism.crank_speed,
-        cells=cells,
-        pressure_family=pressure_family,
-        displacement_family=displacement_family,
     )
-    film = Film(parameters, body.bore_nodes, body.pressure_nodes)
     crank = ConstantSpeedCrank(mechanism.crank_length, mechanism.crank_speed)
-    return SliderCrank(crank, body, film, mechanism.piston_mass, settings.rod.damping_time)
+    return SliderCrank(
+        crank,
+        body,
+        Film(parameters),
+        mechanism.piston_mass,
+        settings.rod.damping_time,
+        settings.film.transfer,
+    )
+
+
+def film_mesh(settings: SliderCrankSettings, body: ReducedBody) -> FilmGrid:
+    """Film mesh of the scene: the bore's own cells, or those the scene asks for.
+
+    A bore of triangles has no such cells and gets `DEFAULT_CELLS`.
+
+    Raises
+    ------
+    InterfaceMismatchError
+        The bore's cells are wanted and are not a structured quadratic mesh.
+    """
+    cells = settings.film.cells
+    if not cells and body.pressure_family != "triangle":
+        return film_grid(body.pressure_nodes)
+    around, along = cells or DEFAULT_CELLS
+    return uniform_grid(body.bore_radius, body.bore_width, (around, along), settings.film.element)
 
 
 def step_control(settings: SliderCrankSettings, end: float) -> StepControl:
@@ -147,11 +167,11 @@ def simulate(
     for step in integrate(mechanism, (0.0, end), rest, rest, control):
         powers = mechanism.powers(step.x, step.rate, step.auxiliary)
         balance.add(step.time, powers)
-        pressure = step.auxiliary.film.pressure
+        pressure = mechanism.journal.bore.structure_pressure(step.auxiliary.film.pressure)
         error = estimate.add(step.time - totals.time, pressure)
         row = _row(mechanism, step, powers, balance, error, step.time - totals.time)
         _account(totals, row, step, balance, estimate)
-        totals.film_solves = mechanism.journal.film.cavitation.solves
+        totals.film_solves = mechanism.journal.film.solves
         totals.wall_time = perf_counter() - started
         if record is not None:
             record(row, {"coordinates": step.x, "rates": step.rate, "pressure_Pa": pressure})
@@ -172,12 +192,12 @@ def _row(
     state = step.auxiliary
     pressure = state.film.pressure
     peak = int(np.argmax(pressure))
-    x, y, _ = mechanism.journal.film.pressure_nodes[peak]
+    angle, _ = mechanism.journal.film.parameters.grid.node_positions[peak]
     return {
         "time_s": step.time,
         "max_pressure_Pa": pressure[peak],
         "min_film_thickness_m": mechanism.journal.gap(step.x).min(),
-        "max_pressure_angle_deg": np.degrees(np.arctan2(y, x)),
+        "max_pressure_angle_deg": np.degrees(np.mod(angle + np.pi, 2 * np.pi) - np.pi),
         "eccentricity_x_m": -step.x[0],
         "eccentricity_y_m": -step.x[1],
         "rod_angle_rad": state.angle.angle,

@@ -46,6 +46,8 @@ class SliderCrank:
         [kg].
     damping_time
         zeta of ``D_e = zeta T^T K T`` [s].
+    transfer
+        How pressures reach a bore with another mesh than the film's.
     """
 
     def __init__(
@@ -55,9 +57,10 @@ class SliderCrank:
         film: Film,
         piston_mass: float,
         damping_time: float,
+        transfer: str = "conservative",
     ):
         self.crank = crank
-        self.journal = Journal(body, film)
+        self.journal = Journal(body, film, transfer)
         self.size = 2 + body.modes
         point = body.points["pin"][:2]
         self._pin = point

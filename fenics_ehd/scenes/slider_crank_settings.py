@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.settings import choice, count, flag, number, numbers, section, text
+from fenics_ehd.settings import choice, count, counts, flag, number, numbers, section, text
 
 ELEMENTS = ("serendipity", "lagrange")
+FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
+TRANSFERS = ("conservative", "mortar")
+CELLS = ("hex", "tet")
 PRESSURE_SETS = ("pc1", "pc2")
 SELECTIONS = ("lowest-frequency", "largest-eigenvalue", "smallest-eigenvalue")
 
@@ -34,8 +37,9 @@ class Rod:
     """Connecting rod: Gmsh model and material."""
 
     model: str = text("conrod", "shipped model, or path of a .geo or .msh file")
+    cells: str = choice("hex", CELLS, "structured hexahedra or unstructured 10-node tetrahedra")
     element: str = choice(
-        "serendipity", ELEMENTS, "20-node (serendipity) or 27-node (lagrange) hexahedra"
+        "serendipity", ELEMENTS, "of hexahedra, 20-node (serendipity) or 27-node (lagrange)"
     )
     youngs_modulus: float = number(210e9, "[Pa]", above=0)
     poissons_ratio: float = number(0.3, "[-]; quadratic elements lock above", above=-1, below=0.49)
@@ -58,9 +62,17 @@ class Reduction:
 
 @attrs.frozen
 class Film:
-    """Film mesh: its cells are those of the bore."""
+    """Film mesh, and how it is joined to the bore's."""
 
-    element: str = choice("lagrange", ELEMENTS, "9-node (lagrange) or 8-node (serendipity)")
+    element: str = choice(
+        "lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node (serendipity) or bilinear"
+    )
+    cells: tuple[int, ...] = counts(
+        (), "cells around and along, [20, 5] say; empty: those of the bore", optional=True
+    )
+    transfer: str = choice(
+        "conservative", TRANSFERS, "of pressures to a bore with another mesh, the last one by (14)"
+    )
 
 
 @attrs.frozen

@@ -1,0 +1,186 @@
+"""Vectors and matrices of a film from values at its Gauss points."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from fenics_ehd.film.forms import CellTensors, cell_tensors
+from fenics_ehd.film.grid import FilmGrid
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """Coefficients of the derivative ``a(u, v)`` (see `forms`) at the Gauss points, each (c, q).
+
+    None stands for zero.
+    """
+
+    around: np.ndarray
+    along: np.ndarray
+    convection_around: np.ndarray | None = None
+    convection_along: np.ndarray | None = None
+    mass: np.ndarray | None = None
+
+
+class Assembly:
+    """Assembly on one grid, for the ``n`` nodes where the pressure is unknown.
+
+    Values at Gauss points come and go as arrays (c cells, q points), element
+    vectors as (c, k). The factors that the size of a cell puts on derivatives
+    and areas, lengths divided by the bore radius, are applied here.
+
+    Parameters
+    ----------
+    grid
+        The film mesh.
+    free
+        Nodes whose pressure is unknown, ascending.
+
+    Attributes
+    ----------
+    indptr, indices
+        Sparsity pattern (CSR) of every matrix on the free nodes.
+    area
+        Area that each Gauss point stands for, over R^2, shape (c, q).
+    """
+
+    def __init__(self, grid: FilmGrid, free: np.ndarray):
+        self.grid = grid
+        self.free = free
+        self.tensors: CellTensors = cell_tensors(grid.family)
+        self._nodes = grid.cell_nodes
+        around, along = grid.cell_sizes
+        self._around, self._along = around[:, None], along[:, None]
+        self._cell_area = self._around * self._along
+        self._flat_nodes = self._nodes.ravel()
+        # Factors of the five coefficients, in the order of `_flat`.
+        self._scales = (
+            self._along / self._around,
+            self._around / self._along,
+            self._along,
+            self._around,
+            self._cell_area,
+        )
+        self.area = self._cell_area * self.tensors.weights
+        self.size = len(grid.node_positions)
+        self._flat = [
+            tensor.reshape(len(tensor), -1)
+            for tensor in (
+                self.tensors.stiffness_around,
+                self.tensors.stiffness_along,
+                self.tensors.convection_around,
+                self.tensors.convection_along,
+                self.tensors.mass,
+            )
+        ]
+        self._number_entries()
+
+    def _number_entries(self) -> None:
+        """Pattern of the free-node matrix and the place of every element matrix entry in it."""
+        k = self._nodes.shape[1]
+        number = np.full(self.size, -1)
+        number[self.free] = np.arange(len(self.free))
+        rows = np.repeat(number[self._nodes], k, axis=1).ravel()
+        columns = np.tile(number[self._nodes], (1, k)).ravel()
+        inside = (rows >= 0) & (columns >= 0)
+        code = rows[inside] * len(self.free) + columns[inside]
+        unique, place = np.unique(code, return_inverse=True)
+        self.indices = (unique % len(self.free)).astype(np.int32)
+        counts = np.bincount(unique // len(self.free), minlength=len(self.free))
+        self.indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        # Entries of fixed nodes go to a bin behind the last one.
+        self._place = np.full(len(rows), len(unique))
+        self._place[inside] = place
+        n = len(self.free)
+        self._template = sparse.csr_matrix(
+            (np.zeros(len(unique)), self.indices, self.indptr), (n, n)
+        )
+        #: Row number of every entry of the pattern.
+        self.rows = np.repeat(np.arange(len(self.free)), counts)
+
+    def at_points(self, nodal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Value and derivatives along the circumference and the axis, from all nodal values."""
+        values = nodal[self._nodes]
+        t = self.tensors
+        return (
+            values @ t.value.T,
+            values @ t.around.T / self._around,
+            values @ t.along.T / self._along,
+        )
+
+    def vector(
+        self,
+        flux_around: np.ndarray,
+        flux_along: np.ndarray | None,
+        source: np.ndarray,
+    ) -> np.ndarray:
+        """``r`` for all nodes, shape (size,), from flux and source (c, q); None stands for zero."""
+        t = self.tensors
+        element = (flux_around * self._along) @ t.flux_around
+        if flux_along is not None:
+            element += (flux_along * self._around) @ t.flux_along
+        element += (source * self._cell_area) @ t.source
+        return np.bincount(self._flat_nodes, element.ravel(), self.size)
+
+    def vectors(self, coefficients: np.ndarray, source: np.ndarray) -> np.ndarray:
+        """Many vectors at once.
+
+        Parameters
+        ----------
+        coefficients
+            Flux around and along per direction value, shape (2, c, q).
+        source
+            Directions, shape (c * q, n): their value times the flux is taken.
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (size, n).
+        """
+        t = self.tensors
+        element = np.einsum("cq,qk->cqk", coefficients[0] * self._along, t.flux_around)
+        element += np.einsum("cq,qk->cqk", coefficients[1] * self._around, t.flux_along)
+        return self.gather(element) @ source
+
+    def source_vectors(self, coefficient: np.ndarray, source: np.ndarray) -> np.ndarray:
+        """As `vectors`, for the source term, coefficient (c, q)."""
+        weights = coefficient * self._cell_area
+        return self.gather(np.einsum("cq,qk->cqk", weights, self.tensors.source)) @ source
+
+    def gather(self, element: np.ndarray) -> sparse.csr_matrix:
+        """Sparse map (size, c * q) from element data (c, q, k)."""
+        cells, points, k = element.shape
+        rows = np.broadcast_to(self._nodes[:, None, :], element.shape).ravel()
+        starts = np.arange(cells * points + 1) * k
+        return sparse.csr_matrix((element.ravel(), rows, starts), (cells * points, self.size)).T
+
+    def matrix(self, c: Coefficients) -> np.ndarray:
+        """Entries of the matrix of ``a`` on the free nodes, in the order of the pattern."""
+        return np.bincount(self._place, self._element_matrices(c).ravel(), len(self.indices) + 1)[
+            :-1
+        ]
+
+    def _element_matrices(self, c: Coefficients) -> np.ndarray:
+        element = (c.around * self._scales[0]) @ self._flat[0]
+        element += (c.along * self._scales[1]) @ self._flat[1]
+        others = (c.convection_around, c.convection_along, c.mass)
+        for values, factor, tensor in zip(others, self._scales[2:], self._flat[2:], strict=True):
+            if values is not None:
+                element += (values * factor) @ tensor
+        return element
+
+    def multiply(self, entries: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Product of the matrix with these entries and values at the free nodes."""
+        self._template.data = entries
+        return self._template @ values
+
+    def csr(self, entries: np.ndarray) -> sparse.csr_matrix:
+        """Matrix from its entries."""
+        # scipy's constructor checks a pattern that is known to be right.
+        matrix = copy(self._template)
+        matrix.data = entries
+        return matrix

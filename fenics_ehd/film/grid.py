@@ -1,0 +1,266 @@
+"""Film mesh: the unwrapped bore as rectangles, periodic along the circumference.
+
+Node numbers run along the axis first, so that a matrix of the film is banded.
+Cells are numbered alike, cell ``i * along + j`` being the i-th around.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from fenics_ehd.elements import shape_functions
+from fenics_ehd.errors import SettingsError
+
+#: Nodes of a cell in each family, as offsets around and along in half cells, in dolfinx order.
+_CORNERS = [(0, 0), (2, 0), (0, 2), (2, 2)]
+_EDGES = [(1, 0), (0, 1), (2, 1), (1, 2)]
+_OFFSETS = {
+    "bilinear": _CORNERS,
+    "serendipity": _CORNERS + _EDGES,
+    "lagrange": [*_CORNERS, *_EDGES, (1, 1)],
+}
+
+FAMILIES = tuple(_OFFSETS)
+
+
+@dataclass(frozen=True, eq=False)
+class FilmGrid:
+    """Cells and nodes of a film.
+
+    Attributes
+    ----------
+    radius
+        Bore radius R [m].
+    angles
+        Cell boundaries along the circumference, ascending over one turn,
+        shape (around + 1,) [rad].
+    heights
+        Cell boundaries along the axis, ascending, shape (along + 1,) [m].
+    family
+        ``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node).
+
+    Raises
+    ------
+    SettingsError
+        No positive radius, fewer than 3 cells around or 1 along, boundaries that do not ascend,
+        angles that do not close, or an unknown family.
+    """
+
+    radius: float
+    angles: np.ndarray
+    heights: np.ndarray
+    family: str = "lagrange"
+
+    def __post_init__(self) -> None:
+        if self.family not in FAMILIES:
+            raise SettingsError(f"film element {self.family!r} is not one of {', '.join(FAMILIES)}")
+        if not (np.isfinite(self.radius) and self.radius > 0):
+            raise SettingsError(f"the bore's radius is {self.radius:g} m, it must be above 0")
+        around, along = self.cells
+        if around < 3 or along < 1:
+            raise SettingsError(
+                f"a film of {around} x {along} cells: at least 3 around and 1 along are needed"
+            )
+        if not (np.all(np.diff(self.angles) > 0) and np.all(np.diff(self.heights) > 0)):
+            raise SettingsError("the cell boundaries of the film must ascend")
+        if not abs(self.angles[-1] - self.angles[0] - 2 * np.pi) < 1e-9:
+            raise SettingsError(
+                f"the film's cells span {self.angles[-1] - self.angles[0]:.6g} rad, not one turn"
+            )
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Cells along the circumference and along the axis."""
+        return len(self.angles) - 1, len(self.heights) - 1
+
+    @property
+    def width(self) -> float:
+        """Bearing width B [m]."""
+        return float(self.heights[-1] - self.heights[0])
+
+    @cached_property
+    def _numbers(self) -> np.ndarray:
+        """Node number at each half cell around and along, -1 where the family has none."""
+        around, along = self.cells
+        exists = np.ones((2 * around, 2 * along + 1), dtype=bool)
+        if self.family == "serendipity":
+            exists[1::2, 1::2] = False
+        elif self.family == "bilinear":
+            exists[1::2, :] = False
+            exists[:, 1::2] = False
+        numbers = np.full(exists.shape, -1)
+        numbers[exists] = np.arange(exists.sum())
+        return numbers
+
+    @cached_property
+    def node_positions(self) -> np.ndarray:
+        """Angle [rad] and height [m] of the nodes, shape (n, 2)."""
+        angle = np.empty(2 * self.cells[0])
+        angle[::2] = self.angles[:-1]
+        angle[1::2] = 0.5 * (self.angles[:-1] + self.angles[1:])
+        height = np.empty(2 * self.cells[1] + 1)
+        height[::2] = self.heights
+        height[1::2] = 0.5 * (self.heights[:-1] + self.heights[1:])
+        i, j = np.nonzero(self._numbers >= 0)
+        return np.column_stack([angle[i], height[j]])
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Positions of the nodes on the bore, shape (n, 3) [m]."""
+        angle, height = self.node_positions.T
+        return np.column_stack([self.radius * np.cos(angle), self.radius * np.sin(angle), height])
+
+    @cached_property
+    def cell_nodes(self) -> np.ndarray:
+        """Nodes of every cell in dolfinx order, shape (cells, nodes per cell)."""
+        around, along = self.cells
+        i, j = np.meshgrid(np.arange(around), np.arange(along), indexing="ij")
+        columns = [
+            self._numbers[(2 * i + a) % (2 * around), 2 * j + b].ravel()
+            for a, b in _OFFSETS[self.family]
+        ]
+        return np.stack(columns, axis=1)
+
+    @property
+    def columns(self) -> list[np.ndarray]:
+        """Node numbers at each circumferential position that has corner nodes."""
+        return [row[row >= 0] for row in self._numbers[::2]]
+
+    @cached_property
+    def cell_sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Extent of every cell in angle and in height over radius, each shape (cells,)."""
+        around, along = self.cells
+        widths, heights = np.diff(self.angles), np.diff(self.heights) / self.radius
+        return np.repeat(widths, along), np.tile(heights, around)
+
+    def interpolation(self, angle: np.ndarray, height: np.ndarray) -> sparse.csr_matrix:
+        """Matrix from nodal values to values at points of the bore, shape (points, n)."""
+        relative = np.mod(angle - self.angles[0], 2 * np.pi) + self.angles[0]
+        around, along = self.cells
+        i = np.clip(np.searchsorted(self.angles, relative, "right") - 1, 0, around - 1)
+        j = np.clip(np.searchsorted(self.heights, height, "right") - 1, 0, along - 1)
+        x = (relative - self.angles[i]) / np.diff(self.angles)[i]
+        y = (height - self.heights[j]) / np.diff(self.heights)[j]
+        values = shape_functions(self.family, np.column_stack([x, y]))
+        columns = self.cell_nodes[i * along + j]
+        starts = np.arange(len(values) + 1) * values.shape[1]
+        shape = (len(values), len(self.node_positions))
+        return sparse.csr_matrix((values.ravel(), columns.ravel(), starts), shape)
+
+    def coarser(self) -> FilmGrid | None:
+        """Grid with every other cell boundary, or None when it would be too coarse to help."""
+        around, along = self.cells
+        if around % 2 or around < 32:
+            return None
+        heights = self.heights[::2] if along % 2 == 0 and along > 4 else self.heights
+        return FilmGrid(self.radius, self.angles[::2], heights, self.family)
+
+
+def uniform_grid(
+    radius: float,
+    width: float,
+    cells: tuple[int, int],
+    family: str = "lagrange",
+    *,
+    start: float = 0.0,
+) -> FilmGrid:
+    """Grid of equal cells, a cell boundary at angle `start` [rad]."""
+    angles = start + np.linspace(0.0, 2 * np.pi, max(int(cells[0]), 0) + 1)
+    heights = np.linspace(-width / 2, width / 2, max(int(cells[1]), 0) + 1)
+    return FilmGrid(radius, angles, heights, family)
+
+
+def graded_grid(
+    radius: float,
+    width: float,
+    cells: tuple[int, int],
+    family: str = "lagrange",
+    *,
+    focus: float,
+    ratio: float,
+) -> FilmGrid:
+    """Grid with cells that shrink smoothly along the circumference towards an angle.
+
+    The density of cells is ``1 + a cos(phi - focus)``; a cell boundary lies at
+    `focus` and one opposite, when the number of cells is even.
+
+    Parameters
+    ----------
+    radius, width, cells, family
+        As for `uniform_grid`.
+    focus
+        Angle of the smallest cells [rad].
+    ratio
+        Largest cell over the smallest, at least 1.
+
+    Raises
+    ------
+    SettingsError
+        `ratio` is below 1.
+    """
+    if not ratio >= 1.0:
+        raise SettingsError(f"the grading ratio is {ratio:g}, it must be at least 1")
+    amplitude = (ratio - 1) / (ratio + 1)
+    share = np.linspace(0.0, 2 * np.pi, max(int(cells[0]), 0) + 1)
+    # Invert phi + a sin(phi) = share by Newton; monotonic as a < 1.
+    angle = share.copy()
+    for _ in range(100):
+        angle -= (angle + amplitude * np.sin(angle) - share) / (1 + amplitude * np.cos(angle))
+        angle = np.clip(angle, 0.0, 2 * np.pi)
+    angle[0], angle[-1] = 0.0, 2 * np.pi
+    heights = np.linspace(-width / 2, width / 2, max(int(cells[1]), 0) + 1)
+    return FilmGrid(radius, focus + angle, heights, family)
+
+
+def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:
+    """Move the nearest cell boundaries onto given angles, the edges of grooves.
+
+    Parameters
+    ----------
+    grid
+        Any grid.
+    edges
+        Angles [rad], shape (e,).
+
+    Raises
+    ------
+    SettingsError
+        Two edges are nearest to the same boundary: the mesh is too coarse.
+    """
+    around = grid.cells[0]
+    angles = grid.angles[:-1].copy()
+    wanted = np.mod(np.asarray(edges, dtype=float) - angles[0], 2 * np.pi)
+    wanted = np.sort(np.where(wanted > 2 * np.pi - 1e-9, 0.0, wanted))
+    wanted = wanted[np.append(np.diff(wanted) > 1e-9, True)] if len(wanted) else wanted
+    relative = angles - angles[0]
+    moved: dict[int, float] = {}
+    for edge in wanted:
+        distance = np.abs(np.mod(relative - edge + np.pi, 2 * np.pi) - np.pi)
+        nearest = int(np.argmin(distance))
+        if nearest in moved:
+            raise SettingsError(
+                f"{around} cells around cannot resolve groove edges at "
+                f"{np.degrees(angles[0] + moved[nearest]):.4g} and "
+                f"{np.degrees(angles[0] + edge):.4g} degrees: "
+                "use more cells"
+            )
+        moved[nearest] = float(edge)
+    if not moved:
+        return grid
+    # The boundaries between two moved ones keep their proportions.
+    fixed = sorted(moved)
+    targets = []
+    for index in fixed:
+        shift = np.mod(moved[index] - relative[index] + np.pi, 2 * np.pi) - np.pi
+        targets.append(relative[index] + shift)
+    source = np.append(relative[fixed], relative[fixed[0]] + 2 * np.pi)
+    target = np.append(targets, targets[0] + 2 * np.pi)
+    unrolled = np.where(relative < source[0], relative + 2 * np.pi, relative)
+    result = np.interp(unrolled, source, target)
+    result = np.sort(result)
+    boundaries = grid.angles[0] + np.append(result, result[0] + 2 * np.pi)
+    return FilmGrid(grid.radius, boundaries, grid.heights, grid.family)

@@ -1,0 +1,141 @@
+"""Viscosity and density of the oil as functions of pressure and position.
+
+A law gives the ratio to the value at ambient pressure and its derivative, both
+at arrays of pressures [Pa]. Position enters by a factor on either, given at
+the Gauss points (`Lubricant.viscosity_field`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+
+
+class PressureLaw(Protocol):
+    """Ratio of a property to its value at zero pressure."""
+
+    @property
+    def constant(self) -> bool:
+        """Whether the property is the same at every pressure."""
+
+    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Ratio [-] and its derivative [1/Pa] at pressures [Pa]."""
+
+
+def _positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise SettingsError(f"{name} = {value:g} must be above 0")
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The same at every pressure."""
+
+    constant: bool = field(default=True, init=False)
+
+    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `PressureLaw`."""
+        return np.ones_like(pressure), np.zeros_like(pressure)
+
+
+@dataclass(frozen=True)
+class Barus:
+    """``eta = eta_0 exp(alpha p)`` (Barus 1893), `coefficient` alpha [1/Pa]."""
+
+    coefficient: float
+    constant: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        _positive("the Barus pressure coefficient", self.coefficient)
+
+    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `PressureLaw`."""
+        ratio = np.exp(self.coefficient * pressure)
+        return ratio, self.coefficient * ratio
+
+
+@dataclass(frozen=True)
+class Roelands:
+    """``eta = eta_0 exp((ln eta_0 + 9.67) ((1 + p / 0.196 GPa)^Z - 1))`` (Roelands 1966).
+
+    Attributes
+    ----------
+    viscosity
+        eta_0 at ambient pressure [Pa s], above exp(-9.67) = 6.3e-5.
+    index
+        Pressure index Z [-], 0.6 for mineral oils.
+    """
+
+    viscosity: float
+    index: float = 0.6
+    constant: bool = field(default=False, init=False)
+
+    #: ln of Roelands' limit viscosity 6.315e-5 Pa s and his reference pressure [Pa].
+    LOG_LIMIT = -9.67
+    REFERENCE = 1.96e8
+
+    def __post_init__(self) -> None:
+        _positive("the Roelands index", self.index)
+        if not self.viscosity > np.exp(self.LOG_LIMIT):
+            raise SettingsError(
+                f"viscosity = {self.viscosity:g} Pa s must be above 6.3e-5 Pa s for Roelands' law"
+            )
+
+    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `PressureLaw`."""
+        strength = np.log(self.viscosity) - self.LOG_LIMIT
+        base = 1 + pressure / self.REFERENCE
+        ratio = np.exp(strength * (base**self.index - 1))
+        slope = strength * self.index / self.REFERENCE * base ** (self.index - 1)
+        return ratio, ratio * slope
+
+
+@dataclass(frozen=True)
+class DowsonHigginson:
+    """``rho = rho_0 (1 + 0.6e-9 p / (1 + 1.7e-9 p))``, p in Pa (Dowson and Higginson 1966)."""
+
+    constant: bool = field(default=False, init=False)
+
+    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `PressureLaw`."""
+        stiff = 1 + 1.7e-9 * pressure
+        return 1 + 0.6e-9 * pressure / stiff, 0.6e-9 / stiff**2
+
+
+#: Factor [-] at angles [rad] and heights [m] of points on the bore.
+Field = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Lubricant:
+    """One oil.
+
+    Attributes
+    ----------
+    viscosity
+        Dynamic viscosity at ambient pressure [Pa s].
+    viscosity_law, density_law
+        How they change with pressure.
+    viscosity_field, density_field
+        Factors that depend on the place, of a known temperature for instance;
+        None for an oil that is the same everywhere.
+    """
+
+    viscosity: float
+    viscosity_law: PressureLaw = field(default_factory=Constant)
+    density_law: PressureLaw = field(default_factory=Constant)
+    viscosity_field: Field | None = None
+    density_field: Field | None = None
+
+    def __post_init__(self) -> None:
+        _positive("viscosity", self.viscosity)
+
+    @property
+    def linear(self) -> bool:
+        """Whether the Reynolds equation is linear in the pressure."""
+        return self.viscosity_law.constant and self.density_law.constant

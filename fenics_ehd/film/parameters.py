@@ -1,0 +1,55 @@
+"""What a film is made of: mesh, clearance, oil and given pressures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.film.lubricant import Lubricant
+from fenics_ehd.film.supply import Region, Sides
+
+
+@dataclass(frozen=True, eq=False)
+class FilmParameters:
+    """One bearing and its oil.
+
+    Attributes
+    ----------
+    grid
+        Film mesh: bore radius, width, cells and element family.
+    clearance
+        Radial clearance c [m].
+    lubricant
+        The oil.
+    rate
+        Reference angular speed Omega > 0 [rad/s] that makes the equation
+        dimensionless; results do not depend on it beyond round-off.
+    sides, regions
+        Given pressures.
+    """
+
+    grid: FilmGrid
+    clearance: float
+    lubricant: Lubricant
+    rate: float
+    sides: Sides = field(default_factory=Sides)
+    regions: tuple[Region, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("clearance", "rate"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise SettingsError(f"{name} = {value:g} of the film must be above 0")
+        if not self.clearance < self.grid.radius:
+            raise SettingsError(
+                f"clearance = {self.clearance:g} m must be below the radius {self.grid.radius:g} m"
+            )
+
+    @property
+    def pressure_scale(self) -> float:
+        """``p_s = 12 eta Omega (R / c)^2`` [Pa]."""
+        ratio = self.grid.radius / self.clearance
+        return 12 * self.lubricant.viscosity * self.rate * ratio**2

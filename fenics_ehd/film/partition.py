@@ -1,0 +1,212 @@
+"""Linear systems of one sparsity pattern, for one partition of the film after another.
+
+A partition says at which nodes the film is full (pressure unknown, equation
+holds) and at which it cavitates (pressure zero, defect unknown). SNES-VI cuts
+the block of the full nodes out of its Jacobian, a new matrix with a new pattern
+for every partition. Here that block keeps the pattern of the whole film: ones
+stand on the diagonal of the cavitated nodes, so that ordering and symbolic
+factorisation are done once in the life of a film.
+"""
+
+from __future__ import annotations
+
+import weakref
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_ehd.errors import CavitationError
+from fenics_ehd.petsc_options import configure, solve_columns
+
+#: Fastest of PETSc's factorisations on these matrices when only values change; CHOLMOD takes over
+#: for large ones (`benchmarks/cavitation_solvers.py`). Film matrices need no pivoting for
+#: stability that was ever seen to matter; every solution is verified.
+SYMMETRIC_OPTIONS = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "petsc",
+    "pc_factor_mat_ordering_type": "nd",
+}
+LARGE_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_factor_mat_solver_type": "cholmod"}
+GENERAL_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_type": "lu"}
+
+#: Unknowns from which a matrix is large.
+LARGE = 20_000
+
+
+def _defaults(size: int, symmetric: bool) -> dict[str, str]:
+    if not symmetric:
+        return GENERAL_OPTIONS
+    return LARGE_OPTIONS if size >= LARGE else SYMMETRIC_OPTIONS
+
+
+class FixedPattern:
+    """Factorisations of matrices that share a sparsity pattern.
+
+    Parameters
+    ----------
+    indptr, indices
+        CSR pattern of the n x n matrices.
+    symmetric
+        Whether they are symmetric positive definite.
+    options_prefix
+        Prefix of the KSP's options.
+    """
+
+    def __init__(
+        self,
+        indptr: np.ndarray,
+        indices: np.ndarray,
+        *,
+        symmetric: bool,
+        comm: PETSc.Comm | MPI.Comm,
+        options_prefix: str,
+    ):
+        n = len(indptr) - 1
+        # PETSc uses these arrays themselves.
+        self._csr = (
+            np.array(indptr, dtype=PETSc.IntType),
+            np.array(indices, dtype=PETSc.IntType),
+            np.zeros(len(indices)),
+        )
+        self._matrix = PETSc.Mat().createAIJWithArrays((n, n), self._csr, comm=comm)
+        self._matrix.setOption(PETSc.Mat.Option.SPD, symmetric)
+        self._ksp = PETSc.KSP().create(comm)
+        self._ksp.setOperators(self._matrix)
+        configure(self._ksp, options_prefix, _defaults(n, symmetric))
+        self._rhs, self._solution = self._matrix.createVecs()
+        weakref.finalize(self, _destroy, [self._ksp, self._matrix])
+
+    def factorise(self, entries: np.ndarray) -> None:
+        """Take a matrix given by its entries in the order of the pattern."""
+        self._csr[2][:] = entries
+        # Assembly tells PETSc that the values behind its back have changed.
+        self._matrix.assemble()
+        # The PC's, not the KSP's: that leaves it to its own solve, which `solve_columns` goes round.
+        self._ksp.pc.setUp()
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for one right-hand side, shape (n,).
+
+        Raises
+        ------
+        CavitationError
+            The factorisation failed.
+        """
+        self._rhs.array[:] = rhs
+        self._ksp.solve(self._rhs, self._solution)
+        if self._ksp.getConvergedReason() < 0:
+            raise CavitationError(
+                "the film matrix cannot be factorised (KSP reason "
+                f"{self._ksp.getConvergedReason()}): is the gap extremely uneven?"
+            )
+        return self._solution.array.copy()
+
+    def solve_columns(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for many right-hand sides, shape (n, k)."""
+        right = PETSc.Mat().createDense(
+            rhs.shape, array=np.asfortranarray(rhs), comm=self._matrix.comm
+        )
+        solution = right.duplicate()
+        solve_columns(self._ksp, right, solution)
+        values = np.array(solution.getDenseArray())
+        right.destroy()
+        solution.destroy()
+        return values
+
+
+def _destroy(objects: list[PETSc.Object]) -> None:
+    """PETSc keeps the arrays given to a matrix until it is told to let go."""
+    for item in objects:
+        item.destroy()
+
+
+class PartitionedSystem:
+    """Systems of a complementarity problem ``y = W^-1 (A p - b)`` on any partition.
+
+    With I the full and C the cavitated nodes, the pressure of the full nodes
+    and the defect y of the others solve
+
+        A_I p_I - W_C y_C = b,
+
+    all rows at once. Without weights W the defect decouples and the block
+    ``A_II`` is what remains.
+
+    Parameters
+    ----------
+    rows, indptr, indices
+        Pattern of A and W: row number of every entry, and CSR arrays.
+    weighted
+        Whether there is a W.
+    symmetric
+        Whether A is symmetric.
+    """
+
+    def __init__(
+        self,
+        rows: np.ndarray,
+        indptr: np.ndarray,
+        indices: np.ndarray,
+        *,
+        weighted: bool,
+        symmetric: bool,
+        comm: PETSc.Comm | MPI.Comm,
+        options_prefix: str,
+    ):
+        self._rows, self._columns = rows, indices
+        self._diagonal = rows == indices
+        self._weighted, self._size = weighted, len(indptr) - 1
+        self._pattern = FixedPattern(
+            indptr,
+            indices,
+            symmetric=symmetric and not weighted,
+            comm=comm,
+            options_prefix=options_prefix,
+        )
+        self._current: tuple[np.ndarray, np.ndarray | None, np.ndarray] | None = None
+        self.factorisations = 0
+
+    def prepare(
+        self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
+    ) -> None:
+        """Factorise for a partition, unless that is what was factorised last.
+
+        Parameters
+        ----------
+        entries, weights
+            Entries of A and W. A caller that changes values passes new arrays.
+        full_film
+            Indices of the full nodes.
+        """
+        if self._current is not None:
+            former, former_weights, nodes = self._current
+            if former is entries and former_weights is weights and np.array_equal(nodes, full_film):
+                return
+        full = np.zeros(self._size, dtype=bool)
+        full[full_film] = True
+        self.full = full
+        if self._weighted:
+            assert weights is not None
+            values = np.where(full[self._columns], entries, -weights)
+        else:
+            inside = full[self._columns] & full[self._rows]
+            values = np.where(inside, entries, 0.0)
+            values[self._diagonal] = np.where(full, entries[self._diagonal], 1.0)
+        self._current = None
+        self._pattern.factorise(values)
+        self._current = (entries, weights, full_film.copy())
+        self.factorisations += 1
+
+    def solution(self, rhs: np.ndarray) -> np.ndarray:
+        """Pressure of the full and defect of the other nodes, right-hand sides (n,) or (n, k)."""
+        if not self._weighted:
+            rhs = np.where(self.full if rhs.ndim == 1 else self.full[:, None], rhs, 0.0)
+        solve = self._pattern.solve if rhs.ndim == 1 else self._pattern.solve_columns
+        return solve(rhs)
+
+    def pressures(self, rhs: np.ndarray) -> np.ndarray:
+        """Pressure part of the solution; zero where cavitated."""
+        solution = self.solution(rhs)
+        solution[~self.full] = 0.0
+        return solution

@@ -1,0 +1,263 @@
+"""The discrete Reynolds equation of one film: its residual and exact derivatives.
+
+Dimensionless, see `forms`; oils of constant properties make it linear in the
+pressure, others do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.film.assembly import Assembly, Coefficients
+from fenics_ehd.film.cavitation import Complementarity
+from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.film.kinematics import Gap, GapSlopes, SurfacePoints
+from fenics_ehd.film.parameters import FilmParameters
+from fenics_ehd.film.supply import given_pressures
+
+#: Below this dimensionless rate of gap change the source of (11) counts as zero.
+SMALLEST_SOURCE = 1e-6
+
+#: The same for 8-node elements: their problem may have no solution for a source of round-off.
+SMALLEST_WEIGHTED_SOURCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class DensityRate:
+    """Rate of the density, ``d rho / dt = shift * rho + history``, the last term of (1).
+
+    Attributes
+    ----------
+    shift
+        Of the time integration formula, 1 / step for implicit Euler [1/s].
+    history
+        At the Gauss points, shape (cells, points), of the density over that of
+        the oil at zero pressure [1/s]; implicit Euler: minus the shift times
+        `Film.density` of the step before.
+    """
+
+    shift: float
+    history: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class OilProperties:
+    """Dimensionless oil properties, their slopes along P, and slopes of P, at the Gauss points."""
+
+    around: np.ndarray
+    along: np.ndarray
+    viscosity: np.ndarray
+    viscosity_slope: np.ndarray
+    density: np.ndarray
+    density_slope: np.ndarray
+    expansion: np.ndarray
+    expansion_slope: np.ndarray
+
+
+class ReynoldsEquation:
+    """Reynolds equation on the nodes of a film whose pressure is unknown.
+
+    Attributes
+    ----------
+    free
+        Those nodes.
+    given
+        Dimensionless pressure at all nodes, zero at the free ones.
+    points
+        Gauss points on the bore.
+    factors
+        Viscosity and density that depend on the place, over those of the oil.
+    weights
+        Entries of the mass matrix N of (11) for the 8-node element, else None.
+    """
+
+    def __init__(self, parameters: FilmParameters):
+        self.parameters = parameters
+        grid = parameters.grid
+        fixed, pressure = given_pressures(grid, parameters.sides, parameters.regions)
+        self.free = np.flatnonzero(~fixed)
+        self.given = pressure / parameters.pressure_scale
+        self._supplied = bool(pressure.any())
+        self.assembly = Assembly(grid, self.free)
+        self.points = gauss_points(grid, self.assembly.tensors.points)
+        self.factors = [self._field(f) for f in ("viscosity_field", "density_field")]
+        weighted = grid.family == "serendipity"
+        zero = np.zeros(self.assembly.area.shape)
+        mass = self.assembly.matrix(Coefficients(zero, zero, mass=zero + 1))
+        self.weights = mass if weighted else None
+        diagonal = self.assembly.rows == self.assembly.indices
+        self._weight_diagonal = mass[diagonal] if weighted else 1.0
+        # The source of a film at unit speed: nodal areas, or ones when divided by the mass matrix.
+        unit = np.ones(len(self.free)) if weighted else self.assembly.csr(mass).sum(axis=1)
+        smallest = SMALLEST_WEIGHTED_SOURCE if weighted else SMALLEST_SOURCE
+        self._smallest = smallest * float(np.linalg.norm(unit))
+
+    def _field(self, name: str) -> np.ndarray | float:
+        function = getattr(self.parameters.lubricant, name)
+        if function is None:
+            return 1.0
+        values = np.asarray(function(self.points.angle, self.points.height), dtype=float)
+        if not np.all(np.isfinite(values) & (values > 0)):
+            raise SettingsError(f"the {name} of the lubricant must be above 0 everywhere")
+        return values
+
+    def dimensionless(self, gap: Gap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """``H``, ``dH/dt`` and the mean velocity over ``Omega R``."""
+        p = self.parameters
+        return (
+            gap.thickness / p.clearance,
+            gap.thickness_rate / (p.clearance * p.rate),
+            gap.mean_velocity / (p.rate * p.grid.radius),
+        )
+
+    def nodal(self, pressure: np.ndarray) -> np.ndarray:
+        """Dimensionless pressure at all nodes from that at the free ones."""
+        values = self.given.copy()
+        values[self.free] = pressure
+        return values
+
+    def problem(self, gap: Gap, density_rate: DensityRate | None = None) -> Complementarity:
+        """The complementarity problem (11) of a gap."""
+        if not self.parameters.lubricant.linear:
+            return self._nonlinear_problem(gap, density_rate)
+        thickness, rate, velocity = self.dimensionless(gap)
+        viscosity, density = self.factors
+        mobility = density * thickness**3 / viscosity
+        entries = self.assembly.matrix(Coefficients(mobility, mobility))
+        around, along = -density * thickness * velocity, None
+        if self._supplied:
+            _, slope_around, slope_along = self.assembly.at_points(self.given)
+            around, along = around + mobility * slope_around, mobility * slope_along
+        constant = self.assembly.vector(around, along, density * rate)[self.free]
+        return self._complementarity(
+            lambda p: self.assembly.multiply(entries, p) + constant,
+            lambda p: entries,
+            constant,
+            entries,
+        )
+
+    def _nonlinear_problem(self, gap: Gap, density_rate: DensityRate | None) -> Complementarity:
+        """Problem of an oil whose properties change with pressure; derivatives by hand, exact."""
+        thickness, rate, velocity = self.dimensionless(gap)
+
+        def residual(pressure: np.ndarray) -> np.ndarray:
+            properties = self.oil(self.nodal(pressure), density_rate)
+            mobility = thickness**3 * properties.density / properties.viscosity
+            return self.assembly.vector(
+                mobility * properties.around - properties.density * thickness * velocity,
+                mobility * properties.along,
+                properties.density * rate + thickness * properties.expansion,
+            )[self.free]
+
+        def entries(pressure: np.ndarray) -> np.ndarray:
+            q = self.oil(self.nodal(pressure), density_rate)
+            mobility = thickness**3 * q.density / q.viscosity
+            slope = mobility * (q.density_slope / q.density - q.viscosity_slope / q.viscosity)
+            return self.assembly.matrix(
+                Coefficients(
+                    mobility,
+                    mobility,
+                    slope * q.around - q.density_slope * thickness * velocity,
+                    slope * q.along,
+                    q.density_slope * rate + thickness * q.expansion_slope,
+                )
+            )
+
+        zero = np.zeros(len(self.free))
+        return self._complementarity(residual, entries, residual(zero), entries(zero))
+
+    def _complementarity(
+        self,
+        residual: Callable[[np.ndarray], np.ndarray],
+        entries: Callable[[np.ndarray], np.ndarray],
+        start: np.ndarray,
+        first: np.ndarray,
+    ) -> Complementarity:
+        """Problem from its residual and derivative and their values at zero pressure."""
+        scale = max(float(np.linalg.norm(start / self._weight_diagonal)), self._smallest)
+        # What the source builds up over one cell.
+        unit = max(float(np.abs(start).max()), self._smallest) / float(first.max())
+        return Complementarity(residual, entries, scale, self.weights, unit)
+
+    def oil(self, nodal: np.ndarray, density_rate: DensityRate | None = None) -> OilProperties:
+        """Oil and pressure slopes at the Gauss points, dimensionless."""
+        p = self.parameters
+        value, around, along = self.assembly.at_points(nodal)
+        # Shape functions may undershoot between nodes, where the laws are not meant: the oil
+        # keeps its properties there.
+        inside = value >= 0.0
+        pressure = np.where(inside, value, 0.0) * p.pressure_scale
+        viscosity, viscosity_slope = p.lubricant.viscosity_law(pressure)
+        density, density_slope = p.lubricant.density_law(pressure)
+        viscosity_slope, density_slope = inside * viscosity_slope, inside * density_slope
+        factors = self.factors
+        expansion, expansion_slope = np.zeros_like(value), np.zeros_like(value)
+        density_slope = factors[1] * density_slope * p.pressure_scale
+        if density_rate is not None:
+            shift = density_rate.shift / p.rate
+            expansion = shift * factors[1] * density + density_rate.history / p.rate
+            expansion_slope = shift * density_slope
+        return OilProperties(
+            around,
+            along,
+            factors[0] * viscosity,
+            factors[0] * viscosity_slope * p.pressure_scale,
+            factors[1] * density,
+            density_slope,
+            expansion,
+            expansion_slope,
+        )
+
+    def change(
+        self,
+        gap: Gap,
+        pressure: np.ndarray,
+        slopes: GapSlopes,
+        density_rate: DensityRate | None = None,
+    ) -> np.ndarray:
+        """Change of the residual at the free nodes along changes of the gap.
+
+        Parameters
+        ----------
+        gap, pressure, density_rate
+            A gap and dimensionless nodal pressures, shape (nodes,).
+        slopes
+            Changes of gap, its rate and the mean velocity in n directions, each
+            (cells, points, n).
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (free nodes, n).
+        """
+        p = self.parameters
+        thickness, _, velocity = self.dimensionless(gap)
+        q = self.oil(pressure, density_rate)
+        mobility = q.density * thickness**3 / q.viscosity
+        shape = (thickness.size, slopes.thickness.shape[-1])
+        around = 3 * mobility / thickness * q.around - q.density * velocity
+        flux = np.stack([around, 3 * mobility / thickness * q.along])
+        changes = slopes.thickness.reshape(shape) / p.clearance
+        change = self.assembly.vectors(flux, changes)
+        speed = slopes.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
+        if speed.any():
+            zero = np.zeros_like(thickness)
+            change += self.assembly.vectors(np.stack([-q.density * thickness, zero]), speed)
+        rates = slopes.thickness_rate.reshape(shape) / (p.clearance * p.rate)
+        change += self.assembly.source_vectors(q.density, rates)
+        if density_rate is not None:
+            change += self.assembly.source_vectors(q.expansion, changes)
+        return change[self.free]
+
+
+def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:
+    """Gauss points of every cell, each array (cells, points)."""
+    around, along = grid.cells
+    widths, heights = np.diff(grid.angles), np.diff(grid.heights)
+    angle = grid.angles[:-1, None] + widths[:, None] * reference[:, 0]
+    height = grid.heights[:-1, None] + heights[:, None] * reference[:, 1]
+    return SurfacePoints(np.repeat(angle, along, axis=0), np.tile(height, (around, 1)))

@@ -1,0 +1,190 @@
+"""PETSc SNES-VI (reduced-space Newton) on a system that solves its own blocks."""
+
+from __future__ import annotations
+
+import weakref
+from typing import Protocol
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_ehd.errors import CavitationError
+from fenics_ehd.petsc_options import configure
+
+#: The problems are linear on each partition: with full steps the reduced-space
+#: Newton method is the primal-dual active set method. Unknowns are scaled to order
+#: one: a pressure counts as zero below 1e-14 of that.
+DEFAULT_OPTIONS = {
+    "snes_linesearch_type": "basic",
+    "snes_vi_zero_tolerance": 1e-14,
+    "ksp_type": "preonly",
+}
+
+MAX_ITERATIONS = 200
+
+
+class VariationalInequality(Protocol):
+    """What SNES-VI asks for, all scaled to order one."""
+
+    def function(self, x: np.ndarray) -> np.ndarray:
+        """``F(x)``."""
+
+    def linearise(self, x: np.ndarray) -> None:
+        """Take the derivative at x."""
+
+    def factorise(self, nodes: np.ndarray) -> None:
+        """Prepare the block of the derivative on the inactive unknowns."""
+
+    def update(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve with that block."""
+
+
+class SnesVi:
+    """SNES-VI with its vectors, reused from solve to solve.
+
+    SNES-VI cuts the block of the inactive unknowns out of its Jacobian matrix, a
+    new matrix with a new pattern for every partition. The Jacobian given to it
+    here only notes which block is asked for and leaves the solution to `system`.
+
+    Parameters
+    ----------
+    system
+        The problem; its owner must keep it alive (a weak reference is held, or
+        PETSc and Python would keep each other alive for ever).
+    lower
+        Lower bounds, shape (n,); there are no upper ones.
+    options_prefix
+        Prefix of the PETSc options.
+    tolerance
+        On the 2-norm of the reduced function; the option ``snes_atol`` overrides it.
+    """
+
+    def __init__(
+        self,
+        system: VariationalInequality,
+        lower: np.ndarray,
+        *,
+        comm: PETSc.Comm | MPI.Comm,
+        options_prefix: str,
+        tolerance: float,
+    ):
+        self._prefix, self._comm, self._lower = options_prefix, comm, lower
+        self._context = _Callbacks(system)
+        self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
+        self.solves = 0
+        self._create()
+
+    def _create(self) -> None:
+        comm, lower, context = self._comm, self._lower, self._context
+        bounds = [PETSc.Vec().createSeq(len(lower), comm=comm) for _ in range(2)]
+        bounds[0].array = lower
+        bounds[1].set(PETSc.INFINITY)
+        self._unknown, self._function = bounds[0].duplicate(), bounds[0].duplicate()
+        jacobian = PETSc.Mat().createPython((len(lower),) * 2, _Jacobian(comm), comm=comm)
+        jacobian.setUp()
+        self._snes = snes = PETSc.SNES().create(comm=comm)
+        snes.setType("vinewtonrsls")
+        snes.setFunction(context.function, self._function)
+        snes.setJacobian(context.jacobian, jacobian)
+        snes.setVariableBounds(*bounds)
+        snes.setTolerances(rtol=0.0, stol=0.0, max_it=MAX_ITERATIONS)
+        block = snes.getKSP().getPC()
+        block.setType("python")
+        block.setPythonContext(context)
+        configure(snes, self._prefix, DEFAULT_OPTIONS)
+        snes.setTolerances(atol=self.tolerance)
+        # Also at exit: PETSc must not meet Python contexts when the interpreter is gone.
+        self._finalize = weakref.finalize(self, _destroy, [snes, jacobian])
+
+    def solve(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+        """Solve from a start.
+
+        Returns
+        -------
+        x, function : numpy.ndarray
+            Solution and ``F`` there, shape (n,).
+        iterations : int
+
+        Raises
+        ------
+        CavitationError
+            No convergence, or a block that cannot be factorised; its `state` holds
+            the last iterate and function.
+        """
+        self._unknown.array = start
+        try:
+            self._snes.solve(None, self._unknown)
+        except (CavitationError, PETSc.Error) as error:
+            state = {"x": self._unknown.array.copy(), "function": self._function.array.copy()}
+            # PETSc leaves a solver that was interrupted in a callback unusable.
+            self._finalize()
+            self._create()
+            if isinstance(error, PETSc.Error):
+                raise CavitationError(f"SNES-VI failed: {error}", state=state) from error
+            error.state.update(state)
+            raise
+        self.solves += 1
+        reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
+        x, function = self._unknown.array.copy(), self._function.array.copy()
+        if reason <= 0:
+            raise CavitationError(
+                f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
+                f"{self._snes.getFunctionNorm():.2e} above {self.tolerance:.2e} (of the source): "
+                f"see -{self._prefix}snes_monitor",
+                state={"x": x, "function": function},
+            )
+        return x, function, iterations
+
+
+class _Callbacks:
+    """What PETSc calls: function and Jacobian of SNES, and the block's preconditioner."""
+
+    def __init__(self, system: VariationalInequality):
+        self._system = weakref.ref(system)
+
+    @property
+    def system(self) -> VariationalInequality:
+        system = self._system()
+        assert system is not None
+        return system
+
+    def function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        f.array = self.system.function(x.getArray(readonly=True))
+
+    def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, a: PETSc.Mat, b: PETSc.Mat) -> None:
+        self.system.linearise(x.getArray(readonly=True))
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        self.system.factorise(pc.getOperators()[0].getPythonContext().nodes)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        y.array = self.system.update(x.getArray(readonly=True))
+
+
+class _Jacobian:
+    """Python context of the Jacobian: hands out the block of a partition unassembled."""
+
+    def __init__(self, comm: PETSc.Comm | MPI.Comm):
+        self._comm = comm
+
+    def createSubMatrix(
+        self, mat: PETSc.Mat, rows: PETSc.IS, columns: PETSc.IS, out: PETSc.Mat | None = None
+    ) -> PETSc.Mat:
+        nodes = rows.getIndices().copy()
+        block = PETSc.Mat().createPython((len(nodes),) * 2, _Block(nodes), comm=self._comm)
+        block.setUp()
+        return block
+
+
+class _Block:
+    """Python context of the block of a partition: only which unknowns are inactive."""
+
+    def __init__(self, nodes: np.ndarray):
+        self.nodes = nodes
+
+
+def _destroy(objects: list[PETSc.Object]) -> None:
+    """PETSc objects keep the arrays and contexts given to them until told otherwise."""
+    for item in objects:
+        item.destroy()

@@ -1,0 +1,171 @@
+"""Film meshes: nodes, interpolation, grading and alignment with grooves."""
+
+import numpy as np
+import pytest
+from film_cases import FAMILIES, R
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fenics_ehd.errors import InterfaceMismatchError, SettingsError
+from fenics_ehd.film.grid import FilmGrid, aligned_grid, graded_grid, uniform_grid
+from fenics_ehd.film.layout import film_grid, film_layout, match
+
+COUNTS = {"bilinear": 120, "serendipity": 340, "lagrange": 440}
+GRADED = {"focus": 1.0, "ratio": 6.0}
+
+
+def turned(angles):
+    """Angles in -pi..pi."""
+    return np.mod(np.asarray(angles) + np.pi, 2 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_twenty_by_five_cells_have_the_nodes_of_the_paper(family):
+    grid = uniform_grid(R, 0.022, (20, 5), family)
+    assert len(grid.nodes) == COUNTS[family]
+    assert set(grid.cell_nodes.ravel()) == set(range(len(grid.nodes)))
+    assert np.linalg.norm(grid.nodes[:, :2], axis=1) == pytest.approx(R, rel=1e-14)
+    assert np.ptp(grid.nodes[:, 2]) == pytest.approx(0.022, rel=1e-14)
+    assert [len(column) for column in grid.columns] == [6 if family == "bilinear" else 11] * 20
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_interpolation_is_exact_for_the_nodes_and_for_polynomials(family):
+    grid = graded_grid(R, R, (12, 3), family, **GRADED)
+    angle, height = grid.node_positions.T
+    own = grid.interpolation(angle, height).toarray()
+    np.testing.assert_allclose(own, np.eye(len(angle)), atol=1e-11)
+    # Any turn; the seam breaks a polynomial in the angle, so stay off its cell.
+    random = np.random.default_rng(0)
+    phi = random.uniform(grid.angles[0], grid.angles[-2], 300)
+    z = random.uniform(-R / 2, R / 2, 300)
+
+    def field(a, b):
+        linear = 1 + 2 * a - 3 * b / R + a * b / R
+        return linear if family == "bilinear" else linear + a**2 - (b / R) ** 2 * (1 + a)
+
+    turns = 2 * np.pi * random.integers(-3, 4, 300)
+    found = grid.interpolation(phi + turns, z) @ field(angle, height)
+    np.testing.assert_allclose(found, field(phi, z), rtol=1e-10, atol=1e-10)
+
+
+@given(
+    around=st.integers(3, 200), focus=st.floats(-10, 10), ratio=st.floats(1, 1e4, exclude_min=True)
+)
+@settings(deadline=None)
+def test_graded_cells_follow_their_density(around, focus, ratio):
+    angles = graded_grid(R, R, (around, 1), focus=focus, ratio=ratio).angles - focus
+    density = (ratio - 1) / (ratio + 1)
+    np.testing.assert_allclose(
+        angles + density * np.sin(angles), 2 * np.pi * np.arange(around + 1) / around, atol=1e-9
+    )
+    sizes = np.diff(angles)
+    # Symmetric about the focus, where the cells are smallest.
+    np.testing.assert_allclose(sizes, sizes[::-1], atol=1e-7)
+    assert sizes[0] == pytest.approx(sizes.min(), rel=1e-6)
+    # Cells are means of the density over themselves: the ratio is reached with many cells.
+    assert sizes.max() / sizes.min() <= ratio * (1 + 1e-6)
+
+
+def test_grading_reaches_its_ratio_with_many_cells():
+    sizes = np.diff(graded_grid(R, R, (4000, 1), focus=0.0, ratio=50.0).angles)
+    assert sizes.max() / sizes.min() == pytest.approx(50.0, rel=1e-2)
+
+
+@given(
+    start=st.floats(-7, 7),
+    edges=st.lists(st.floats(-10, 10), min_size=1, max_size=4),
+    graded=st.booleans(),
+)
+@settings(deadline=None)
+def test_aligned_boundaries_include_every_edge(start, edges, graded):
+    grid = (
+        graded_grid(R, R, (48, 2), focus=start, ratio=4.0)
+        if graded
+        else uniform_grid(R, R, (48, 2), start=start)
+    )
+    try:
+        aligned = aligned_grid(grid, np.array(edges))
+    except SettingsError:
+        # Refused only when two different edges are closer than one cell.
+        gaps = np.abs(turned(np.subtract.outer(edges, edges)))
+        largest = np.diff(grid.angles).max()
+        assert np.any((gaps > 1e-9) & (gaps < largest))
+        return
+    assert aligned.cells == grid.cells
+    distance = np.abs(turned(np.subtract.outer(edges, aligned.angles[:-1]))).min(axis=1)
+    assert distance.max() < 1e-8
+    # No boundary moves further than a cell.
+    moved = np.abs(turned(np.subtract.outer(aligned.angles[:-1], grid.angles[:-1]))).min(axis=1)
+    assert moved.max() <= 0.51 * np.diff(grid.angles).max()
+
+
+def test_edges_that_a_turn_makes_the_same_are_one():
+    grid = uniform_grid(R, R, (36, 2))
+    edges = np.radians([-1e-13, 0.0, 30.0, 360.0])
+    found = aligned_grid(grid, edges).angles[:-1]
+    np.testing.assert_allclose(turned(found - grid.angles[:-1]), 0, atol=1e-12)
+
+
+def test_edges_in_one_cell_are_refused_with_their_angles():
+    grid = uniform_grid(R, R, (36, 2), start=1.0)
+    with pytest.raises(SettingsError, match=r"36 cells .* at 89 and 91 degrees: use more"):
+        aligned_grid(grid, np.radians([89.0, 91.0]))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_coarser_grid_keeps_every_other_boundary(family):
+    fine = graded_grid(R, R, (64, 8), family, **GRADED)
+    coarse = fine.coarser()
+    assert coarse.cells == (32, 4)
+    np.testing.assert_array_equal(coarse.angles, fine.angles[::2])
+    assert coarse.coarser().cells == (16, 4)
+    assert coarse.coarser().coarser() is None
+    assert uniform_grid(R, R, (33, 8), family).coarser() is None
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: uniform_grid(R, R, (2, 5)), "2 x 5 cells: at least 3"),
+        (lambda: uniform_grid(R, R, (20, 0)), "20 x 0 cells"),
+        (lambda: uniform_grid(R, R, (-4, -4)), "0 x 0 cells"),
+        (lambda: uniform_grid(R, -R, (20, 5)), "must ascend"),
+        (lambda: uniform_grid(R, np.nan, (20, 5)), "must ascend"),
+        (lambda: uniform_grid(R, R, (20, 5), "hermite"), "'hermite' is not one of bilinear"),
+        (lambda: graded_grid(R, R, (20, 5), focus=0, ratio=0.5), "ratio is 0.5"),
+        (lambda: graded_grid(R, R, (20, 5), focus=0, ratio=np.nan), "ratio is nan"),
+        (lambda: graded_grid(R, R, (20, 5), focus=np.nan, ratio=2.0), "must ascend"),
+        (lambda: graded_grid(R, R, (-3, 5), focus=0, ratio=2.0), "at least 3"),
+        (lambda: FilmGrid(R, np.linspace(0, 6, 9), np.arange(3.0)), "6 rad, not one turn"),
+        (lambda: uniform_grid(-R, R, (20, 5)), "radius"),
+        (lambda: uniform_grid(np.nan, R, (20, 5)), "radius"),
+    ],
+)
+def test_impossible_meshes_are_refused(make, named):
+    with pytest.raises(SettingsError, match=named):
+        make()
+
+
+@pytest.mark.parametrize("family", ["serendipity", "lagrange"])
+@pytest.mark.parametrize("start", [0.0, 0.1, np.pi / 20, 5.0])
+def test_layout_recognises_cells_element_and_start(family, start):
+    grid = uniform_grid(R, 0.022, (20, 5), family, start=start)
+    order = np.random.default_rng(0).permutation(len(grid.nodes))
+    given = grid.nodes[order]
+    assert film_layout(given) == ((20, 5), family)
+    found = film_grid(given)
+    assert found.cells == (20, 5)
+    assert found.family == family
+    np.testing.assert_allclose(given[match(found.nodes, given)], found.nodes, atol=1e-9)
+
+
+def test_nodes_of_no_structured_mesh_are_refused():
+    grid = uniform_grid(R, 0.022, (20, 5))
+    with pytest.raises(InterfaceMismatchError, match="structured"):
+        film_layout(grid.nodes[1:])
+    graded = graded_grid(R, 0.022, (20, 5), **GRADED)
+    with pytest.raises(InterfaceMismatchError, match="equal cells"):
+        film_grid(graded.nodes)
+    assert match(grid.nodes, grid.nodes[1:]) is None
+    assert match(grid.nodes, graded.nodes) is None

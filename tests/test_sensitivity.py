@@ -1,0 +1,152 @@
+"""Exact derivatives of the film's pressure, and its powers."""
+
+import numpy as np
+import pytest
+from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, given_gap, make_film, shaft
+
+from fenics_ehd.film import Gap, Lubricant
+from fenics_ehd.film.kinematics import GapSlopes, shaft_gap_slopes
+from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
+from fenics_ehd.film.reynolds import DensityRate
+from fenics_ehd.film.supply import AxialGroove, Sides
+
+OILS = {
+    "constant": Lubricant(ETA),
+    "position": Lubricant(
+        ETA,
+        viscosity_field=lambda phi, z: 1.5 + np.sin(phi),
+        density_field=lambda phi, z: 1 + 0.1 * np.cos(phi),
+    ),
+    "Barus": Lubricant(ETA, viscosity_law=Barus(5e-9)),
+    "Roelands": Lubricant(ETA, viscosity_law=Roelands(ETA)),
+    "compressible": Lubricant(ETA, viscosity_law=Barus(1e-8), density_law=DowsonHigginson()),
+}
+
+
+def moved(gap, slopes, amount):
+    return Gap(
+        gap.thickness + amount * slopes.thickness[..., 0],
+        gap.thickness_rate + amount * slopes.thickness_rate[..., 0],
+        gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
+        gap.sliding_velocity,
+    )
+
+
+def bore_like(film, seed):
+    """Gap of a deformed bore and a direction of change, unlike at every Gauss point."""
+    random = np.random.default_rng(seed)
+    gap = gap_of(film, shaft(0.7, 0.1, rate=(0.0, 30.0)))
+    values = random.standard_normal((5, *gap.thickness.shape))
+    scale = np.array([0.02 * C, C * OMEGA * 0.02, C, 0.1 * C * OMEGA, 0.1 * R * OMEGA])
+    bump, bump_rate, *direction = values * scale[:, None, None]
+    gap = Gap(gap.thickness + bump, gap.thickness_rate + bump_rate, gap.mean_velocity, 0 * bump)
+    return gap, GapSlopes(*(x[..., None] for x in direction))
+
+
+def assert_exact(film, gap, slopes, *, tolerance=1e-7, step=1e-6, **more):
+    state = film.solve(gap, **more)
+    exact = film.sensitivity(state, slopes)[:, 0]
+    sides = [film.solve(moved(gap, slopes, h), state, **more) for h in (step, -step)]
+    for side in sides:
+        assert np.array_equal(side.cavitation.full_film, state.cavitation.full_film)
+    difference = (sides[0].pressure - sides[1].pressure) / (2 * step)
+    assert np.abs(exact - difference).max() < tolerance * np.abs(difference).max()
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("oil", OILS)
+def test_sensitivity_is_the_exact_derivative(family, oil):
+    film = make_film((20, 4), family, oil=OILS[oil], tolerance=1e-13)
+    assert_exact(film, *bore_like(film, seed=3))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_sensitivity_is_exact_with_supplied_oil(family):
+    more = {"sides": Sides(2e5, None), "regions": (AxialGroove(2.0, 0.7, 8e5),)}
+    film = make_film((20, 4), family, oil=OILS["Barus"], tolerance=1e-13, **more)
+    assert_exact(film, *bore_like(film, seed=4))
+
+
+def test_sensitivity_is_exact_while_the_oil_expands():
+    film = make_film((20, 4), oil=OILS["compressible"], tolerance=1e-13)
+    # Denser a moment ago than at rest, by up to 1 %.
+    former = 1 + 0.01 * np.random.default_rng(0).uniform(0, 1, film.points.angle.shape)
+    gap, slopes = bore_like(film, seed=5)
+    rate = DensityRate(1e4, -1e4 * former)
+    assert_exact(film, gap, slopes, density_rate=rate)
+    plain, expanding = (film.solve(gap, density_rate=r).pressure for r in (None, rate))
+    assert np.abs(expanding - plain).max() > 0.01 * plain.max()
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("oil", ["constant", "Barus"])
+def test_sensitivity_is_that_of_the_state_given_whatever_was_solved_since(family, oil):
+    first, second = (make_film((20, 4), family, oil=OILS[oil]) for _ in range(2))
+    gap, slopes = bore_like(first, seed=3)
+    state = first.solve(gap)
+    expected = first.sensitivity(state, slopes)
+    other = second.solve(gap_of(second, shaft(0.2, -0.5)))
+    second.sensitivity(other, slopes)
+    # Solved, then something else solved, then asked; and solved from itself, in no iterations.
+    late = second.solve(gap)
+    second.solve(gap_of(second, shaft(0.3, -0.5)))
+    tolerance = 1e-8 * np.abs(expected).max()
+    np.testing.assert_allclose(second.sensitivity(late, slopes), expected, atol=tolerance)
+    second.sensitivity(other, slopes)
+    again = second.solve(gap, late)
+    assert again.cavitation.iterations == 0
+    np.testing.assert_allclose(second.sensitivity(again, slopes), expected, atol=tolerance)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_force_changes_by_the_slopes_of_the_shaft(family):
+    film = make_film((24, 4), family)
+    position, tilt = np.array([0.5, 0.3]), np.array([1e-4, -5e-5])
+    motion = shaft(*position, rate=(20.0, 40.0), tilt=tilt)
+    state = film.solve(gap_of(film, motion))
+    p = film.parameters
+    slopes = film.sensitivity(
+        state, shaft_gap_slopes(film.points, p.grid.radius, p.clearance, motion)[0]
+    )
+    step = 1e-5
+    for i, unit in enumerate(np.eye(2)):
+        sides = [
+            film.solve(gap_of(film, shaft(*(position + h * unit), rate=(20.0, 40.0), tilt=tilt)))
+            for h in (step, -step)
+        ]
+        expected = (force(film, sides[0].pressure) - force(film, sides[1].pressure)) / (2 * step)
+        found = C * force(film, slopes)[:, i]
+        np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_film_that_cavitates_everywhere_has_no_slope(family):
+    film = make_film((12, 3), family)
+    state = film.solve(given_gap(film, 1.0, rate=1.0))
+    slopes = bore_like(film, seed=1)[1]
+    assert np.all(film.sensitivity(state, slopes) == 0.0)
+
+
+def test_no_directions_give_no_columns():
+    film = make_film((12, 3))
+    state = film.solve(gap_of(film, shaft(0.5)))
+    empty = np.zeros((*film.points.angle.shape, 0))
+    assert film.sensitivity(state, GapSlopes(empty, empty, empty)).shape == (
+        len(film.parameters.grid.nodes),
+        0,
+    )
+
+
+# In units of the drag. Not for 8 nodes: their p is orthogonal to N^-1 (A p - b), not to A p - b.
+@pytest.mark.parametrize("family", ["bilinear", "lagrange"])
+@pytest.mark.parametrize("oil", ["constant", "position", "Barus", "Roelands"])
+def test_pressure_work_equals_drag_less_dissipation(family, oil):
+    film = make_film(width=0.022, family=family, oil=OILS[oil])
+    gap = gap_of(film, shaft(0.6, rate=(50.0, 100.0), tilt=np.array([2e-4, 1e-4])))
+    state = film.solve(gap)
+    loss, drag = film.powers(state)
+    field = film.parameters.lubricant.density_field
+    density = field(film.points.angle, film.points.height) if field else 1.0
+    work = -film.load((density * gap.thickness_rate)[:, :, None])[0] @ state.pressure
+    assert loss - drag == pytest.approx(work, rel=1e-8)
+    assert loss > 0
