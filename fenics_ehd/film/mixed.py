@@ -1,0 +1,164 @@
+"""Complementarity of pressure and empty share, both unknown, by PETSc SNES-VI.
+
+Find ``p >= 0`` and ``s >= 0`` with ``r(p) = T s`` and ``p . s = 0``, component by
+component. ``T^-1 r(p) >= 0`` as the function of p alone is no help here: T
+transports along the film, so that the sign of one component tells about all the
+nodes upstream. With both as variables SNES-VI solves
+
+    p >= 0   complementary to   s + gamma d >= 0,      d = r(p) - T s = 0.
+
+``gamma d`` vanishes at the solution. On the way it is what tells a full node
+whose Newton update was negative, and was cut off at p = 0, to empty: its share is
+zero, and only its defect d knows. Each Newton step then solves
+
+    A_I p_I - T_C s_C = b
+
+on the full nodes I and the others C, one sparse system of one pattern
+(`PartitionedSystem`), and moves between I and C the nodes with a wrong sign.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy import sparse
+
+from fenics_ehd.errors import CavitationError
+from fenics_ehd.film.cavitation import (
+    CavitationResult,
+    Complementarity,
+    verify_complementarity,
+)
+from fenics_ehd.film.partition import PartitionedSystem
+from fenics_ehd.film.snes_vi import SnesVi
+
+#: Weight gamma of the defect. Small, because next to the nodes just emptied the
+#: defect has the wrong sign; not below round-off of the shares of full nodes over it.
+DEFECT_WEIGHT = 1e-6
+
+
+class MixedSolver:
+    """SNES-VI for pressure and share, reused from solve to solve.
+
+    Parameters
+    ----------
+    indptr, indices
+        CSR pattern of the derivative of r and of T, shape (n, n).
+    options_prefix
+        Prefix of the PETSc options, ``"oil_"`` gives ``-oil_snes_monitor`` and
+        ``-oil_partition_pc_type``.
+    tolerance
+        On the 2-norm of defects and of the shares at full nodes, each row of the
+        balance over the diagonals of T and A; times `Complementarity.scale`.
+    comm
+        Communicator of one rank.
+    """
+
+    def __init__(
+        self,
+        indptr: np.ndarray,
+        indices: np.ndarray,
+        *,
+        comm: PETSc.Comm | MPI.Comm = PETSc.COMM_SELF,
+        options_prefix: str = "oil_",
+        tolerance: float = 1e-10,
+    ):
+        n = len(indptr) - 1
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        self._n, self._diagonal = n, rows == indices
+        self._template = sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), (n, n))
+        self.system = PartitionedSystem(
+            rows,
+            indptr,
+            indices,
+            weighted=True,
+            symmetric=False,
+            comm=comm,
+            options_prefix=f"{options_prefix}partition_",
+        )
+        self._snes = SnesVi(
+            self,
+            np.append(np.zeros(n), np.full(n, PETSc.NINFINITY)),
+            comm=comm,
+            options_prefix=options_prefix,
+            tolerance=tolerance,
+        )
+
+    # The following four are called by SNES-VI during a solve.
+
+    def function(self, x: np.ndarray) -> np.ndarray:
+        """See `VariationalInequality`."""
+        pressure, share = x[: self._n] * self._problem.unit, x[self._n :]
+        defect = (self._problem.residual(pressure) - self._transport @ share) / self._rows
+        return np.concatenate([share + DEFECT_WEIGHT * defect, defect]) / self._problem.scale
+
+    def linearise(self, x: np.ndarray) -> None:
+        """See `VariationalInequality`."""
+        self._entries = self._problem.entries(x[: self._n] * self._problem.unit)
+
+    def factorise(self, nodes: np.ndarray) -> None:
+        """Factorise for the partition SNES-VI has chosen."""
+        self._full = nodes[nodes < self._n]
+        self.system.prepare(self._entries, self._problem.weights, self._full)
+
+    def update(self, rhs: np.ndarray) -> np.ndarray:
+        """Newton update of the pressures of the full nodes and of all shares."""
+        given = rhs * self._problem.scale
+        count = len(self._full)
+        defect, share = given[count:], np.zeros(self._n)
+        share[self._full] = given[:count] - DEFECT_WEIGHT * defect[self._full]
+        update = self.system.solution(defect * self._rows + self._transport @ share)
+        pressure = update[self._full] / self._problem.unit
+        return np.concatenate([pressure, np.where(self.system.full, share, update)])
+
+    def solve(
+        self, problem: Complementarity, pressure: np.ndarray, share: np.ndarray
+    ) -> CavitationResult:
+        """Solve a complementarity problem with weights T.
+
+        Parameters
+        ----------
+        problem
+            Its residual, derivative and T.
+        pressure, share
+            Start values, shape (n,): the zeros of the pressure with a positive share
+            are the first empty nodes.
+
+        Raises
+        ------
+        CavitationError
+            SNES-VI did not converge, or the result fails its own check; its
+            `state` holds pressure and share.
+        """
+        assert problem.weights is not None
+        self._problem, self._transport = problem, copy(self._template)
+        self._transport.data = problem.weights
+        stiffness = problem.entries(pressure)[self._diagonal] * problem.unit
+        self._rows = stiffness + problem.weights[self._diagonal]
+        start = np.maximum(pressure, 0.0) / problem.unit
+        try:
+            x, _, iterations = self._snes.solve(np.append(start, np.maximum(share, 0.0)))
+        except CavitationError as error:
+            pressure, share = np.split(error.state.pop("x"), 2)
+            error.state |= {"pressure": pressure * problem.unit, "share": share}
+            raise
+        pressure, share = np.split(x, 2)
+        pressure = pressure * problem.unit
+        verify_complementarity(pressure, share, 1.0)
+        # Round-off leaves shares of 1e-17 in the full film: the larger of the two tells.
+        full = pressure > share * pressure.max(initial=0.0)
+        return CavitationResult(
+            pressure, np.where(full, 0.0, share), np.flatnonzero(full).astype(np.int32), iterations
+        )
+
+    def derivative(
+        self, problem: Complementarity, result: CavitationResult, change: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Changes (n, k) of pressure and share when ``r - T s`` changes, the partition held."""
+        self.system.prepare(problem.entries(result.pressure), problem.weights, result.full_film)
+        both = -self.system.solution(change)
+        full = self.system.full[:, None]
+        return np.where(full, both, 0.0), np.where(full, 0.0, both)

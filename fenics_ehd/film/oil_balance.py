@@ -1,0 +1,180 @@
+"""Oil balance of a film that may be partly empty, node by node.
+
+The equation of `fenics_ehd.film.mass_conserving`, its matrices, and its derivatives along
+changes of the gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.film.assembly import Assembly, Coefficients
+from fenics_ehd.film.cavitation import Complementarity
+from fenics_ehd.film.film import Film
+from fenics_ehd.film.kinematics import Gap, GapSlopes
+from fenics_ehd.film.reynolds import SMALLEST_SOURCE
+from fenics_ehd.film.strips import Strips
+
+
+@dataclass(frozen=True, eq=False)
+class OilStep:
+    """One time step, dimensionless.
+
+    `thickness` and `velocity` at the Gauss points, its `length`, the full-film
+    `flows` from node to node, and, over the length, the `full` contents of the
+    pressureless gap and the `former` contents.
+    """
+
+    thickness: np.ndarray
+    velocity: np.ndarray
+    length: float
+    flows: np.ndarray
+    full: np.ndarray
+    former: np.ndarray
+
+
+class OilBalance:
+    """Balance of one film.
+
+    Parameters
+    ----------
+    film
+        Bearing and oil, on a bilinear mesh.
+
+    Attributes
+    ----------
+    reservoir
+        Whether a node has a given pressure and oil to give, shape (nodes,).
+    unknown
+        Nodes with an unknown: pressure or empty share where the pressure is
+        free, outflow or empty share at a side at cavitation pressure.
+    dry
+        Which of these are of the second kind.
+    """
+
+    def __init__(self, film: Film):
+        self.film = film
+        self.reservoir, dry = _reservoirs_and_dry_sides(film)
+        self.unknown = np.union1d(film.free, np.flatnonzero(dry))
+        self.dry = dry[self.unknown]
+        self.assembly = a = Assembly(film.parameters.grid, self.unknown)
+        self.strips = Strips(a)
+        self._dry_column = self.dry[a.indices]
+        self._dry_diagonal = self._dry_column & (a.rows == a.indices)
+
+    @property
+    def volume_scale(self) -> float:
+        """``c R^2`` [m^3], the unit of oil contents."""
+        p = self.film.parameters
+        return p.clearance * p.grid.radius**2
+
+    def stored(self, filling: np.ndarray) -> np.ndarray:
+        """``int rho H N_i`` at all nodes."""
+        return self.assembly.vector(np.zeros_like(filling), None, filling)
+
+    def step(self, gap: Gap, content: np.ndarray, time_step: float) -> OilStep:
+        """One time step [s] to a gap, from the oil content (nodes,) [m^3] before."""
+        thickness, _, velocity = self.film.equation.dimensionless(gap)
+        density = self.film.equation.factors[1]
+        length = time_step * self.film.parameters.rate
+        return OilStep(
+            thickness,
+            velocity,
+            length,
+            flows=self.strips.flows(density * thickness * velocity),
+            full=self.stored(density * thickness) / length,
+            former=content / (self.volume_scale * length),
+        )
+
+    def problem(self, step: OilStep) -> Complementarity:
+        """``r`` and T of the unknown nodes; an outflow stands for the pressure of a dry side."""
+
+        def residual(values: np.ndarray) -> np.ndarray:
+            defect = self.full_film(step, self.nodal(values))[self.unknown]
+            return defect + np.where(self.dry, values, 0.0)
+
+        def entries(values: np.ndarray) -> np.ndarray:
+            matrix = self.assembly.matrix(self._slopes(step, self.nodal(values)))
+            matrix[self._dry_column] = 0.0
+            matrix[self._dry_diagonal] = 1.0
+            return matrix
+
+        zero = np.zeros(len(self.unknown))
+        source = max(float(np.abs(residual(zero)).max()), SMALLEST_SOURCE)
+        return Complementarity(
+            residual,
+            entries,
+            # The empty share is of order one.
+            scale=1.0,
+            weights=self.strips.matrix(step.flows, step.full),
+            unit=source / float(entries(zero).max()),
+        )
+
+    def nodal(self, values: np.ndarray) -> np.ndarray:
+        """Dimensionless pressures at all nodes."""
+        nodal = self.film.equation.given.copy()
+        nodal[self.unknown] = np.where(self.dry, 0.0, values)
+        return nodal
+
+    def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
+        """Balance at all nodes without the empty share."""
+        q = self.film.equation.oil(nodal)
+        mobility = q.density * step.thickness**3 / q.viscosity
+        filling = q.density * step.thickness
+        around = mobility * q.around - filling * step.velocity
+        return self.assembly.vector(around, mobility * q.along, filling / step.length) - step.former
+
+    def _slopes(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
+        q = self.film.equation.oil(nodal)
+        mobility = q.density * step.thickness**3 / q.viscosity
+        if self.film.parameters.lubricant.linear:
+            return Coefficients(mobility, mobility)
+        slope = mobility * (q.density_slope / q.density - q.viscosity_slope / q.viscosity)
+        filling = q.density_slope * step.thickness
+        return Coefficients(
+            mobility,
+            mobility,
+            slope * q.around - filling * step.velocity,
+            slope * q.along,
+            filling / step.length,
+        )
+
+    def change(
+        self, step: OilStep, nodal: np.ndarray, share: np.ndarray, slopes: GapSlopes
+    ) -> np.ndarray:
+        """Derivative of the balance at a solution along n changes of the gap, shape (nodes, n)."""
+        p = self.film.parameters
+        q, density = (
+            self.film.equation.oil(nodal),
+            np.broadcast_to(self.film.equation.factors[1], step.velocity.shape),
+        )
+        changes = slopes.thickness.reshape(-1, slopes.thickness.shape[-1]) / p.clearance
+        speed = slopes.mean_velocity.reshape(changes.shape) / (p.rate * p.grid.radius)
+
+        mobility = 3 * q.density * step.thickness**2 / q.viscosity
+        flux = np.stack([mobility * q.around - q.density * step.velocity, mobility * q.along])
+        total = self.assembly.vectors(flux, changes)
+        total += self.assembly.source_vectors(q.density / step.length, changes)
+        drag = -q.density * step.thickness
+        total += self.assembly.vectors(np.stack([drag, np.zeros_like(drag)]), speed)
+
+        carried = self.strips.upwind(step.flows, share)
+        total -= self.strips.slopes(density * step.velocity, carried) @ changes
+        total -= self.strips.slopes(density * step.thickness, carried) @ speed
+        total -= share[:, None] * self.assembly.source_vectors(density / step.length, changes)
+        return total
+
+
+def _reservoirs_and_dry_sides(film: Film) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes that supply oil, and those of sides that cannot, shape (nodes,) each."""
+    p = film.parameters
+    fixed = np.ones(len(film.equation.given), dtype=bool)
+    fixed[film.free] = False
+    angle, height = p.grid.node_positions.T
+    in_region = np.zeros_like(fixed)
+    for region in p.regions:
+        in_region |= region.contains(angle, height, p.grid.radius)
+    dry = fixed & (film.equation.given == 0.0) & ~in_region
+    return fixed & ~dry, dry

@@ -1,0 +1,126 @@
+"""Mass-conserving cavitation in one dimension without fenics_ehd, by its free boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+
+
+@dataclass(frozen=True)
+class JournalFilm:
+    """Infinitely wide journal bearing, supplied by a line at the largest gap, steady.
+
+    Dimensionless: flow ``V H theta - H^3 dP/dx``, gap ``H = 1 + e cos x``. The film is
+    full from the supply at x = 0 to the rupture, where P and its slope vanish, empty
+    but for what leaks through there, ``theta H = H(rupture)``, and full again from
+    the reformation, where the flows on both sides agree, to the supply at 2 pi.
+    """
+
+    eccentricity: float
+    velocity: float
+    supply: float
+
+    def gap(self, x: np.ndarray) -> np.ndarray:
+        return 1 + self.eccentricity * np.cos(x)
+
+    def _rise(self, start: float, end: float, leak: float) -> float:
+        """Pressure at `end` less that at `start` for the flow ``V leak``."""
+        slope = lambda x: self.velocity * (self.gap(x) - leak) / self.gap(x) ** 3  # noqa: E731
+        return quad(slope, start, end, epsabs=1e-13, epsrel=1e-13, limit=400)[0]
+
+    @property
+    def rupture(self) -> float:
+        def excess(x: float) -> float:
+            return self._rise(0.0, x, self.gap(x)) + self.supply
+
+        return brentq(excess, np.pi + 1e-6, 2 * np.pi - 1e-6, xtol=1e-13)
+
+    @property
+    def reformation(self) -> float:
+        leak = self.gap(self.rupture)
+        mirrored = 2 * np.pi - self.rupture  # where the gap equals that at the rupture
+
+        def excess(x: float) -> float:
+            return self._rise(x, 2 * np.pi, leak) - self.supply
+
+        return brentq(excess, max(self.rupture, mirrored), 2 * np.pi, xtol=1e-13)
+
+    @property
+    def largest_pressure(self) -> float:
+        return self.supply + self._rise(0.0, 2 * np.pi - self.rupture, self.gap(self.rupture))
+
+    @property
+    def void(self) -> float:
+        """``int (1 - theta) H dx``."""
+        start, end = self.rupture, self.reformation
+        return quad(lambda x: self.gap(x) - self.gap(start), start, end)[0]
+
+
+@dataclass(frozen=True)
+class SqueezedPlates:
+    """Parallel plates of width 2 a, pressure p_a at both ends, gap ``h(t)`` given.
+
+    The middle ``|z| < S(t)`` is empty. While it grows, the pressure and its slope vanish
+    at its edge: ``S = a - sqrt(2 p_a / K)``, ``K = 12 eta h' / h^3``. While it shrinks, the
+    oil flowing in fills up what the oil left there lacks: ``(h - h_S) S' = -q``, with
+    ``h_S(z)`` the gap when z became empty.
+    """
+
+    half_width: float
+    viscosity: float
+    ambient: float
+    gap: Callable[[float], float]
+    rate: Callable[[float], float]
+
+    def _curvature(self, t: float) -> float:
+        return 12 * self.viscosity * self.rate(t) / self.gap(t) ** 3
+
+    def _growing(self, t: float) -> float:
+        return self.half_width - np.sqrt(2 * self.ambient / self._curvature(t))
+
+    def edges(self, before: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """S [m] and empty volume per length of the plates [m^2] at times after the onset.
+
+        `before` is a time after which K first rises and then falls.
+        """
+        fine = np.linspace(before, times[-1], 40001)
+        curvature = np.array([self._curvature(t) for t in fine])
+        peak = fine[np.argmax(curvature)]
+        onset = brentq(
+            lambda t: self._curvature(t) - 2 * self.ambient / self.half_width**2, before, peak
+        )
+
+        growth = np.linspace(onset, peak, 4001)
+        became_empty = [max(self._growing(t), 0.0) for t in growth]
+        gap_then = [self.gap(t) for t in growth]
+
+        def gap_left(z: np.ndarray) -> np.ndarray:
+            return np.interp(z, became_empty, gap_then)
+
+        def shrink(t: float, s: np.ndarray) -> list[float]:
+            film = self.half_width - s[0]
+            slope = self.ambient / film - self._curvature(t) * film / 2
+            flow = self.gap(t) ** 3 / (12 * self.viscosity) * slope
+            return [-max(flow, 0.0) / max(self.gap(t) - gap_left(s[0]), 1e-4 * self.gap(t))]
+
+        closed = lambda t, s: s[0] - 1e-3 * self.half_width  # noqa: E731
+        closed.terminal = True
+        run = solve_ivp(
+            shrink, (peak, times[-1]), [self._growing(peak)], method="LSODA", rtol=1e-8,
+            atol=1e-10 * self.half_width, dense_output=True, events=closed,
+        )  # fmt: skip
+        edges = np.zeros(len(times))
+        voids = np.zeros(len(times))
+        for i, t in enumerate(times):
+            if onset < t <= peak:
+                edges[i] = self._growing(t)
+            elif peak < t <= run.t[-1]:
+                edges[i] = run.sol(t)[0]
+            z = np.linspace(0.0, edges[i], 201)
+            empty = self.gap(t) - gap_left(z)
+            voids[i] = 2 * np.sum(0.5 * (empty[1:] + empty[:-1]) * np.diff(z))
+        return edges, voids

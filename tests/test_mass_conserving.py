@@ -1,0 +1,244 @@
+"""Mass-conserving cavitation against solutions with free boundaries, exact sums and differences."""
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from differences import slope
+from oracle_mass_conserving import JournalFilm, SqueezedPlates
+
+from fenics_ehd.errors import CavitationError, SettingsError
+from fenics_ehd.film import Film, FilmParameters, Gap, Lubricant, ShaftMotion, shaft_gap
+from fenics_ehd.film.grid import uniform_grid
+from fenics_ehd.film.kinematics import GapSlopes
+from fenics_ehd.film.lubricant import Barus, DowsonHigginson
+from fenics_ehd.film.mass_conserving import MassConservingFilm, steady_mass_conserving
+from fenics_ehd.film.supply import AxialGroove, Sides
+
+R, C, OMEGA, ETA = 0.0225, 17e-6, 500.0, 0.01
+CLOSED = Sides(None, None)
+
+
+def film(cells, sides=CLOSED, regions=(), width=2 * R, lubricant=None, family="bilinear"):
+    grid = uniform_grid(R, width, cells, family)
+    return Film(FilmParameters(grid, C, lubricant or Lubricant(ETA), OMEGA, sides, regions))
+
+
+def turning(film, thickness, speed=OMEGA):
+    """Gap of a given thickness between a turning shaft and a bore at rest."""
+    thickness = thickness + np.zeros_like(film.points.angle)
+    zero = np.zeros_like(thickness)
+    return Gap(thickness, zero, zero + speed * R / 2, zero + speed * R)
+
+
+def eccentric(film, x, y=0.0):
+    return shaft_gap(film.points, R, C, ShaftMotion(np.array([x, y]) * C, OMEGA))
+
+
+@pytest.mark.parametrize("supply", [1e5, 3e6])
+def test_wide_journal_ruptures_and_reforms_where_the_free_boundary_solution_does(supply):
+    errors = []
+    for cells in (60, 120, 240):
+        bearing = film((cells, 1), CLOSED, (AxialGroove(0.0, 0.0, supply),), width=R)
+        state = steady_mass_conserving(
+            bearing, turning(bearing, C * (1 + 0.5 * np.cos(bearing.points.angle)))
+        )
+        scale = bearing.parameters.pressure_scale
+        exact = JournalFilm(0.5, 0.5, supply / scale)
+        phi = bearing.parameters.grid.node_positions[::2, 0]
+        fraction, cell = state.fluid_fraction[::2], 2 * np.pi / cells
+        empty = np.flatnonzero(fraction < 1)
+        assert abs(phi[empty[0]] - exact.rupture) < cell
+        assert abs(phi[empty[-1]] - exact.reformation) < cell
+        leak = (fraction * exact.gap(phi))[empty[1:-1]] / exact.gap(exact.rupture)
+        assert np.abs(leak - 1).max() < 0.3 * cell
+        assert state.pressure.max() / scale == pytest.approx(exact.largest_pressure, rel=cell**2)
+        errors.append(np.sum((1 - fraction) * exact.gap(phi)) * cell / exact.void - 1)
+    rates = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
+    assert np.all(rates > 0.95)
+    assert abs(errors[-1]) < 5e-3
+
+
+def squeeze(cells, steps):
+    """Half width of the empty middle and empty volume over a period, relative errors."""
+    width, ambient = 0.02, 1e5
+    gap = lambda t: C * (1 - np.cos(OMEGA / 5 * t) / 3)  # noqa: E731
+    rate = lambda t: C * OMEGA / 5 * np.sin(OMEGA / 5 * t) / 3  # noqa: E731
+    plates = film((3, cells), Sides(ambient, ambient), width=width)
+    oil = MassConservingFilm(plates)
+    times = np.linspace(0.0, 10 * np.pi / OMEGA, steps + 1)
+    weights = np.gradient(plates.parameters.grid.heights)
+    content, state = oil.filled(turning(plates, gap(0.0), 0.0)), None
+    edges, voids = [], []
+    for start, end in pairwise(times):
+        state = oil.solve(turning(plates, gap(end), 0.0), content, end - start, state)
+        content = state.content
+        share = 1 - state.fluid_fraction[: cells + 1]
+        edges.append(np.sum(weights[share > 0]) / 2)
+        voids.append(gap(end) * np.sum(weights * share))
+    chosen = np.arange(steps // 50 - 1, steps, steps // 50)
+    exact = SqueezedPlates(width / 2, ETA, ambient, gap, rate)
+    edge, void = exact.edges(1e-4, times[1:][chosen])
+    assert 0.3 < edge.max() / (width / 2) < 0.9
+    return (
+        np.sqrt(np.mean((np.array(edges)[chosen] - edge) ** 2)) / (width / 2),
+        np.abs(np.array(voids)[chosen] - void).max() / void.max(),
+    )
+
+
+def test_squeezed_plates_follow_the_free_boundary_in_time():
+    errors = np.array([squeeze(20, 100), squeeze(40, 200), squeeze(80, 400)])
+    rates = np.log2(errors[:-1] / errors[1:])
+    assert np.all(rates[:, 0] > 0.7)
+    assert np.all(rates[:, 1] > 0.9)
+    assert errors[-1, 0] < 0.015
+    assert errors[-1, 1] < 0.005
+
+
+def test_partition_is_the_only_one_that_satisfies_all_signs():
+    bearing = film((6, 1), CLOSED, (AxialGroove(np.pi, 0.0, 1e5),), width=R)
+    oil = MassConservingFilm(bearing)
+    gap = eccentric(bearing, 0.6, 0.2)
+    state = oil.solve(gap, oil.filled(gap), 2.0 / OMEGA)
+    problem, n = state.problem, len(oil.balance.unknown)
+    stiffness = oil.balance.assembly.csr(problem.entries(np.zeros(n))).toarray()
+    transport = oil.balance.assembly.csr(problem.weights).toarray()
+    rhs = -problem.residual(np.zeros(n))
+    partitions = np.array(list(product([False, True], repeat=n)))
+    systems = np.where(partitions[:, None, :], stiffness, -transport)
+    solutions = np.linalg.solve(systems, np.broadcast_to(rhs, (len(systems), n))[..., None])[..., 0]
+    scale = np.where(partitions, state.cavitation.pressure.max(), 1.0)
+    good = np.flatnonzero((solutions / scale).min(axis=1) > -1e-12)
+    assert len(good) == 1
+    full = partitions[good[0]]
+    assert 0 < full.sum() < n
+    np.testing.assert_allclose(
+        np.where(full, solutions[good[0]], 0), state.cavitation.pressure, rtol=1e-9, atol=1e-15
+    )
+    np.testing.assert_allclose(
+        np.where(full, 0, solutions[good[0]]), state.cavitation.flux, rtol=1e-9, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("sides", [CLOSED, Sides(0.0, 0.0), Sides(2e5, 0.0)])
+def test_oil_changes_by_side_flow_alone_over_a_hundred_steps(sides):
+    bearing = film((24, 6), sides)
+    oil = MassConservingFilm(bearing)
+    step, state = 0.05 / OMEGA, None
+    content = oil.filled(turning(bearing, C), 0.8)
+    start, left, largest = content.sum(), 0.0, 0.0
+    ends = bearing.parameters.grid.node_positions[:, 1]
+    for i in range(100):
+        angle = 0.03 * i
+        gap = eccentric(bearing, 0.8 * np.sin(angle) * np.cos(angle), 0.8 * np.sin(angle) ** 2)
+        state = oil.solve(gap, content, step, state)
+        content = state.content
+        left += step * state.outflow.sum()
+        dry = np.abs(ends - ends.max()) < 1e-9
+        assert sides.upper is None or np.all(state.outflow[dry] >= 0)
+        assert state.pressure.min() >= 0
+        largest = max(largest, state.pressure.max())
+        assert -1e-12 < state.fluid_fraction.min() < state.fluid_fraction.max() <= 1
+        assert np.abs(state.pressure * (1 - state.fluid_fraction)).max() == 0
+    assert abs(content.sum() + left - start) < 1e-13 * start
+    assert largest > 1e5
+    assert state.fluid_fraction.min() < 0.6
+
+
+def test_partly_filled_gap_is_carried_round_with_upwind_diffusion_alone():
+    bearing = film((48, 2))
+    oil = MassConservingFilm(bearing)
+    gap, phi = turning(bearing, C), bearing.parameters.grid.node_positions[:, 0]
+    content, state, courant, steps = oil.filled(gap, 0.5 + 0.3 * np.cos(phi)), None, 0.5, 40
+    cell = 2 * np.pi / 48
+    for _ in range(steps):
+        state = oil.solve(gap, content, 2 * courant * cell / OMEGA, state)
+        content = state.content
+    factor = (1 / (1 + courant * (1 - np.exp(-1j * cell)))) ** steps
+    expected = 0.5 + 0.3 * np.real(factor * np.exp(1j * phi))
+    np.testing.assert_allclose(state.fluid_fraction, expected, rtol=1e-12)
+    # The mean velocity is half that of the shaft.
+    assert -np.angle(factor) == pytest.approx(steps * courant * cell, rel=0.02)
+    assert state.pressure.max() == 0
+
+
+def test_full_film_is_that_of_reynolds():
+    bearing = film((24, 8), Sides(1e8, 1e8))
+    gap = eccentric(bearing, 0.5)
+    state = steady_mass_conserving(bearing, gap)
+    assert state.fluid_fraction.min() == 1
+    reference = bearing.solve(gap).pressure
+    np.testing.assert_allclose(state.pressure, reference, rtol=1e-9)
+
+
+def test_starved_bearing_balances_its_groove_and_carries_less_than_reynolds():
+    grooves = (AxialGroove(np.pi, 0.0, 2e5, length=R),)
+    bearing = film((48, 16), Sides(), grooves)
+    gap = eccentric(bearing, 0.7)
+    state, reynolds = steady_mass_conserving(bearing, gap), bearing.solve(gap)
+    inflow = -state.outflow[state.outflow < 0].sum()
+    assert state.outflow.sum() == pytest.approx(0, abs=1e-9 * inflow)
+    ends = np.isin(np.abs(bearing.parameters.grid.node_positions[:, 1]), R)
+    assert state.outflow[ends].sum() == pytest.approx(inflow, rel=1e-9)
+    assert state.outflow[ends].min() >= 0
+    directions = np.stack(bearing.points.normal, axis=-1)
+    force, full = (np.linalg.norm(bearing.load(directions) @ s.pressure) for s in (state, reynolds))
+    assert 0.9 * full < force < full
+
+
+@pytest.mark.parametrize(
+    "lubricant",
+    [Lubricant(ETA), Lubricant(ETA, viscosity_law=Barus(2e-8), density_law=DowsonHigginson())],
+)
+def test_sensitivity_is_the_exact_derivative(lubricant):
+    bearing = film((16, 4), Sides(3e5, 0.0), (AxialGroove(np.pi, 0.0, 2e5),), lubricant=lubricant)
+    # Differences divide what Newton leaves by their step.
+    oil = MassConservingFilm(bearing, tolerance=1e-13)
+    base = eccentric(bearing, 0.6, 0.1)
+    content = oil.filled(eccentric(bearing, 0.5, 0.1), 0.9)
+    angle, height = bearing.points.angle, bearing.points.height
+    changes = 0.02 * C * np.stack([np.cos(angle + 0.3), np.sin(2 * angle) + height / R], axis=-1)
+    speeds = 0.02 * OMEGA * R * np.stack([np.cos(angle), 1 + 0 * angle], axis=-1)
+    state = oil.solve(base, content, 0.5 / OMEGA)
+    assert 0.1 < (state.fluid_fraction < 1).mean() < 0.9
+    slopes = oil.sensitivity(state, GapSlopes(changes, np.full_like(changes, np.nan), speeds))
+
+    def at(shift, direction):
+        gap = Gap(
+            base.thickness + shift * changes[..., direction],
+            base.thickness_rate,
+            base.mean_velocity + shift * speeds[..., direction],
+            base.sliding_velocity,
+        )
+        moved = oil.solve(gap, content, 0.5 / OMEGA, state)
+        assert np.array_equal(moved.cavitation.full_film, state.cavitation.full_film)
+        return np.stack([moved.pressure / state.pressure.max(), moved.fluid_fraction])
+
+    for direction in range(2):
+        expected = slope(lambda x, d=direction: at(x, d), step=1e-3)
+        found = np.stack([slopes[0][:, direction] / state.pressure.max(), slopes[1][:, direction]])
+        np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_shaft_without_supply_is_refused_in_steady_state():
+    bearing = film((16, 4), Sides())
+    with pytest.raises(SettingsError, match="supply"):
+        steady_mass_conserving(bearing, eccentric(bearing, 0.5))
+
+
+@pytest.mark.parametrize("family", ["lagrange", "serendipity"])
+def test_elements_without_monotone_matrices_are_refused_by_name(family):
+    with pytest.raises(SettingsError, match=r"film\.element"):
+        MassConservingFilm(film((8, 2), family=family))
+
+
+def test_impossible_steps_are_refused():
+    bearing = film((8, 2))
+    oil, gap = MassConservingFilm(bearing), eccentric(bearing, 0.5)
+    with pytest.raises(SettingsError, match="time_step"):
+        oil.solve(gap, oil.filled(gap), -1.0)
+    with pytest.raises(SettingsError, match="content"):
+        oil.solve(gap, -oil.filled(gap), 1e-3)
+    with pytest.raises(CavitationError, match="no way out") as caught:
+        oil.solve(gap, 1.2 * oil.filled(gap), 1e-3)
+    assert {"thickness", "content"} <= set(caught.value.state)
