@@ -10,13 +10,14 @@ from pathlib import Path
 import click
 
 from fenics_ehd import __version__
+from fenics_ehd.bearing_command import bearing
 from fenics_ehd.errors import EhdError
 
 # One thread per rank; the BLAS reads these when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-SCENES = ("slider-crank",)
+SCENES = ("slider-crank", "loaded-journal")
 PARTS = ("conrod",)
 
 json_option = click.option(
@@ -41,7 +42,7 @@ def cli() -> None:
     type=click.Path(file_okay=False),
     help="Folder for the results [default: results/SCENE].",
 )
-@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the two curves.")
+@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the curves.")
 @click.option(
     "--vtk",
     is_flag=True,
@@ -66,7 +67,7 @@ def run(
     frames: int,
     as_json: bool,
 ) -> None:
-    """Simulate SCENE: slider-crank, or a TOML file made by 'init'."""
+    """Simulate SCENE: slider-crank, loaded-journal, or a TOML file made by 'init'."""
     from fenics_ehd.commands import run_scene
 
     run_scene(scene, body, method, directory, plots, frames if vtk else None, as_json)
@@ -87,6 +88,11 @@ def run(
     type=click.Path(dir_okay=False),
     help="Take [rod], [reduction], [film] from this TOML file; options below win.",
 )
+@click.option(
+    "--cells",
+    type=click.Choice(["hex", "tet"]),
+    help="Structured hexahedra (the default) or unstructured 10-node tetrahedra.",
+)
 @click.option("--method", type=click.Choice(["m3"]), help="Reduction method.")
 @click.option("--vibration-modes", type=int, help="n_v.")
 @click.option("--residual-modes", type=int, help="n_r.")
@@ -94,22 +100,30 @@ def run(
 @click.option("--selection", help="lowest-frequency, largest-eigenvalue or smallest-eigenvalue.")
 @json_option
 def reduce(
-    part: str, path: str, scene: str | None, as_json: bool, **options: str | int | None
+    part: str,
+    path: str,
+    scene: str | None,
+    cells: str | None,
+    as_json: bool,
+    **options: str | int | None,
 ) -> None:
     """Reduce PART to a handful of modes; also under mpirun."""
     from fenics_ehd.commands import reduce_part
 
-    reduce_part(path, scene, {k: v for k, v in options.items() if v is not None}, as_json)
+    given = {k: v for k, v in options.items() if v is not None}
+    reduce_part(path, scene, cells, given, as_json)
 
 
 @cli.command()
 @click.argument("scene", type=click.Choice(SCENES))
 def init(scene: str) -> None:
     """Print a scene file with every key, its default and its meaning."""
+    from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
     from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
     from fenics_ehd.settings import to_toml
 
-    click.echo(to_toml(SliderCrankSettings()), nl=False)
+    kinds = {"slider-crank": SliderCrankSettings, "loaded-journal": LoadedJournalSettings}
+    click.echo(to_toml(kinds[scene]()), nl=False)
 
 
 @cli.command()
@@ -122,9 +136,9 @@ def init(scene: str) -> None:
     help="Folder for the pictures [default: the first of DIRECTORIES].",
 )
 def plot(directories: tuple[str, ...], target: str | None) -> None:
-    """Draw peak pressure and minimum film thickness of one or more runs."""
+    """Draw peak pressure and minimum film thickness, or the orbits, of one or more runs."""
     from fenics_ehd.output import read_history, require_writable
-    from fenics_ehd.plotting import plot_history
+    from fenics_ehd.plotting import plot_runs
 
     histories = {Path(d).name or str(d): read_history(d) for d in directories}
     if len(histories) < len(directories):
@@ -132,8 +146,11 @@ def plot(directories: tuple[str, ...], target: str | None) -> None:
     folder = Path(target or directories[0])
     require_writable(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    for path in plot_history(histories, folder):
+    for path in plot_runs(histories, folder):
         click.echo(path)
+
+
+cli.add_command(bearing)
 
 
 @cli.command()

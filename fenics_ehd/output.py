@@ -24,7 +24,14 @@ FLUSH_EVERY = 50
 
 
 #: Files of a run, beside the history itself, that a new run in the same folder makes stale.
-STALE = ("summary.json", "max_pressure.*", "min_film_thickness.*", "vtk/rod.pvd", "vtk/rod_*.vtu")
+STALE = (
+    "summary.json",
+    "max_pressure.*",
+    "min_film_thickness.*",
+    "orbit.*",
+    "vtk/rod.pvd",
+    "vtk/rod_*.vtu",
+)
 
 
 def require_writable(path: str | Path) -> None:
@@ -129,6 +136,17 @@ def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
     partial = path.with_suffix(".part")
     partial.write_text(to_json(summary) + "\n")
     partial.replace(path)
+
+
+def save_film_state(path: str | Path, state: Mapping[str, object]) -> None:
+    """Write the arrays of a film solve, `CavitationError.state` for instance, to an HDF5 file."""
+    try:
+        with h5py.File(path, "w") as file:
+            for name, values in state.items():
+                file[name] = np.asarray(values)
+    except OSError as error:
+        reason = error.strerror or str(error).splitlines()[0]
+        raise InputError(f"{path}: {reason}") from None
 
 
 def to_json(values: Mapping[str, object]) -> str:

@@ -1,0 +1,263 @@
+"""Film force on the shaft of a rigid bearing and its exact derivatives.
+
+Vectors are in the frame of the load (`fenics_ehd.bearing_settings.BearingSettings`). The
+film's mesh has a frame of its own, turned by an angle: zero once there are grooves,
+which are fixed in the load's frame; that of the shaft's eccentricity at which the mesh
+was made otherwise; and following the eccentricity when everything that acts does,
+so that the force of a plain bearing turns with the eccentricity exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.bearing_settings import BearingSettings
+from fenics_ehd.errors import GapClosedError
+from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.forces import rotation
+from fenics_ehd.film.grading import gap_graded_grid
+from fenics_ehd.film.kinematics import GapSlopes, ShaftMotion, shaft_gap, shaft_gap_slopes
+from fenics_ehd.film.lubricant import Barus, Constant, Lubricant, PressureLaw, Roelands
+from fenics_ehd.film.parameters import FilmParameters
+from fenics_ehd.film.piezoviscous import PiezoviscousFilm
+from fenics_ehd.film.supply import AxialGroove, Sides
+
+#: A mesh made for one gap serves another as long as no thickness differs by more than this factor.
+MESH_REACH = 1.2
+
+
+@dataclass(frozen=True, eq=False)
+class Operation:
+    """A shaft somewhere in the bearing.
+
+    Attributes
+    ----------
+    position
+        Eccentricity, shape (2,) [m].
+    force
+        Of the film's pressure on the shaft, shape (2,) [N].
+    angle
+        Of the mesh's frame [rad].
+    motion
+        Of the shaft, in the mesh's frame.
+    state
+        The film's solution.
+    """
+
+    position: np.ndarray
+    force: np.ndarray
+    angle: float
+    motion: ShaftMotion
+    state: FilmState
+
+
+class BearingFilm:
+    """Film of a bearing, on a mesh made for a given eccentricity.
+
+    Parameters
+    ----------
+    settings
+        The bearing.
+    position
+        Eccentricity for which the mesh is graded, shape (2,) [m].
+    options_prefix
+        Prefix of the PETSc options of SNES-VI.
+
+    Raises
+    ------
+    GapClosedError
+        The shaft touches the bore there.
+    """
+
+    def __init__(
+        self, settings: BearingSettings, position: np.ndarray, options_prefix: str = "film_"
+    ):
+        self.settings = settings
+        free = not (settings.grooves or any(settings.tilt) or any(settings.squeeze))
+        self._follows = free or settings.line_at_max_film
+        self._angle = 0.0 if settings.grooves else _direction(position)
+        self._made_for = self._motion(position)
+        minimum_film(settings, position)
+        regions = self._regions()
+        edges = sorted(edge for region in regions for edge in region.edges)
+        grid = gap_graded_grid(
+            settings.radius,
+            settings.width,
+            (settings.cells_around, settings.cells_along),
+            settings.element,
+            self._profile(self._made_for),
+            edges,
+        )
+        self.film = Film(
+            FilmParameters(
+                grid,
+                settings.clearance,
+                _lubricant(settings),
+                _rate(settings),
+                _sides(settings),
+                regions,
+            ),
+            options_prefix=options_prefix,
+        )
+        linear = self.film.parameters.lubricant.linear
+        self._piezoviscous = None if linear else PiezoviscousFilm(self.film, options_prefix)
+        self._load = self.film.load(np.stack(self.film.points.normal, axis=-1))
+
+    def _regions(self) -> tuple[AxialGroove, ...]:
+        if self.settings.line_at_max_film:
+            return (AxialGroove(np.pi, 0.0),)
+        return tuple(AxialGroove(g.angle, g.width, g.pressure) for g in self.settings.grooves)
+
+    def frame_angle(self, position: np.ndarray) -> float:
+        """Angle of the mesh's frame for an eccentricity [rad]."""
+        return _direction(position) if self._follows else self._angle
+
+    def _motion(self, position: np.ndarray) -> ShaftMotion:
+        """Of the shaft, in the mesh's frame."""
+        s = self.settings
+        turn = rotation(-self.frame_angle(position))
+        return ShaftMotion(
+            turn @ position,
+            s.direction * s.speed,
+            turn @ np.array(s.squeeze),
+            turn @ np.array(s.tilt),
+            bore_speed=s.direction * s.bore_speed,
+        )
+
+    def _profile(self, motion: ShaftMotion) -> Callable[[np.ndarray], np.ndarray]:
+        """Smallest gap over the width, by angle in the mesh's frame, over the clearance."""
+        s = self.settings
+
+        def thickness(angle: np.ndarray) -> np.ndarray:
+            normal = np.stack([np.cos(angle), np.sin(angle)])
+            ends = [
+                motion.eccentricity @ normal + shift @ normal for shift in _end_shifts(s, motion)
+            ]
+            return 1.0 - np.max(ends, axis=0) / s.clearance
+
+        return thickness
+
+    def suits(self, position: np.ndarray) -> bool:
+        """Whether the mesh is good for an eccentricity, too."""
+        angles = np.linspace(0.0, 2 * np.pi, 361)
+        made, now = (self._profile(m)(angles) for m in (self._made_for, self._motion(position)))
+        return bool(np.all((now < MESH_REACH * made) & (made < MESH_REACH * now)))
+
+    def operate(self, position: np.ndarray, guess: FilmState | None = None) -> Operation:
+        """Film force for an eccentricity.
+
+        Raises
+        ------
+        GapClosedError
+            The shaft touches the bore.
+        SolverError
+            From `Film.solve` or `PiezoviscousFilm.solve`.
+        """
+        s, motion, angle = self.settings, self._motion(position), self.frame_angle(position)
+        minimum_film(s, position)
+        gap = shaft_gap(self.film.points, s.radius, s.clearance, motion)
+        if self._piezoviscous is None:
+            state = self.film.solve(gap, guess)
+        else:
+            state = self._piezoviscous.solve(gap)
+        force = -rotation(angle) @ (self._load @ state.pressure)
+        return Operation(position, force, angle, motion, state)
+
+    def slopes(self, operation: Operation) -> tuple[np.ndarray, np.ndarray]:
+        """Exact derivatives of the force.
+
+        Returns
+        -------
+        numpy.ndarray
+            With respect to the eccentricity, shape (2, 2) [N/m].
+        numpy.ndarray
+            With respect to its rate, shape (2, 2) [N s/m].
+        """
+        motion, turn = operation.motion, rotation(operation.angle)
+        distance = float(np.linalg.norm(operation.position))
+        follows = self._follows and distance > 0
+        # Directions in the mesh's frame, in (e_x, e_y, psi_x, psi_y) and in their rates.
+        places, rates = np.zeros((4, 4)), np.zeros((4, 4))
+        places[:2, :2] = rates[:2, 2:] = np.eye(2)
+        if follows:
+            # e = (distance, 0) there: the second direction turns all that is fixed outside.
+            places[:, 1] = 0.0
+            places[2:, 1] = _quarter(-motion.tilt) / distance
+            rates[:2, 1] = _quarter(-motion.eccentricity_rate) / distance
+        change = self.film.sensitivity(operation.state, self._gap_slopes(motion, places, rates))
+        force = -turn @ (self._load @ change)
+        if follows:
+            force[:, 1] += _quarter(operation.force) / distance
+        return force[:, :2] @ turn.T, force[:, 2:] @ turn.T
+
+    def _gap_slopes(self, motion: ShaftMotion, places: np.ndarray, rates: np.ndarray) -> GapSlopes:
+        """Derivatives of the gap along directions of place and rate, each shape (4, n)."""
+        s = self.settings
+        place, rate = shaft_gap_slopes(self.film.points, s.radius, s.clearance, motion)
+        return GapSlopes(
+            *(
+                getattr(place, name) @ places + getattr(rate, name) @ rates
+                for name in ("thickness", "thickness_rate", "mean_velocity")
+            )
+        )
+
+
+def _direction(position: np.ndarray) -> float:
+    return float(np.arctan2(position[1], position[0]))
+
+
+def _quarter(vector: np.ndarray) -> np.ndarray:
+    """Turned by 90 degrees."""
+    return np.array([-vector[1], vector[0]])
+
+
+def _end_shifts(settings: BearingSettings, motion: ShaftMotion) -> list[np.ndarray]:
+    """Offset of the shaft's centre at the two ends from that at mid-width."""
+    shift = 0.5 * settings.width * np.array([motion.tilt[1], -motion.tilt[0]])
+    return [shift, -shift]
+
+
+def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
+    """Smallest film thickness of a rigid bearing [m]: at an end, in the direction of its centre.
+
+    Raises
+    ------
+    GapClosedError
+        It is not positive.
+    """
+    shift = 0.5 * settings.width * np.array([settings.tilt[1], -settings.tilt[0]])
+    farthest = max(float(np.linalg.norm(position + sign * shift)) for sign in (1, -1))
+    thinnest = settings.clearance - farthest
+    if not thinnest > 0:
+        raise GapClosedError(
+            f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be positive: "
+            "lower the eccentricity or the tilt"
+        )
+    return thinnest
+
+
+def _lubricant(settings: BearingSettings) -> Lubricant:
+    law: PressureLaw = Constant()
+    if settings.barus:
+        law = Barus(settings.barus)
+    elif settings.roelands:
+        law = Roelands(settings.viscosity, settings.roelands)
+    return Lubricant(settings.viscosity, law)
+
+
+def _sides(settings: BearingSettings) -> Sides:
+    return Sides(
+        **{
+            name: None if settings.closed_side == name else settings.ambient
+            for name in ("lower", "upper")
+        }
+    )
+
+
+def _rate(settings: BearingSettings) -> float:
+    """Largest rate in sight [rad/s], to make the film equation dimensionless."""
+    squeeze = float(np.hypot(*settings.squeeze)) / settings.clearance
+    return max(abs(settings.speed), abs(settings.bore_speed), squeeze) or 1.0

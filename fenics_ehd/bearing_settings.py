@@ -1,0 +1,114 @@
+"""Settings of one rigid bearing; the defaults are those of the paper's Table 1."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import attrs
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.settings import choice, count, flag, number
+
+ELEMENTS = ("lagrange", "bilinear", "serendipity")
+SHEAR_RULES = ("streamers", "full", "none")
+CAVITATION = ("reynolds",)
+CLOSED_SIDES = ("none", "lower", "upper")
+
+#: Cells of a mesh that still solves in minutes.
+MOST_CELLS = 100_000
+
+#: Clearance over radius for which lubrication theory, which drops terms of that order, is meant.
+LARGEST_CLEARANCE_RATIO = 0.1
+SMALLEST_CLEARANCE_RATIO = 1e-8
+
+
+def _pair(help_text: str) -> Any:
+    """Two finite numbers."""
+
+    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
+        if len(value) != 2 or not all(math.isfinite(v) for v in value):
+            raise SettingsError(f"{attribute.name} = {value!r} must be two finite numbers")
+
+    return attrs.field(
+        default=(0.0, 0.0), converter=tuple, validator=check, metadata={"help": help_text}
+    )
+
+
+@attrs.frozen
+class Groove:
+    """Axial groove over the whole width."""
+
+    angle: float = number(0.0, "of its middle, from the load line in direction of rotation [rad]")
+    width: float = number(0.0, "along the circumference [rad]", least=0, below=2 * math.pi)
+    pressure: float = number(0.0, "supply pressure [Pa]", least=0)
+
+
+def _as_tuple(grooves: Iterable[Groove]) -> tuple[Groove, ...]:
+    return tuple(grooves)
+
+
+@attrs.frozen
+class BearingSettings:
+    """A bearing, its oil and how its shaft moves.
+
+    Directions refer to the load: x along it, y a quarter turn on in the direction of
+    rotation, z along the axis so that the shaft turns in the positive sense about it.
+    """
+
+    radius: float = number(0.0225, "of the bore [m]", above=0)
+    clearance: float = number(17e-6, "radial clearance [m]", above=0)
+    width: float = number(0.022, "of the bearing [m]", above=0)
+    viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
+    speed: float = number(500.0, "of the shaft [rad/s]")
+    bore_speed: float = number(0.0, "of the bore [rad/s]")
+    tilt: tuple[float, float] = _pair("of the shaft about x and y [rad]")
+    squeeze: tuple[float, float] = _pair("velocity of the shaft's centre, x and y [m/s]")
+    cells_around: int = count(64, "cells along the circumference", 3)
+    cells_along: int = count(12, "cells along the axis", 1)
+    element: str = choice("lagrange", ELEMENTS, "9-node, 4-node or 8-node")
+    grooves: tuple[Groove, ...] = attrs.field(default=(), converter=_as_tuple)
+    line_at_max_film: bool = flag(False, "no pressure where the film is thickest")
+    ambient: float = number(0.0, "pressure at the sides above that of cavitation [Pa]", least=0)
+    closed_side: str = choice("none", CLOSED_SIDES, "side through which nothing flows")
+    cavitation: str = choice("reynolds", CAVITATION, "cavitation condition")
+    shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
+    barus: float = number(0.0, "pressure coefficient of the viscosity [1/Pa], 0: none", least=0)
+    roelands: float = number(0.0, "pressure index of the viscosity [-], 0: none", least=0)
+
+    def __attrs_post_init__(self) -> None:
+        if self.cells_around * self.cells_along > MOST_CELLS:
+            raise SettingsError(
+                f"cells = {self.cells_around}x{self.cells_along}: at most {MOST_CELLS} are allowed"
+            )
+        ratio = self.clearance / self.radius
+        if not SMALLEST_CLEARANCE_RATIO <= ratio <= LARGEST_CLEARANCE_RATIO:
+            raise SettingsError(
+                f"clearance = {self.clearance:g} m must lie between {SMALLEST_CLEARANCE_RATIO:g} "
+                f"and {LARGEST_CLEARANCE_RATIO:g} of radius = {self.radius:g} m"
+            )
+        # At this slope one end touches when the middle is centred.
+        limit = 2 * self.clearance / self.width
+        if not math.hypot(*self.tilt) < limit:
+            raise SettingsError(
+                f"tilt = {math.hypot(*self.tilt):g} rad closes the gap: it must be below "
+                f"2 clearance / width = {limit:.4g} rad"
+            )
+        if self.barus and self.roelands:
+            raise SettingsError("barus and roelands exclude each other: give one of them")
+        if self.grooves and self.line_at_max_film:
+            raise SettingsError(
+                "grooves and line_at_max_film exclude each other: the line belongs to the plain "
+                "bearing of the classical tables"
+            )
+        if self.grooves and self.speed and self.bore_speed:
+            raise SettingsError(
+                f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "
+                "or bore must"
+            )
+
+    @property
+    def direction(self) -> int:
+        """1 or -1: sense of rotation of the shaft, or of the bore when the shaft stands."""
+        return -1 if (self.speed or self.bore_speed) < 0 else 1

@@ -1,0 +1,167 @@
+"""Forces and moments of the film on shaft and bore.
+
+On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls with
+``tau_2 t`` (t along the circumference, `fenics_ehd.film.shear`). The shaft lies
+``h`` further in: its surface ``(R_2 - h) e_r + z e_z`` has the area element
+``[(R_2 - h) e_r + dh/dphi e_phi] dphi dz`` in the plane, smaller than that of the
+bore and inclined. Pressure on it gives, integrated by parts around the bore
+(``d e_phi / dphi = -e_r``),
+
+    -int p [(R_2 - h) e_r + dh/dphi e_phi] dphi dz = -int p n dA + int h dp/dy t dA
+
+exactly, for the film is periodic; the ends leave no term, as their normal is
+the axis. With ``tau_1 + tau_2 = -h dp/dy`` the two bodies then receive opposite
+forces, and opposite moments about any one point, to round-off. Left out, smaller
+by c / R like all that lubrication theory leaves out: the lever arm of the
+shaft's shear is that of the bore, and tractions along the axis have no moments.
+
+Moments are about the bore's centre at mid-width; the friction torque is the shaft's
+moment about its own axis. By the same integration it is ``R_1 int tau_1 dA`` up to c / R.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.kinematics import ShaftMotion
+from fenics_ehd.film.shear import FilmFields, film_fields
+
+
+@dataclass(frozen=True, eq=False)
+class Wrench:
+    """Force in the plane, x and y [N], and moment about x, y, z at the bore's centre [N m]."""
+
+    force: np.ndarray
+    moment: np.ndarray
+
+    def __add__(self, other: Wrench) -> Wrench:
+        return Wrench(self.force + other.force, self.moment + other.moment)
+
+    def turned(self, angle: float) -> Wrench:
+        """The same in a frame that is turned by ``-angle`` about z [rad]."""
+        turn = rotation(angle)
+        moment = np.append(turn @ self.moment[:2], self.moment[2])
+        return Wrench(turn @ self.force, moment)
+
+
+@dataclass(frozen=True, eq=False)
+class FilmForces:
+    """What the oil does to its two bodies.
+
+    Attributes
+    ----------
+    pressure_on_shaft, shear_on_shaft, pressure_on_bore, shear_on_bore
+        Their sum over both bodies is zero to round-off.
+    friction_torque
+        Moment of pressure and shear on the shaft about its own axis [N m],
+        negative when it brakes a shaft that turns in the positive sense.
+    power
+        Mechanical power that shaft and bore put into the film [W].
+    dissipation
+        ``int theta eta U^2 / h + h^3 / (12 eta) |grad p|^2 dA`` [W]: the mechanical
+        power and that of the oil supplied under pressure, less what flows
+        out against an ambient pressure.
+    """
+
+    pressure_on_shaft: Wrench
+    shear_on_shaft: Wrench
+    pressure_on_bore: Wrench
+    shear_on_bore: Wrench
+    friction_torque: float
+    power: float
+    dissipation: float
+
+    @property
+    def on_shaft(self) -> Wrench:
+        """Pressure and shear together."""
+        return self.pressure_on_shaft + self.shear_on_shaft
+
+    @property
+    def on_bore(self) -> Wrench:
+        """Pressure and shear together."""
+        return self.pressure_on_bore + self.shear_on_bore
+
+
+def rotation(angle: float) -> np.ndarray:
+    """Matrix that turns a vector of the plane by an angle [rad], shape (2, 2)."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine], [sine, cosine]])
+
+
+def film_forces(
+    film: Film, state: FilmState, motion: ShaftMotion, shear_rule: str = "streamers"
+) -> FilmForces:
+    """Forces, moments and powers of a solved film.
+
+    Parameters
+    ----------
+    film, state
+        A film and its solution.
+    motion
+        Of the shaft, the one that the state's gap belongs to; the bore rigid.
+    shear_rule
+        For the cavitated zone, one of `fenics_ehd.film.shear.SHEAR_RULES`.
+    """
+    fields = film_fields(film, state, shear_rule)
+    gap = state.gap
+    couette = fields.filled * fields.viscosity * gap.sliding_velocity / gap.thickness
+    poiseuille = 0.5 * gap.thickness * fields.slope_around
+    pressure_on_bore = _wrench(film, fields.pressure, 0.0)
+    pressure_on_shaft = _wrench(film, -fields.pressure, gap.thickness * fields.slope_around)
+    shear_on_bore = _wrench(film, 0.0, couette - poiseuille)
+    shear_on_shaft = _wrench(film, 0.0, -couette - poiseuille)
+    shaft, bore = pressure_on_shaft + shear_on_shaft, pressure_on_bore + shear_on_bore
+    torque = _own_torque(shaft, motion)
+    power = -(
+        shaft.force @ motion.eccentricity_rate
+        + shaft.moment[:2] @ motion.tilt_rate
+        + torque * motion.shaft_speed
+        + bore.moment[2] * motion.bore_speed
+    )
+    return FilmForces(
+        pressure_on_shaft,
+        shear_on_shaft,
+        pressure_on_bore,
+        shear_on_bore,
+        float(torque),
+        float(power),
+        _dissipation(film, state, fields),
+    )
+
+
+def _wrench(film: Film, normal: np.ndarray | float, tangential: np.ndarray | float) -> Wrench:
+    """Resultants of tractions along n and t [Pa], at the Gauss points of the bore."""
+    radius = film.parameters.grid.radius
+    area = radius**2 * film.assembly.area
+    cosine, sine = film.points.normal
+    x, y = normal * cosine - tangential * sine, normal * sine + tangential * cosine
+    height = film.points.height
+    return Wrench(
+        np.array([np.sum(area * x), np.sum(area * y)]),
+        np.array(
+            [
+                -np.sum(area * height * y),
+                np.sum(area * height * x),
+                radius * np.sum(area * tangential),
+            ]
+        ),
+    )
+
+
+def _own_torque(shaft: Wrench, motion: ShaftMotion) -> float:
+    """Moment about the shaft's tilted axis through its own centre."""
+    x, y = motion.eccentricity
+    about_centre = shaft.moment[2] - (x * shaft.force[1] - y * shaft.force[0])
+    return about_centre + motion.tilt[1] * shaft.moment[0] - motion.tilt[0] * shaft.moment[1]
+
+
+def _dissipation(film: Film, state: FilmState, fields: FilmFields) -> float:
+    gap = state.gap
+    sheared = fields.filled * fields.viscosity * gap.sliding_velocity**2 / gap.thickness
+    squared = fields.slope_around**2 + fields.slope_along**2
+    driven = gap.thickness**3 / (12 * fields.viscosity) * squared
+    area = film.parameters.grid.radius**2 * film.assembly.area
+    return float(np.sum(area * (sheared + driven)))

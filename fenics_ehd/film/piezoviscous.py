@@ -1,0 +1,93 @@
+"""Films of oils whose viscosity grows with pressure, from films of constant viscosity.
+
+With ``dq = dp / r(p)``, r the ratio of viscosities, the Reynolds equation for p becomes
+that of constant viscosity for q (Kirchhoff's transformation, known in lubrication as
+the reduced pressure). As ``q`` stays below ``int_0^inf dp / r(p)``, 1 / alpha for Barus' law, a
+film of constant viscosity with a higher pressure has no counterpart: the viscosity
+runs away. Transformed, q is a start from which Newton's method takes a few steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fenics_ehd.errors import SolverError
+from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.lubricant import Constant, PressureLaw
+from fenics_ehd.film.parameters import FilmParameters
+
+#: The integral of ``dp / r`` is taken up to this ratio of viscosities.
+LARGEST_RATIO = 1e9
+
+SAMPLES = 20000
+
+
+class ReducedPressure:
+    """``q(p)`` of a viscosity law, tabulated, and its inverse."""
+
+    def __init__(self, law: PressureLaw):
+        top = 1e6
+        while law(np.array([top]))[0][0] < LARGEST_RATIO and top < 1e13:
+            top *= 1.2
+        self._pressure = np.append(0.0, np.geomspace(1e-6 * top, top, SAMPLES))
+        inverse = 1.0 / law(self._pressure)[0]
+        steps = 0.5 * (inverse[1:] + inverse[:-1]) * np.diff(self._pressure)
+        self._reduced = np.append(0.0, np.cumsum(steps))
+
+    @property
+    def limit(self) -> float:
+        """Largest reduced pressure there is [Pa]."""
+        return float(self._reduced[-1])
+
+    def pressure(self, reduced: np.ndarray) -> np.ndarray:
+        """Pressure of a reduced pressure below `limit` [Pa]."""
+        return np.interp(reduced, self._reduced, self._pressure)
+
+
+class PiezoviscousFilm:
+    """A film whose viscosity changes with pressure, solved by way of constant viscosity.
+
+    Parameters
+    ----------
+    film
+        The film.
+    options_prefix
+        PETSc options of the film of constant viscosity.
+    """
+
+    def __init__(self, film: Film, options_prefix: str):
+        p = film.parameters
+        self.film = film
+        self._reduced = ReducedPressure(p.lubricant.viscosity_law)
+        lubricant = replace(p.lubricant, viscosity_law=Constant(), density_law=Constant())
+        self._constant = Film(
+            FilmParameters(p.grid, p.clearance, lubricant, p.rate, p.sides, p.regions),
+            options_prefix=options_prefix,
+        )
+        self._last: FilmState | None = None
+
+    def solve(self, gap: Gap) -> FilmState:
+        """Pressure for a gap.
+
+        Raises
+        ------
+        SolverError
+            The viscosity runs away.
+        """
+        self._last = state = self._constant.solve(gap, self._last)
+        highest = float(state.pressure.max())
+        if not highest < self._reduced.limit:
+            raise SolverError(
+                f"the viscosity runs away with the pressure: at constant viscosity the film has "
+                f"{highest * 1e-6:.4g} MPa, the pressure law allows less than "
+                f"{self._reduced.limit * 1e-6:.4g} MPa: lower load, eccentricity or the coefficient"
+            )
+        scale = self.film.parameters.pressure_scale
+        start = self._reduced.pressure(scale * state.cavitation.pressure) / scale
+        guess = replace(state, cavitation=replace(state.cavitation, pressure=start))
+        # An iterate may overflow; whatever comes of it is verified.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.film.solve(gap, guess)

@@ -1,0 +1,136 @@
+"""Shear of the oil at the two walls of a film, and how much of it there is where it cavitates.
+
+With the parabolic velocity profile of lubrication theory, U the sliding velocity
+``v_1 - v_2`` and y along the circumference, the oil pulls at
+
+    bore    tau_2 =  theta eta U / h - (h / 2) dp/dy
+    shaft   tau_1 = -theta eta U / h - (h / 2) dp/dy
+
+``theta`` is the share of the width that the oil fills: 1 in the full film, 0 in
+grooves and supply holes, which are deep. In the cavitated zone it follows one of three rules:
+
+``streamers``
+    The oil that leaves the full film crosses the zone in streamers that fill the
+    gap from wall to wall. Carried at the mean velocity, the flow stays what it
+    was at the rupture of the film, so ``theta = h_rupture / h`` at the same
+    height z, at most 1. A section that has no full film, or nothing that carries
+    the oil on, counts as filled.
+``full``
+    The oil fills the gap there too.
+``none``
+    There is no oil.
+
+When the cavitation condition tells the fluid fraction itself, ``streamers`` uses that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.film.film import Film, FilmState
+
+SHEAR_RULES = ("streamers", "full", "none")
+
+#: A pressure below this share of the largest is the round-off of a cavitated node.
+PRESSURE_FLOOR = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class FilmFields:
+    """Fields of a solved film at the Gauss points, each (cells, points).
+
+    Attributes
+    ----------
+    pressure
+        [Pa].
+    slope_around, slope_along
+        Its derivatives along circumference and axis [Pa/m].
+    viscosity
+        [Pa s].
+    filled
+        theta, the share of the width that is sheared [-].
+    """
+
+    pressure: np.ndarray
+    slope_around: np.ndarray
+    slope_along: np.ndarray
+    viscosity: np.ndarray
+    filled: np.ndarray
+
+
+def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFields:
+    """Fields of a solved film.
+
+    Raises
+    ------
+    SettingsError
+        `rule` is not one of `SHEAR_RULES`.
+    """
+    if rule not in SHEAR_RULES:
+        raise SettingsError(f"shear rule {rule!r} is not one of {', '.join(SHEAR_RULES)}")
+    p = film.parameters
+    oil = film.equation.oil(state.pressure / p.pressure_scale)
+    pressure = film.assembly.at_points(state.pressure)[0]
+    slope = p.pressure_scale / p.grid.radius
+    return FilmFields(
+        pressure,
+        slope * oil.around,
+        slope * oil.along,
+        p.lubricant.viscosity * oil.viscosity,
+        _filled(film, state, pressure, rule),
+    )
+
+
+def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
+    """Share of the width that is sheared."""
+    full = pressure > PRESSURE_FLOOR * pressure.max()
+    groove = in_regions(film, film.points.angle, film.points.height)
+    if rule == "streamers" and state.fluid_fraction is not None:
+        share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)
+    elif rule == "streamers":
+        share = _streamers(film, state, full | groove | _beside_lines(film))
+    else:
+        share = np.full(full.shape, float(rule == "full"))
+    share[full] = 1.0
+    share[groove] = 0.0
+    return share
+
+
+def in_regions(film: Film, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Whether points lie in a region of given pressure."""
+    inside = np.zeros(np.shape(angle), dtype=bool)
+    for region in film.parameters.regions:
+        inside |= region.contains(angle, height, film.parameters.grid.radius)
+    return inside
+
+
+def _beside_lines(film: Film) -> np.ndarray:
+    """Gauss points next to nodes of given pressure: a feed line has no width of its own."""
+    grid = film.parameters.grid
+    nodes = in_regions(film, *grid.node_positions.T)
+    return film.assembly.at_points(nodes.astype(float))[0] > 0.5
+
+
+def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
+    """``h_rupture / h``, the rupture being the last of the `source` points upstream."""
+    direction = np.sign(state.gap.mean_velocity.sum())
+    if direction == 0:
+        return np.ones(source.shape)
+    # Rows: the sections of one height, points in the direction of the mean velocity.
+    height = np.round(film.points.height.ravel() / film.parameters.grid.radius, 12)
+    order = np.lexsort((direction * film.points.angle.ravel(), height))
+    order = order.reshape(len(np.unique(height)), -1)
+    thickness = state.gap.thickness.ravel()[order]
+    fed = source.ravel()[order]
+    # Twice around, so that the second turn knows what came before the seam.
+    count = fed.shape[1]
+    places = np.where(np.tile(fed, 2), np.arange(2 * count), -1)
+    last = np.maximum.accumulate(places, axis=1)[:, count:]
+    rupture = np.take_along_axis(thickness, np.maximum(last, 0) % count, axis=1)
+    share = np.where(last < 0, 1.0, np.minimum(rupture / thickness, 1.0))
+    result = np.empty(source.size)
+    result[order] = share
+    return result.reshape(source.shape)
