@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fenics_ehd.bearing_help import DESCRIPTION
-from fenics_ehd.bearing_settings import (
+from fenics_ehd.bearing.settings import (
     CAVITATION,
     CLOSED_SIDES,
     ELEMENTS,
@@ -18,13 +17,11 @@ from fenics_ehd.bearing_settings import (
     BearingSettings,
     Groove,
 )
-from fenics_ehd.errors import CavitationError, SettingsError
+from fenics_ehd.bearing_help import DESCRIPTION
+from fenics_ehd.errors import SettingsError
 
 if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.bearing import BearingResult
-
-#: Where the film of a failed solve is kept.
-FAILED_FILM = "failed_film.h5"
+    from fenics_ehd.bearing.operating_point import BearingResult
 
 
 def _groove(numbers: tuple[float, float, float]) -> Groove:
@@ -107,7 +104,11 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
-@_choice("cavitation", CAVITATION, "Cavitation condition.")
+@_choice(
+    "cavitation",
+    CAVITATION,
+    "Cavitation condition; mass-conserving: that of Jakobsson, Floberg and Olsson, needs a supply.",
+)
 @_choice("shear_rule", SHEAR_RULES, "Shear in the cavitated zone.")
 @click.option(
     "--cells",
@@ -117,7 +118,12 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
     help="Cells around and along, more where the film is thin. The default gives the load to 0.1 % "
     "for eccentricities from 0.1 to 0.999 and B from R/2 to 8R.",
 )
-@_choice("element", ELEMENTS, "9-node, 4-node or 8-node (the paper's).")
+@click.option(
+    "--element",
+    type=click.Choice(ELEMENTS),
+    help="9-node, 4-node or 8-node (the paper's).  [default: lagrange, the first; mass-conserving: "
+    "bilinear]",
+)
 @click.option("--coefficients", is_flag=True, help="Add stiffness, damping and stability.")
 @click.option("--plot", type=click.Path(dir_okay=False), help="Draw pressure, film and forces.")
 @click.option(
@@ -128,6 +134,7 @@ def bearing(
     load: float | None,
     grooves: tuple[tuple[float, float, float], ...],
     cells: str,
+    element: str | None,
     coefficients: bool,
     plot: str | None,
     as_json: bool,
@@ -137,9 +144,17 @@ def bearing(
     if (eccentricity is None) == (load is None):
         raise SettingsError("give either --eccentricity or --load")
     around, along = _cells(cells)
+    conserving = options["cavitation"] == "mass-conserving"
+    if conserving and coefficients:
+        raise SettingsError(
+            "--coefficients: those of --cavitation mass-conserving depend on the frequency, take "
+            "reynolds"
+        )
+    element = element or ("bilinear" if conserving else _default("element"))
     settings = BearingSettings(
         cells_around=around,
         cells_along=along,
+        element=element,
         grooves=[_groove(groove) for groove in grooves],
         **options,
     )
@@ -160,20 +175,14 @@ def bearing(
 def _solve(
     settings: BearingSettings, eccentricity: float | None, load: float | None, coefficients: bool
 ) -> BearingResult:
-    """Solve; of a film that fails, keep what there is."""
-    from fenics_ehd.bearing import solve_bearing
+    """Solve; a film that fails is kept in the current folder."""
+    from fenics_ehd.bearing.operating_point import solve_bearing
+    from fenics_ehd.output import keeping_failed_film
 
-    try:
+    with keeping_failed_film("."):
         return solve_bearing(
             settings, eccentricity=eccentricity, load=load, with_coefficients=coefficients
         )
-    except CavitationError as error:
-        if not error.state:
-            raise
-        from fenics_ehd.output import save_film_state
-
-        save_film_state(FAILED_FILM, error.state)
-        raise CavitationError(f"{error}; the film is kept in {FAILED_FILM}", error.state) from None
 
 
 def summary(result: BearingResult) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from fenics_ehd.errors import EhdError, SettingsError, VerificationError
 from fenics_ehd.interrupt import interrupt_between_steps
 from fenics_ehd.output import (
+    keeping_failed_film,
     read_history,
     require_writable,
     to_json,
@@ -42,7 +43,7 @@ def read_scene(scene: str) -> tuple[SliderCrankSettings, dict]:
     if scene == "slider-crank":
         return SliderCrankSettings(), {}
     if Path(scene).suffix != ".toml":
-        raise SettingsError(f"scene {scene!r} is neither 'slider-crank' nor a .toml file")
+        raise SettingsError(f"scene {scene!r}: not slider-crank, loaded-journal or a .toml file")
     tables = read_toml(scene)
     try:
         settings = build(SliderCrankSettings, tables)
@@ -56,6 +57,16 @@ def read_scene(scene: str) -> tuple[SliderCrankSettings, dict]:
     return settings, tables
 
 
+def _journal_tables(scene: str) -> dict | None:
+    """Tables of a loaded-journal scene given by name or file, None for another kind of scene."""
+    if scene == "loaded-journal":
+        return {}
+    if Path(scene).suffix != ".toml":
+        return None
+    tables = read_toml(scene)
+    return tables if tables.get("scene") == "loaded-journal" else None
+
+
 def run_scene(
     scene: str,
     body_file: str | None,
@@ -66,6 +77,15 @@ def run_scene(
     as_json: bool,
 ) -> None:
     """``fenics-ehd run``."""
+    target = Path(directory or Path("results") / Path(scene).stem)
+    journal_tables = _journal_tables(scene)
+    if journal_tables is not None:
+        from fenics_ehd.journal_commands import read_settings, run_loaded_journal
+
+        if body_file or method or frames:
+            raise SettingsError("--body, --method, --vtk: not for loaded-journal, which is rigid")
+        run_loaded_journal(read_settings(scene, journal_tables), target, plots, as_json)
+        return
     settings, tables = read_scene(scene)
     if body_file and method:
         raise SettingsError("--body and --method exclude each other: the body has its method")
@@ -73,7 +93,6 @@ def run_scene(
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
     if method:
         settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
-    target = Path(directory or Path("results") / Path(scene).stem)
     require_writable(target)
     part, seconds = None, 0.0
     if body_file:
@@ -139,7 +158,7 @@ def _simulate(
     status = "failed"
     history = open_history(directory, body)
     try:
-        with bar, history, interrupt_between_steps() as check:
+        with keeping_failed_film(directory), bar, history, interrupt_between_steps() as check:
             simulate(settings, body, totals, history.add, progress)
         status = verdict(totals)
     except KeyboardInterrupt:
@@ -201,10 +220,14 @@ def _report(summary: Mapping[str, Any], directory: Path) -> str:
     return "\n".join(lines)
 
 
-def reduce_part(path: str, scene: str | None, options: Mapping[str, Any], as_json: bool) -> None:
+def reduce_part(
+    path: str, scene: str | None, cells: str | None, options: Mapping[str, Any], as_json: bool
+) -> None:
     """``fenics-ehd reduce``: every rank takes part, the first one writes."""
     require_writable(path)
     settings, _ = read_scene(scene) if scene else (SliderCrankSettings(), {})
+    if cells:
+        settings = attrs.evolve(settings, rod=attrs.evolve(settings.rod, cells=cells))
     tables = {**attrs.asdict(settings.reduction), **options}
     reduction = build(type(settings.reduction), tables, "reduction.")
     rod = _reduce(attrs.evolve(settings, reduction=reduction))

@@ -7,7 +7,8 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module, metadata
 from pathlib import Path
 from types import TracebackType
@@ -17,11 +18,14 @@ import h5py
 import numpy as np
 
 from fenics_ehd import __version__
-from fenics_ehd.errors import InputError
+from fenics_ehd.errors import CavitationError, EhdError, InputError
 
 #: Rows of the HDF5 datasets written between two flushes to disk.
 FLUSH_EVERY = 50
 
+
+#: Where the film of a failed solve is kept.
+FAILED_FILM = "failed_film.h5"
 
 #: Files of a run, beside the history itself, that a new run in the same folder makes stale.
 STALE = (
@@ -29,6 +33,7 @@ STALE = (
     "max_pressure.*",
     "min_film_thickness.*",
     "orbit.*",
+    FAILED_FILM,
     "vtk/rod.pvd",
     "vtk/rod_*.vtu",
 )
@@ -136,6 +141,28 @@ def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
     partial = path.with_suffix(".part")
     partial.write_text(to_json(summary) + "\n")
     partial.replace(path)
+
+
+@contextmanager
+def keeping_failed_film(directory: str | Path) -> Iterator[None]:
+    """Save the film of a `CavitationError` that ends a command, itself or as the cause.
+
+    Raises
+    ------
+    EhdError
+        The error, its message naming the file.
+    """
+    try:
+        yield
+    except EhdError as error:
+        cause: BaseException | None = error
+        while cause is not None and not (isinstance(cause, CavitationError) and cause.state):
+            cause = cause.__cause__
+        if cause is None:
+            raise
+        path = Path(directory) / FAILED_FILM
+        save_film_state(path, cause.state)
+        raise type(error)(f"{error}; the film is kept in {path}") from error
 
 
 def save_film_state(path: str | Path, state: Mapping[str, object]) -> None:

@@ -8,10 +8,10 @@ import attrs
 import numpy as np
 import pytest
 
-from fenics_ehd.bearing import solve_bearing
-from fenics_ehd.bearing_coefficients import stability
-from fenics_ehd.bearing_film import BearingFilm
-from fenics_ehd.bearing_settings import BearingSettings, Groove
+from fenics_ehd.bearing.coefficients import stability
+from fenics_ehd.bearing.film import BearingFilm
+from fenics_ehd.bearing.operating_point import solve_bearing
+from fenics_ehd.bearing.settings import BearingSettings, Groove
 from fenics_ehd.errors import SettingsError, SolverError
 
 R, C, ETA, OMEGA = 0.0225, 0.0225e-5, 0.01, 500.0

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-import fenics_ehd.bearing
+import fenics_ehd.bearing.operating_point
 from fenics_ehd.cli import main
 from fenics_ehd.errors import CavitationError
 
@@ -133,6 +133,18 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--groove", 0, 10, -1], "--groove: pressure = -1.0 must be at least 0"),
         (["--load", 5, "--groove", 0, 10, 0, "--line-at-max-film"], "exclude each other"),
         (["--load", 5, "--groove", 0, 10, 0, "--bore-speed", 1], "shaft or bore must"),
+        (
+            ["--load", 5, "--cavitation", "mass-conserving"],
+            "needs a supply, a groove or an ambient",
+        ),
+        (
+            ["--load", 5, "--cavitation", "mass-conserving", "--element", "lagrange"],
+            "element = 'lagrange': cavitation = 'mass-conserving' needs 'bilinear'",
+        ),
+        (
+            ["--load", 5, "--cavitation", "mass-conserving", "--coefficients"],
+            "depend on the frequency",
+        ),
         (["--load", 5, "--barus", 1e-8, "--roelands", 0.6], "exclude each other"),
         (["--load", 5, "--plot", "picture.xyz"], "its ending must be one of"),
         (["--load", 5, "--plot", "/dev/null/picture.png"], "/dev/null is not a folder"),
@@ -146,12 +158,25 @@ def test_bad_input_is_one_line_and_status_2(call, arguments, message):
     assert err.count("\n") == 1
 
 
+def test_supplied_oil_all_leaves_at_the_sides_when_mass_is_conserved(call):
+    supply = ["--eccentricity", 0.6, "--groove", 120, 10, 2e5, "--cells", "48x8", "--json"]
+    conserving, reynolds = (
+        json.loads(call(*supply, "--element", "bilinear", "--cavitation", condition)[1])
+        for condition in ("mass-conserving", "reynolds")
+    )
+    flow = conserving["side_flow_m3_per_s"]
+    assert conserving["supply_flow_m3_per_s"] == pytest.approx(flow, rel=1e-8)
+    # Reynolds' condition makes oil anew where the film forms: it asks less of the groove.
+    assert reynolds["supply_flow_m3_per_s"] < 0.5 * reynolds["side_flow_m3_per_s"]
+    assert 0.9 * reynolds["load_N"] < conserving["load_N"] < reynolds["load_N"]
+
+
 def test_failed_film_is_kept(call, tmp_path, monkeypatch):
     def fail(*_arguments, **_options):
         raise CavitationError("no luck", {"pressure": np.arange(3.0), "thickness": np.ones((2, 2))})
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(fenics_ehd.bearing, "solve_bearing", fail)
+    monkeypatch.setattr(fenics_ehd.bearing.operating_point, "solve_bearing", fail)
     status, _, err = call("--eccentricity", 0.5)
     assert status == 1
     assert "no luck; the film is kept in failed_film.h5" in err

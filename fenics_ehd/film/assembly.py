@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -79,6 +80,15 @@ class Assembly:
         ]
         self._number_entries()
 
+    @cached_property
+    def _gathering(self) -> sparse.csc_matrix:
+        """Pattern of `gather`: every Gauss point feeds the nodes of its cell."""
+        cells, k = self._nodes.shape
+        points = self.area.shape[1]
+        rows = np.repeat(self._nodes[:, None, :], points, axis=1).ravel()
+        starts = np.arange(cells * points + 1) * k
+        return sparse.csc_matrix((np.zeros(len(rows)), rows, starts), (self.size, cells * points))
+
     def _number_entries(self) -> None:
         """Pattern of the free-node matrix and the place of every element matrix entry in it."""
         k = self._nodes.shape[1]
@@ -151,12 +161,9 @@ class Assembly:
         weights = coefficient * self._cell_area
         return self.gather(np.einsum("cq,qk->cqk", weights, self.tensors.source)) @ source
 
-    def gather(self, element: np.ndarray) -> sparse.csr_matrix:
+    def gather(self, element: np.ndarray) -> sparse.csc_matrix:
         """Sparse map (size, c * q) from element data (c, q, k)."""
-        cells, points, k = element.shape
-        rows = np.broadcast_to(self._nodes[:, None, :], element.shape).ravel()
-        starts = np.arange(cells * points + 1) * k
-        return sparse.csr_matrix((element.ravel(), rows, starts), (cells * points, self.size)).T
+        return _with_data(self._gathering, element.ravel())
 
     def matrix(self, c: Coefficients) -> np.ndarray:
         """Entries of the matrix of ``a`` on the free nodes, in the order of the pattern."""
@@ -180,7 +187,11 @@ class Assembly:
 
     def csr(self, entries: np.ndarray) -> sparse.csr_matrix:
         """Matrix from its entries."""
-        # scipy's constructor checks a pattern that is known to be right.
-        matrix = copy(self._template)
-        matrix.data = entries
-        return matrix
+        return _with_data(self._template, entries)
+
+
+def _with_data(template: sparse.spmatrix, data: np.ndarray) -> sparse.spmatrix:
+    """Matrix of a pattern known to be right, which scipy's constructor would check once more."""
+    matrix = copy(template)
+    matrix.data = data
+    return matrix

@@ -11,8 +11,6 @@ SNES-VI. (The mass-conserving condition is `fenics_ehd.film.mass_conserving`.)
 
 from __future__ import annotations
 
-import atexit
-import gc
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -74,13 +72,6 @@ class Complementarity:
     scale: float
     weights: np.ndarray | None = None
     unit: float = 1.0
-
-
-@atexit.register
-def _collect_before_python_ends() -> None:
-    """Destroy solvers that nobody holds: PetscFinalize, later, would call their Python parts."""
-    gc.collect()
-    PETSc.garbage_cleanup(PETSc.COMM_SELF)
 
 
 class CavitationSolver:

@@ -190,9 +190,7 @@ class Film:
             the one-sided derivative from inside the partition.
         """
         scale = self.parameters.pressure_scale
-        change = self.equation.change(
-            state.gap, state.pressure / scale, slopes, state.density_rate
-        )
+        change = self.equation.change(state.gap, state.pressure / scale, slopes, state.density_rate)
         values = np.zeros((self.assembly.size, change.shape[1]))
         values[self.free] = self.cavitation.derivative(state.problem, state.cavitation, change)
         return scale * values

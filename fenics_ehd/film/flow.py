@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.film.shear import in_regions
 from fenics_ehd.film.supply import SLACK
 
@@ -34,7 +35,7 @@ class FlowBalance:
         Growth of the cavities: oil that the condition (8) lets disappear where
         the film ruptures and makes anew where it forms.
     squeeze
-        Growth of the gap.
+        Growth of the gap, or of the oil that it holds.
     """
 
     lower: float
@@ -51,6 +52,8 @@ class FlowBalance:
 
 def flow_balance(film: Film, state: FilmState) -> FlowBalance:
     """Flows of a solved film at steady pressure."""
+    if isinstance(state, OilState):
+        return _oil_flows(film, state)
     defect, growth = _defects(film, state)
     grid = film.parameters.grid
     angle, height = grid.node_positions.T
@@ -75,6 +78,19 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
         cavities += float(cavity)
         sides[name] = float(cavity - inflow.sum())
     return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth)
+
+
+def _oil_flows(film: Film, state: OilState) -> FlowBalance:
+    """Flows of a film that keeps account of its oil: no cavity makes any."""
+    grid = film.parameters.grid
+    angle, height = grid.node_positions.T
+    region = in_regions(film, angle, height)
+    lower, upper = (
+        float(state.outflow[(np.abs(height - end) <= SLACK * grid.radius) & ~region].sum())
+        for end in (grid.heights[0], grid.heights[-1])
+    )
+    supply = 0.0 - float(state.outflow[region].sum())
+    return FlowBalance(lower, upper, supply, cavities=0.0, squeeze=supply - lower - upper)
 
 
 def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:

@@ -83,7 +83,7 @@ class FixedPattern:
         self._csr[2][:] = entries
         # Assembly tells PETSc that the values behind its back have changed.
         self._matrix.assemble()
-        # The PC's, not the KSP's: that leaves it to its own solve, which `solve_columns` goes round.
+        # The PC's, not the KSP's: that leaves it to its own solve, which `solve_columns` avoids.
         self._ksp.pc.setUp()
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:

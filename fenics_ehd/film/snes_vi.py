@@ -69,33 +69,29 @@ class SnesVi:
         options_prefix: str,
         tolerance: float,
     ):
-        self._prefix, self._comm, self._lower = options_prefix, comm, lower
-        self._context = _Callbacks(system)
-        self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
-        self.solves = 0
-        self._create()
-
-    def _create(self) -> None:
-        comm, lower, context = self._comm, self._lower, self._context
+        self._prefix = options_prefix
         bounds = [PETSc.Vec().createSeq(len(lower), comm=comm) for _ in range(2)]
         bounds[0].array = lower
         bounds[1].set(PETSc.INFINITY)
         self._unknown, self._function = bounds[0].duplicate(), bounds[0].duplicate()
+        self._callbacks = callbacks = _Callbacks(system)
         jacobian = PETSc.Mat().createPython((len(lower),) * 2, _Jacobian(comm), comm=comm)
         jacobian.setUp()
         self._snes = snes = PETSc.SNES().create(comm=comm)
         snes.setType("vinewtonrsls")
-        snes.setFunction(context.function, self._function)
-        snes.setJacobian(context.jacobian, jacobian)
+        snes.setFunction(callbacks.function, self._function)
+        snes.setJacobian(callbacks.jacobian, jacobian)
         snes.setVariableBounds(*bounds)
         snes.setTolerances(rtol=0.0, stol=0.0, max_it=MAX_ITERATIONS)
         block = snes.getKSP().getPC()
         block.setType("python")
-        block.setPythonContext(context)
-        configure(snes, self._prefix, DEFAULT_OPTIONS)
+        block.setPythonContext(callbacks)
+        configure(snes, options_prefix, DEFAULT_OPTIONS)
+        self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
         snes.setTolerances(atol=self.tolerance)
+        self.solves = 0
         # Also at exit: PETSc must not meet Python contexts when the interpreter is gone.
-        self._finalize = weakref.finalize(self, _destroy, [snes, jacobian])
+        weakref.finalize(self, _destroy, [snes, jacobian])
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Solve from a start.
@@ -113,20 +109,15 @@ class SnesVi:
             the last iterate and function.
         """
         self._unknown.array = start
-        try:
-            self._snes.solve(None, self._unknown)
-        except (CavitationError, PETSc.Error) as error:
-            state = {"x": self._unknown.array.copy(), "function": self._function.array.copy()}
-            # PETSc leaves a solver that was interrupted in a callback unusable.
-            self._finalize()
-            self._create()
-            if isinstance(error, PETSc.Error):
-                raise CavitationError(f"SNES-VI failed: {error}", state=state) from error
-            error.state.update(state)
-            raise
+        self._snes.solve(None, self._unknown)
         self.solves += 1
         reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
         x, function = self._unknown.array.copy(), self._function.array.copy()
+        failure = self._callbacks.take_failure()
+        if failure is not None:
+            if isinstance(failure, CavitationError):
+                failure.state.update(x=x, function=function)
+            raise failure
         if reason <= 0:
             raise CavitationError(
                 f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
@@ -138,28 +129,41 @@ class SnesVi:
 
 
 class _Callbacks:
-    """What PETSc calls: function and Jacobian of SNES, and the block's preconditioner."""
+    """What PETSc calls: function and Jacobian of SNES, and the block's preconditioner.
+
+    An exception must not travel through PETSc, which leaves solvers it went
+    through unusable: it is kept, and what is not a number ends the solve.
+    """
 
     def __init__(self, system: VariationalInequality):
         self._system = weakref.ref(system)
+        self._failure: BaseException | None = None
 
-    @property
-    def system(self) -> VariationalInequality:
-        system = self._system()
-        assert system is not None
-        return system
+    def take_failure(self) -> BaseException | None:
+        """What went wrong since the last call."""
+        failure, self._failure = self._failure, None
+        return failure
+
+    def _call(self, name: str, argument: np.ndarray) -> np.ndarray | float | None:
+        if self._failure is not None:
+            return np.nan
+        try:
+            return getattr(self._system(), name)(argument)
+        except BaseException as error:  # an interrupt too
+            self._failure = error
+            return np.nan
 
     def function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        f.array = self.system.function(x.getArray(readonly=True))
+        f.array = self._call("function", x.getArray(readonly=True))
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, a: PETSc.Mat, b: PETSc.Mat) -> None:
-        self.system.linearise(x.getArray(readonly=True))
+        self._call("linearise", x.getArray(readonly=True))
 
     def setUp(self, pc: PETSc.PC) -> None:
-        self.system.factorise(pc.getOperators()[0].getPythonContext().nodes)
+        self._call("factorise", pc.getOperators()[0].getPythonContext().nodes)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        y.array = self.system.update(x.getArray(readonly=True))
+        y.array = self._call("update", x.getArray(readonly=True))
 
 
 class _Jacobian:

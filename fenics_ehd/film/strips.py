@@ -99,7 +99,7 @@ class Strips:
             entries[place[known]] = np.minimum(value[known], 0)
         return entries
 
-    def slopes(self, coefficient: np.ndarray, carried: np.ndarray) -> sparse.csr_matrix:
+    def slopes(self, coefficient: np.ndarray, carried: np.ndarray) -> sparse.csc_matrix:
         """Derivative of ``T s`` without storage, the upwind side held, shape (nodes, c * q).
 
         Parameters

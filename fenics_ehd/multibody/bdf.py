@@ -102,6 +102,7 @@ class _Attempt:
     rate: np.ndarray = field(default_factory=lambda: np.empty(0))
     acceleration: np.ndarray = field(default_factory=lambda: np.empty(0))
     auxiliary: Any = None
+    cause: Exception | None = None
 
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
@@ -192,7 +193,7 @@ def _newton(
             )
             update = -np.linalg.solve(jacobian, residual)
         except (SolverError, np.linalg.LinAlgError) as error:
-            return _Attempt(iteration, f"{type(error).__name__}: {error}")
+            return _Attempt(iteration, f"{type(error).__name__}: {error}", cause=error)
         if not np.isfinite(update).all():
             return _Attempt(iteration, "Newton's update is not finite")
         fraction = min(1.0, BOUNDARY_FRACTION * problem.admissible_fraction(x, update))
@@ -281,7 +282,7 @@ def integrate(
                 f"the step fell to {step:.1e} s at t = {time:.6g} s, below time.smallest_step = "
                 f"{control.smallest_step:.1e} s (last attempt: {failure or 'accepted'}): "
                 "raise time.tolerance or check the load on the bearing"
-            )
+            ) from attempt.cause
 
 
 def _target(time: float, end: float, step: float) -> tuple[float, float]:

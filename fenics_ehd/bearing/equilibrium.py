@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.bearing_film import BearingFilm, Operation, minimum_film
-from fenics_ehd.bearing_settings import BearingSettings
+from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
+from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.errors import GapClosedError, SettingsError, SolverError
 
 #: Relative error of the load, and error of its direction [rad], at which a search ends.

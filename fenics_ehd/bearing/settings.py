@@ -13,7 +13,7 @@ from fenics_ehd.settings import choice, count, flag, number
 
 ELEMENTS = ("lagrange", "bilinear", "serendipity")
 SHEAR_RULES = ("streamers", "full", "none")
-CAVITATION = ("reynolds",)
+CAVITATION = ("reynolds", "mass-conserving")
 CLOSED_SIDES = ("none", "lower", "upper")
 
 #: Cells of a mesh that still solves in minutes.
@@ -97,6 +97,8 @@ class BearingSettings:
             )
         if self.barus and self.roelands:
             raise SettingsError("barus and roelands exclude each other: give one of them")
+        if self.cavitation == "mass-conserving":
+            self._check_mass_conserving()
         if self.grooves and self.line_at_max_film:
             raise SettingsError(
                 "grooves and line_at_max_film exclude each other: the line belongs to the plain "
@@ -106,6 +108,23 @@ class BearingSettings:
             raise SettingsError(
                 f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "
                 "or bore must"
+            )
+
+    def _check_mass_conserving(self) -> None:
+        """What a steady film needs that keeps account of its oil."""
+        if self.element != "bilinear":
+            raise SettingsError(
+                f"element = {self.element!r}: cavitation = 'mass-conserving' needs 'bilinear'"
+            )
+        if not (self.ambient or self.grooves) or self.line_at_max_film:
+            raise SettingsError(
+                "cavitation = 'mass-conserving' needs a supply, a groove or an ambient pressure "
+                "above 0: without one the bearing runs dry"
+            )
+        if any(self.squeeze):
+            raise SettingsError(
+                f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s: cavitation = "
+                "'mass-conserving' gives the steady film of a shaft at rest in the bearing"
             )
 
     @property

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.bearing_coefficients import Coefficients, coefficients
-from fenics_ehd.bearing_equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
-from fenics_ehd.bearing_film import BearingFilm, Operation, minimum_film
-from fenics_ehd.bearing_settings import BearingSettings
+from fenics_ehd.bearing.coefficients import Coefficients, coefficients
+from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
+from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
+from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.film.flow import FlowBalance, flow_balance
 from fenics_ehd.film.forces import FilmForces, film_forces

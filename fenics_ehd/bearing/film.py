@@ -1,6 +1,6 @@
 """Film force on the shaft of a rigid bearing and its exact derivatives.
 
-Vectors are in the frame of the load (`fenics_ehd.bearing_settings.BearingSettings`). The
+Vectors are in the frame of the load (`fenics_ehd.bearing.settings.BearingSettings`). The
 film's mesh has a frame of its own, turned by an angle: zero once there are grooves,
 which are fixed in the load's frame; that of the shaft's eccentricity at which the mesh
 was made otherwise; and following the eccentricity when everything that acts does,
@@ -14,13 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.bearing_settings import BearingSettings
+from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.errors import GapClosedError
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import rotation
 from fenics_ehd.film.grading import gap_graded_grid
 from fenics_ehd.film.kinematics import GapSlopes, ShaftMotion, shaft_gap, shaft_gap_slopes
 from fenics_ehd.film.lubricant import Barus, Constant, Lubricant, PressureLaw, Roelands
+from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.piezoviscous import PiezoviscousFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
@@ -104,6 +106,8 @@ class BearingFilm:
         )
         linear = self.film.parameters.lubricant.linear
         self._piezoviscous = None if linear else PiezoviscousFilm(self.film, options_prefix)
+        conserving = settings.cavitation == "mass-conserving"
+        self._oil = MassConservingFilm(self.film) if conserving else None
         self._load = self.film.load(np.stack(self.film.points.normal, axis=-1))
 
     def _regions(self) -> tuple[AxialGroove, ...]:
@@ -159,7 +163,9 @@ class BearingFilm:
         s, motion, angle = self.settings, self._motion(position), self.frame_angle(position)
         minimum_film(s, position)
         gap = shaft_gap(self.film.points, s.radius, s.clearance, motion)
-        if self._piezoviscous is None:
+        if self._oil is not None:
+            state: FilmState = self._oil.steady(gap, guess)
+        elif self._piezoviscous is None:
             state = self.film.solve(gap, guess)
         else:
             state = self._piezoviscous.solve(gap)
@@ -174,7 +180,8 @@ class BearingFilm:
         numpy.ndarray
             With respect to the eccentricity, shape (2, 2) [N/m].
         numpy.ndarray
-            With respect to its rate, shape (2, 2) [N s/m].
+            With respect to its rate, shape (2, 2) [N s/m]; that of a film that keeps
+            account of its oil depends on the frequency, this is the part at once.
         """
         motion, turn = operation.motion, rotation(operation.angle)
         distance = float(np.linalg.norm(operation.position))
@@ -187,11 +194,18 @@ class BearingFilm:
             places[:, 1] = 0.0
             places[2:, 1] = _quarter(-motion.tilt) / distance
             rates[:2, 1] = _quarter(-motion.eccentricity_rate) / distance
-        change = self.film.sensitivity(operation.state, self._gap_slopes(motion, places, rates))
+        change = self._sensitivity(operation.state, self._gap_slopes(motion, places, rates))
         force = -turn @ (self._load @ change)
         if follows:
             force[:, 1] += _quarter(operation.force) / distance
         return force[:, :2] @ turn.T, force[:, 2:] @ turn.T
+
+    def _sensitivity(self, state: FilmState, slopes: GapSlopes) -> np.ndarray:
+        """Derivative of the nodal pressure, shape (nodes, n)."""
+        if self._oil is None:
+            return self.film.sensitivity(state, slopes)
+        assert isinstance(state, OilState)
+        return self._oil.sensitivity(state, slopes)[0]
 
     def _gap_slopes(self, motion: ShaftMotion, places: np.ndarray, rates: np.ndarray) -> GapSlopes:
         """Derivatives of the gap along directions of place and rate, each shape (4, n)."""

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import attrs
 import numpy as np
 
-from fenics_ehd.bearing_equilibrium import carries
-from fenics_ehd.bearing_film import BearingFilm, Operation
+from fenics_ehd.bearing.equilibrium import carries
+from fenics_ehd.bearing.film import BearingFilm, Operation
 from fenics_ehd.errors import SettingsError
 
 #: Cells around that the other three meshes have more.

@@ -1,0 +1,1 @@
+"""One rigid bearing by itself: operating point, forces, flows and linear coefficients."""
