@@ -168,6 +168,7 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
 def save_film_state(path: str | Path, state: Mapping[str, object]) -> None:
     """Write the arrays of a film solve, `CavitationError.state` for instance, to an HDF5 file."""
     try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
         with h5py.File(path, "w") as file:
             for name, values in state.items():
                 file[name] = np.asarray(values)

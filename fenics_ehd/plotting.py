@@ -15,6 +15,18 @@ import numpy as np
 SAFE_FILM_THICKNESS = 2.5
 
 
+def plot_runs(
+    histories: Mapping[str, Mapping[str, np.ndarray]], directory: str | Path
+) -> list[Path]:
+    """Curves of runs once through, orbits of runs in cycles; arguments as of `plot_history`."""
+    from fenics_ehd.plotting_orbit import plot_orbits
+
+    orbits = {name: history for name, history in histories.items() if "cycle" in history}
+    others = {name: history for name, history in histories.items() if name not in orbits}
+    written = plot_history(others, directory) if others else []
+    return written + (plot_orbits(orbits, directory) if orbits else [])
+
+
 def plot_history(
     histories: Mapping[str, Mapping[str, np.ndarray]],
     directory: str | Path,

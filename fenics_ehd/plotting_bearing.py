@@ -18,7 +18,7 @@ from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable
 
 if TYPE_CHECKING:
-    from fenics_ehd.bearing import BearingResult
+    from fenics_ehd.bearing.operating_point import BearingResult
 
 PRESSURE, FILM, LOAD = "#b03a2e", "#21618c", "0.15"
 

@@ -16,7 +16,7 @@ def demo(name):
 
 
 def test_every_demo_is_tested():
-    assert {path.stem for path in DEMOS.glob("*.py")} == {"slider_crank"}
+    assert {path.stem for path in DEMOS.glob("*.py")} == {"loaded_journal", "slider_crank"}
 
 
 def test_slider_crank_builds_up_its_film():

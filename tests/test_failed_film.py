@@ -11,7 +11,7 @@ from fenics_ehd.output import keeping_failed_film
 def test_film_behind_a_step_that_fell_too_short_is_kept(tmp_path):
     film = CavitationError("no partition", {"pressure": np.arange(4.0), "thickness": np.eye(2)})
     with (
-        pytest.raises(StepSizeError, match="too short; the film is kept in .*failed_film.h5"),
+        pytest.raises(StepSizeError, match=r"too short; the film is kept in .*failed_film\.h5"),
         keeping_failed_film(tmp_path),
     ):
         raise StepSizeError("too short") from film
@@ -21,6 +21,6 @@ def test_film_behind_a_step_that_fell_too_short_is_kept(tmp_path):
 
 
 def test_error_without_a_film_is_left_alone(tmp_path):
-    with pytest.raises(MeshError, match="^no bore$"), keeping_failed_film(tmp_path):
+    with pytest.raises(MeshError, match=r"^no bore$"), keeping_failed_film(tmp_path):
         raise MeshError("no bore")
     assert not list(tmp_path.iterdir())
