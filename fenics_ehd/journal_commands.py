@@ -1,0 +1,167 @@
+"""``fenics-ehd run loaded-journal``: what the command does, and the files it writes."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import click
+from mpi4py import MPI
+from tqdm import tqdm
+
+from fenics_ehd.errors import EhdError, SettingsError, VerificationError
+from fenics_ehd.interrupt import interrupt_between_steps
+from fenics_ehd.output import (
+    HistoryWriter,
+    keeping_failed_film,
+    read_history,
+    require_writable,
+    to_json,
+    versions,
+    write_summary,
+)
+from fenics_ehd.scenes.loaded_journal import BUILT_IN_LOAD, build_journal, build_load
+from fenics_ehd.scenes.loaded_journal_run import OrbitTotals, simulate, verdict
+from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+from fenics_ehd.settings import build
+
+
+def read_settings(scene: str, tables: Mapping[str, Any]) -> LoadedJournalSettings:
+    """Settings from the tables of a scene file; a load is named relative to that file."""
+    try:
+        settings = build(LoadedJournalSettings, tables)
+    except SettingsError as error:
+        raise SettingsError(f"{scene}: {error}") from None
+    file = Path(settings.load.file)
+    if settings.load.file == BUILT_IN_LOAD or file.is_absolute():
+        return settings
+    return attrs.evolve(
+        settings, load=attrs.evolve(settings.load, file=str(Path(scene).parent / file))
+    )
+
+
+def run_loaded_journal(
+    settings: LoadedJournalSettings, directory: Path, plots: bool, as_json: bool
+) -> None:
+    """``fenics-ehd run`` for this scene; serial, so that other ranks have nothing to do."""
+    require_writable(directory)
+    if MPI.COMM_WORLD.rank:
+        return
+    summary = _simulate(settings, directory)
+    if plots:
+        from fenics_ehd.plotting_orbit import plot_orbits
+
+        plot_orbits({Path(settings.load.file).stem: read_history(directory)}, directory)
+    click.echo(to_json(summary) if as_json else _report(summary, directory))
+    if summary["status"] != "complete":
+        raise VerificationError(str(summary["status"]))
+
+
+def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, object]:
+    load = build_load(settings)
+    journal = build_journal(settings, load)
+    totals = OrbitTotals()
+    bar = tqdm(
+        total=1e3 * load.period,
+        unit="ms",
+        file=sys.stderr,
+        mininterval=0.2 if sys.stderr.isatty() else 10.0,
+        bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} [{elapsed}]",
+    )
+
+    def progress(totals: OrbitTotals) -> None:
+        bar.set_postfix_str(
+            f"cycle {totals.cycle}, step {totals.cycle_steps}, "
+            f"p {totals.max_pressure * 1e-6:.1f} MPa, "
+            f"eccentricity {totals.max_eccentricity_ratio:.3f} at most",
+            refresh=False,
+        )
+        if 1e3 * totals.cycle_time < bar.n:
+            bar.reset()
+        bar.update(1e3 * totals.cycle_time - bar.n)
+        check()
+
+    status = "failed"
+    grid = journal.film.parameters.grid
+    fields = {
+        "eccentricity_m": 2,
+        "eccentricity_rate_m_per_s": 2,
+        "pressure_Pa": len(grid.nodes),
+    }
+    history = HistoryWriter(directory, fields, {"pressure_nodes_m": grid.nodes})
+    try:
+        with keeping_failed_film(directory), bar, history, interrupt_between_steps() as check:
+            simulate(settings, totals, history.add, progress, journal, load)
+        status = verdict(settings, totals)
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    except EhdError as error:
+        status = f"failed: {' '.join(str(error).split())}"
+        raise
+    finally:
+        summary = summarise(settings, totals, status)
+        if history.started:
+            write_summary(directory, summary)
+    return summary
+
+
+def summarise(
+    settings: LoadedJournalSettings, totals: OrbitTotals, status: str
+) -> dict[str, object]:
+    """Figures of ``summary.json``; extremes and means are those of the last cycle."""
+    bearing, (friction, power, _) = settings.bearing, totals.means
+    pumped = bearing.ambient_pressure or any(groove[2] for groove in bearing.grooves)
+    return {
+        "status": status,
+        "scene": settings.scene,
+        "method": "rigid",
+        "modes": 0,
+        "max_pressure_Pa": float(totals.max_pressure),
+        "max_pressure_time_s": totals.max_pressure_time,
+        "min_film_thickness_m": float(totals.min_film_thickness),
+        "min_film_thickness_time_s": totals.min_film_thickness_time,
+        "max_eccentricity_ratio": totals.max_eccentricity_ratio,
+        "period_s": totals.period,
+        "cycles": totals.cycle,
+        "shooting_updates": totals.shooting_updates,
+        "periodicity_defect": totals.periodicity_defect,
+        "largest_multiplier": totals.largest_multiplier,
+        "force_balance_error": totals.force_balance_error,
+        "steps": totals.steps,
+        "cycle_steps": totals.cycle_steps,
+        "rejected_steps": totals.rejected_steps,
+        "newton_iterations": totals.newton_iterations,
+        "film_solves": totals.film_solves,
+        "mean_friction_torque_Nm": float(friction),
+        "mean_power_loss_W": float(power),
+        # Oil under pressure brings its own power, which is not counted.
+        "energy_balance_error": None if pumped else totals.energy_error,
+        "basis_error_estimate_m": None,  # no basis
+        "reduction_time_s": 0.0,
+        "wall_time_s": totals.wall_time,
+        "versions": versions(),
+    }
+
+
+def _report(summary: Mapping[str, Any], directory: Path) -> str:
+    """The run in a few lines."""
+    lines = [
+        f"{summary['scene']}: periodic after {summary['cycles']} cycles of "
+        f"{summary['period_s'] * 1e3:.3f} ms, {summary['cycle_steps']} steps in the last",
+        f"  maximum pressure        {summary['max_pressure_Pa'] * 1e-6:9.3f} MPa "
+        f"at {summary['max_pressure_time_s'] * 1e3:.3f} ms",
+        f"  minimum film thickness  {summary['min_film_thickness_m'] * 1e6:9.4f} um  "
+        f"at {summary['min_film_thickness_time_s'] * 1e3:.3f} ms",
+        f"  maximum eccentricity    {summary['max_eccentricity_ratio']:9.4f} of the clearance",
+        f"  change over the cycle   {summary['periodicity_defect']:9.1e} of the gap, "
+        f"largest Floquet multiplier {summary['largest_multiplier']:.2g}",
+        f"  mean power loss         {summary['mean_power_loss_W']:9.2f} W",
+        f"  force balance error     {summary['force_balance_error']:9.1e} of the largest load",
+        f"  time: integration {summary['wall_time_s']:.2f} s, {summary['film_solves']} film solves",
+        f"  results in {directory}",
+    ]
+    return "\n".join(lines)

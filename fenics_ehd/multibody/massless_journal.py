@@ -1,0 +1,163 @@
+"""A rigid shaft without mass in a rigid bearing: film force and load are in balance.
+
+    F(e, e', t) + W(t) = 0,    F = - int p n dA
+
+is an implicit first-order equation for the eccentricity e, the shaft's centre
+in the frame of the load. F depends on e' through the squeeze of the film; its
+derivatives come from the film's exact sensitivity. The shear force on the shaft,
+smaller than the pressure's by clearance over radius, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_ehd.film import Film, FilmState, ShaftMotion, shaft_gap
+from fenics_ehd.film.kinematics import GapSlopes, shaft_gap_slopes
+
+#: Damping added to the derivative, as a share of that of a centred shaft. An unloaded film has
+#: none, as it cavitates everywhere; for any other this changes nothing beyond Newton's tolerance.
+DAMPING_FLOOR = 1e-9
+
+#: Balance of the start, relative to the largest load, and the iterations it may take. It serves
+#: to predict the first step only.
+START_TOLERANCE, START_ITERATIONS = 1e-6, 30
+
+
+@dataclass(frozen=True, eq=False)
+class JournalState:
+    """Film and forces at one instant.
+
+    Attributes
+    ----------
+    film
+        Solution of the film.
+    load, force
+        Load and film force on the shaft, shape (2,) [N].
+    stiffness, damping
+        ``dF/de`` and ``dF/de'``, shape (2, 2) [N/m], [N s/m].
+    """
+
+    film: FilmState
+    load: np.ndarray
+    force: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+
+
+class MasslessJournal:
+    """Force balance of the shaft, as a problem of `fenics_ehd.multibody.bdf`.
+
+    Parameters
+    ----------
+    film
+        Film of the bearing.
+    load
+        Force on the shaft at a time, shape (2,) [N].
+    speeds
+        Motion whose speeds apply; its eccentricity does not.
+    """
+
+    def __init__(self, film: Film, load: Callable[[float], np.ndarray], speeds: ShaftMotion):
+        self.film, self._load, self._speeds = film, load, speeds
+        cosine, sine = film.points.normal
+        self._directions = film.load(np.stack([cosine, sine], axis=-1))
+        angles = np.unique(film.parameters.grid.node_positions[:, 0])
+        self._normals = np.column_stack([np.cos(angles), np.sin(angles)])
+        p = film.parameters
+        radius, width = p.grid.radius, p.grid.width
+        # Full film around a centred shaft: that of a short bearing, or of a long one where less.
+        self.centred_damping = (
+            np.pi
+            * p.lubricant.viscosity
+            * width
+            * (radius / p.clearance) ** 3
+            * min(12.0, (width / radius) ** 2)
+        )
+
+    def motion(self, eccentricity: np.ndarray, rate: np.ndarray) -> ShaftMotion:
+        """The shaft's motion."""
+        return replace(self._speeds, eccentricity=eccentricity, eccentricity_rate=rate)
+
+    def state(
+        self, time: float, x: np.ndarray, rate: np.ndarray, guess: FilmState | None
+    ) -> JournalState:
+        """Film at a given position and velocity, with the derivatives of its force."""
+        grid, clearance = self.film.parameters.grid, self.film.parameters.clearance
+        motion = self.motion(x, rate)
+        gap = shaft_gap(self.film.points, grid.radius, clearance, motion)
+        film = self.film.solve(gap, guess)
+        slopes = shaft_gap_slopes(self.film.points, grid.radius, clearance, motion)
+        # Columns: e_x, e_y and their rates; the shaft does not tilt.
+        pair = (
+            np.concatenate([getattr(part, name)[..., :2] for part in slopes], axis=-1)
+            for name in ("thickness", "thickness_rate", "mean_velocity")
+        )
+        slope = -self._directions @ self.film.sensitivity(film, GapSlopes(*pair))
+        floor = DAMPING_FLOOR * self.centred_damping * np.eye(2)
+        return JournalState(
+            film,
+            load=self._load(time),
+            force=-self._directions @ film.pressure,
+            stiffness=slope[:, :2],
+            damping=slope[:, 2:] - floor,
+        )
+
+    def linearise(
+        self,
+        time: float,
+        x: np.ndarray,
+        rate: np.ndarray,
+        acceleration: np.ndarray,
+        shifts: tuple[float, float],
+        guess: JournalState | None,
+    ) -> tuple[np.ndarray, np.ndarray, JournalState]:
+        """See `fenics_ehd.multibody.bdf.SecondOrderProblem`; the acceleration plays no part."""
+        state = self.state(time, x, rate, guess.film if guess else None)
+        derivative = state.stiffness + shifts[0] * state.damping
+        return state.force + state.load, derivative, state
+
+    def norm(self, x: np.ndarray, change: np.ndarray) -> float:
+        """Largest change of the gap relative to the gap there."""
+        gap = self.film.parameters.clearance - self._normals @ x
+        return float(np.max(np.abs(self._normals @ change) / gap))
+
+    def admissible_fraction(self, x: np.ndarray, change: np.ndarray) -> float:
+        """Fraction of a change at which the shaft touches the bore."""
+        square, product = change @ change, x @ change
+        if not square > 0.0:
+            return np.inf
+        room = self.film.parameters.clearance**2 - x @ x
+        return float((np.sqrt(product**2 + square * room) - product) / square)
+
+    def starting_rate(self, time: float, x: np.ndarray, largest: float) -> np.ndarray:
+        """Velocity at which the film bears the load at a given position, shape (2,) [m/s].
+
+        Newton's iteration, shortened until the imbalance falls.
+
+        Parameters
+        ----------
+        time
+            [s].
+        x
+            Eccentricity, shape (2,) [m].
+        largest
+            Force to which the tolerance refers [N].
+        """
+        rate = self._load(time) / self.centred_damping
+        state = self.state(time, x, rate, None)
+        imbalance = np.hypot(*(state.force + state.load))
+        for _ in range(START_ITERATIONS):
+            if imbalance <= START_TOLERANCE * largest:
+                break
+            update = -np.linalg.solve(state.damping, state.force + state.load)
+            for fraction in 0.5 ** np.arange(START_ITERATIONS):
+                trial = self.state(time, x, rate + fraction * update, state.film)
+                remaining = np.hypot(*(trial.force + trial.load))
+                if remaining < imbalance:
+                    break
+            rate, state, imbalance = rate + fraction * update, trial, remaining
+        return rate

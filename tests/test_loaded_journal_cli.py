@@ -1,0 +1,129 @@
+"""``fenics-ehd run loaded-journal`` as a user meets it, in processes of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+
+import pytest
+
+from fenics_ehd.output import read_history
+from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+from fenics_ehd.settings import build
+
+COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
+
+SHORT = """
+scene = "loaded-journal"
+[load]
+file = "load.csv"
+[film]
+cells = [12, 2]
+[time]
+tolerance = 1e-3
+periodicity = 1e-3
+"""
+LOAD_FILE = "time_ms,Fx_N,Fy_N\n0,900,0\n5,0,500\n10,-900,0\n15,0,500\n20,900,0\n"
+
+
+def call(*arguments, **options):
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options
+    )
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT)
+    (tmp_path / "load.csv").write_text(LOAD_FILE)
+    return path
+
+
+def test_run_writes_everything_it_promises(scene_file, tmp_path):
+    result = call("run", scene_file, "-o", tmp_path / "out", "--json")
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout)
+    assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
+    promised = {
+        "max_pressure_Pa", "max_pressure_time_s", "min_film_thickness_m",
+        "min_film_thickness_time_s", "max_eccentricity_ratio", "periodicity_defect", "cycles",
+        "steps", "newton_iterations", "film_solves", "basis_error_estimate_m",
+        "energy_balance_error", "modes", "method", "status", "reduction_time_s", "wall_time_s",
+        "versions",
+    }  # fmt: skip
+    assert promised <= set(summary)
+    assert summary["status"] == "complete"
+    assert summary["method"] == "rigid"
+    assert summary["period_s"] == pytest.approx(0.02)
+    assert summary["periodicity_defect"] <= 1e-3
+    history = read_history(tmp_path / "out")
+    assert len(history["time_s"]) == summary["steps"]
+    assert history["cycle"][-1] == summary["cycles"]
+    assert history["time_s"][-1] == pytest.approx(0.02 * summary["cycles"])
+    last = history["cycle"] == summary["cycles"]
+    assert last.sum() == summary["cycle_steps"]
+    assert history["max_pressure_Pa"][last].max() == pytest.approx(summary["max_pressure_Pa"])
+    assert (tmp_path / "out" / "orbit.png").stat().st_size > 1000
+    plotted = call("plot", tmp_path / "out", "-o", tmp_path / "pictures")
+    assert plotted.returncode == 0, plotted.stderr
+    assert (tmp_path / "pictures" / "orbit.svg").exists()
+
+
+def test_init_prints_the_scene():
+    result = call("init", "loaded-journal")
+    assert result.returncode == 0, result.stderr
+    assert build(LoadedJournalSettings, tomllib.loads(result.stdout)) == LoadedJournalSettings()
+
+
+def test_orbit_that_does_not_repeat_exits_1(scene_file, tmp_path):
+    scene_file.write_text(SHORT + "cycles = 1\n")
+    result = call("run", scene_file, "-o", tmp_path / "out", "--no-plots")
+    assert result.returncode == 1
+    assert "PeriodicityError: after time.cycles = 1 cycles" in result.stderr.splitlines()[-1]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"].startswith("failed: after time.cycles = 1")
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "named"),
+    [
+        (SHORT.replace("load.csv", "absent.csv"), [], "absent.csv"),
+        (SHORT, ["--method", "m3"], "--method"),
+    ],
+    ids=["load", "method"],
+)
+def test_bad_scene_exits_2_with_one_line(text, arguments, named, scene_file, tmp_path):
+    scene_file.write_text(text)
+    result = call("run", scene_file, "-o", tmp_path / "out", *arguments)
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    assert named in result.stderr.splitlines()[-1]
+
+
+def test_interrupt_keeps_what_was_computed(scene_file, tmp_path):
+    scene_file.write_text(SHORT.replace("1e-3", "1e-7"))
+    process = subprocess.Popen(
+        [*COMMAND, "run", str(scene_file), "-o", str(tmp_path / "out")],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    history = tmp_path / "out" / "history.csv"
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline:
+        if history.exists() and history.read_text().count("\n") > 20:
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    stderr = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "interrupted"
+    assert len(read_history(tmp_path / "out")["time_s"]) == summary["steps"] >= 20
