@@ -154,8 +154,9 @@ class PartitionedSystem:
         comm: PETSc.Comm | MPI.Comm,
         options_prefix: str,
     ):
-        self._rows, self._columns = rows, indices
-        self._diagonal = rows == indices
+        # Of the type NumPy indexes with: it would convert others at every partition.
+        self._counts, self._columns = np.diff(indptr), indices.astype(np.intp)
+        self._diagonal = np.flatnonzero(rows == indices)
         self._weighted, self._size = weighted, len(indptr) - 1
         self._pattern = FixedPattern(
             indptr,
@@ -190,9 +191,8 @@ class PartitionedSystem:
             assert weights is not None
             values = np.where(full[self._columns], entries, -weights)
         else:
-            inside = full[self._columns] & full[self._rows]
-            values = np.where(inside, entries, 0.0)
-            values[self._diagonal] = np.where(full, entries[self._diagonal], 1.0)
+            values = entries * (full[self._columns] & np.repeat(full, self._counts))
+            values[self._diagonal[~full]] = 1.0
         self._current = None
         self._pattern.factorise(values)
         self._current = (entries, weights, full_film.copy())
