@@ -91,6 +91,8 @@ def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, obj
         "eccentricity_rate_m_per_s": 2,
         "pressure_Pa": len(grid.nodes),
     }
+    if settings.film.cavitation == "mass-conserving":
+        fields["fluid_fraction"] = len(grid.nodes)
     history = HistoryWriter(directory, fields, {"pressure_nodes_m": grid.nodes})
     try:
         with keeping_failed_film(directory), bar, history, interrupt_between_steps() as check:
@@ -140,6 +142,7 @@ def summarise(
         "mean_power_loss_W": float(power),
         # Oil under pressure brings its own power, which is not counted.
         "energy_balance_error": None if pumped else totals.energy_error,
+        **(totals.oil.summary() if settings.film.cavitation == "mass-conserving" else {}),
         "basis_error_estimate_m": None,  # no basis
         "reduction_time_s": 0.0,
         "wall_time_s": totals.wall_time,
@@ -157,11 +160,24 @@ def _report(summary: Mapping[str, Any], directory: Path) -> str:
         f"  minimum film thickness  {summary['min_film_thickness_m'] * 1e6:9.4f} um  "
         f"at {summary['min_film_thickness_time_s'] * 1e3:.3f} ms",
         f"  maximum eccentricity    {summary['max_eccentricity_ratio']:9.4f} of the clearance",
-        f"  change over the cycle   {summary['periodicity_defect']:9.1e} of the gap, "
+        f"  change over the cycle   {summary['periodicity_defect']:9.1e} of the film, "
         f"largest Floquet multiplier {summary['largest_multiplier']:.2g}",
         f"  mean power loss         {summary['mean_power_loss_W']:9.2f} W",
         f"  force balance error     {summary['force_balance_error']:9.1e} of the largest load",
+        *_oil_lines(summary),
         f"  time: integration {summary['wall_time_s']:.2f} s, {summary['film_solves']} film solves",
         f"  results in {directory}",
     ]
     return "\n".join(lines)
+
+
+def _oil_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Oil of a film that keeps account of it."""
+    if "oil_content_m3" not in summary:
+        return []
+    return [
+        f"  fluid fraction          {summary['mean_fluid_fraction']:9.4f} in the mean, "
+        f"{summary['min_fluid_fraction']:.4f} at least",
+        f"  mean side flow          {summary['mean_side_flow_m3_per_s'] * 1e9:9.1f} mm3/s, "
+        f"oil balance error {summary['oil_balance_error']:.1e} of the content",
+    ]

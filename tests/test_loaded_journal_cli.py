@@ -1,4 +1,4 @@
-"""``fenics-ehd run loaded-journal`` as a user meets it, in processes of its own."""
+"""``fenics-ehd run loaded-journal`` as a user meets it."""
 
 import json
 import os
@@ -10,6 +10,7 @@ import tomllib
 
 import pytest
 
+from fenics_ehd.cli import main
 from fenics_ehd.output import read_history
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
 from fenics_ehd.settings import build
@@ -24,15 +25,23 @@ file = "load.csv"
 cells = [12, 2]
 [time]
 tolerance = 1e-3
+largest_step = 0.1
 periodicity = 1e-3
 """
-LOAD_FILE = "time_ms,Fx_N,Fy_N\n0,900,0\n5,0,500\n10,-900,0\n15,0,500\n20,900,0\n"
+LOAD_FILE = "time_ms,Fx_N,Fy_N\n0,500,900\n5,0,500\n10,-500,900\n15,0,1200\n20,500,900\n"
 
 
 def call(*arguments, **options):
     return subprocess.run(
         [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options
     )
+
+
+def exit_of(capfd, *arguments):
+    """Status and error output of the command, in this process."""
+    with pytest.raises(SystemExit) as end:
+        main([*map(str, arguments)])
+    return end.value.code, capfd.readouterr().err
 
 
 @pytest.fixture
@@ -43,7 +52,7 @@ def scene_file(tmp_path):
     return path
 
 
-def test_run_writes_everything_it_promises(scene_file, tmp_path):
+def test_run_writes_everything_it_promises(scene_file, tmp_path, capfd):
     result = call("run", scene_file, "-o", tmp_path / "out", "--json")
     assert result.returncode == 0, result.stderr
     summary = json.loads(result.stdout)
@@ -68,8 +77,8 @@ def test_run_writes_everything_it_promises(scene_file, tmp_path):
     assert last.sum() == summary["cycle_steps"]
     assert history["max_pressure_Pa"][last].max() == pytest.approx(summary["max_pressure_Pa"])
     assert (tmp_path / "out" / "orbit.png").stat().st_size > 1000
-    plotted = call("plot", tmp_path / "out", "-o", tmp_path / "pictures")
-    assert plotted.returncode == 0, plotted.stderr
+    status, errors = exit_of(capfd, "plot", tmp_path / "out", "-o", tmp_path / "pictures")
+    assert status == 0, errors
     assert (tmp_path / "pictures" / "orbit.svg").exists()
 
 
@@ -79,11 +88,11 @@ def test_init_prints_the_scene():
     assert build(LoadedJournalSettings, tomllib.loads(result.stdout)) == LoadedJournalSettings()
 
 
-def test_orbit_that_does_not_repeat_exits_1(scene_file, tmp_path):
+def test_orbit_that_does_not_repeat_exits_1(scene_file, tmp_path, capfd):
     scene_file.write_text(SHORT + "cycles = 1\n")
-    result = call("run", scene_file, "-o", tmp_path / "out", "--no-plots")
-    assert result.returncode == 1
-    assert "PeriodicityError: after time.cycles = 1 cycles" in result.stderr.splitlines()[-1]
+    status, errors = exit_of(capfd, "run", scene_file, "-o", tmp_path / "out", "--no-plots")
+    assert status == 1
+    assert "PeriodicityError: after time.cycles = 1 cycles" in errors.splitlines()[-1]
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"].startswith("failed: after time.cycles = 1")
 
@@ -96,12 +105,12 @@ def test_orbit_that_does_not_repeat_exits_1(scene_file, tmp_path):
     ],
     ids=["load", "method"],
 )
-def test_bad_scene_exits_2_with_one_line(text, arguments, named, scene_file, tmp_path):
+def test_bad_scene_exits_2_with_one_line(text, arguments, named, scene_file, tmp_path, capfd):
     scene_file.write_text(text)
-    result = call("run", scene_file, "-o", tmp_path / "out", *arguments)
-    assert result.returncode == 2, result.stderr
-    assert "Traceback" not in result.stderr
-    assert named in result.stderr.splitlines()[-1]
+    status, errors = exit_of(capfd, "run", scene_file, "-o", tmp_path / "out", *arguments)
+    assert status == 2
+    assert "Traceback" not in errors
+    assert named in errors.splitlines()[-1]
 
 
 def test_interrupt_keeps_what_was_computed(scene_file, tmp_path):

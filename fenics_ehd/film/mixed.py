@@ -87,6 +87,11 @@ class MixedSolver:
             tolerance=tolerance,
         )
 
+    @property
+    def solves(self) -> int:
+        """Solves by SNES-VI so far."""
+        return self._snes.solves
+
     # The following four are called by SNES-VI during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:

@@ -102,14 +102,15 @@ class OilBalance:
             return matrix
 
         zero = np.zeros(len(self.unknown))
-        source = max(float(np.abs(residual(zero)).max()), SMALLEST_SOURCE)
+        constant, first = residual(zero), entries(zero)
+        linear = self.film.parameters.lubricant.linear
         return Complementarity(
-            residual,
-            entries,
+            (lambda p: self.assembly.multiply(first, p) + constant) if linear else residual,
+            (lambda p: first) if linear else entries,
             # The empty share is of order one.
             scale=1.0,
             weights=self.strips.matrix(step.flows, step.full),
-            unit=source / float(entries(zero).max()),
+            unit=max(float(np.abs(constant).max()), SMALLEST_SOURCE) / float(first.max()),
         )
 
     def nodal(self, values: np.ndarray) -> np.ndarray:

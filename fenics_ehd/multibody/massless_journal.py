@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_ehd.film import Film, FilmState, ShaftMotion, shaft_gap
-from fenics_ehd.film.kinematics import GapSlopes, shaft_gap_slopes
+from fenics_ehd.film.kinematics import Gap, GapSlopes, shaft_gap_slopes
+from fenics_ehd.multibody.cycles import PeriodicSearch
+from fenics_ehd.multibody.shooting import Shooting
 
 #: Damping added to the derivative, as a share of that of a centred shaft. An unloaded film has
 #: none, as it cavitates everywhere; for any other this changes nothing beyond Newton's tolerance.
@@ -78,9 +80,23 @@ class MasslessJournal:
             * min(12.0, (width / radius) ** 2)
         )
 
+    @property
+    def film_solves(self) -> int:
+        """Solves by SNES-VI so far."""
+        return self.film.solves
+
+    def search(self, order: int) -> PeriodicSearch:
+        """Search for the periodic orbit, integrated by a formula of the given order."""
+        return Shooting(self, order)
+
     def motion(self, eccentricity: np.ndarray, rate: np.ndarray) -> ShaftMotion:
         """The shaft's motion."""
         return replace(self._speeds, eccentricity=eccentricity, eccentricity_rate=rate)
+
+    def gap(self, motion: ShaftMotion) -> Gap:
+        """The film's."""
+        p = self.film.parameters
+        return shaft_gap(self.film.points, p.grid.radius, p.clearance, motion)
 
     def state(
         self, time: float, x: np.ndarray, rate: np.ndarray, guess: FilmState | None
@@ -88,15 +104,14 @@ class MasslessJournal:
         """Film at a given position and velocity, with the derivatives of its force."""
         grid, clearance = self.film.parameters.grid, self.film.parameters.clearance
         motion = self.motion(x, rate)
-        gap = shaft_gap(self.film.points, grid.radius, clearance, motion)
-        film = self.film.solve(gap, guess)
+        film = self._solve(time, self.gap(motion), guess)
         slopes = shaft_gap_slopes(self.film.points, grid.radius, clearance, motion)
         # Columns: e_x, e_y and their rates; the shaft does not tilt.
         pair = (
             np.concatenate([getattr(part, name)[..., :2] for part in slopes], axis=-1)
             for name in ("thickness", "thickness_rate", "mean_velocity")
         )
-        slope = -self._directions @ self.film.sensitivity(film, GapSlopes(*pair))
+        slope = -self._directions @ self._sensitivity(film, GapSlopes(*pair))
         floor = DAMPING_FLOOR * self.centred_damping * np.eye(2)
         return JournalState(
             film,
@@ -105,6 +120,13 @@ class MasslessJournal:
             stiffness=slope[:, :2],
             damping=slope[:, 2:] - floor,
         )
+
+    def _solve(self, time: float, gap: Gap, guess: FilmState | None) -> FilmState:
+        return self.film.solve(gap, guess)
+
+    def _sensitivity(self, state: FilmState, slopes: GapSlopes) -> np.ndarray:
+        """Derivative of the pressure, shape (nodes, n)."""
+        return self.film.sensitivity(state, slopes)
 
     def linearise(
         self,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.multibody.bdf import SecondOrderProblem, Step, derivative_weights
+from fenics_ehd.multibody.cycles import Cycle
 
 #: Newton's start is tried when a cycle ends this close to its start (in the problem's norm).
 NEAR = 0.3
@@ -26,54 +27,34 @@ NEUTRAL = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Cycle:
-    """One cycle and what follows from it.
+class ShotCycle(Cycle):
+    """A cycle with its derivative, `monodromy`: ``d end / d start``, shape (n, n)."""
 
-    Attributes
-    ----------
-    start, end
-        shape (n,).
-    monodromy
-        ``d end / d start``, shape (n, n).
-    defect
-        Distance of the end from the start, in the problem's norm.
-    correction
-        Change of the start that would close the cycle to first order, shape (n,).
-    """
-
-    start: np.ndarray
-    end: np.ndarray
     monodromy: np.ndarray
-    defect: float
-    correction: np.ndarray
-
-    @property
-    def largest_multiplier(self) -> float:
-        """Modulus of the largest Floquet multiplier; below 1 the orbit attracts."""
-        return float(np.abs(np.linalg.eigvals(self.monodromy)).max())
 
 
-class CycleVariation:
-    """Accumulates the monodromy matrix along the steps of one cycle.
+class Shooting:
+    """Search for the periodic cycle, see `PeriodicSearch`.
 
     Parameters
     ----------
-    start
-        Initial value, shape (n,).
-    time
-        Initial time [s].
+    problem
+        The system; the auxiliary state of its steps has `stiffness` and `damping`.
     order
         Of the formula, as in `StepControl`.
     """
 
-    def __init__(self, start: np.ndarray, time: float, order: int):
-        self._start, self._order = start, order
-        self._times = np.array([time])
+    def __init__(self, problem: SecondOrderProblem, order: int):
+        self._problem, self._order = problem, order
+
+    def begin(self, start: np.ndarray) -> None:
+        """A cycle begins, at time zero."""
+        self._start = self._end = start
+        self._times = np.zeros(1)
         self._variations = [np.eye(len(start))]
-        self._end = start
 
     def add(self, step: Step) -> None:
-        """Account for an accepted step; its auxiliary state has `stiffness` and `damping`."""
+        """Account for an accepted step."""
         order = max(1, min(self._order, len(self._times) - 1))
         times = np.concatenate([[step.time], self._times[:order]])
         weights = derivative_weights(times)
@@ -85,31 +66,32 @@ class CycleVariation:
         self._variations = [variation, *self._variations][:keep]
         self._end = step.x
 
-    def finish(self, problem: SecondOrderProblem) -> Cycle:
+    def finish(self) -> ShotCycle:
         """The whole cycle."""
         monodromy, change = self._variations[0], self._end - self._start
         identity = np.eye(len(change))
         correction = np.linalg.lstsq(identity - monodromy, change, rcond=NEUTRAL)[0]
-        defect = problem.norm(self._end, change)
-        return Cycle(self._start, self._end, monodromy, defect, correction)
+        defect = self._problem.norm(self._end, change)
+        next_start, corrected = self._next_start(defect, correction)
+        return ShotCycle(
+            start=self._start,
+            end=self._end,
+            defect=defect,
+            remaining=self._problem.norm(self._end, correction),
+            largest_multiplier=float(np.abs(np.linalg.eigvals(monodromy)).max()),
+            next_start=next_start,
+            corrected=corrected,
+            monodromy=monodromy,
+        )
 
+    def _next_start(self, defect: float, correction: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Start of the next cycle, and whether Newton chose it.
 
-def repeats(problem: SecondOrderProblem, cycle: Cycle, tolerance: float) -> bool:
-    """Whether both the defect and the correction are within a tolerance, in the problem's norm.
-
-    The second one tells a periodic orbit from one that still creeps towards it.
-    """
-    return max(cycle.defect, problem.norm(cycle.end, cycle.correction)) <= tolerance
-
-
-def next_start(problem: SecondOrderProblem, cycle: Cycle) -> tuple[np.ndarray, bool]:
-    """Where to start the next cycle, and whether Newton chose it.
-
-    Far from a periodic orbit, or where Newton's start would come near the
-    boundary of the admissible set, the next cycle goes on from the end of the last.
-    """
-    change = cycle.start + cycle.correction - cycle.end
-    room = BOUNDARY_SHARE * problem.admissible_fraction(cycle.end, change)
-    if cycle.defect > NEAR or room < 1.0 or not np.isfinite(change).all():
-        return cycle.end, False
-    return cycle.end + change, True
+        Far from a periodic orbit, or where Newton's start would come near the
+        boundary of the admissible set, the next cycle goes on from the end of the last.
+        """
+        change = self._start + correction - self._end
+        room = BOUNDARY_SHARE * self._problem.admissible_fraction(self._end, change)
+        if defect > NEAR or room < 1.0 or not np.isfinite(change).all():
+            return self._end, False
+        return self._end + change, True

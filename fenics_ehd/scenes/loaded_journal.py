@@ -10,6 +10,7 @@ from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.bdf import StepControl
 from fenics_ehd.multibody.massless_journal import MasslessJournal
+from fenics_ehd.multibody.starved_journal import StarvedJournal
 from fenics_ehd.scenes.engine_load import engine_load
 from fenics_ehd.scenes.load_history import LoadHistory, read_load
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
@@ -85,11 +86,24 @@ def build_film(settings: LoadedJournalSettings, period: float) -> Film:
 
 
 def build_journal(settings: LoadedJournalSettings, load: LoadHistory) -> MasslessJournal:
-    """Put film, load and speeds together."""
+    """Put film, load and speeds together.
+
+    Raises
+    ------
+    SettingsError
+        From `build_film`, or the film cannot conserve its oil.
+    """
     film = build_film(settings, load.period)
     bearing = settings.bearing
     speeds = ShaftMotion(np.zeros(2), bearing.shaft_speed, bore_speed=bearing.bore_speed)
-    return MasslessJournal(film, load, speeds)
+    if settings.film.cavitation == "reynolds":
+        return MasslessJournal(film, load, speeds)
+    if not (bearing.ambient_pressure or any(pressure for *_, pressure in bearing.grooves)):
+        raise SettingsError(
+            "bearing.grooves: film.cavitation = 'mass-conserving' needs a supply of oil, a groove "
+            "with a pressure above 0, or bearing.ambient_pressure above 0"
+        )
+    return StarvedJournal(film, load, speeds)
 
 
 def start_of(settings: LoadedJournalSettings) -> np.ndarray:
@@ -112,6 +126,9 @@ def start_of(settings: LoadedJournalSettings) -> np.ndarray:
 def step_control(settings: LoadedJournalSettings, period: float) -> StepControl:
     """Step sizes for one period [s].
 
+    A film that conserves its oil is integrated with order 1, or the estimated error
+    would not be that of its steps, see `fenics_ehd.multibody.starved_journal`.
+
     Raises
     ------
     SettingsError
@@ -124,4 +141,5 @@ def step_control(settings: LoadedJournalSettings, period: float) -> StepControl:
             raise SettingsError(
                 f"time.smallest_step = {time.smallest_step:g} s must be below {name} = {value:g} s"
             )
-    return StepControl(time.tolerance, time.first_step, time.smallest_step, largest, time.order)
+    order = time.order if settings.film.cavitation == "reynolds" else 1
+    return StepControl(time.tolerance, time.first_step, time.smallest_step, largest, order)

@@ -12,11 +12,12 @@ import numpy as np
 from fenics_ehd.errors import PeriodicityError
 from fenics_ehd.film.forces import film_forces
 from fenics_ehd.multibody.bdf import Step, integrate
+from fenics_ehd.multibody.cycles import Cycle
 from fenics_ehd.multibody.massless_journal import MasslessJournal
-from fenics_ehd.multibody.shooting import Cycle, CycleVariation, next_start, repeats
 from fenics_ehd.scenes.load_history import LoadHistory
 from fenics_ehd.scenes.loaded_journal import build_journal, build_load, start_of, step_control
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+from fenics_ehd.scenes.oil_history import OilAccount, oil_row
 
 #: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
 #: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
@@ -54,6 +55,7 @@ class OrbitTotals:
     largest_multiplier: float = float("nan")
     period: float = float("nan")
     wall_time: float = 0.0
+    oil: OilAccount = field(default_factory=OilAccount)
 
     def begin_cycle(self) -> None:
         """Forget the extremes of the cycle before."""
@@ -62,6 +64,7 @@ class OrbitTotals:
         self.max_pressure, self.max_eccentricity_ratio = 0.0, 0.0
         self.min_film_thickness, self.force_balance_error = np.inf, 0.0
         self.powers, self.exchanged = None, np.zeros(3)
+        self.oil = self.oil.next_cycle()
 
     @property
     def means(self) -> np.ndarray:
@@ -115,34 +118,35 @@ def simulate(
     control = step_control(settings, load.period)
     start, began = start_of(settings), perf_counter()
     totals.period = load.period
+    search = journal.search(control.order)
     while True:
         totals.begin_cycle()
-        variation = CycleVariation(start, 0.0, control.order)
+        search.begin(start)
         rate = journal.starting_rate(0.0, start, load.largest)
         for step in integrate(journal, (0.0, load.period), start, rate, control):
-            variation.add(step)
+            search.add(step)
             row = _row(journal, step, totals)
             _account(totals, row, step, load.largest)
-            totals.film_solves = journal.film.solves
+            totals.film_solves = journal.film_solves
             totals.wall_time = perf_counter() - began
             if record is not None:
                 record(row, _fields(step))
             if progress is not None:
                 progress(totals)
-        cycle = variation.finish(journal)
+        cycle = search.finish()
         totals.periodicity_defect = cycle.defect
         totals.largest_multiplier = cycle.largest_multiplier
-        if repeats(journal, cycle, settings.time.periodicity):
+        if cycle.repeats(settings.time.periodicity):
             return cycle
         if totals.cycle >= settings.time.cycles:
             raise PeriodicityError(_not_periodic(settings, totals))
-        start, newton = next_start(journal, cycle)
-        totals.shooting_updates += newton
+        start = cycle.next_start
+        totals.shooting_updates += cycle.corrected
 
 
 def _not_periodic(settings: LoadedJournalSettings, totals: OrbitTotals) -> str:
     return (
-        f"after time.cycles = {totals.cycle} cycles the gap still changes by "
+        f"after time.cycles = {totals.cycle} cycles the film still changes by "
         f"{totals.periodicity_defect:.2e} from cycle to cycle, above time.periodicity = "
         f"{settings.time.periodicity:g} (largest Floquet multiplier "
         f"{totals.largest_multiplier:.3g}, eccentricity ratio up to "
@@ -174,16 +178,21 @@ def _row(journal: MasslessJournal, step: Step, totals: OrbitTotals) -> dict[str,
         "step_s": step.time - totals.cycle_time,
         "newton_iterations": step.newton_iterations,
         "rejected_steps": sum(step.rejected.values()),
+        **oil_row(journal, state.film),
     }
 
 
 def _fields(step: Step) -> dict[str, np.ndarray]:
     """What goes to HDF5 of one step."""
-    return {
+    film = step.auxiliary.film
+    fields = {
         "eccentricity_m": step.x,
         "eccentricity_rate_m_per_s": step.rate,
-        "pressure_Pa": step.auxiliary.film.pressure,
+        "pressure_Pa": film.pressure,
     }
+    if film.fluid_fraction is not None:
+        fields["fluid_fraction"] = film.fluid_fraction
+    return fields
 
 
 def _account(totals: OrbitTotals, row: dict[str, Any], step: Step, largest_load: float) -> None:
@@ -203,6 +212,8 @@ def _account(totals: OrbitTotals, row: dict[str, Any], step: Step, largest_load:
     before = powers if totals.powers is None else totals.powers
     totals.exchanged = totals.exchanged + 0.5 * row["step_s"] * (before + powers)
     totals.powers = powers
+    if "oil_content_m3" in row:
+        totals.oil.add(row)
     imbalance = float(np.hypot(*(step.auxiliary.force + step.auxiliary.load))) / largest_load
     totals.force_balance_error = max(totals.force_balance_error, imbalance)
 

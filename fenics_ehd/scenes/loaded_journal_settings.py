@@ -7,7 +7,7 @@ import attrs
 from fenics_ehd.settings import choice, count, counts, number, rows, section, text
 
 ELEMENTS = ("lagrange", "serendipity", "bilinear")
-CAVITATION = ("reynolds",)
+CAVITATION = ("reynolds", "mass-conserving")
 INTERPOLATIONS = ("cubic", "linear")
 
 
@@ -38,7 +38,11 @@ class Film:
     element: str = choice(
         "lagrange", ELEMENTS, "9-node (lagrange), 8-node (serendipity) or bilinear"
     )
-    cavitation: str = choice("reynolds", CAVITATION, "p >= 0 with free boundaries")
+    cavitation: str = choice(
+        "reynolds",
+        CAVITATION,
+        "p >= 0 with free boundaries, or oil kept account of (bilinear cells, oil under pressure)",
+    )
 
 
 @attrs.frozen
@@ -62,12 +66,20 @@ class Time:
     tolerance: float = number(
         5e-5, "local error of a step, relative change of the gap", above=1e-12, below=1
     )
-    order: int = count(2, "of the backward differentiation formula, 1 to 3", least=1, most=3)
+    order: int = count(
+        2,
+        "of the backward differentiation formula, 1 to 3; mass-conserving: 1 always, as its oil",
+        least=1,
+        most=3,
+    )
     first_step: float = number(1e-6, "of every cycle [s]", above=0)
     smallest_step: float = number(1e-13, "[s]", above=0)
     largest_step: float = number(0.02, "share of the period", above=0, below=1)
     periodicity: float = number(
-        1e-4, "largest change of the gap from cycle to cycle, relative", above=0, below=1
+        1e-4,
+        "largest change of the gap, and of the oil, from cycle to cycle, relative",
+        above=0,
+        below=1,
     )
     cycles: int = count(20, "give up after so many", least=1)
 
