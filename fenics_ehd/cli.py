@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from fenics_ehd import __version__
-from fenics_ehd.bearing_command import bearing
+from fenics_ehd.commands.bearing import bearing
 from fenics_ehd.errors import EhdError
 
 # One thread per rank; the BLAS reads these when numpy is first imported.
@@ -68,7 +68,7 @@ def run(
     as_json: bool,
 ) -> None:
     """Simulate SCENE: slider-crank, loaded-journal, or a TOML file made by 'init'."""
-    from fenics_ehd.commands import run_scene
+    from fenics_ehd.commands.scenes import run_scene
 
     run_scene(scene, body, method, directory, plots, frames if vtk else None, as_json)
 
@@ -108,7 +108,7 @@ def reduce(
     **options: str | int | None,
 ) -> None:
     """Reduce PART to a handful of modes; also under mpirun."""
-    from fenics_ehd.commands import reduce_part
+    from fenics_ehd.commands.scenes import reduce_part
 
     given = {k: v for k, v in options.items() if v is not None}
     reduce_part(path, scene, cells, given, as_json)
@@ -138,7 +138,7 @@ def init(scene: str) -> None:
 def plot(directories: tuple[str, ...], target: str | None) -> None:
     """Draw peak pressure and minimum film thickness, or the orbits, of one or more runs."""
     from fenics_ehd.output import read_history, require_writable
-    from fenics_ehd.plotting import plot_runs
+    from fenics_ehd.plotting.history import plot_runs
 
     histories = {Path(d).name or str(d): read_history(d) for d in directories}
     if len(histories) < len(directories):
@@ -157,7 +157,7 @@ cli.add_command(bearing)
 @json_option
 def info(as_json: bool) -> None:
     """Show versions and where the Gmsh models are."""
-    from fenics_ehd.commands import show_info
+    from fenics_ehd.commands.scenes import show_info
 
     show_info(as_json)
 

@@ -17,7 +17,7 @@ from fenics_ehd.bearing.settings import (
     BearingSettings,
     Groove,
 )
-from fenics_ehd.bearing_help import DESCRIPTION
+from fenics_ehd.commands.bearing_help import DESCRIPTION
 from fenics_ehd.errors import SettingsError
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -159,12 +159,12 @@ def bearing(
         **options,
     )
     if plot:
-        from fenics_ehd.plotting_bearing import require_format
+        from fenics_ehd.plotting.bearing import require_format
 
         require_format(plot)
     result = _solve(settings, eccentricity, load, coefficients)
     if plot:
-        from fenics_ehd.plotting_bearing import plot_bearing
+        from fenics_ehd.plotting.bearing import plot_bearing
 
         plot_bearing(result, plot)
     from fenics_ehd.output import to_json

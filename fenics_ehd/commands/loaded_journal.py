@@ -52,7 +52,7 @@ def run_loaded_journal(
         return
     summary = _simulate(settings, directory)
     if plots:
-        from fenics_ehd.plotting_orbit import plot_orbits
+        from fenics_ehd.plotting.orbit import plot_orbits
 
         plot_orbits({Path(settings.load.file).stem: read_history(directory)}, directory)
     click.echo(to_json(summary) if as_json else _report(summary, directory))

@@ -19,7 +19,7 @@ def plot_runs(
     histories: Mapping[str, Mapping[str, np.ndarray]], directory: str | Path
 ) -> list[Path]:
     """Curves of runs once through, orbits of runs in cycles; arguments as of `plot_history`."""
-    from fenics_ehd.plotting_orbit import plot_orbits
+    from fenics_ehd.plotting.orbit import plot_orbits
 
     orbits = {name: history for name, history in histories.items() if "cycle" in history}
     others = {name: history for name, history in histories.items() if name not in orbits}

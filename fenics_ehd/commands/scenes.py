@@ -80,7 +80,7 @@ def run_scene(
     target = Path(directory or Path("results") / Path(scene).stem)
     journal_tables = _journal_tables(scene)
     if journal_tables is not None:
-        from fenics_ehd.journal_commands import read_settings, run_loaded_journal
+        from fenics_ehd.commands.loaded_journal import read_settings, run_loaded_journal
 
         if body_file or method or frames:
             raise SettingsError("--body, --method, --vtk: not for loaded-journal, which is rigid")
@@ -184,7 +184,7 @@ def _finish(
 ) -> None:
     """Pictures and ParaView files, only when asked for."""
     if plots:
-        from fenics_ehd.plotting import plot_history
+        from fenics_ehd.plotting.history import plot_history
 
         label = f"{body.method.upper()}, {body.modes} modes"
         plot_history({label: read_history(directory)}, directory)

@@ -1,0 +1,1 @@
+"""Pictures, imported only when one is asked for."""
