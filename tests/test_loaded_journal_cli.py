@@ -1,14 +1,12 @@
 """``fenics-ehd run loaded-journal`` as a user meets it."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 import tomllib
 
 import pytest
+from interrupt_case import interrupted_run
 
 from fenics_ehd.cli import main
 from fenics_ehd.output import read_history
@@ -115,24 +113,4 @@ def test_bad_scene_exits_2_with_one_line(text, arguments, named, scene_file, tmp
 
 def test_interrupt_keeps_what_was_computed(scene_file, tmp_path):
     scene_file.write_text(SHORT.replace("1e-3", "1e-7"))
-    process = subprocess.Popen(
-        [*COMMAND, "run", str(scene_file), "-o", str(tmp_path / "out")],
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ,
-        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    history = tmp_path / "out" / "history.csv"
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline:
-        if history.exists() and history.read_text().count("\n") > 20:
-            break
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    stderr = process.communicate(timeout=60)[1]
-    assert process.returncode == 130
-    assert "Traceback" not in stderr
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["status"] == "interrupted"
-    assert len(read_history(tmp_path / "out")["time_s"]) == summary["steps"] >= 20
+    interrupted_run([*COMMAND, "run", str(scene_file)], tmp_path / "out")

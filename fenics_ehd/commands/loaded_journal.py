@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import attrs
 import click
 from mpi4py import MPI
-from tqdm import tqdm
 
-from fenics_ehd.errors import EhdError, SettingsError, VerificationError
-from fenics_ehd.interrupt import interrupt_between_steps
+from fenics_ehd.commands.recording import progress_bar, record
+from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.output import (
     HistoryWriter,
-    keeping_failed_film,
     read_history,
     require_writable,
     to_json,
     versions,
-    write_summary,
 )
 from fenics_ehd.scenes.loaded_journal import BUILT_IN_LOAD, build_journal, build_load
 from fenics_ehd.scenes.loaded_journal_run import OrbitTotals, simulate, verdict
@@ -64,27 +60,24 @@ def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, obj
     load = build_load(settings)
     journal = build_journal(settings, load)
     totals = OrbitTotals()
-    bar = tqdm(
-        total=1e3 * load.period,
-        unit="ms",
-        file=sys.stderr,
-        mininterval=0.2 if sys.stderr.isatty() else 10.0,
-        bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} [{elapsed}]",
-    )
+    bar = progress_bar(load.period, ends_in=False)
 
-    def progress(totals: OrbitTotals) -> None:
-        bar.set_postfix_str(
-            f"cycle {totals.cycle}, step {totals.cycle_steps}, "
-            f"p {totals.max_pressure * 1e-6:.1f} MPa, "
-            f"eccentricity {totals.max_eccentricity_ratio:.3f} at most",
-            refresh=False,
-        )
-        if 1e3 * totals.cycle_time < bar.n:
-            bar.reset()
-        bar.update(1e3 * totals.cycle_time - bar.n)
-        check()
+    def run(check: Callable[[], None]) -> str:
+        def progress(totals: OrbitTotals) -> None:
+            bar.set_postfix_str(
+                f"cycle {totals.cycle}, step {totals.cycle_steps}, "
+                f"p {totals.max_pressure * 1e-6:.1f} MPa, "
+                f"eccentricity {totals.max_eccentricity_ratio:.3f} at most",
+                refresh=False,
+            )
+            if 1e3 * totals.cycle_time < bar.n:
+                bar.reset()
+            bar.update(1e3 * totals.cycle_time - bar.n)
+            check()
 
-    status = "failed"
+        simulate(settings, totals, history.add, progress, journal, load)
+        return verdict(settings, totals)
+
     grid = journal.film.parameters.grid
     fields = {
         "eccentricity_m": 2,
@@ -94,21 +87,7 @@ def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, obj
     if settings.film.cavitation == "mass-conserving":
         fields["fluid_fraction"] = len(grid.nodes)
     history = HistoryWriter(directory, fields, {"pressure_nodes_m": grid.nodes})
-    try:
-        with keeping_failed_film(directory), bar, history, interrupt_between_steps() as check:
-            simulate(settings, totals, history.add, progress, journal, load)
-        status = verdict(settings, totals)
-    except KeyboardInterrupt:
-        status = "interrupted"
-        raise
-    except EhdError as error:
-        status = f"failed: {' '.join(str(error).split())}"
-        raise
-    finally:
-        summary = summarise(settings, totals, status)
-        if history.started:
-            write_summary(directory, summary)
-    return summary
+    return record(directory, history, bar, run, lambda status: summarise(settings, totals, status))
 
 
 def summarise(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shlex
-import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +11,14 @@ import attrs
 import click
 import numpy as np
 from mpi4py import MPI
-from tqdm import tqdm
 
-from fenics_ehd.errors import EhdError, SettingsError, VerificationError
-from fenics_ehd.interrupt import interrupt_between_steps
+from fenics_ehd.commands.recording import progress_bar, record
+from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.output import (
-    keeping_failed_film,
     read_history,
     require_writable,
     to_json,
     versions,
-    write_summary,
 )
 from fenics_ehd.reduction import ReducedBody, load_body, save_body
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
@@ -136,42 +132,29 @@ def _simulate(
     from fenics_ehd.scenes.run import Totals, simulate, verdict
 
     totals = Totals()
-    end = settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed
-    bar = tqdm(
-        total=1e3 * end,
-        unit="ms",
-        file=sys.stderr,
-        mininterval=0.2 if sys.stderr.isatty() else 10.0,
-        bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} "
-        "[{elapsed}, ends in {remaining}]",
-    )
-
-    def progress(totals: Totals, step: Step) -> None:
-        bar.set_postfix_str(
-            f"step {totals.steps}, {totals.newton_iterations} iterations, "
-            f"p {step.auxiliary.film.pressure.max() * 1e-6:.1f} MPa",
-            refresh=False,
-        )
-        bar.update(1e3 * totals.time - bar.n)
-        check()
-
-    status = "failed"
+    bar = progress_bar(settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed)
     history = open_history(directory, body)
-    try:
-        with keeping_failed_film(directory), bar, history, interrupt_between_steps() as check:
-            simulate(settings, body, totals, history.add, progress)
-        status = verdict(totals)
-    except KeyboardInterrupt:
-        status = "interrupted"
-        raise
-    except EhdError as error:
-        status = f"failed: {' '.join(str(error).split())}"
-        raise
-    finally:
-        summary = summarise(settings, body, totals, status, seconds)
-        if history.started:
-            write_summary(directory, summary)
-    return summary
+
+    def run(check: Callable[[], None]) -> str:
+        def progress(totals: Totals, step: Step) -> None:
+            bar.set_postfix_str(
+                f"step {totals.steps}, {totals.newton_iterations} iterations, "
+                f"p {step.auxiliary.film.pressure.max() * 1e-6:.1f} MPa",
+                refresh=False,
+            )
+            bar.update(1e3 * totals.time - bar.n)
+            check()
+
+        simulate(settings, body, totals, history.add, progress)
+        return verdict(totals)
+
+    return record(
+        directory,
+        history,
+        bar,
+        run,
+        lambda status: summarise(settings, body, totals, status, seconds),
+    )
 
 
 def _finish(
