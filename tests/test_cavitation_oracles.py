@@ -101,7 +101,10 @@ def test_every_solver_finds_the_one_right_partition(solver, problem):
     # Exchanging whole zones may cycle, and says so; the other two always arrive.
     assert result.converged or solver in (by_goenka, by_penalty)
     if result.converged:
-        assert close(result.pressure, expected)
+        # A penalty leaves -epsilon times the defect where it should leave zero.
+        defect = np.abs(matrix @ expected - rhs).max()
+        slack = EPSILON * defect * np.linalg.cond(matrix.toarray()) if solver is by_penalty else 0.0
+        assert np.abs(result.pressure - expected).max() <= slack + 1e-7 * max(1.0, expected.max())
 
 
 @given(problem=problems(largest=30))
