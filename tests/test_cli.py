@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -59,6 +60,12 @@ def test_help_imports_no_finite_elements():
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     assert "slider-crank" in result.stdout
+
+
+def test_info_names_the_package_and_its_model():
+    found = json.loads(call("info", "--json").stdout)
+    assert Path(found["package"], "cli.py").is_file()
+    assert Path(found["conrod_model"]).is_file()
 
 
 def test_run_writes_everything_it_promises(scene, tmp_path):

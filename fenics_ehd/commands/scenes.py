@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Mapping
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -273,7 +274,7 @@ def show_info(as_json: bool) -> None:
     from fenics_ehd.geometry import model_path
 
     found: dict[str, object] = dict(versions())
-    found["package"] = str(Path(__file__).parent)
+    found["package"] = str(resources.files("fenics_ehd"))
     found["conrod_model"] = str(model_path("conrod"))
     if as_json:
         click.echo(to_json(found))
