@@ -78,7 +78,7 @@ class BearingProblem:
             return None
         assembly = self.film.assembly
         zero = np.zeros(assembly.area.shape)
-        return assembly.csr(assembly.matrix(Coefficients(zero, zero, mass=zero + 1)))
+        return assembly.pattern.matrix(assembly.matrix(Coefficients(zero, zero, mass=zero + 1)))
 
     @cached_property
     def _mass_factors(self) -> SuperLU:

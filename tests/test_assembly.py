@@ -100,7 +100,7 @@ def test_vectors_and_matrices_are_those_of_dolfinx(family):
     free = np.flatnonzero(np.arange(len(order)) % 5 != 2)
     assembly = Assembly(grid, free)
     np.testing.assert_allclose(assembly.vector(*values[:3]), vector[order], atol=1e-13)
-    found = assembly.csr(assembly.matrix(Coefficients(*values[3:]))).toarray()
+    found = assembly.pattern.matrix(assembly.matrix(Coefficients(*values[3:]))).toarray()
     np.testing.assert_allclose(found, matrix[order][:, order][free][:, free], atol=1e-13)
 
 

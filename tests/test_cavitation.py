@@ -217,7 +217,7 @@ def test_options_reach_snes_and_the_factorisation(petsc_options):
     petsc_options("tuned_partition_pc_type", "lu")
     petsc_options("tuned_partition_pc_factor_mat_solver_type", "petsc")
     film = make_film((40, 6), options_prefix="tuned_")
-    assert film.cavitation.system._pattern._ksp.getPC().getType() == "lu"
+    assert film.cavitation.system._factor._ksp.getPC().getType() == "lu"
     loose, tight = solve(film, 0.8), solve(make_film((40, 6)), 0.8)
     np.testing.assert_allclose(loose.pressure, tight.pressure, atol=1e-2 * tight.pressure.max())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +10,7 @@ from scipy import sparse
 
 from fenics_ehd.film.forms import CellTensors, cell_tensors
 from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.film.pattern import Pattern, with_data
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,8 @@ class Assembly:
 
     Attributes
     ----------
-    indptr, indices
-        Sparsity pattern (CSR) of every matrix on the free nodes.
+    pattern
+        Sparsity pattern of every matrix on the free nodes.
     area
         Area that each Gauss point stands for, over R^2, shape (c, q).
     """
@@ -99,18 +99,14 @@ class Assembly:
         inside = (rows >= 0) & (columns >= 0)
         code = rows[inside] * len(self.free) + columns[inside]
         unique, place = np.unique(code, return_inverse=True)
-        self.indices = (unique % len(self.free)).astype(np.int32)
         counts = np.bincount(unique // len(self.free), minlength=len(self.free))
-        self.indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self.pattern = Pattern(
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+            (unique % len(self.free)).astype(np.int32),
+        )
         # Entries of fixed nodes go to a bin behind the last one.
         self._place = np.full(len(rows), len(unique))
         self._place[inside] = place
-        n = len(self.free)
-        self._template = sparse.csr_matrix(
-            (np.zeros(len(unique)), self.indices, self.indptr), (n, n)
-        )
-        #: Row number of every entry of the pattern.
-        self.rows = np.repeat(np.arange(len(self.free)), counts)
 
     def at_points(self, nodal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Value and derivatives along the circumference and the axis, from all nodal values."""
@@ -163,13 +159,12 @@ class Assembly:
 
     def gather(self, element: np.ndarray) -> sparse.csc_matrix:
         """Sparse map (size, c * q) from element data (c, q, k)."""
-        return _with_data(self._gathering, element.ravel())
+        return with_data(self._gathering, element.ravel())
 
     def matrix(self, c: Coefficients) -> np.ndarray:
         """Entries of the matrix of ``a`` on the free nodes, in the order of the pattern."""
-        return np.bincount(self._place, self._element_matrices(c).ravel(), len(self.indices) + 1)[
-            :-1
-        ]
+        entries = self._element_matrices(c).ravel()
+        return np.bincount(self._place, entries, len(self.pattern.indices) + 1)[:-1]
 
     def _element_matrices(self, c: Coefficients) -> np.ndarray:
         element = (c.around * self._scales[0]) @ self._flat[0]
@@ -179,19 +174,3 @@ class Assembly:
             if values is not None:
                 element += (values * factor) @ tensor
         return element
-
-    def multiply(self, entries: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Product of the matrix with these entries and values at the free nodes."""
-        self._template.data = entries
-        return self._template @ values
-
-    def csr(self, entries: np.ndarray) -> sparse.csr_matrix:
-        """Matrix from its entries."""
-        return _with_data(self._template, entries)
-
-
-def _with_data(template: sparse.spmatrix, data: np.ndarray) -> sparse.spmatrix:
-    """Matrix of a pattern known to be right, which scipy's constructor would check once more."""
-    matrix = copy(template)
-    matrix.data = data
-    return matrix

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy import sparse
 
 from fenics_ehd.errors import CavitationError
-from fenics_ehd.film.partition import FixedPattern, PartitionedSystem
+from fenics_ehd.film.partition import FactoredMatrix, PartitionedSystem
+from fenics_ehd.film.pattern import Pattern
 from fenics_ehd.film.snes_vi import SnesVi
 
 #: Largest allowed violation of p >= 0, y >= 0 and p y = 0, relative to max |p|, |b|.
@@ -79,8 +79,8 @@ class CavitationSolver:
 
     Parameters
     ----------
-    indptr, indices
-        CSR pattern of the derivative of r and of W, shape (n, n).
+    pattern
+        Of the derivative of r and of W, n x n.
     weighted
         Whether problems come with weights W.
     symmetric
@@ -97,8 +97,7 @@ class CavitationSolver:
 
     def __init__(
         self,
-        indptr: np.ndarray,
-        indices: np.ndarray,
+        pattern: Pattern,
         *,
         weighted: bool = False,
         symmetric: bool = True,
@@ -106,23 +105,17 @@ class CavitationSolver:
         options_prefix: str = "film_",
         tolerance: float = 1e-10,
     ):
-        self._size = size = len(indptr) - 1
-        rows = np.repeat(np.arange(size), np.diff(indptr))
-        self._template = sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), (size, size))
-        self._diagonal = rows == indices
+        self._pattern = pattern
         self.system = PartitionedSystem(
-            rows,
-            indptr,
-            indices,
+            pattern,
             weighted=weighted,
             symmetric=symmetric,
             comm=comm,
             options_prefix=f"{options_prefix}partition_",
         )
         self._weight_factor = (
-            FixedPattern(
-                indptr,
-                indices,
+            FactoredMatrix(
+                pattern,
                 symmetric=False,
                 comm=comm,
                 options_prefix=f"{options_prefix}weights_",
@@ -133,7 +126,7 @@ class CavitationSolver:
         self._weights: np.ndarray | None = None
         self._snes = SnesVi(
             self,
-            np.zeros(size),
+            np.zeros(pattern.size),
             comm=comm,
             options_prefix=options_prefix,
             tolerance=tolerance,
@@ -161,11 +154,10 @@ class CavitationSolver:
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
         """Newton update of the pressures of the full nodes."""
-        whole = np.zeros(self._size)
+        whole = np.zeros(self._pattern.size)
         whole[self._nodes] = rhs
         if self._problem.weights is not None:
-            self._template.data = self._problem.weights
-            whole = self._template @ whole
+            whole = self._pattern.multiply(self._problem.weights, whole)
         return self.system.pressures(whole)[self._nodes] * (
             self._problem.scale / self._problem.unit
         )

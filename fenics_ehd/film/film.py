@@ -84,8 +84,7 @@ class Film:
         self.assembly = self.equation.assembly
         self.free, self.points = self.equation.free, self.equation.points
         self.cavitation = CavitationSolver(
-            self.assembly.indptr,
-            self.assembly.indices,
+            self.assembly.pattern,
             weighted=self.equation.weights is not None,
             symmetric=parameters.lubricant.linear,
             comm=comm,
@@ -243,7 +242,7 @@ class Film:
         """``A`` (scipy CSR, free nodes) and ``b`` of (11), dimensionless, of a constant oil."""
         problem = self.equation.problem(gap)
         zero = np.zeros(len(self.free))
-        return self.assembly.csr(problem.entries(zero)), -problem.residual(zero)
+        return self.assembly.pattern.matrix(problem.entries(zero)), -problem.residual(zero)
 
 
 def check_gap(gap: Gap) -> None:

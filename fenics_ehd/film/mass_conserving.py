@@ -84,10 +84,8 @@ class MassConservingFilm:
             )
         self.film = film
         self.balance = OilBalance(film)
-        pattern = self.balance.assembly
         self.cavitation = MixedSolver(
-            pattern.indptr,
-            pattern.indices,
+            self.balance.assembly.pattern,
             comm=comm,
             options_prefix=options_prefix,
             tolerance=tolerance,

@@ -19,12 +19,9 @@ on the full nodes I and the others C, one sparse system of one pattern
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy import sparse
 
 from fenics_ehd.errors import CavitationError
 from fenics_ehd.film.cavitation import (
@@ -33,6 +30,7 @@ from fenics_ehd.film.cavitation import (
     verify_complementarity,
 )
 from fenics_ehd.film.partition import PartitionedSystem
+from fenics_ehd.film.pattern import Pattern
 from fenics_ehd.film.snes_vi import SnesVi
 
 #: Weight gamma of the defect. Small, because next to the nodes just emptied the
@@ -45,8 +43,8 @@ class MixedSolver:
 
     Parameters
     ----------
-    indptr, indices
-        CSR pattern of the derivative of r and of T, shape (n, n).
+    pattern
+        Of the derivative of r and of T, n x n.
     options_prefix
         Prefix of the PETSc options, ``"oil_"`` gives ``-oil_snes_monitor`` and
         ``-oil_partition_pc_type``.
@@ -59,21 +57,16 @@ class MixedSolver:
 
     def __init__(
         self,
-        indptr: np.ndarray,
-        indices: np.ndarray,
+        pattern: Pattern,
         *,
         comm: PETSc.Comm | MPI.Comm = PETSc.COMM_SELF,
         options_prefix: str = "oil_",
         tolerance: float = 1e-10,
     ):
-        n = len(indptr) - 1
-        rows = np.repeat(np.arange(n), np.diff(indptr))
-        self._n, self._diagonal = n, rows == indices
-        self._template = sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), (n, n))
+        self._pattern = pattern
+        self._n = n = pattern.size
         self.system = PartitionedSystem(
-            rows,
-            indptr,
-            indices,
+            pattern,
             weighted=True,
             symmetric=False,
             comm=comm,
@@ -92,12 +85,16 @@ class MixedSolver:
         """Solves by SNES-VI so far."""
         return self._snes.solves
 
+    def _carry(self, share: np.ndarray) -> np.ndarray:
+        """``T s``."""
+        return self._pattern.multiply(self._transport, share)
+
     # The following four are called by SNES-VI during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:
         """See `VariationalInequality`."""
         pressure, share = x[: self._n] * self._problem.unit, x[self._n :]
-        defect = (self._problem.residual(pressure) - self._transport @ share) / self._rows
+        defect = (self._problem.residual(pressure) - self._carry(share)) / self._rows
         return np.concatenate([share + DEFECT_WEIGHT * defect, defect]) / self._problem.scale
 
     def linearise(self, x: np.ndarray) -> None:
@@ -115,7 +112,7 @@ class MixedSolver:
         count = len(self._full)
         defect, share = given[count:], np.zeros(self._n)
         share[self._full] = given[:count] - DEFECT_WEIGHT * defect[self._full]
-        update = self.system.solution(defect * self._rows + self._transport @ share)
+        update = self.system.solution(defect * self._rows + self._carry(share))
         pressure = update[self._full] / self._problem.unit
         return np.concatenate([pressure, np.where(self.system.full, share, update)])
 
@@ -139,10 +136,10 @@ class MixedSolver:
             `state` holds pressure and share.
         """
         assert problem.weights is not None
-        self._problem, self._transport = problem, copy(self._template)
-        self._transport.data = problem.weights
-        stiffness = problem.entries(pressure)[self._diagonal] * problem.unit
-        self._rows = stiffness + problem.weights[self._diagonal]
+        self._problem, self._transport = problem, problem.weights
+        diagonal = self._pattern.diagonal
+        stiffness = problem.entries(pressure)[diagonal] * problem.unit
+        self._rows = stiffness + self._transport[diagonal]
         start = np.maximum(pressure, 0.0) / problem.unit
         try:
             x, _, iterations = self._snes.solve(np.append(start, np.maximum(share, 0.0)))

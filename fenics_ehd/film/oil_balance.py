@@ -61,8 +61,8 @@ class OilBalance:
         self.dry = dry[self.unknown]
         self.assembly = a = Assembly(film.parameters.grid, self.unknown)
         self.strips = Strips(a)
-        self._dry_column = self.dry[a.indices]
-        self._dry_diagonal = self._dry_column & (a.rows == a.indices)
+        self._dry_column = self.dry[a.pattern.indices]
+        self._dry_diagonal = a.pattern.diagonal[self.dry]
 
     @property
     def volume_scale(self) -> float:
@@ -105,7 +105,7 @@ class OilBalance:
         constant, first = residual(zero), entries(zero)
         linear = self.film.parameters.lubricant.linear
         return Complementarity(
-            (lambda p: self.assembly.multiply(first, p) + constant) if linear else residual,
+            (lambda p: self.assembly.pattern.multiply(first, p) + constant) if linear else residual,
             (lambda p: first) if linear else entries,
             # The empty share is of order one.
             scale=1.0,

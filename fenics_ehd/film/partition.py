@@ -17,6 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.errors import CavitationError
+from fenics_ehd.film.pattern import Pattern
 from fenics_ehd.petsc_options import configure, solve_columns
 
 #: Fastest of PETSc's factorisations on these matrices when only values change; CHOLMOD takes over
@@ -41,13 +42,13 @@ def _defaults(size: int, symmetric: bool) -> dict[str, str]:
     return LARGE_OPTIONS if size >= LARGE else SYMMETRIC_OPTIONS
 
 
-class FixedPattern:
+class FactoredMatrix:
     """Factorisations of matrices that share a sparsity pattern.
 
     Parameters
     ----------
-    indptr, indices
-        CSR pattern of the n x n matrices.
+    pattern
+        Of the n x n matrices.
     symmetric
         Whether they are symmetric positive definite.
     options_prefix
@@ -56,19 +57,18 @@ class FixedPattern:
 
     def __init__(
         self,
-        indptr: np.ndarray,
-        indices: np.ndarray,
+        pattern: Pattern,
         *,
         symmetric: bool,
         comm: PETSc.Comm | MPI.Comm,
         options_prefix: str,
     ):
-        n = len(indptr) - 1
+        n = pattern.size
         # PETSc uses these arrays themselves.
         self._csr = (
-            np.array(indptr, dtype=PETSc.IntType),
-            np.array(indices, dtype=PETSc.IntType),
-            np.zeros(len(indices)),
+            np.array(pattern.indptr, dtype=PETSc.IntType),
+            np.array(pattern.indices, dtype=PETSc.IntType),
+            np.zeros(len(pattern.indices)),
         )
         self._matrix = PETSc.Mat().createAIJWithArrays((n, n), self._csr, comm=comm)
         self._matrix.setOption(PETSc.Mat.Option.SPD, symmetric)
@@ -135,8 +135,8 @@ class PartitionedSystem:
 
     Parameters
     ----------
-    rows, indptr, indices
-        Pattern of A and W: row number of every entry, and CSR arrays.
+    pattern
+        Of A and W.
     weighted
         Whether there is a W.
     symmetric
@@ -145,9 +145,7 @@ class PartitionedSystem:
 
     def __init__(
         self,
-        rows: np.ndarray,
-        indptr: np.ndarray,
-        indices: np.ndarray,
+        pattern: Pattern,
         *,
         weighted: bool,
         symmetric: bool,
@@ -155,12 +153,12 @@ class PartitionedSystem:
         options_prefix: str,
     ):
         # Of the type NumPy indexes with: it would convert others at every partition.
-        self._counts, self._columns = np.diff(indptr), indices.astype(np.intp)
-        self._diagonal = np.flatnonzero(rows == indices)
-        self._weighted, self._size = weighted, len(indptr) - 1
-        self._pattern = FixedPattern(
-            indptr,
-            indices,
+        self._counts = np.diff(pattern.indptr)
+        self._columns = pattern.indices.astype(np.intp)
+        self._diagonal = pattern.diagonal
+        self._weighted, self._size = weighted, pattern.size
+        self._factor = FactoredMatrix(
+            pattern,
             symmetric=symmetric and not weighted,
             comm=comm,
             options_prefix=options_prefix,
@@ -194,7 +192,7 @@ class PartitionedSystem:
             values = entries * (full[self._columns] & np.repeat(full, self._counts))
             values[self._diagonal[~full]] = 1.0
         self._current = None
-        self._pattern.factorise(values)
+        self._factor.factorise(values)
         self._current = (entries, weights, full_film.copy())
         self.factorisations += 1
 
@@ -202,7 +200,7 @@ class PartitionedSystem:
         """Pressure of the full and defect of the other nodes, right-hand sides (n,) or (n, k)."""
         if not self._weighted:
             rhs = np.where(self.full if rhs.ndim == 1 else self.full[:, None], rhs, 0.0)
-        solve = self._pattern.solve if rhs.ndim == 1 else self._pattern.solve_columns
+        solve = self._factor.solve if rhs.ndim == 1 else self._factor.solve_columns
         return solve(rhs)
 
     def pressures(self, rhs: np.ndarray) -> np.ndarray:

@@ -89,10 +89,10 @@ class ReynoldsEquation:
         zero = np.zeros(self.assembly.area.shape)
         mass = self.assembly.matrix(Coefficients(zero, zero, mass=zero + 1))
         self.weights = mass if weighted else None
-        diagonal = self.assembly.rows == self.assembly.indices
-        self._weight_diagonal = mass[diagonal] if weighted else 1.0
+        pattern = self.assembly.pattern
+        self._weight_diagonal = mass[pattern.diagonal] if weighted else 1.0
         # The source of a film at unit speed: nodal areas, or ones when divided by the mass matrix.
-        unit = np.ones(len(self.free)) if weighted else self.assembly.csr(mass).sum(axis=1)
+        unit = np.ones(len(self.free)) if weighted else pattern.matrix(mass).sum(axis=1)
         smallest = SMALLEST_WEIGHTED_SOURCE if weighted else SMALLEST_SOURCE
         self._smallest = smallest * float(np.linalg.norm(unit))
 
@@ -134,7 +134,7 @@ class ReynoldsEquation:
             around, along = around + mobility * slope_around, mobility * slope_along
         constant = self.assembly.vector(around, along, density * rate)[self.free]
         return self._complementarity(
-            lambda p: self.assembly.multiply(entries, p) + constant,
+            lambda p: self.assembly.pattern.multiply(entries, p) + constant,
             lambda p: entries,
             constant,
             entries,

@@ -61,7 +61,7 @@ class Strips:
         n = len(a.free)
         number = np.full(a.size, -1)
         number[a.free] = np.arange(n)
-        codes = a.rows.astype(np.int64) * n + a.indices
+        codes = a.pattern.rows * n + a.pattern.indices
 
         def places(columns: np.ndarray) -> np.ndarray:
             known = np.searchsorted(codes, np.arange(n) * n + np.maximum(columns, 0))
@@ -92,7 +92,7 @@ class Strips:
         """Entries of T on the assembly's free nodes, in the order of its pattern."""
         free = self._assembly.free
         out, into = flows[free], flows[self.preceding[free]]
-        entries = np.zeros(len(self._assembly.indices))
+        entries = np.zeros(len(self._assembly.pattern.indices))
         entries[self._diagonal] = np.maximum(out, 0) + np.maximum(-into, 0) + storage[free]
         for place, value in ((self._after, out), (self._before, -into)):
             known = place >= 0
