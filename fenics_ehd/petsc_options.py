@@ -1,7 +1,8 @@
-"""Solvers whose defaults a user can override by prefix."""
+"""Solvers whose defaults a user can override by prefix, and the end of PETSc objects."""
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,20 @@ def configure(
     solver.setFromOptions()
     for key in added:
         options.delValue(key)
+
+
+def destroy_with(owner: object, *objects: PETSc.Object) -> None:
+    """Destroy PETSc objects when their Python owner is gone.
+
+    They keep arrays and Python contexts given to them until told otherwise, and
+    must not meet them when the interpreter is gone: at exit this happens too.
+    """
+    weakref.finalize(owner, _destroy, objects)
+
+
+def _destroy(objects: tuple[PETSc.Object, ...]) -> None:
+    for item in objects:
+        item.destroy()
 
 
 def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None:

@@ -10,15 +10,13 @@ factorisation are done once in the life of a film.
 
 from __future__ import annotations
 
-import weakref
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.errors import CavitationError
 from fenics_ehd.film.pattern import Pattern
-from fenics_ehd.petsc_options import configure, solve_columns
+from fenics_ehd.petsc_options import configure, destroy_with, solve_columns
 
 #: Fastest of PETSc's factorisations on these matrices when only values change; CHOLMOD takes over
 #: for large ones (`benchmarks/cavitation_solvers.py`). Film matrices need no pivoting for
@@ -76,7 +74,7 @@ class FactoredMatrix:
         self._ksp.setOperators(self._matrix)
         configure(self._ksp, options_prefix, _defaults(n, symmetric))
         self._rhs, self._solution = self._matrix.createVecs()
-        weakref.finalize(self, _destroy, [self._ksp, self._matrix])
+        destroy_with(self, self._ksp, self._matrix)
 
     def factorise(self, entries: np.ndarray) -> None:
         """Take a matrix given by its entries in the order of the pattern."""
@@ -114,12 +112,6 @@ class FactoredMatrix:
         right.destroy()
         solution.destroy()
         return values
-
-
-def _destroy(objects: list[PETSc.Object]) -> None:
-    """PETSc keeps the arrays given to a matrix until it is told to let go."""
-    for item in objects:
-        item.destroy()
 
 
 class PartitionedSystem:

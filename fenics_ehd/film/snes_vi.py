@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.errors import CavitationError
-from fenics_ehd.petsc_options import configure
+from fenics_ehd.petsc_options import configure, destroy_with
 
 #: The problems are linear on each partition: with full steps the reduced-space
 #: Newton method is the primal-dual active set method. Unknowns are scaled to order
@@ -90,8 +90,7 @@ class SnesVi:
         self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
         snes.setTolerances(atol=self.tolerance)
         self.solves = 0
-        # Also at exit: PETSc must not meet Python contexts when the interpreter is gone.
-        weakref.finalize(self, _destroy, [snes, jacobian])
+        destroy_with(self, snes, jacobian)
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Solve from a start.
@@ -186,9 +185,3 @@ class _Block:
 
     def __init__(self, nodes: np.ndarray):
         self.nodes = nodes
-
-
-def _destroy(objects: list[PETSc.Object]) -> None:
-    """PETSc objects keep the arrays and contexts given to them until told otherwise."""
-    for item in objects:
-        item.destroy()
