@@ -132,15 +132,17 @@ class Assembly:
         element += (source * self._cell_area) @ t.source
         return np.bincount(self._flat_nodes, element.ravel(), self.size)
 
-    def vectors(self, coefficients: np.ndarray, source: np.ndarray) -> np.ndarray:
+    def vectors(
+        self, flux_around: np.ndarray, flux_along: np.ndarray | None, directions: np.ndarray
+    ) -> np.ndarray:
         """Many vectors at once.
 
         Parameters
         ----------
-        coefficients
-            Flux around and along per direction value, shape (2, c, q).
-        source
-            Directions, shape (c * q, n): their value times the flux is taken.
+        flux_around, flux_along
+            Flux per value of a direction, shape (c, q); None stands for zero.
+        directions
+            shape (c * q, n).
 
         Returns
         -------
@@ -148,14 +150,15 @@ class Assembly:
             shape (size, n).
         """
         t = self.tensors
-        element = np.einsum("cq,qk->cqk", coefficients[0] * self._along, t.flux_around)
-        element += np.einsum("cq,qk->cqk", coefficients[1] * self._around, t.flux_along)
-        return self.gather(element) @ source
+        element = np.einsum("cq,qk->cqk", flux_around * self._along, t.flux_around)
+        if flux_along is not None:
+            element += np.einsum("cq,qk->cqk", flux_along * self._around, t.flux_along)
+        return self.gather(element) @ directions
 
-    def source_vectors(self, coefficient: np.ndarray, source: np.ndarray) -> np.ndarray:
+    def source_vectors(self, coefficient: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """As `vectors`, for the source term, coefficient (c, q)."""
         weights = coefficient * self._cell_area
-        return self.gather(np.einsum("cq,qk->cqk", weights, self.tensors.source)) @ source
+        return self.gather(np.einsum("cq,qk->cqk", weights, self.tensors.source)) @ directions
 
     def gather(self, element: np.ndarray) -> sparse.csc_matrix:
         """Sparse map (size, c * q) from element data (c, q, k)."""

@@ -214,8 +214,7 @@ class Film:
         thickness, _, velocity = self.equation.dimensionless(state.gap)
         q = self.equation.oil(state.pressure / p.pressure_scale)
         area = self.assembly.area
-        mobility = q.density * thickness**3 / q.viscosity
-        loss = np.sum(area * mobility * (q.around**2 + q.along**2))
+        loss = np.sum(area * q.mobility(thickness) * (q.around**2 + q.along**2))
         drag = np.sum(area * q.density * thickness * velocity * q.around)
         # Integrals in units of p_s c Omega R^2.
         scale = p.pressure_scale * p.clearance * p.rate * p.grid.radius**2

@@ -17,7 +17,8 @@ import numpy as np
 
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.oil_state import OilState
-from fenics_ehd.film.shear import in_regions
+from fenics_ehd.film.reynolds import balance
+from fenics_ehd.film.shear import in_supply
 from fenics_ehd.film.supply import SLACK
 
 
@@ -57,7 +58,7 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
     defect, growth = _defects(film, state)
     grid = film.parameters.grid
     angle, height = grid.node_positions.T
-    region = in_regions(film, angle, height)
+    region = in_supply(film, angle, height)
     supply = float(defect[region].sum())
     cavities = float(defect[film.free].sum())
     sides = {}
@@ -84,7 +85,7 @@ def _oil_flows(film: Film, state: OilState) -> FlowBalance:
     """Flows of a film that keeps account of its oil: no cavity makes any."""
     grid = film.parameters.grid
     angle, height = grid.node_positions.T
-    region = in_regions(film, angle, height)
+    region = in_supply(film, angle, height)
     lower, upper = (
         float(state.outflow[(np.abs(height - end) <= SLACK * grid.radius) & ~region].sum())
         for end in (grid.heights[0], grid.heights[-1])
@@ -98,11 +99,6 @@ def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     p = film.parameters
     thickness, rate, velocity = film.equation.dimensionless(state.gap)
     oil = film.equation.oil(state.pressure / p.pressure_scale)
-    mobility = oil.density * thickness**3 / oil.viscosity
-    defect = film.assembly.vector(
-        mobility * oil.around - oil.density * thickness * velocity,
-        mobility * oil.along,
-        oil.density * rate,
-    )
+    defect = balance(film.assembly, oil, thickness, velocity, rate)
     unit = p.clearance * p.grid.radius**2 * p.rate
     return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))

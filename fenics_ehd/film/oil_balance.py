@@ -14,8 +14,14 @@ from fenics_ehd.film.assembly import Assembly, Coefficients
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.kinematics import Gap, GapSlopes
-from fenics_ehd.film.reynolds import SMALLEST_SOURCE
+from fenics_ehd.film.reynolds import (
+    SMALLEST_SOURCE,
+    balance,
+    balance_derivative,
+    flux_change,
+)
 from fenics_ehd.film.strips import Strips
+from fenics_ehd.film.supply import in_regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,49 +127,33 @@ class OilBalance:
 
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Balance at all nodes without the empty share."""
-        q = self.film.equation.oil(nodal)
-        mobility = q.density * step.thickness**3 / q.viscosity
-        filling = q.density * step.thickness
-        around = mobility * q.around - filling * step.velocity
-        return self.assembly.vector(around, mobility * q.along, filling / step.length) - step.former
+        oil = self.film.equation.oil(nodal)
+        growth = step.thickness / step.length
+        return balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
 
     def _slopes(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
-        q = self.film.equation.oil(nodal)
-        mobility = q.density * step.thickness**3 / q.viscosity
+        oil = self.film.equation.oil(nodal)
         if self.film.parameters.lubricant.linear:
+            mobility = oil.mobility(step.thickness)
             return Coefficients(mobility, mobility)
-        slope = mobility * (q.density_slope / q.density - q.viscosity_slope / q.viscosity)
-        filling = q.density_slope * step.thickness
-        return Coefficients(
-            mobility,
-            mobility,
-            slope * q.around - filling * step.velocity,
-            slope * q.along,
-            filling / step.length,
-        )
+        growth = step.thickness / step.length
+        return balance_derivative(oil, step.thickness, step.velocity, growth)
 
     def change(
         self, step: OilStep, nodal: np.ndarray, share: np.ndarray, slopes: GapSlopes
     ) -> np.ndarray:
         """Derivative of the balance at a solution along n changes of the gap, shape (nodes, n)."""
         p = self.film.parameters
-        q, density = (
-            self.film.equation.oil(nodal),
-            np.broadcast_to(self.film.equation.factors[1], step.velocity.shape),
-        )
+        oil = self.film.equation.oil(nodal)
+        density = np.broadcast_to(self.film.equation.factors[1], step.velocity.shape)
         changes = slopes.thickness.reshape(-1, slopes.thickness.shape[-1]) / p.clearance
-        speed = slopes.mean_velocity.reshape(changes.shape) / (p.rate * p.grid.radius)
-
-        mobility = 3 * q.density * step.thickness**2 / q.viscosity
-        flux = np.stack([mobility * q.around - q.density * step.velocity, mobility * q.along])
-        total = self.assembly.vectors(flux, changes)
-        total += self.assembly.source_vectors(q.density / step.length, changes)
-        drag = -q.density * step.thickness
-        total += self.assembly.vectors(np.stack([drag, np.zeros_like(drag)]), speed)
+        speeds = slopes.mean_velocity.reshape(changes.shape) / (p.rate * p.grid.radius)
+        total = flux_change(self.assembly, oil, step.thickness, step.velocity, changes, speeds)
+        total += self.assembly.source_vectors(oil.density / step.length, changes)
 
         carried = self.strips.upwind(step.flows, share)
         total -= self.strips.slopes(density * step.velocity, carried) @ changes
-        total -= self.strips.slopes(density * step.thickness, carried) @ speed
+        total -= self.strips.slopes(density * step.thickness, carried) @ speeds
         total -= share[:, None] * self.assembly.source_vectors(density / step.length, changes)
         return total
 
@@ -174,8 +164,6 @@ def _reservoirs_and_dry_sides(film: Film) -> tuple[np.ndarray, np.ndarray]:
     fixed = np.ones(len(film.equation.given), dtype=bool)
     fixed[film.free] = False
     angle, height = p.grid.node_positions.T
-    in_region = np.zeros_like(fixed)
-    for region in p.regions:
-        in_region |= region.contains(angle, height, p.grid.radius)
+    in_region = in_regions(p.regions, angle, height, p.grid.radius)
     dry = fixed & (film.equation.given == 0.0) & ~in_region
     return fixed & ~dry, dry

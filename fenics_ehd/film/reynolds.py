@@ -57,6 +57,67 @@ class OilProperties:
     expansion: np.ndarray
     expansion_slope: np.ndarray
 
+    def mobility(self, thickness: np.ndarray) -> np.ndarray:
+        """``k = rho H^3 / eta``."""
+        return self.density * thickness**3 / self.viscosity
+
+
+def balance(
+    assembly: Assembly,
+    oil: OilProperties,
+    thickness: np.ndarray,
+    velocity: np.ndarray,
+    growth: np.ndarray | float,
+) -> np.ndarray:
+    """Weak form of (1) tested with every node, shape (nodes,), all dimensionless.
+
+    `growth` is what the density is multiplied with to give the storage: dH/dt, or
+    ``H / dt`` for what a step of length dt ends with.
+    """
+    mobility = oil.mobility(thickness)
+    return assembly.vector(
+        mobility * oil.around - oil.density * thickness * velocity,
+        mobility * oil.along,
+        oil.density * growth + thickness * oil.expansion,
+    )
+
+
+def balance_derivative(
+    oil: OilProperties, thickness: np.ndarray, velocity: np.ndarray, growth: np.ndarray | float
+) -> Coefficients:
+    """Coefficients of the derivative of `balance` along the pressure."""
+    mobility = oil.mobility(thickness)
+    slope = mobility * (oil.density_slope / oil.density - oil.viscosity_slope / oil.viscosity)
+    return Coefficients(
+        mobility,
+        mobility,
+        slope * oil.around - oil.density_slope * thickness * velocity,
+        slope * oil.along,
+        oil.density_slope * growth + thickness * oil.expansion_slope,
+    )
+
+
+def flux_change(
+    assembly: Assembly,
+    oil: OilProperties,
+    thickness: np.ndarray,
+    velocity: np.ndarray,
+    changes: np.ndarray,
+    speeds: np.ndarray,
+) -> np.ndarray:
+    """Change of the fluxes in `balance`, shape (nodes, n).
+
+    `changes` of H and `speeds`, changes of the mean velocity, dimensionless, are
+    given at the Gauss points for n directions, shape (c * q, n).
+    """
+    slope = 3 * oil.mobility(thickness) / thickness
+    total = assembly.vectors(
+        slope * oil.around - oil.density * velocity, slope * oil.along, changes
+    )
+    if speeds.any():
+        total += assembly.vectors(-oil.density * thickness, None, speeds)
+    return total
+
 
 class ReynoldsEquation:
     """Reynolds equation on the nodes of a film whose pressure is unknown.
@@ -145,27 +206,12 @@ class ReynoldsEquation:
         thickness, rate, velocity = self.dimensionless(gap)
 
         def residual(pressure: np.ndarray) -> np.ndarray:
-            properties = self.oil(self.nodal(pressure), density_rate)
-            mobility = thickness**3 * properties.density / properties.viscosity
-            return self.assembly.vector(
-                mobility * properties.around - properties.density * thickness * velocity,
-                mobility * properties.along,
-                properties.density * rate + thickness * properties.expansion,
-            )[self.free]
+            oil = self.oil(self.nodal(pressure), density_rate)
+            return balance(self.assembly, oil, thickness, velocity, rate)[self.free]
 
         def entries(pressure: np.ndarray) -> np.ndarray:
-            q = self.oil(self.nodal(pressure), density_rate)
-            mobility = thickness**3 * q.density / q.viscosity
-            slope = mobility * (q.density_slope / q.density - q.viscosity_slope / q.viscosity)
-            return self.assembly.matrix(
-                Coefficients(
-                    mobility,
-                    mobility,
-                    slope * q.around - q.density_slope * thickness * velocity,
-                    slope * q.along,
-                    q.density_slope * rate + thickness * q.expansion_slope,
-                )
-            )
+            oil = self.oil(self.nodal(pressure), density_rate)
+            return self.assembly.matrix(balance_derivative(oil, thickness, velocity, rate))
 
         zero = np.zeros(len(self.free))
         return self._complementarity(residual, entries, residual(zero), entries(zero))
@@ -236,21 +282,15 @@ class ReynoldsEquation:
         """
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
-        q = self.oil(pressure, density_rate)
-        mobility = q.density * thickness**3 / q.viscosity
+        oil = self.oil(pressure, density_rate)
         shape = (thickness.size, slopes.thickness.shape[-1])
-        around = 3 * mobility / thickness * q.around - q.density * velocity
-        flux = np.stack([around, 3 * mobility / thickness * q.along])
         changes = slopes.thickness.reshape(shape) / p.clearance
-        change = self.assembly.vectors(flux, changes)
-        speed = slopes.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
-        if speed.any():
-            zero = np.zeros_like(thickness)
-            change += self.assembly.vectors(np.stack([-q.density * thickness, zero]), speed)
+        speeds = slopes.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
+        change = flux_change(self.assembly, oil, thickness, velocity, changes, speeds)
         rates = slopes.thickness_rate.reshape(shape) / (p.clearance * p.rate)
-        change += self.assembly.source_vectors(q.density, rates)
+        change += self.assembly.source_vectors(oil.density, rates)
         if density_rate is not None:
-            change += self.assembly.source_vectors(q.expansion, changes)
+            change += self.assembly.source_vectors(oil.expansion, changes)
         return change[self.free]
 
 

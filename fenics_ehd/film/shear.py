@@ -31,6 +31,7 @@ import numpy as np
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.supply import in_regions
 
 SHEAR_RULES = ("streamers", "full", "none")
 
@@ -87,7 +88,7 @@ def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFi
 def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
     """Share of the width that is sheared."""
     full = pressure > PRESSURE_FLOOR * pressure.max()
-    groove = in_regions(film, film.points.angle, film.points.height)
+    groove = in_supply(film, film.points.angle, film.points.height)
     if rule == "streamers" and state.fluid_fraction is not None:
         share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)
     elif rule == "streamers":
@@ -99,18 +100,16 @@ def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np
     return share
 
 
-def in_regions(film: Film, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Whether points lie in a region of given pressure."""
-    inside = np.zeros(np.shape(angle), dtype=bool)
-    for region in film.parameters.regions:
-        inside |= region.contains(angle, height, film.parameters.grid.radius)
-    return inside
+def in_supply(film: Film, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Whether points lie in a region of given pressure of a film."""
+    p = film.parameters
+    return in_regions(p.regions, angle, height, p.grid.radius)
 
 
 def _beside_lines(film: Film) -> np.ndarray:
     """Gauss points next to nodes of given pressure: a feed line has no width of its own."""
     grid = film.parameters.grid
-    nodes = in_regions(film, *grid.node_positions.T)
+    nodes = in_supply(film, *grid.node_positions.T)
     return film.assembly.at_points(nodes.astype(float))[0] > 0.5
 
 

@@ -115,6 +115,16 @@ class SupplyHole:
         return np.hypot(arc, height - self.height) <= self.hole_radius + SLACK * radius
 
 
+def in_regions(
+    regions: Sequence[Region], angle: np.ndarray, height: np.ndarray, radius: float
+) -> np.ndarray:
+    """Whether points, at angles [rad] and heights [m], lie in any of the regions."""
+    inside = np.zeros(np.shape(angle), dtype=bool)
+    for region in regions:
+        inside |= region.contains(angle, height, radius)
+    return inside
+
+
 def given_pressures(
     grid: FilmGrid, sides: Sides, regions: Sequence[Region]
 ) -> tuple[np.ndarray, np.ndarray]:

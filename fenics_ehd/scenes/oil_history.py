@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.film.flow import flow_balance
 from fenics_ehd.film.oil_state import OilState
-from fenics_ehd.film.shear import in_regions
 from fenics_ehd.multibody.massless_journal import MasslessJournal
 from fenics_ehd.multibody.starved_journal import StarvedJournal
 
@@ -20,14 +20,13 @@ def oil_row(journal: MasslessJournal, state: object) -> dict[str, float]:
     """
     if not (isinstance(journal, StarvedJournal) and isinstance(state, OilState)):
         return {}
-    film, content = journal.film, float(state.content.sum())
-    supplied = in_regions(film, *film.parameters.grid.node_positions.T)
+    flow, content = flow_balance(journal.film, state), float(state.content.sum())
     return {
         "oil_content_m3": content,
         "mean_fluid_fraction": content / float(journal.oil.filled(state.gap).sum()),
         "min_fluid_fraction": float(state.fluid_fraction.min()),
-        "supply_m3_per_s": -float(state.outflow[supplied].sum()),
-        "side_flow_m3_per_s": float(state.outflow[~supplied].sum()),
+        "supply_m3_per_s": flow.supply,
+        "side_flow_m3_per_s": flow.side,
     }
 
 
