@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 from fenics_ehd.multibody.crank import ConstantSpeedCrank
-from fenics_ehd.multibody.guide import rotation
 from fenics_ehd.output import HistoryWriter, read_history, versions
+from fenics_ehd.plane import rotation
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.run import Totals
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from fenics_ehd.errors import SolverError
 from fenics_ehd.multibody.crank import ConstantSpeedCrank, CrankMotion
-from fenics_ehd.multibody.guide import rod_angle, rotation
+from fenics_ehd.multibody.guide import rod_angle
+from fenics_ehd.plane import rotation
 
 #: Derandomised, so that every machine tests the same cases.
 profile = settings(deadline=None, derandomize=True, max_examples=60)

@@ -17,15 +17,20 @@ import numpy as np
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.errors import GapClosedError
 from fenics_ehd.film.film import Film, FilmState
-from fenics_ehd.film.forces import rotation
 from fenics_ehd.film.grading import gap_graded_grid
-from fenics_ehd.film.kinematics import GapSlopes, ShaftMotion, shaft_gap, shaft_gap_slopes
+from fenics_ehd.film.kinematics import (
+    GapSlopes,
+    ShaftMotion,
+    shaft_gap,
+    shaft_gap_slopes,
+)
 from fenics_ehd.film.lubricant import Barus, Constant, Lubricant, PressureLaw, Roelands
 from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.piezoviscous import PiezoviscousFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
+from fenics_ehd.plane import rotation
 
 #: A mesh made for one gap serves another as long as no thickness differs by more than this factor.
 MESH_REACH = 1.2

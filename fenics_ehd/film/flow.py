@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.film.balance import balance
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.oil_state import OilState
-from fenics_ehd.film.reynolds import balance
 from fenics_ehd.film.shear import in_supply
 from fenics_ehd.film.supply import SLACK
 

@@ -28,6 +28,7 @@ import numpy as np
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.kinematics import ShaftMotion
 from fenics_ehd.film.shear import FilmFields, film_fields
+from fenics_ehd.plane import rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +84,6 @@ class FilmForces:
     def on_bore(self) -> Wrench:
         """Pressure and shear together."""
         return self.pressure_on_bore + self.shear_on_bore
-
-
-def rotation(angle: float) -> np.ndarray:
-    """Matrix that turns a vector of the plane by an angle [rad], shape (2, 2)."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def film_forces(

@@ -11,15 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.film.assembly import Assembly, Coefficients
+from fenics_ehd.film.balance import balance, balance_derivative, flux_change
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.kinematics import Gap, GapSlopes
-from fenics_ehd.film.reynolds import (
-    SMALLEST_SOURCE,
-    balance,
-    balance_derivative,
-    flux_change,
-)
+from fenics_ehd.film.reynolds import SMALLEST_SOURCE
 from fenics_ehd.film.strips import Strips
 from fenics_ehd.film.supply import in_regions
 

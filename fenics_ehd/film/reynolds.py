@@ -13,6 +13,7 @@ import numpy as np
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, Coefficients
+from fenics_ehd.film.balance import OilProperties, balance, balance_derivative, flux_change
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, GapSlopes, SurfacePoints
@@ -42,81 +43,6 @@ class DensityRate:
 
     shift: float
     history: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class OilProperties:
-    """Dimensionless oil properties, their slopes along P, and slopes of P, at the Gauss points."""
-
-    around: np.ndarray
-    along: np.ndarray
-    viscosity: np.ndarray
-    viscosity_slope: np.ndarray
-    density: np.ndarray
-    density_slope: np.ndarray
-    expansion: np.ndarray
-    expansion_slope: np.ndarray
-
-    def mobility(self, thickness: np.ndarray) -> np.ndarray:
-        """``k = rho H^3 / eta``."""
-        return self.density * thickness**3 / self.viscosity
-
-
-def balance(
-    assembly: Assembly,
-    oil: OilProperties,
-    thickness: np.ndarray,
-    velocity: np.ndarray,
-    growth: np.ndarray | float,
-) -> np.ndarray:
-    """Weak form of (1) tested with every node, shape (nodes,), all dimensionless.
-
-    `growth` is what the density is multiplied with to give the storage: dH/dt, or
-    ``H / dt`` for what a step of length dt ends with.
-    """
-    mobility = oil.mobility(thickness)
-    return assembly.vector(
-        mobility * oil.around - oil.density * thickness * velocity,
-        mobility * oil.along,
-        oil.density * growth + thickness * oil.expansion,
-    )
-
-
-def balance_derivative(
-    oil: OilProperties, thickness: np.ndarray, velocity: np.ndarray, growth: np.ndarray | float
-) -> Coefficients:
-    """Coefficients of the derivative of `balance` along the pressure."""
-    mobility = oil.mobility(thickness)
-    slope = mobility * (oil.density_slope / oil.density - oil.viscosity_slope / oil.viscosity)
-    return Coefficients(
-        mobility,
-        mobility,
-        slope * oil.around - oil.density_slope * thickness * velocity,
-        slope * oil.along,
-        oil.density_slope * growth + thickness * oil.expansion_slope,
-    )
-
-
-def flux_change(
-    assembly: Assembly,
-    oil: OilProperties,
-    thickness: np.ndarray,
-    velocity: np.ndarray,
-    changes: np.ndarray,
-    speeds: np.ndarray,
-) -> np.ndarray:
-    """Change of the fluxes in `balance`, shape (nodes, n).
-
-    `changes` of H and `speeds`, changes of the mean velocity, dimensionless, are
-    given at the Gauss points for n directions, shape (c * q, n).
-    """
-    slope = 3 * oil.mobility(thickness) / thickness
-    total = assembly.vectors(
-        slope * oil.around - oil.density * velocity, slope * oil.along, changes
-    )
-    if speeds.any():
-        total += assembly.vectors(-oil.density * thickness, None, speeds)
-    return total
 
 
 class ReynoldsEquation:

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.multibody.crank import CrankMotion
-from fenics_ehd.multibody.guide import RodAngle, rotation
+from fenics_ehd.multibody.guide import RodAngle
+from fenics_ehd.plane import rotation
 from fenics_ehd.reduction.body import InertiaIntegrals
 
 

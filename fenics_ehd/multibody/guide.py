@@ -18,6 +18,7 @@ import numpy as np
 
 from fenics_ehd.errors import SolverError
 from fenics_ehd.multibody.crank import CrankMotion
+from fenics_ehd.plane import rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +43,6 @@ class RodAngle:
     rate_slope: np.ndarray
     acceleration_slope: np.ndarray
     angle_curvature: np.ndarray
-
-
-def rotation(angle: float) -> np.ndarray:
-    """Matrix A that takes components in the rod's frame to the inertial frame."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
 
 
 def rod_angle(

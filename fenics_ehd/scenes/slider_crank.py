@@ -14,8 +14,9 @@ from fenics_ehd.multibody.floating_frame import (
     kinetic_energy,
     with_point_mass,
 )
-from fenics_ehd.multibody.guide import RodAngle, rod_angle, rotation
+from fenics_ehd.multibody.guide import RodAngle, rod_angle
 from fenics_ehd.multibody.journal import Journal
+from fenics_ehd.plane import rotation
 from fenics_ehd.reduction.body import ReducedBody
 
 
