@@ -5,10 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # the backend must be chosen first
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
@@ -16,6 +12,7 @@ from matplotlib.patches import Arc, Circle
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable
+from fenics_ehd.plotting.picture import plt, save
 
 if TYPE_CHECKING:
     from fenics_ehd.bearing.operating_point import BearingResult
@@ -73,9 +70,7 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
     _draw_curves(axes["curves"], result, angle, pressure[len(height) // 2])
     axes["map"].sharex(axes["curves"])
     _draw_sketch(axes["sketch"], result, angle, pressure[len(height) // 2])
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    save(figure, [path])
 
 
 def _draw_map(

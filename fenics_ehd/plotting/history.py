@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # the backend must be chosen first
 import numpy as np
+
+from fenics_ehd.plotting.picture import FORMATS, plt, save
 
 #: Typical safe film thickness of engine bearings, section 4.2 [um].
 SAFE_FILM_THICKNESS = 2.5
@@ -30,7 +28,7 @@ def plot_runs(
 def plot_history(
     histories: Mapping[str, Mapping[str, np.ndarray]],
     directory: str | Path,
-    formats: tuple[str, ...] = ("png", "svg"),
+    formats: tuple[str, ...] = FORMATS,
 ) -> list[Path]:
     """Peak pressure and minimum film thickness against time.
 
@@ -69,9 +67,5 @@ def plot_history(
         axes.margins(x=0)
         axes.grid(alpha=0.3)
         axes.legend()
-        for suffix in formats:
-            path = Path(directory) / f"{name}.{suffix}"
-            figure.savefig(path, dpi=150)
-            written.append(path)
-        plt.close(figure)
+        written += save(figure, [Path(directory) / f"{name}.{suffix}" for suffix in formats])
     return written

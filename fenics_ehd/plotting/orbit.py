@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # the backend must be chosen first
 import numpy as np
 from matplotlib.axes import Axes
+
+from fenics_ehd.plotting.picture import FORMATS, plt, save
 
 #: Signs at every quarter of the period, on the orbit and on the load alike.
 MARKERS = ("o", "s", "D", "^")
@@ -58,7 +56,7 @@ def _last_cycle(history: Mapping[str, np.ndarray]) -> _Orbit:
 def plot_orbits(
     histories: Mapping[str, Mapping[str, np.ndarray]],
     directory: str | Path,
-    formats: tuple[str, ...] = ("png", "svg"),
+    formats: tuple[str, ...] = FORMATS,
 ) -> list[Path]:
     """Orbit, load diagram, thinnest film and highest pressure of one or more runs.
 
@@ -90,13 +88,7 @@ def plot_orbits(
     figure.align_ylabels([film, pressure])
     if len(orbits) > 1:
         film.legend(loc="upper right", ncols=min(len(orbits), 4))
-    written = []
-    for suffix in formats:
-        path = Path(directory) / f"orbit.{suffix}"
-        figure.savefig(path, dpi=150)
-        written.append(path)
-    plt.close(figure)
-    return written
+    return save(figure, [Path(directory) / f"orbit.{suffix}" for suffix in formats])
 
 
 def _draw_path(axes: Axes, orbit: _Orbit, path: np.ndarray, colour: str) -> None:

@@ -14,9 +14,7 @@ from fenics_ehd.multibody.starved_journal import StarvedJournal
 from fenics_ehd.scenes.engine_load import engine_load
 from fenics_ehd.scenes.load_history import LoadHistory, read_load
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-
-#: Largest clearance over bore radius; the film's equations neglect terms of that order.
-THIN_FILM = 0.05
+from fenics_ehd.scenes.thin_film import check_thin_film
 
 #: Name of the built-in load.
 BUILT_IN_LOAD = "single-cylinder"
@@ -57,11 +55,7 @@ def build_film(settings: LoadedJournalSettings, period: float) -> Film:
         The film is not thin, or the grooves cannot be used.
     """
     bearing = settings.bearing
-    if not bearing.clearance < THIN_FILM * bearing.radius:
-        raise SettingsError(
-            f"bearing.clearance = {bearing.clearance:g} m must be below {THIN_FILM:g} of the "
-            f"radius {bearing.radius:g} m: the film is taken as thin"
-        )
+    check_thin_film(bearing.clearance, bearing.radius)
     if bearing.grooves and bearing.bore_speed:
         raise SettingsError(
             f"bearing.bore_speed = {bearing.bore_speed:g} rad/s must be 0 with bearing.grooves: "

@@ -19,9 +19,7 @@ from fenics_ehd.multibody.energy import EnergyBalance, Powers
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.slider_crank import SliderCrank
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-
-#: Largest clearance over bore radius; the film's equations neglect terms of that order.
-THIN_FILM = 0.05
+from fenics_ehd.scenes.thin_film import check_thin_film
 
 #: Film cells around and along a bore that is no structured mesh.
 DEFAULT_CELLS = (20, 5)
@@ -69,11 +67,7 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
         )
     if body.frame == "clamped":
         raise SettingsError("the body was clamped when it was reduced, a rod must be free")
-    if not bearing.clearance < THIN_FILM * body.bore_radius:
-        raise SettingsError(
-            f"bearing.clearance = {bearing.clearance:g} m must be below {THIN_FILM:g} of the bore "
-            f"radius {body.bore_radius:g} m: the film is taken as thin"
-        )
+    check_thin_film(bearing.clearance, body.bore_radius)
     parameters = FilmParameters(
         film_mesh(settings, body),
         bearing.clearance,
