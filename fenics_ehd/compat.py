@@ -15,7 +15,6 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
-from petsc4py import PETSc
 
 try:
     import basix.ufl as _basix_ufl
@@ -140,11 +139,6 @@ def geometry_dofmap(domain: mesh.Mesh) -> np.ndarray:
 def space_dofmap(space: fem.FunctionSpace) -> np.ndarray:
     """Scalar dofs (block indices) of every local cell of a space, shape (cells, dofs)."""
     return _cell_rows(space.dofmap.list, space.mesh)
-
-
-def petsc_vector(function: fem.Function) -> PETSc.Vec:
-    """PETSc vector that shares its memory with a function."""
-    return function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector
 
 
 def fem_petsc() -> ModuleType:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.film.grid import FilmGrid
@@ -65,7 +66,7 @@ def gap_graded_grid(
             f"{around} cells around cannot resolve {len(breaks) - 1} groove edges: use more cells"
         )
     density = 1.0 / thickness(start + even)
-    share = _cumulative(density, even)
+    share = cumulative_trapezoid(density, even, initial=0)
     share_of_turn = share[-1] / (2 * np.pi * density.max())
     share = THIN_SHARE * share / share[-1] + (1 - THIN_SHARE) * even / (2 * np.pi)
     at_breaks = np.interp(breaks, even, share)
@@ -91,11 +92,6 @@ def _breaks(start: float, edges: Sequence[float]) -> np.ndarray:
     offsets = np.sort(np.append(offsets[offsets < 2 * np.pi - 1e-9], 0.0))
     kept = offsets[np.append(True, np.diff(offsets) > 1e-9)]
     return np.append(kept, 2 * np.pi)
-
-
-def _cumulative(density: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Trapezoidal integral from the first point to each."""
-    return np.append(0.0, np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(x)))
 
 
 def _apportion(shares: np.ndarray, total: int) -> np.ndarray:

@@ -125,11 +125,6 @@ class FilmGrid:
         ]
         return np.stack(columns, axis=1)
 
-    @property
-    def columns(self) -> list[np.ndarray]:
-        """Node numbers at each circumferential position that has corner nodes."""
-        return [row[row >= 0] for row in self._numbers[::2]]
-
     @cached_property
     def cell_sizes(self) -> tuple[np.ndarray, np.ndarray]:
         """Extent of every cell in angle and in height over radius, each shape (cells,)."""

@@ -67,19 +67,14 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     first = nodes[:, 2] <= nodes[:, 2].min() + MATCH_TOLERANCE * radius
     half = angle[first] % (np.pi / cells[0])
     starts = half[np.unique(np.round(half, 6), return_index=True)[1]]
-    grid = uniform_grid(radius, float(np.ptp(nodes[:, 2])), cells, family)
     for start in (0.0, *starts, *(starts + np.pi / cells[0])):
         grid = uniform_grid(radius, float(np.ptp(nodes[:, 2])), cells, family, start=start)
-        if _distance(grid.nodes, nodes) <= MATCH_TOLERANCE * radius:
+        if match(grid.nodes, nodes) is not None:
             return grid
     raise InterfaceMismatchError(
         f"{len(nodes)} bore nodes are not those of {cells[0]} x {cells[1]} equal cells (largest "
-        f"distance {_distance(grid.nodes, nodes):.2e} m)"
+        f"distance {cKDTree(nodes).query(grid.nodes)[0].max():.2e} m)"
     )
-
-
-def _distance(own: np.ndarray, given: np.ndarray) -> float:
-    return float(cKDTree(given).query(own)[0].max())
 
 
 def match(own: np.ndarray, given: np.ndarray) -> np.ndarray | None:

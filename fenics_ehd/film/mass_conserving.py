@@ -259,8 +259,3 @@ class MassConservingFilm:
         pressure[balance.unknown] = np.where(balance.dry[:, None], 0.0, reduced[0])
         fraction[balance.unknown] = -reduced[1]
         return scale * pressure, fraction
-
-
-def steady_mass_conserving(film: Film, gap: Gap) -> OilState:
-    """Steady state of a film with a supply of oil, see `MassConservingFilm.steady`."""
-    return MassConservingFilm(film).steady(gap)

@@ -156,7 +156,6 @@ class PartitionedSystem:
             options_prefix=options_prefix,
         )
         self._current: tuple[np.ndarray, np.ndarray | None, np.ndarray] | None = None
-        self.factorisations = 0
 
     def prepare(
         self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
@@ -186,7 +185,6 @@ class PartitionedSystem:
         self._current = None
         self._factor.factorise(values)
         self._current = (entries, weights, full_film.copy())
-        self.factorisations += 1
 
     def solution(self, rhs: np.ndarray) -> np.ndarray:
         """Pressure of the full and defect of the other nodes, right-hand sides (n,) or (n, k)."""

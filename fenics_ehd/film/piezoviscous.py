@@ -12,12 +12,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from fenics_ehd.errors import SolverError
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.lubricant import Constant, PressureLaw
-from fenics_ehd.film.parameters import FilmParameters
 
 #: The integral of ``dp / r`` is taken up to this ratio of viscosities.
 LARGEST_RATIO = 1e9
@@ -34,8 +34,7 @@ class ReducedPressure:
             top *= 1.2
         self._pressure = np.append(0.0, np.geomspace(1e-6 * top, top, SAMPLES))
         inverse = 1.0 / law(self._pressure)[0]
-        steps = 0.5 * (inverse[1:] + inverse[:-1]) * np.diff(self._pressure)
-        self._reduced = np.append(0.0, np.cumsum(steps))
+        self._reduced = cumulative_trapezoid(inverse, self._pressure, initial=0)
 
     @property
     def limit(self) -> float:
@@ -63,10 +62,7 @@ class PiezoviscousFilm:
         self.film = film
         self._reduced = ReducedPressure(p.lubricant.viscosity_law)
         lubricant = replace(p.lubricant, viscosity_law=Constant(), density_law=Constant())
-        self._constant = Film(
-            FilmParameters(p.grid, p.clearance, lubricant, p.rate, p.sides, p.regions),
-            options_prefix=options_prefix,
-        )
+        self._constant = Film(replace(p, lubricant=lubricant), options_prefix=options_prefix)
         self._last: FilmState | None = None
 
     def solve(self, gap: Gap) -> FilmState:

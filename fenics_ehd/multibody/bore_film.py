@@ -8,18 +8,14 @@ are the film's own, or by the paper's mortar (14) and the body's load matrix.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from fenics_ehd.errors import InterfaceMismatchError
-from fenics_ehd.film import Film
+from fenics_ehd.film import Film, FilmGrid
 from fenics_ehd.film.layout import film_grid, match
 from fenics_ehd.film.surface import Surface
 from fenics_ehd.film.transfer import Mortar, outward_displacement
 from fenics_ehd.reduction.body import ReducedBody
-
-TRANSFERS = ("conservative", "mortar")
 
 #: Largest difference of the film's load from the body's own, relative to the largest, of a cosine
 #: pressure. The body integrates over its quadratic cells, 1e-5 off the cylinder with 20 of them.
@@ -93,7 +89,8 @@ class BoreFilm:
         self.tangential = -turned[:, 1:].reshape(shape)
         nodes = outward_displacement(surface, *grid.node_positions.T)
         self.watched = np.vstack([outward, nodes @ flat])[:, 1:]
-        self._to_structure = self._pressure_map(body, film)
+        self._order = match(body.pressure_nodes, grid.nodes)
+        self._mortar = self._mortar_of(body, grid) if self._order is None else None
         self.load = film.load(outward.reshape(shape))
         self.spin_load = film.load(turned.reshape(shape))
         if transfer == "mortar" and self._mortar is not None:
@@ -114,19 +111,10 @@ class BoreFilm:
                     f"the film's {name} of {own:g} m is not that of the bore, {given:g} m"
                 )
 
-    def _pressure_map(self, body: ReducedBody, film: Film) -> Callable[[np.ndarray], np.ndarray]:
-        """Film pressures to pressures on the body's nodes."""
-        own = film.parameters.grid.nodes
-        order = match(body.pressure_nodes, own)
-        self._mortar: Mortar | None = None
-        if order is not None:
-            return lambda pressure: pressure[order]
+    def _mortar_of(self, body: ReducedBody, grid: FilmGrid) -> Mortar:
         structure = bore_surface(body.pressure_nodes, body.pressure_cells, body.pressure_family)
-        grid = film.parameters.grid
-        self._mortar = Mortar(
-            structure, Surface(grid.node_positions, grid.cell_nodes, grid.family), grid.radius
-        )
-        return self._mortar.to_structure
+        film = Surface(grid.node_positions, grid.cell_nodes, grid.family)
+        return Mortar(structure, film, grid.radius)
 
     @property
     def matching(self) -> bool:
@@ -135,7 +123,9 @@ class BoreFilm:
 
     def structure_pressure(self, pressure: np.ndarray) -> np.ndarray:
         """Pressure on the body's pressure nodes, shape (k,): ``P_s`` of (14)."""
-        return self._to_structure(pressure)
+        if self._mortar is not None:
+            return self._mortar.to_structure(pressure)
+        return pressure[self._order]
 
     def _check_load(self, body: ReducedBody, film: Film) -> None:
         """A smooth pressure must do the same work by the film's integrals and by the body's J."""
