@@ -131,7 +131,9 @@ class _Callbacks:
     """What PETSc calls: function and Jacobian of SNES, and the block's preconditioner.
 
     An exception must not travel through PETSc, which leaves solvers it went
-    through unusable: it is kept, and what is not a number ends the solve.
+    through unusable: it is kept, and what is not a number ends the solve. Its
+    traceback outlives the solve, so that no frame may hold what PETSc must destroy
+    before the interpreter ends: callbacks let go of solvers and matrices first.
     """
 
     def __init__(self, system: VariationalInequality):
@@ -153,15 +155,20 @@ class _Callbacks:
             return np.nan
 
     def function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        del snes
         f.array = self._call("function", x.getArray(readonly=True))
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, a: PETSc.Mat, b: PETSc.Mat) -> None:
+        del snes, a, b
         self._call("linearise", x.getArray(readonly=True))
 
     def setUp(self, pc: PETSc.PC) -> None:
-        self._call("factorise", pc.getOperators()[0].getPythonContext().nodes)
+        nodes = pc.getOperators()[0].getPythonContext().nodes
+        del pc
+        self._call("factorise", nodes)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        del pc
         y.array = self._call("update", x.getArray(readonly=True))
 
 
