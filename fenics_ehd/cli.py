@@ -19,6 +19,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 SCENES = ("slider-crank", "loaded-journal")
 PARTS = ("conrod",)
+METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
 
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print results as JSON on stdout, nothing else there."
@@ -34,7 +35,7 @@ def cli() -> None:
 @cli.command()
 @click.argument("scene")
 @click.option("--body", type=click.Path(dir_okay=False), help="Reduced rod made by 'reduce'.")
-@click.option("--method", type=click.Choice(["m3", "rigid"]), help="Reduction of the rod.")
+@click.option("--method", type=click.Choice(METHODS), help="Reduction of the rod.")
 @click.option(
     "-o",
     "--output",
@@ -93,25 +94,50 @@ def run(
     type=click.Choice(["hex", "tet"]),
     help="Structured hexahedra (the default) or unstructured 10-node tetrahedra.",
 )
-@click.option("--method", type=click.Choice(["m3"]), help="Reduction method.")
-@click.option("--vibration-modes", type=int, help="n_v.")
-@click.option("--residual-modes", type=int, help="n_r.")
-@click.option("--pressure-set", help="pc1 (unit pressures) or pc2 (bearing shapes).")
-@click.option("--selection", help="lowest-frequency, largest-eigenvalue or smallest-eigenvalue.")
+@click.option("--method", type=click.Choice(METHODS), help="Reduction method.")
+@click.option("--modes", type=int, help="Fixed-boundary modes (m1, m2).")
+@click.option("--interior-modes", type=int, help="Interior modes of the first step (m2).")
+@click.option("--vibration-modes", type=int, help="n_v (m3, m4, full).")
+@click.option("--residual-modes", type=int, help="n_r (m3).")
+@click.option("--pressure-set", help="pc1, pc2, pc2-long or pc2-short (m3).")
+@click.option("--snapshots", help="Folder of a run whose pressures replace the set (m3).")
+@click.option("--selection", help="Which residual modes, lowest-frequency say (m3).")
+@click.option("--residual-truncation", type=float, help="Of the residual flexibility (m4).")
+@click.option("--solver", type=click.Choice(["auto", "direct", "iterative"]), help="Static solver.")
+@click.option(
+    "--estimate-error/--no-estimate-error",
+    default=None,
+    help="Also find what flexibility the basis misses: one solve per pressure node.",
+)
+@click.option(
+    "--basis",
+    "basis_path",
+    type=click.Path(dir_okay=False),
+    help="HDF5 file for displacement and stress of the whole part.",
+)
+@click.option(
+    "--export",
+    "exports",
+    multiple=True,
+    type=click.Choice(["npz", "mtx", "exudyn"]),
+    help="Also write the body for NumPy, as Matrix Market files, for Exudyn; beside the HDF5 file.",
+)
 @json_option
 def reduce(
     part: str,
     path: str,
     scene: str | None,
     cells: str | None,
+    basis_path: str | None,
+    exports: tuple[str, ...],
     as_json: bool,
-    **options: str | int | None,
+    **options: str | float | None,
 ) -> None:
     """Reduce PART to a handful of modes; also under mpirun."""
-    from fenics_ehd.commands.scenes import reduce_part
+    from fenics_ehd.commands.reduction import reduce_part
 
     given = {k: v for k, v in options.items() if v is not None}
-    reduce_part(path, scene, cells, given, as_json)
+    reduce_part(path, scene, cells, basis_path, exports, given, as_json)
 
 
 @cli.command()

@@ -26,8 +26,16 @@ class MeshError(InputError):
     """The Gmsh model lacks something that the part needs, or cannot be meshed."""
 
 
+class StructureError(InputError):
+    """Matrices, bore or boundary points of a part cannot be used or contradict each other."""
+
+
 class BodyFileError(InputError):
     """A reduced-body file cannot be read, or does not hold a reduced body."""
+
+
+class ExportError(InputError):
+    """A reduced body cannot be written for another program without becoming a different one."""
 
 
 class InterfaceMismatchError(InputError):

@@ -210,6 +210,23 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
     return dict(zip(header, columns, strict=True))
 
 
+def read_fields(directory: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Arrays of ``history.h5`` by name, one row a step.
+
+    Raises
+    ------
+    InputError
+        The directory holds no such file, or it lacks one of them.
+    """
+    path = Path(directory) / "history.h5"
+    try:
+        with h5py.File(path, "r") as file:
+            return {name: np.array(file[name]) for name in names}
+    except (OSError, KeyError) as error:
+        reason = str(error).splitlines()[0].strip("'\"")
+        raise InputError(f"{path}: not a history of a run ({reason})") from None
+
+
 def versions() -> dict[str, str]:
     """Versions of everything that takes part in a result."""
     names = ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "dolfinx", "gmsh", "matplotlib")

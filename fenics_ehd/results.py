@@ -55,13 +55,16 @@ def summarise(
 
 def open_history(directory: str | Path, body: ReducedBody) -> HistoryWriter:
     """History files for a run of this body."""
+    fields = {
+        "coordinates": 2 + body.modes,
+        "rates": 2 + body.modes,
+        "pressure_Pa": len(body.pressure_nodes),
+    }
+    if body.residual is not None:
+        fields["quasi_static"] = body.residual.rank
     return HistoryWriter(
         directory,
-        fields={
-            "coordinates": 2 + body.modes,
-            "rates": 2 + body.modes,
-            "pressure_Pa": len(body.pressure_nodes),
-        },
+        fields=fields,
         constants={"pressure_nodes_m": body.pressure_nodes, "bore_nodes_m": body.bore_nodes},
     )
 

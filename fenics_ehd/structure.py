@@ -15,7 +15,9 @@ from fenics_ehd import compat
 from fenics_ehd.elements import quadratic_element
 from fenics_ehd.errors import MeshError
 from fenics_ehd.geometry import PartMesh
-from fenics_ehd.reduction.structure import Bore, Recovery, Structure
+from fenics_ehd.reduction.faces import surface_gram
+from fenics_ehd.reduction.structure import Bore, Recovery, Structure, mean_motion
+from fenics_ehd.stress import stress_operator
 from fenics_ehd.surface_mesh import surface_mesh
 
 
@@ -108,7 +110,7 @@ def assemble_structure(
         coordinates=space.tabulate_dof_coordinates()[: index_map.size_local].copy(),
         bore=_bore(part, space, pressures, surfaces[bore], ds),
         attachments={name: _mean_displacement(space, ds(surfaces[name])) for name in attachments},
-        recovery=_recovery(space),
+        recovery=_recovery(space, material),
         owner=mesh,
     )
 
@@ -191,6 +193,9 @@ def _bore(
         family=own.family,
         pressure_cells=loaded.cells,
         pressure_family=loaded.family,
+        reference=mean_motion(
+            own.coordinates, surface_gram(own.coordinates, own.cells, own.family)
+        ),
     )
 
 
@@ -235,10 +240,10 @@ def _check_closed(x: np.ndarray, load: PETSc.Mat, radius: float) -> None:
         )
 
 
-def _recovery(space: fem.FunctionSpace) -> Recovery:
-    """Owned cells with their corner and edge nodes."""
+def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
+    """Owned cells with their corner and edge nodes, and the stresses in them."""
     topology = space.mesh.topology
     cells = topology.index_map(topology.dim).size_local
     dofs = compat.space_dofmap(space)[:cells, _VTK_ORDER[topology.cell_type.name]]
     numbers = space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
-    return Recovery(np.asarray(numbers).reshape(dofs.shape))
+    return Recovery(np.asarray(numbers).reshape(dofs.shape), stress_operator(space, material))

@@ -17,7 +17,7 @@ def rod_structure():
 @pytest.fixture(scope="session")
 def rod_body(rod_structure):
     """Default reduction of the default rod."""
-    return load_dependent(rod_structure, 6, 31)[0]
+    return load_dependent(rod_structure, 6, 31)
 
 
 @pytest.fixture(scope="session")

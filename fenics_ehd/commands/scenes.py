@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -21,7 +20,7 @@ from fenics_ehd.output import (
     to_json,
     versions,
 )
-from fenics_ehd.reduction import ReducedBody, load_body, save_body
+from fenics_ehd.reduction import ReducedBody, load_body
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build, read_toml
 
@@ -30,9 +29,6 @@ if TYPE_CHECKING:  # slow to import, and not every command needs them
     from fenics_ehd.paraview import PartFields
     from fenics_ehd.scenes.rod import ReducedRod
     from fenics_ehd.scenes.run import Totals
-
-#: Polar inertia of the paper's rod, Table 1 [kg m^2].
-PAPER_INERTIA = 4e-3
 
 
 def read_scene(scene: str) -> tuple[SliderCrankSettings, dict]:
@@ -98,7 +94,7 @@ def run_scene(
         body = load_body(body_file)
         check_origin(body, settings, tables)
     else:
-        rod = _reduce(settings)
+        rod = reduce_with_notice(settings)
         body, seconds = rod.body, rod.seconds
         part = _gather(rod) if frames else None
     # The time integration is serial: other ranks have done their share.
@@ -110,7 +106,7 @@ def run_scene(
             raise VerificationError(str(summary["status"]))
 
 
-def _reduce(settings: SliderCrankSettings) -> ReducedRod:
+def reduce_with_notice(settings: SliderCrankSettings) -> ReducedRod:
     """Reduce the rod on all ranks and say so: the first time, forms are compiled."""
     from fenics_ehd.scenes.rod import reduce_rod
 
@@ -201,71 +197,6 @@ def _report(summary: Mapping[str, Any], directory: Path) -> str:
         f"integration {summary['wall_time_s']:.2f} s",
         f"  results in {directory}",
     ]
-    return "\n".join(lines)
-
-
-def reduce_part(
-    path: str, scene: str | None, cells: str | None, options: Mapping[str, Any], as_json: bool
-) -> None:
-    """``fenics-ehd reduce``: every rank takes part, the first one writes."""
-    require_writable(path)
-    settings, _ = read_scene(scene) if scene else (SliderCrankSettings(), {})
-    if cells:
-        settings = attrs.evolve(settings, rod=attrs.evolve(settings.rod, cells=cells))
-    tables = {**attrs.asdict(settings.reduction), **options}
-    reduction = build(type(settings.reduction), tables, "reduction.")
-    rod = _reduce(attrs.evolve(settings, reduction=reduction))
-    if MPI.COMM_WORLD.rank:
-        return
-    _save(rod.body, path)
-    summary = reduction_summary(rod.body, rod.seconds, path)
-    click.echo(to_json(summary) if as_json else _inventory(rod.body, summary))
-
-
-def _save(body: ReducedBody, path: str) -> None:
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        save_body(body, path)
-    except OSError as error:
-        raise SettingsError(f"--output {shlex.quote(path)}: {error}") from None
-
-
-def reduction_summary(body: ReducedBody, seconds: float, path: str) -> dict[str, object]:
-    """Figures of a reduction."""
-    inertia = body.inertia
-    return {
-        "method": body.method,
-        "modes": body.modes,
-        "frame": body.frame,
-        "mass_kg": inertia.total_mass,
-        "centre_of_mass_m": float(inertia.centre_of_mass[0]),
-        "polar_inertia_kg_m2": inertia.polar_inertia,
-        "frequencies_Hz": [float(f) for f in body.frequencies],
-        "kinds": list(body.kinds),
-        **body.accuracy,
-        **body.provenance,
-        "reduction_time_s": seconds,
-        "file": path,
-        "versions": versions(),
-    }
-
-
-def _inventory(body: ReducedBody, summary: Mapping[str, Any]) -> str:
-    inertia = body.inertia
-    dropped = int(body.accuracy["static_dropped"])
-    lines = [
-        f"{body.method}: {body.modes} modes of {summary['degrees_of_freedom']} degrees of freedom, "
-        f"frame {body.frame}, {summary['reduction_time_s']:.2f} s",
-        f"  mass {inertia.total_mass:.4f} kg, centre {inertia.centre_of_mass[0] * 1e3:.2f} mm "
-        f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2 "
-        f"({100 * (inertia.polar_inertia / PAPER_INERTIA - 1):+.1f} % of the paper's 4e-3)",
-        f"  {dropped} of {int(body.accuracy['static_requested'])} static modes dropped as "
-        "linearly dependent",
-        "  number  kind          frequency [Hz]",
-    ]
-    for i, (kind, frequency) in enumerate(zip(body.kinds, body.frequencies, strict=True), 1):
-        lines.append(f"  {i:6d}  {kind:12s}  {frequency:14.1f}")
-    lines.append(f"  written to {summary['file']}")
     return "\n".join(lines)
 
 

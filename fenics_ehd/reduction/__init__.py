@@ -3,25 +3,64 @@
 Needs petsc4py, slepc4py, mpi4py, numpy and h5py; dolfinx is not imported.
 """
 
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
+from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
+from fenics_ehd.reduction.body import (
+    InertiaIntegrals,
+    ModeRecord,
+    ReducedBody,
+    ResidualFlexibility,
+)
 from fenics_ehd.reduction.body_file import load_body, save_body
-from fenics_ehd.reduction.load_dependent import LoadDependentBasis, load_dependent
+from fenics_ehd.reduction.boundary_points import PointWeights
+from fenics_ehd.reduction.checks import check_structure
+from fenics_ehd.reduction.craig_bampton import craig_bampton
+from fenics_ehd.reduction.export import export_matrix_market, export_npz
+from fenics_ehd.reduction.export_exudyn import export_exudyn
+from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
+from fenics_ehd.reduction.load_dependent import full_interface, load_dependent
+from fenics_ehd.reduction.matrices import as_matrix, reorder
 from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
+from fenics_ehd.reduction.residual_flexibility import residual_flexibility
 from fenics_ehd.reduction.residual_modes import SELECTIONS
 from fenics_ehd.reduction.rigid import rigid
-from fenics_ehd.reduction.structure import Bore, Recovery, Structure
+from fenics_ehd.reduction.spatial_inertia import SpatialInertia, spatial_inertia
+from fenics_ehd.reduction.structure import Bore, Recovery, Structure, mean_motion
+from fenics_ehd.reduction.structure_file import load_structure, save_structure
+from fenics_ehd.reduction.two_step import two_step_craig_bampton
 
 __all__ = [
     "PRESSURE_SETS",
     "SELECTIONS",
+    "BasisFile",
     "Bore",
     "InertiaIntegrals",
-    "LoadDependentBasis",
+    "ModeRecord",
+    "PointWeights",
     "Recovery",
     "ReducedBody",
+    "ResidualFlexibility",
+    "SpatialInertia",
     "Structure",
+    "as_matrix",
+    "bore_from_faces",
+    "bore_load_matrix",
+    "check_structure",
+    "craig_bampton",
+    "export_exudyn",
+    "export_matrix_market",
+    "export_npz",
+    "full_interface",
     "load_body",
     "load_dependent",
+    "load_structure",
+    "mean_motion",
+    "reorder",
+    "residual_flexibility",
     "rigid",
+    "save_basis",
     "save_body",
+    "save_structure",
+    "spatial_inertia",
+    "two_step_craig_bampton",
+    "von_mises",
 ]

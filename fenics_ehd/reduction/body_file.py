@@ -10,13 +10,26 @@ import h5py
 import numpy as np
 
 from fenics_ehd.errors import BodyFileError
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
+from fenics_ehd.reduction.body import (
+    InertiaIntegrals,
+    ModeRecord,
+    ReducedBody,
+    ResidualFlexibility,
+)
 
 FORMAT = "fenics_ehd reduced body"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 #: Nodes of a surface cell of each family.
-_FAMILY_NODES = {"serendipity": 8, "lagrange": 9, "triangle": 6}
+_FAMILY_NODES = {"bilinear": 4, "serendipity": 8, "lagrange": 9, "triangle": 6}
+
+#: Fields of `ModeRecord` in a file.
+_RECORD = {
+    "kind": h5py.string_dtype(),
+    "frequency": float,
+    "participation": float,
+    "dropped": h5py.string_dtype(),
+}
 
 _ARRAYS = tuple(f.name for f in fields(ReducedBody) if f.type == "np.ndarray")
 
@@ -41,11 +54,40 @@ def save_body(body: ReducedBody, path: str | Path) -> None:
         file["kinds"] = np.array(body.kinds, dtype=h5py.string_dtype())
         for f in fields(InertiaIntegrals):
             file[f"inertia/{f.name}"] = getattr(body.inertia, f.name)
+        file.create_group("points")
         for name, rows in body.points.items():
             file[f"points/{name}"] = rows
+        if body.residual is not None:
+            for f in fields(ResidualFlexibility):
+                file[f"residual/{f.name}"] = getattr(body.residual, f.name)
+        _write_inventory(file.create_group("inventory"), body.inventory)
         file.create_group("accuracy").attrs.update(body.accuracy)
         file.create_group("provenance").attrs.update(body.provenance)
     partial.replace(path)
+
+
+def _write_inventory(group: h5py.Group, inventory: tuple[ModeRecord, ...]) -> None:
+    for name, dtype in _RECORD.items():
+        group[name] = np.array([getattr(r, name) for r in inventory], dtype=dtype)
+
+
+def _read_inventory(group: h5py.Group) -> tuple[ModeRecord, ...]:
+    columns = [
+        group[name].asstr()[()] if dtype is not float else group[name][()]
+        for name, dtype in _RECORD.items()
+    ]
+    return tuple(
+        ModeRecord(str(kind), float(frequency), float(share), str(dropped))
+        for kind, frequency, share, dropped in zip(*columns, strict=True)
+    )
+
+
+def _read_residual(file: h5py.File) -> ResidualFlexibility | None:
+    if "residual" not in file:
+        return None
+    return ResidualFlexibility(
+        *(np.array(file[f"residual/{f.name}"]) for f in fields(ResidualFlexibility))
+    )
 
 
 def load_body(path: str | Path) -> ReducedBody:
@@ -77,6 +119,8 @@ def load_body(path: str | Path) -> ReducedBody:
                 inertia=InertiaIntegrals(
                     *(np.array(file[f"inertia/{f.name}"]) for f in fields(InertiaIntegrals))
                 ),
+                residual=_read_residual(file),
+                inventory=_read_inventory(file["inventory"]),
                 points={name: np.array(rows) for name, rows in file["points"].items()},
                 accuracy={k: float(v) for k, v in file["accuracy"].attrs.items()},
                 provenance={k: str(v) for k, v in file["provenance"].attrs.items()},
@@ -105,6 +149,19 @@ def defects(body: ReducedBody) -> Iterator[str]:
         "inertia/centrifugal": (body.inertia.centrifugal, square),
         **{f"points/{name}": (rows, (3, 3 + n)) for name, rows in body.points.items()},
     }
+    if body.residual is not None:
+        rank = body.residual.rank
+        shapes |= {
+            "residual/displacement": (body.residual.displacement, (nodes, 3, rank)),
+            "residual/patterns": (body.residual.patterns, (rank, pressures)),
+            "residual/stiffness": (body.residual.stiffness, (rank,)),
+        }
+    if body.rigid_mass.size:
+        shapes |= {
+            "rigid_mass": (body.rigid_mass, (6, 6)),
+            "rigid_coupling": (body.rigid_coupling, (6, n)),
+            "rigid_load": (body.rigid_load, (6, pressures)),
+        }
     if body.missing_flexibility.size:
         shapes["missing_flexibility"] = (body.missing_flexibility, (nodes, pressures))
     for name, (array, shape) in shapes.items():
@@ -112,6 +169,8 @@ def defects(body: ReducedBody) -> Iterator[str]:
             yield f"{name} has shape {array.shape}, {n} modes need {shape}"
         elif not np.isfinite(array).all():
             yield f"{name} holds a value that is not finite"
+        elif name == "residual/stiffness" and not (array > 0).all():
+            yield f"{name} holds a value that is not positive"
         elif name in ("stiffness", "mass", "inertia/mass"):
             scale = np.sqrt(np.abs(np.diag(array)))
             scaled = array / np.outer(scale, scale) if scale.all() else -np.eye(len(array))

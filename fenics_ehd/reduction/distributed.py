@@ -6,15 +6,31 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+#: Size of the blocks of columns that are worked on at once [bytes].
+BLOCK_BYTES = 1.5e8
+
+#: Most columns of a block; solvers gain nothing from more.
+BLOCK_COLUMNS = 128
+
+
+def blocks(count: int, rows: int, comm: MPI.Comm) -> list[slice]:
+    """Slices of `count` columns, so narrow that a block of the owned rows stays small.
+
+    The same on every rank, whatever it owns.
+    """
+    largest = max(comm.allreduce(rows, op=MPI.MAX), 1)
+    width = int(np.clip(BLOCK_BYTES / (8 * largest), 8, BLOCK_COLUMNS))
+    return [slice(start, min(start + width, count)) for start in range(0, count, width)]
+
 
 def dense_matrix(columns: np.ndarray, comm: PETSc.Comm) -> PETSc.Mat:
-    """PETSc dense matrix from the rows this rank owns, shape (owned, k)."""
+    """PETSc dense matrix of the rows this rank owns, shape (owned, k).
+
+    Shares the memory of a column-major array; the others are copied.
+    """
     rows, width = columns.shape
-    matrix = PETSc.Mat().createDense(((rows, None), (None, width)), comm=comm)
-    matrix.setUp()
-    matrix.getDenseArray()[:, :] = columns
-    matrix.assemble()
-    return matrix
+    array = np.asfortranarray(columns)
+    return PETSc.Mat().createDense(((rows, None), (None, width)), array=array, comm=comm)
 
 
 def multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
@@ -23,10 +39,15 @@ def multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
         return np.zeros((matrix.local_size[0], 0))
     dense = dense_matrix(columns, matrix.comm)
     product = matrix.matMult(dense)
-    result = np.array(product.getDenseArray())
+    result = np.array(product.getDenseArray(), order="F")
     product.destroy()
     dense.destroy()
     return result
+
+
+def combine(columns: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """``columns @ weights``, column-major as PETSc takes it without a copy."""
+    return (weights.T @ columns.T).T
 
 
 def inner(left: np.ndarray, right: np.ndarray, comm: MPI.Comm) -> np.ndarray:
@@ -67,3 +88,12 @@ def node_rows(
     rows = np.zeros((len(nodes), 3, columns.shape[1]))
     rows[mine] = columns.reshape(owned, 3, columns.shape[1])[local[mine]]
     return comm.allreduce(rows, op=MPI.SUM)
+
+
+def spread_rows(values: np.ndarray, first_node: int, owned: int, nodes: np.ndarray) -> np.ndarray:
+    """Owned rows (3 owned, k) of fields that are zero but at given global nodes, (nodes, 3, k)."""
+    columns = np.zeros((owned, 3, values.shape[2]))
+    local = nodes - first_node
+    mine = (local >= 0) & (local < owned)
+    columns[local[mine]] = values[mine]
+    return np.asfortranarray(columns.reshape(3 * owned, -1))

@@ -1,49 +1,48 @@
-"""M3: load-dependent dual basis, (26)-(35)."""
+"""M3: load-dependent dual basis, (26)-(35); with every pressure kept, the full interface."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from fenics_ehd.errors import SettingsError, VerificationError
+from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.distributed import inner, load_columns, multiply, symmetric
-from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
-from fenics_ehd.reduction.projection import bore_flexibility, project
-from fenics_ehd.reduction.residual_modes import SELECTIONS, energy_orthonormal
+from fenics_ehd.reduction.checks import check_structure
+from fenics_ehd.reduction.distributed import inner
+from fenics_ehd.reduction.eigenmodes import lowest_modes
+from fenics_ehd.reduction.loads import LoadSet, StaticResponses, attachment_loads, bore_responses
+from fenics_ehd.reduction.pressure_sets import pressure_patterns
+from fenics_ehd.reduction.projection import (
+    Basis,
+    BoreFlexibility,
+    gram_matrices,
+    project,
+    require_small,
+)
+from fenics_ehd.reduction.residual_modes import (
+    PROPER_ORTHOGONAL,
+    RANKINGS,
+    check_selection,
+    proper_orthogonal,
+)
 from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.static_basis import StaticModes, dropped_patterns, static_modes
 from fenics_ehd.reduction.structure import Structure
-from fenics_ehd.reduction.vibration_modes import vibration_modes
-
-#: Largest defect of the reduced matrices from their block-diagonal form, relative.
-DIAGONAL_TOLERANCE = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class LoadDependentBasis:
-    """The part-size columns T of M3 with their reduced matrices, rows owned by this rank."""
-
-    columns: np.ndarray
-    stiffness: np.ndarray
-    mass: np.ndarray
-    frequencies: np.ndarray
-    kinds: tuple[str, ...]
-    accuracy: dict[str, float]
 
 
 def load_dependent(
     structure: Structure,
     n_vibration: int,
     n_residual: int,
-    pressure_set: str = "pc2",
+    pressure_set: str | np.ndarray = "pc2",
     selection: str = "lowest-frequency",
     *,
     attachment_directions: tuple[int, ...] = (0, 1),
     estimate_error: bool = True,
+    keep_basis: bool = False,
+    solver: str = "auto",
     options_prefix: str = "",
-) -> tuple[ReducedBody, LoadDependentBasis]:
-    """Reduce a part with vibration, attachment and load-dependent residual modes.
+) -> ReducedBody:
+    """M3: reduce a part with vibration, attachment and load-dependent residual modes.
 
     Parameters
     ----------
@@ -54,169 +53,185 @@ def load_dependent(
     n_residual
         Residual modes ``n_r`` kept of the pressure set (32).
     pressure_set
-        ``"pc1"`` (34) or ``"pc2"`` (35).
+        Name of one of `PRESSURE_SETS`, or columns of nodal pressures, shape (k, p) [Pa]:
+        snapshots of a former run, for instance.
     selection
-        Which residual modes: see `SELECTIONS`.
+        Which residual modes: one of `SELECTIONS`.
     attachment_directions
         Components of the unit forces at every boundary point: ``n_a`` is their
         number times the number of points.
     estimate_error
         Also compute the bore flexibility that the basis misses, one static
         solve per pressure node.
+    keep_basis
+        Leave the part-size basis in the body.
+    solver
+        ``"direct"``, ``"iterative"`` or ``"auto"``.
     options_prefix
         Put before the prefixes ``static_`` and ``modes_`` of the PETSc options.
 
     Returns
     -------
-    body : ReducedBody
+    ReducedBody
         Frame at the mean axis; vibration coordinates first, then the static
         ones by frequency.
-    basis : LoadDependentBasis
-        Part-size columns, for displacement fields.
 
     Raises
     ------
     SettingsError
-        An unknown set or selection, or more residual modes than the set has columns.
+        An unknown set or selection, more residual modes than the set has columns,
+        or no mode at all.
+    SolverError, VerificationError
+        From the solvers and the checks of the result.
     """
-    _check(structure, n_vibration, n_residual, pressure_set, selection)
-    solver = StaticSolver(structure, options_prefix=f"{options_prefix}static_")
-    prefix = f"{options_prefix}modes_"
+    check_structure(structure)
+    check_selection(selection)
+    patterns = pressure_patterns(structure, pressure_set)
+    _check_counts(n_vibration, n_residual, patterns.shape[1])
+    if selection == PROPER_ORTHOGONAL:
+        patterns, selection = proper_orthogonal(patterns)[:, :n_residual], "every-column"
+    static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
+    fields = attachment_loads(structure, attachment_directions)
     basis = _basis(
-        solver, n_vibration, n_residual, pressure_set, selection, attachment_directions, prefix
+        static, n_vibration, n_residual, fields, patterns, selection, f"{options_prefix}modes_"
     )
-    body = project(
+    return project(
         structure,
-        basis.columns,
-        basis.stiffness,
-        basis.mass,
-        basis.frequencies,
-        basis.kinds,
+        static.mass,
+        basis,
         method="m3",
-        frame="mean-axis" if solver.rigid_modes.shape[1] else "clamped",
-        full_flexibility=bore_flexibility(solver) if estimate_error else None,
-        accuracy=basis.accuracy,
-        provenance={
-            "degrees_of_freedom": str(structure.size),
-        },
+        frame="mean-axis" if static.rigid_modes.shape[1] else "clamped",
+        full_flexibility=bore_flexibility(static) if estimate_error else None,
+        keep_basis=keep_basis,
     )
-    return body, basis
 
 
-def _check(
-    structure: Structure, n_vibration: int, n_residual: int, pressure_set: str, selection: str
-) -> None:
-    for name, value, known in (
-        ("pressure_set", pressure_set, PRESSURE_SETS),
-        ("selection", selection, SELECTIONS),
-    ):
-        if value not in known:
-            raise SettingsError(f"{name} {value!r} is not one of {', '.join(known)}")
-    available = PRESSURE_SETS[pressure_set](structure.lubricated_bore).shape[1]
+def full_interface(
+    structure: Structure,
+    n_vibration: int = 20,
+    *,
+    attachment_directions: tuple[int, ...] = (0, 1),
+    keep_basis: bool = False,
+    solver: str = "auto",
+    options_prefix: str = "",
+) -> ReducedBody:
+    """Keep the response to every nodal pressure: the reference.
+
+    `load_dependent` with all columns of ``P_c1`` (34). It misses no flexibility, so its
+    error estimate is zero; parameters as there.
+    """
+    check_structure(structure)
+    static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
+    patterns = pressure_patterns(structure, "pc1")
+    n = patterns.shape[1]
+    fields = attachment_loads(structure, attachment_directions)
+    prefix = f"{options_prefix}modes_"
+    basis = _basis(static, n_vibration, n, fields, patterns, "every-column", prefix)
+    return project(
+        structure,
+        static.mass,
+        basis,
+        method="full",
+        frame="mean-axis" if static.rigid_modes.shape[1] else "clamped",
+        full_flexibility=bore_flexibility(static),
+        keep_basis=keep_basis,
+    )
+
+
+def bore_flexibility(static: StaticSolver) -> BoreFlexibility:
+    """Static response of the whole part's bore to every nodal pressure."""
+    identity = np.eye(len(static.structure.lubricated_bore.pressure_coordinates))
+    found = [(rows, work) for _, rows, work in bore_responses(static, identity)]
+    rows, work = zip(*found, strict=True)
+    return BoreFlexibility(np.concatenate(rows, axis=2), np.hstack(work))
+
+
+def _check_counts(n_vibration: int, n_residual: int, available: int) -> None:
     if not 0 <= n_residual <= available:
         raise SettingsError(
             f"residual_modes {n_residual} is not between 0 and {available}, "
-            f"the size of pressure set {pressure_set}"
+            "the size of the pressure set"
         )
-    if not 0 <= n_vibration <= structure.size // 4:
-        raise SettingsError(
-            f"vibration_modes {n_vibration} is not between 0 and {structure.size // 4}, "
-            "a quarter of the degrees of freedom"
-        )
+    if n_vibration < 0:
+        raise SettingsError(f"vibration_modes {n_vibration} is below 0")
+    if n_vibration + n_residual == 0:
+        raise SettingsError("vibration_modes and residual_modes are both 0: a rigid part has none")
 
 
 def _basis(
-    solver: StaticSolver,
+    static: StaticSolver,
     n_vibration: int,
     n_residual: int,
-    pressure_set: str,
+    fields: np.ndarray,
+    patterns: np.ndarray,
     selection: str,
-    directions: tuple[int, ...],
     modes_prefix: str,
-) -> LoadDependentBasis:
-    structure = solver.structure
-    omega, modes = vibration_modes(solver, n_vibration, options_prefix=modes_prefix)
-    attachment_loads = np.column_stack(
-        [vectors[d].array for vectors in structure.attachments.values() for d in directions]
-        or [np.zeros((structure.stiffness.local_size[0], 0))]
+) -> Basis:
+    """T of (26) without the rigid-body modes."""
+    structure = static.structure
+    angular, modes = lowest_modes(static, n_vibration, options_prefix=modes_prefix)
+    loads = LoadSet(structure, fields, patterns)
+    responses = StaticResponses.of(
+        static, loads, angular, modes, with_mass=selection == "lowest-frequency"
     )
-    bore = structure.lubricated_bore
-    pressure_loads = load_columns(bore.load, PRESSURE_SETS[pressure_set](bore))
-    loads = np.hstack([attachment_loads, pressure_loads])
-    responses = _filtered_responses(solver, omega, modes, loads)
-
-    n_attachment = attachment_loads.shape[1]
-    comm = structure.comm
-    mass_responses = multiply(structure.mass, responses)
-    # K G is the equilibrated load less its modal part, and G is orthogonal to both, so G^T K G
-    # needs the load alone.
-    stiffness = symmetric(inner(responses, loads, comm))
-    mass = symmetric(inner(responses, mass_responses, comm))
-    candidates = slice(n_attachment, None)
-    kept = SELECTIONS[selection](stiffness[candidates, candidates], mass[candidates, candidates])
-    kept = kept[:, :n_residual]
-    combination = np.zeros((len(stiffness), n_attachment + kept.shape[1]))
-    combination[:n_attachment, :n_attachment] = np.eye(n_attachment)
-    combination[n_attachment:, n_attachment:] = kept
-
-    orthonormal = energy_orthonormal(combination.T @ stiffness @ combination)
-    combination = combination @ orthonormal
-    values, vectors = np.linalg.eigh(combination.T @ mass @ combination)
-    # Ascending frequency is descending modal mass per unit strain energy.
-    values, vectors = values[::-1], vectors[:, ::-1]
-    combination = combination @ vectors / np.sqrt(values)
-    columns = np.hstack([modes, responses @ combination])
-    angular = np.concatenate([omega, 1.0 / np.sqrt(values)])
-    rank = combination.shape[1]
+    a = fields.shape[1]
+    candidates = slice(a, None)
+    ranked = RANKINGS[selection](
+        responses.stiffness[candidates, candidates], responses.mass[candidates, candidates]
+    )
+    chosen = ranked[:, :n_residual]
+    weights = np.zeros((loads.count, a + chosen.shape[1]))
+    weights[:a, :a] = np.eye(a)
+    weights[a:, a:] = chosen
+    found = static_modes(responses, weights)
     accuracy = {
-        "static_candidates": float(len(stiffness)),
-        "static_requested": float(n_attachment + n_residual),
-        "static_rank": float(rank),
-        "static_dropped": float(n_attachment + n_residual - rank),
+        "static_candidates": float(loads.count),
+        "static_requested": float(a + n_residual),
+        "static_rank": float(len(found.angular)),
+        "static_dropped": float(a + n_residual - len(found.angular)),
+        "static_exactness": _exactness(responses, weights, found),
     }
-    return _verified(solver, columns, angular, n_vibration, accuracy)
+    dropped = dropped_patterns(responses, candidates, ranked, n_residual)
+    return dual_basis(static, angular, modes, found, dropped, accuracy)
 
 
-def _filtered_responses(
-    solver: StaticSolver, omega: np.ndarray, modes: np.ndarray, loads: np.ndarray
-) -> np.ndarray:
-    """Static responses (29) less what the vibration modes already cover (30)."""
-    covered = inner(modes, loads, solver.structure.comm)
-    return solver.solve(loads) - (modes / omega**2) @ covered
+def _exactness(responses: StaticResponses, weights: np.ndarray, found: StaticModes) -> float:
+    """Largest part of the kept static responses' energy that the static modes lack, relative."""
+    exact = weights.T @ responses.stiffness @ weights
+    work = responses.loads.work(found.columns).T @ weights
+    missing = np.diag(exact) - np.sum((work / found.angular[:, None]) ** 2, axis=0)
+    return float(np.abs(missing).max(initial=0.0) / max(np.diag(exact).max(initial=0.0), 1e-300))
 
 
-def _verified(
-    solver: StaticSolver,
-    columns: np.ndarray,
+def dual_basis(
+    static: StaticSolver,
     angular: np.ndarray,
-    n_vibration: int,
+    modes: np.ndarray,
+    found: StaticModes,
+    dropped: tuple,
     accuracy: dict[str, float],
-) -> LoadDependentBasis:
-    """Reduced matrices from the columns themselves, checked against their diagonal form."""
-    structure = solver.structure
-    comm = structure.comm
-    mass = symmetric(inner(columns, multiply(structure.mass, columns), comm))
-    stiffness = symmetric(inner(columns, multiply(structure.stiffness, columns), comm))
-    scaled = stiffness / np.outer(angular, angular)
-    defects = {
-        "mass_defect": np.abs(mass - np.eye(len(mass))).max(initial=0.0),
-        "stiffness_defect": np.abs(scaled - np.eye(len(mass))).max(initial=0.0),
-        "rigid_motion": np.abs(
-            inner(multiply(structure.mass, solver.rigid_modes), columns, comm)
-        ).max(initial=0.0),
-    }
-    for name, value in defects.items():
-        if not value <= DIAGONAL_TOLERANCE:
-            raise VerificationError(
-                f"the reduced basis fails its check: {name} {value:.1e} "
-                f"above {DIAGONAL_TOLERANCE:.0e}"
-            )
-    kinds = ("vibration",) * n_vibration + ("static",) * (len(angular) - n_vibration)
-    return LoadDependentBasis(
-        columns=columns,
-        stiffness=np.diag(angular**2),
-        mass=np.eye(len(angular)),
-        frequencies=angular / (2 * np.pi),
-        kinds=kinds,
-        accuracy=accuracy | {name: float(value) for name, value in defects.items()},
+) -> Basis:
+    """Vibration and static modes together, checked against their diagonal form.
+
+    Raises
+    ------
+    VerificationError
+        The reduced matrices are not diagonal, or a column moves the mean axis.
+    """
+    structure = static.structure
+    columns = np.asfortranarray(np.hstack([modes, found.columns]))
+    frequencies = np.concatenate([angular, found.angular])
+    stiffness, mass = gram_matrices(structure, static.mass, columns)
+    identity = np.eye(len(mass))
+    scaled = stiffness / np.outer(frequencies, frequencies)
+    moved = inner(static.mass.multiply(static.rigid_modes), columns, structure.comm)
+    defects = require_small(
+        {
+            "mass_defect": np.abs(mass - identity).max(initial=0.0),
+            "stiffness_defect": np.abs(scaled - identity).max(initial=0.0),
+            "rigid_motion": np.abs(moved).max(initial=0.0),
+            "static_exactness": accuracy.get("static_exactness", 0.0),
+        }
     )
+    kinds = ("vibration",) * modes.shape[1] + ("static",) * len(found.angular)
+    return Basis(columns, np.diag(frequencies**2), identity, kinds, dropped, accuracy | defects)

@@ -1,10 +1,11 @@
-"""Pressure distributions that generate residual modes, (34) and (35)."""
+"""Pressure distributions that generate residual modes, (34), (35), or given ones."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from fenics_ehd.reduction.structure import Bore
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.reduction.structure import Bore, Structure
 
 #: Mean pressure of the long and peak pressure of the short bearing solution, section 4.2.
 LONG_BEARING_PRESSURE = 1.0
@@ -19,6 +20,17 @@ def unit_pressures(bore: Bore) -> np.ndarray:
     return np.eye(len(bore.pressure_coordinates))
 
 
+def long_bearing_shapes(bore: Bore) -> np.ndarray:
+    """First half of (35): constant in z at every circumferential position, shape (k, m_sy)."""
+    return LONG_BEARING_PRESSURE * _positions(bore)
+
+
+def short_bearing_shapes(bore: Bore) -> np.ndarray:
+    """Second half of (35): a parabola in z at every circumferential position, shape (k, m_sy)."""
+    parabola = 1.0 - (2.0 * bore.pressure_coordinates[:, 2] / bore.width) ** 2
+    return SHORT_BEARING_PRESSURE * parabola[:, None] * _positions(bore)
+
+
 def bearing_shapes(bore: Bore) -> np.ndarray:
     """``P_c2`` (35): long and short bearing shapes at every circumferential position.
 
@@ -28,16 +40,14 @@ def bearing_shapes(bore: Bore) -> np.ndarray:
         shape (k, 2 m_sy): first the long (constant in z), then the short
         (parabolic in z) bearing solutions, by ascending angle.
     """
-    x, y, z = bore.pressure_coordinates.T
+    return np.hstack([long_bearing_shapes(bore), short_bearing_shapes(bore)])
+
+
+def _positions(bore: Bore) -> np.ndarray:
+    """One pattern for each circumferential position, by ascending angle, shape (k, m_sy)."""
+    x, y, _ = bore.pressure_coordinates.T
     angle = np.mod(np.arctan2(y, x) + 1e-9, 2 * np.pi)
-    around = _hats(angle) if bore.pressure_family == "triangle" else _columns(angle)
-    parabola = 1.0 - (2.0 * z / bore.width) ** 2
-    return np.hstack(
-        [
-            LONG_BEARING_PRESSURE * around,
-            SHORT_BEARING_PRESSURE * parabola[:, None] * around,
-        ]
-    )
+    return _hats(angle) if bore.pressure_family == "triangle" else _columns(angle)
 
 
 def _columns(angle: np.ndarray) -> np.ndarray:
@@ -57,4 +67,39 @@ def _hats(angle: np.ndarray) -> np.ndarray:
     return np.maximum(1.0 - np.abs(distance), 0.0)
 
 
-PRESSURE_SETS = {"pc1": unit_pressures, "pc2": bearing_shapes}
+PRESSURE_SETS = {
+    "pc1": unit_pressures,
+    "pc2": bearing_shapes,
+    "pc2-long": long_bearing_shapes,
+    "pc2-short": short_bearing_shapes,
+}
+
+
+def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> np.ndarray:
+    """Pressure patterns ``P_c`` by name, or the given columns if they fit.
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (k, p) [Pa].
+
+    Raises
+    ------
+    SettingsError
+        No set has this name, or the columns are no finite nodal pressures of the bore.
+    """
+    bore = structure.lubricated_bore
+    if isinstance(pressure_set, str):
+        if pressure_set not in PRESSURE_SETS:
+            known = ", ".join(PRESSURE_SETS)
+            raise SettingsError(f"pressure_set {pressure_set!r} is not one of {known}")
+        return PRESSURE_SETS[pressure_set](bore)
+    patterns = np.asarray(pressure_set, dtype=float)
+    nodes = len(bore.pressure_coordinates)
+    if patterns.ndim != 2 or len(patterns) != nodes or not patterns.shape[1]:
+        raise SettingsError(
+            f"pressure_set has shape {patterns.shape}: it needs columns of {nodes} nodal pressures"
+        )
+    if not np.isfinite(patterns).all():
+        raise SettingsError("pressure_set holds a value that is not finite")
+    return patterns

@@ -2,37 +2,147 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody, no_cells, outward
+from fenics_ehd.errors import VerificationError
+from fenics_ehd.reduction.body import (
+    InertiaIntegrals,
+    ModeRecord,
+    ReducedBody,
+    ResidualFlexibility,
+    no_cells,
+    outward,
+)
 from fenics_ehd.reduction.distributed import (
+    blocks,
     inner,
-    load_columns,
     multiply,
     node_rows,
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.rigid_body import rigid_fields, spin
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.mass import MassOperator
+from fenics_ehd.reduction.rigid_motion import rigid_fields, spin
 from fenics_ehd.reduction.structure import Structure
 
-#: Right-hand sides solved at once when the full bore flexibility is computed.
-BLOCK = 64
+#: Largest defect of the reduced matrices from the form they must have, relative.
+FORM_TOLERANCE = 1e-6
 
 
-def inertia_integrals(structure: Structure, fields: np.ndarray) -> InertiaIntegrals:
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Part-size columns T of a reduction with what is known about them.
+
+    Attributes
+    ----------
+    columns
+        Owned rows, shape (owned dofs, n).
+    stiffness, mass
+        Reduced matrices, shape (n, n).
+    kinds
+        Kind of each column.
+    dropped
+        Modes left out.
+    accuracy
+        Figures of the method's own checks.
+    """
+
+    columns: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+    kinds: tuple[str, ...]
+    dropped: tuple[ModeRecord, ...]
+    accuracy: Mapping[str, float]
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Natural frequency of each column taken alone [Hz]."""
+        return np.sqrt(np.diag(self.stiffness) / np.diag(self.mass)) / (2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class BoreFlexibility:
+    """Static response of the bore to nodal pressures, ``G J`` of the whole part.
+
+    Attributes
+    ----------
+    displacement
+        Of the bore nodes, shape (m, 3, k) [m/Pa].
+    energy
+        ``J^T G J``, shape (k, k) [J/Pa^2].
+    """
+
+    displacement: np.ndarray
+    energy: np.ndarray
+
+
+def gram_matrices(
+    structure: Structure, mass: MassOperator, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """``T^T K T`` and ``T^T M T``, on every rank."""
+    n, comm = columns.shape[1], structure.comm
+    reduced = np.empty((n, n)), np.empty((n, n))
+    for part in blocks(n, len(columns), comm):
+        own = columns[:, part]
+        reduced[0][:, part] = inner(columns, multiply(structure.stiffness, own), comm)
+        reduced[1][:, part] = inner(columns, mass.multiply(own), comm)
+    return symmetric(reduced[0]), symmetric(reduced[1])
+
+
+def require_small(defects: Mapping[str, float]) -> dict[str, float]:
+    """The defects, all below `FORM_TOLERANCE`.
+
+    Raises
+    ------
+    VerificationError
+        One is not, by its name.
+    """
+    for name, value in defects.items():
+        if not value <= FORM_TOLERANCE:
+            raise VerificationError(
+                f"the reduced basis fails its check: {name} {value:.1e} above {FORM_TOLERANCE:.0e}"
+            )
+    return {name: float(value) for name, value in defects.items()}
+
+
+def require_positive(name: str, matrix: np.ndarray) -> None:
+    """Raise unless a reduced matrix is positive definite.
+
+    Raises
+    ------
+    VerificationError
+        It is not, or holds what is no number.
+    """
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    smallest = -np.inf
+    if np.isfinite(matrix).all() and scale.all():
+        smallest = np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min(initial=1.0)
+    if not smallest > 0.0:
+        raise VerificationError(
+            f"the reduced {name} matrix is not positive definite: smallest eigenvalue "
+            f"{smallest:.1e} with a diagonal of ones"
+        )
+
+
+def inertia_integrals(
+    structure: Structure, mass: MassOperator, fields: np.ndarray
+) -> InertiaIntegrals:
     """Inertia coupling of the given fields, owned rows (owned dofs, 3 + n)."""
-    mass_fields = multiply(structure.mass, fields)
+    n, comm = fields.shape[1], structure.comm
+    whole = [np.empty((n, n)) for _ in range(3)]
     spun = spin(fields)
-    spin_matrix = inner(mass_fields, spun, structure.comm)
+    for part in blocks(n, len(fields), comm):
+        mass_fields = mass.multiply(fields[:, part])
+        whole[0][:, part] = inner(fields, mass_fields, comm)
+        whole[1][part] = inner(mass_fields, spun, comm)
+        whole[2][:, part] = inner(spun, mass.multiply(spun[:, part]), comm)
     return InertiaIntegrals(
-        mass=symmetric(inner(fields, mass_fields, structure.comm)),
-        spin=0.5 * (spin_matrix - spin_matrix.T),
-        centrifugal=symmetric(inner(spun, multiply(structure.mass, spun), structure.comm)),
+        mass=symmetric(whole[0]),
+        spin=0.5 * (whole[1] - whole[1].T),
+        centrifugal=symmetric(whole[2]),
     )
 
 
@@ -44,76 +154,99 @@ def attachment_rows(structure: Structure, fields: np.ndarray) -> dict[str, np.nd
     }
 
 
-def bore_flexibility(solver: StaticSolver) -> np.ndarray:
-    """Outward bore displacement per unit nodal pressure of the full part, (m, k) [m/Pa]."""
-    structure = solver.structure
-    bore = structure.lubricated_bore
-    identity = np.eye(len(bore.pressure_coordinates))
-    first = structure.stiffness.getOwnershipRange()[0] // 3
-    blocks = []
-    for start in range(0, len(identity), BLOCK):
-        loads = load_columns(bore.load, identity[:, start : start + BLOCK])
-        rows = node_rows(solver.solve(loads), first, bore.nodes, structure.comm)
-        blocks.append(outward(bore.coordinates, rows))
-    return np.hstack(blocks)
-
-
 def project(
     structure: Structure,
-    basis: np.ndarray,
-    stiffness: np.ndarray,
-    mass: np.ndarray,
-    frequencies: np.ndarray,
-    kinds: tuple[str, ...],
+    mass: MassOperator,
+    basis: Basis,
     *,
     method: str,
     frame: str,
-    full_flexibility: np.ndarray | None,
-    accuracy: Mapping[str, float],
-    provenance: Mapping[str, str],
+    residual: ResidualFlexibility | None = None,
+    full_flexibility: BoreFlexibility | None = None,
+    keep_basis: bool = False,
 ) -> ReducedBody:
-    """Reduced body of a basis whose reduced stiffness and mass are known.
+    """Reduced body of a basis.
 
     Parameters
     ----------
-    structure
-        The part.
+    structure, mass
+        The part and the products with its mass.
     basis
-        Owned rows of T, shape (owned dofs, n).
-    stiffness, mass, frequencies, kinds, method, frame, accuracy, provenance
+        T with its reduced matrices.
+    method, frame, residual
         As in `ReducedBody`.
     full_flexibility
-        From `bore_flexibility`, or None when no error estimate is wanted.
+        Of the whole part, or None when no error estimate is wanted.
+    keep_basis
+        Leave the part-size columns in the body.
     """
+    require_positive("stiffness", basis.stiffness)
+    require_positive("mass", basis.mass)
     position = structure.coordinates.reshape(-1, 1)
-    translations = rigid_fields(structure.coordinates)[:, :2]
-    fields = np.hstack([position, translations, basis])
+    rigid = rigid_fields(structure.coordinates)
+    fields = np.hstack([position, rigid[:, :2], basis.columns])
     bore = structure.lubricated_bore
     first = structure.stiffness.getOwnershipRange()[0] // 3
+    mass_rigid = mass.multiply(rigid)
     body = ReducedBody(
         method=method,
         frame=frame,
-        stiffness=stiffness,
-        mass=mass,
-        frequencies=frequencies,
-        kinds=kinds,
+        stiffness=basis.stiffness,
+        mass=basis.mass,
+        frequencies=basis.frequencies,
+        kinds=basis.kinds,
         bore_radius=bore.radius,
         bore_width=bore.width,
         bore_nodes=bore.coordinates,
-        bore_basis=node_rows(basis, first, bore.nodes, structure.comm),
+        bore_basis=node_rows(basis.columns, first, bore.nodes, structure.comm),
         pressure_nodes=bore.pressure_coordinates,
         load_projection=transpose_multiply(bore.load, fields).T,
         spin_load_projection=transpose_multiply(bore.load, spin(fields)).T,
-        inertia=inertia_integrals(structure, fields),
+        inertia=inertia_integrals(structure, mass, fields),
+        rigid_mass=symmetric(inner(rigid, mass_rigid, structure.comm)),
+        rigid_coupling=inner(mass_rigid, basis.columns, structure.comm),
+        rigid_load=transpose_multiply(bore.load, rigid).T,
         points=attachment_rows(structure, fields),
         missing_flexibility=np.zeros((0, 0)),
+        residual=residual,
         bore_cells=no_cells() if bore.cells is None else bore.cells,
         bore_family=bore.family or "",
         pressure_cells=no_cells() if bore.pressure_cells is None else bore.pressure_cells,
         pressure_family=bore.pressure_family or "",
-        accuracy=accuracy,
-        provenance=provenance,
+        accuracy=basis.accuracy,
+        provenance={"degrees_of_freedom": str(structure.size)},
+        columns=basis.columns if keep_basis else None,
     )
     if full_flexibility is None:
-        return body
-    return replace(body, missing_flexibility=full_flexibility - body.basis_flexibility())
+        return replace(body, inventory=_inventory(body, basis.dropped, None))
+    whole = outward(bore.coordinates, full_flexibility.displacement)
+    inventory = _inventory(body, basis.dropped, float(np.trace(full_flexibility.energy)))
+    followed = sum(record.participation for record in inventory if not record.dropped)
+    return replace(
+        body,
+        missing_flexibility=whole - body.basis_flexibility(),
+        inventory=inventory,
+        accuracy={**body.accuracy, "flexibility_followed": followed},
+    )
+
+
+def _inventory(
+    body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
+) -> tuple[ModeRecord, ...]:
+    """Kept modes with their participation, then the dropped ones: shares of `total` or their sum."""
+    load = body.load_projection[3:]
+    if body.frame != "clamped" and body.modes:
+        load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
+    shares = np.einsum("ij,ij->i", load, np.linalg.solve(body.stiffness, load))
+    kept = [
+        ModeRecord(kind, float(frequency), float(share))
+        for kind, frequency, share in zip(body.kinds, body.frequencies, shares, strict=True)
+    ]
+    if body.residual is not None:
+        kept += [
+            ModeRecord("quasi-static", np.inf, float(share)) for share in body.residual.stiffness
+        ]
+    records = [*kept, *dropped]
+    if total is None:
+        total = sum(record.participation for record in records)
+    return tuple(replace(r, participation=r.participation / max(total, 1e-300)) for r in records)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fenics_ehd.errors import SettingsError
+
 #: Directions whose energy is below this fraction of the largest are linearly dependent.
 RANK_TOLERANCE = 1e-12
 
@@ -31,11 +33,57 @@ def lowest_frequency(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
     return basis @ np.linalg.eigh(basis.T @ mass @ basis)[1][:, ::-1]
 
 
-SELECTIONS = {
+def every_column(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """The columns themselves, in their own order."""
+    return np.eye(len(stiffness))
+
+
+#: Selections by what they make of the reduced matrices ``K_cc``, ``M_cc`` of all candidates.
+RANKINGS = {
     "smallest-eigenvalue": smallest_eigenvalue,
     "largest-eigenvalue": largest_eigenvalue,
     "lowest-frequency": lowest_frequency,
+    "every-column": every_column,
 }
+
+#: Selects among the pressures, before anything is solved.
+PROPER_ORTHOGONAL = "proper-orthogonal"
+
+SELECTIONS = (*RANKINGS, PROPER_ORTHOGONAL)
+
+
+def check_selection(name: str) -> None:
+    """Raise unless there is a selection of this name.
+
+    Raises
+    ------
+    SettingsError
+        There is none.
+    """
+    if name not in SELECTIONS:
+        raise SettingsError(f"selection {name!r} is not one of {', '.join(SELECTIONS)}")
+
+
+def proper_orthogonal(patterns: np.ndarray) -> np.ndarray:
+    """Proper orthogonal decomposition of pressure patterns, largest share first.
+
+    The columns are nodal pressures of equal weight, snapshots of a run say; the
+    directions of least squares error keep what the pressures were and
+    know nothing of the part. (Largest eigenvalues of ``K_cc`` are the same
+    decomposition in the norm of the strain energy, after solving for every column.)
+
+    Parameters
+    ----------
+    patterns
+        shape (k, p) [Pa].
+
+    Returns
+    -------
+    numpy.ndarray
+        Orthonormal patterns, shape (k, rank).
+    """
+    left, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
+    return left[:, sizes > RANK_TOLERANCE * sizes.max(initial=0.0)]
 
 
 def energy_orthonormal(stiffness: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray:

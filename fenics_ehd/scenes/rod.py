@@ -7,13 +7,33 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.errors import SettingsError
-from fenics_ehd.reduction import ReducedBody, Structure, load_dependent, rigid
-from fenics_ehd.scenes.slider_crank_settings import ELEMENTS, SliderCrankSettings
+from fenics_ehd.reduction import (
+    ReducedBody,
+    Structure,
+    craig_bampton,
+    full_interface,
+    load_dependent,
+    residual_flexibility,
+    rigid,
+    two_step_craig_bampton,
+)
+from fenics_ehd.scenes.slider_crank_settings import ELEMENTS, Reduction, SliderCrankSettings
+
+#: Keys of [reduction] that each method reads.
+METHOD_KEYS = {
+    "m1": ("modes",),
+    "m2": ("modes", "interior_modes"),
+    "m3": ("vibration_modes", "residual_modes", "pressure_set", "snapshots", "selection"),
+    "m4": ("vibration_modes", "residual_truncation"),
+    "full": ("vibration_modes",),
+    "rigid": (),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,22 +95,61 @@ def reduce_rod(settings: SliderCrankSettings, comm: MPI.Comm = MPI.COMM_WORLD) -
     """
     start = perf_counter()
     structure = build_structure(settings, comm)
-    reduction = settings.reduction
+    body = reduce_structure(structure, settings.reduction)
+    columns = body.columns
+    assert columns is not None
+    body = replace(body, columns=None, provenance={**body.provenance, **origin(settings)})
+    return ReducedRod(body, structure, columns, perf_counter() - start)
+
+
+def reduce_structure(structure: Structure, reduction: Reduction) -> ReducedBody:
+    """Apply the method that the settings name, and keep the part-size basis."""
+    common: dict[str, Any] = {"keep_basis": True}
     if reduction.method == "rigid":
-        body = rigid(structure, estimate_error=reduction.estimate_error)
-        columns = np.zeros((structure.stiffness.local_size[0], 0))
-    else:
-        body, basis = load_dependent(
+        return rigid(structure, estimate_error=reduction.estimate_error, **common)
+    common["solver"] = reduction.solver
+    if reduction.method == "full":
+        return full_interface(structure, reduction.vibration_modes, **common)
+    common["estimate_error"] = reduction.estimate_error
+    if reduction.method == "m1":
+        return craig_bampton(structure, reduction.modes, **common)
+    if reduction.method == "m2":
+        return two_step_craig_bampton(
+            structure, reduction.modes, reduction.interior_modes, **common
+        )
+    if reduction.method == "m4":
+        return residual_flexibility(
             structure,
             reduction.vibration_modes,
-            reduction.residual_modes,
-            reduction.pressure_set,
-            reduction.selection,
-            estimate_error=reduction.estimate_error,
+            truncation=reduction.residual_truncation,
+            **common,
         )
-        columns = basis.columns
-    body = replace(body, provenance={**body.provenance, **origin(settings)})
-    return ReducedRod(body, structure, columns, perf_counter() - start)
+    return load_dependent(
+        structure,
+        reduction.vibration_modes,
+        reduction.residual_modes,
+        _pressures(structure, reduction),
+        reduction.selection,
+        **common,
+    )
+
+
+def _pressures(structure: Structure, reduction: Reduction) -> str | np.ndarray:
+    """Name of the pressure set, or the pressures of a former run, shape (k, steps) [Pa]."""
+    if reduction.snapshots == "none":
+        return reduction.pressure_set
+    from fenics_ehd.output import read_fields
+
+    found = read_fields(reduction.snapshots, ("pressure_Pa", "pressure_nodes_m"))
+    nodes = structure.lubricated_bore.pressure_coordinates
+    if found["pressure_nodes_m"].shape != nodes.shape or not np.allclose(
+        found["pressure_nodes_m"], nodes, atol=1e-9
+    ):
+        raise SettingsError(
+            f"reduction.snapshots = {reduction.snapshots!r}: its {len(found['pressure_nodes_m'])} "
+            f"pressure nodes are not the {len(nodes)} of this bore"
+        )
+    return found["pressure_Pa"].T
 
 
 def origin(settings: SliderCrankSettings) -> dict[str, str]:
@@ -108,9 +167,8 @@ def origin(settings: SliderCrankSettings) -> dict[str, str]:
         "method": reduction.method,
         **{f"geometry.{name}": repr(float(v)) for name, v in sorted(rod.geometry.items())},
     }
-    if reduction.method != "rigid":
-        for name in ("vibration_modes", "residual_modes", "pressure_set", "selection"):
-            values[name] = str(getattr(reduction, name))
+    for name in METHOD_KEYS[reduction.method]:
+        values[name] = str(getattr(reduction, name))
     return values
 
 

@@ -16,6 +16,7 @@ from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import Step, StepControl, integrate
 from fenics_ehd.multibody.crank import ConstantSpeedCrank
 from fenics_ehd.multibody.energy import EnergyBalance, Powers
+from fenics_ehd.multibody.quasi_static import massless_coordinates, neglected_inertia
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.slider_crank import SliderCrank
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
@@ -77,7 +78,7 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
     crank = ConstantSpeedCrank(mechanism.crank_length, mechanism.crank_speed)
     return SliderCrank(
         crank,
-        body,
+        massless_coordinates(body),
         Film(parameters),
         mechanism.piston_mass,
         settings.rod.damping_time,
@@ -155,20 +156,26 @@ def simulate(
     control = step_control(settings, end)
     mechanism = build_mechanism(settings, body)
     rest = np.zeros(mechanism.size)
-    estimate = BasisErrorEstimate(body.missing_flexibility, settings.rod.damping_time)
+    estimate = BasisErrorEstimate(
+        body.missing_flexibility, settings.rod.damping_time, neglected_inertia(body)
+    )
+    n = 2 + body.modes
     balance = EnergyBalance(0.0, mechanism.initial_powers())
     started = perf_counter()
     for step in integrate(mechanism, (0.0, end), rest, rest, control):
         powers = mechanism.powers(step.x, step.rate, step.auxiliary)
         balance.add(step.time, powers)
         pressure = mechanism.journal.bore.structure_pressure(step.auxiliary.film.pressure)
-        error = estimate.add(step.time - totals.time, pressure)
+        error = estimate.add(step.time - totals.time, pressure, step.acceleration[2:])
         row = _row(mechanism, step, powers, balance, error, step.time - totals.time)
         _account(totals, row, step, balance, estimate)
         totals.film_solves = mechanism.journal.film.solves
         totals.wall_time = perf_counter() - started
         if record is not None:
-            record(row, {"coordinates": step.x, "rates": step.rate, "pressure_Pa": pressure})
+            fields = {"coordinates": step.x[:n], "rates": step.rate[:n], "pressure_Pa": pressure}
+            if body.residual is not None:
+                fields["quasi_static"] = step.x[n:]
+            record(row, fields)
         if progress is not None:
             progress(totals, step)
     return totals

@@ -1,0 +1,76 @@
+"""Bore flexibility without inertia (M4) as coordinates that have stiffness and damping alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody, outward
+
+
+def massless_coordinates(body: ReducedBody) -> ReducedBody:
+    """A body of which every residual pattern is a coordinate without mass.
+
+    With ``K = V^T J^T G_res J V`` and the damping zeta K of all coordinates, the
+    equation of such a coordinate, ``K (y + zeta y') = K V^T P``, is the
+    ``w + zeta dw/dt = P`` of M4 for ``y = V^T w``. Amplitudes are scaled to the
+    largest displacement of the bore [m].
+
+    Parameters
+    ----------
+    body
+        Any reduced body; one without residual flexibility is returned as it is.
+    """
+    residual = body.residual
+    if residual is None or not residual.rank:
+        return body
+    size = np.abs(residual.displacement).max(axis=(0, 1))
+    r = residual.rank
+    stiffness = np.zeros((body.modes + r,) * 2)
+    stiffness[: body.modes, : body.modes] = body.stiffness
+    stiffness[body.modes :, body.modes :] = np.diag(residual.stiffness / size**2)
+    load = (residual.stiffness / size)[:, None] * residual.patterns
+    return replace(
+        body,
+        stiffness=stiffness,
+        mass=_padded(body.mass, r),
+        frequencies=np.concatenate([body.frequencies, np.full(r, np.inf)]),
+        kinds=body.kinds + ("quasi-static",) * r,
+        bore_basis=np.concatenate([body.bore_basis, residual.displacement / size], axis=2),
+        load_projection=np.vstack([body.load_projection, load]),
+        # The moment on a deformation as small as this one does not matter.
+        spin_load_projection=np.vstack([body.spin_load_projection, np.zeros_like(load)]),
+        inertia=InertiaIntegrals(
+            _padded(body.inertia.mass, r),
+            _padded(body.inertia.spin, r),
+            _padded(body.inertia.centrifugal, r),
+        ),
+        points={name: np.hstack([rows, np.zeros((3, r))]) for name, rows in body.points.items()},
+        rigid_coupling=np.hstack([body.rigid_coupling, np.zeros((6, r))]),
+        residual=None,
+    )
+
+
+def neglected_inertia(body: ReducedBody) -> np.ndarray:
+    """Gap error per acceleration of the coordinates of `massless_coordinates`.
+
+    The force ``-M_rr y''`` that a residual pattern's mass would exert, answered by
+    its own stiffness.
+
+    Returns
+    -------
+    numpy.ndarray
+        Outward bore displacement, shape (m, n + r); no rows if the mass is unknown.
+    """
+    residual = body.residual
+    if residual is None or not residual.rank or not residual.mass.size:
+        return np.zeros((0, body.modes))
+    size = np.abs(residual.displacement).max(axis=(0, 1))
+    shape = outward(body.bore_nodes, residual.displacement)
+    error = (shape / residual.stiffness) @ (residual.mass / size)
+    return np.hstack([np.zeros((len(error), body.modes)), error])
+
+
+def _padded(matrix: np.ndarray, count: int) -> np.ndarray:
+    return np.pad(matrix, (0, count))

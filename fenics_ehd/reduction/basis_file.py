@@ -1,0 +1,299 @@
+"""The part-size basis in one HDF5 file: displacements and stresses from modal coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from fenics_ehd.errors import BodyFileError, SettingsError
+from fenics_ehd.reduction.structure import Structure
+
+FORMAT = "fenics_ehd part basis"
+FORMAT_VERSION = 1
+
+#: Order of the stress components.
+VOIGT = ("xx", "yy", "zz", "yz", "xz", "xy")
+
+#: Size of an HDF5 chunk: whole rows of nodes or points.
+_CHUNK_BYTES = 1 << 18
+
+#: Rows read or written at a time; computing stresses takes some five times as much.
+_BLOCK_BYTES = 1 << 22
+
+#: Modes whose stresses are computed at a time.
+_BLOCK_MODES = 256
+
+
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """Equivalent stress of Voigt stresses, shape (..., 6) to (...) [Pa]."""
+    stress = np.asarray(stress)
+    normal, shear = stress[..., :3], stress[..., 3:]
+    differences = normal - np.roll(normal, 1, axis=-1)
+    return np.sqrt(0.5 * (differences**2).sum(axis=-1) + 3 * (shear**2).sum(axis=-1))
+
+
+def save_basis(
+    path: str | Path, structure: Structure, columns: np.ndarray, *, stress: bool = True
+) -> None:
+    """Write the basis of a part; an existing file is replaced only once the new one is whole.
+
+    Collective. The ranks write one after the other, each its own rows.
+
+    Parameters
+    ----------
+    path
+        The same on every rank.
+    structure
+        Nodes and cells of the part.
+    columns
+        Displacements of unit modal coordinates, owned rows of shape (owned dofs, n) [m].
+    stress
+        Also write the modal stresses, the larger part, if the structure knows them.
+
+    Raises
+    ------
+    SettingsError
+        The columns do not fit the structure.
+    BodyFileError
+        The file cannot be written. Every rank raises it.
+    """
+    shapes = structure.comm.allgather((columns.shape, 3 * len(structure.coordinates)))
+    for shape, owned in shapes:
+        if len(shape) != 2 or shape != (owned, shapes[0][0][-1]):
+            raise SettingsError(f"columns of shape {shape} on a rank with {owned} dofs")
+    recovery = structure.recovery
+    field = recovery.stress(columns) if stress and recovery and recovery.stress else None
+    path = Path(path)
+    partial = path.with_name(path.name + ".part")
+    try:
+        _write_in_turn(path, partial, structure, columns, field)
+    except BodyFileError:
+        if structure.comm.rank == 0:
+            with suppress(OSError):
+                partial.unlink()
+        raise
+
+
+def _write_in_turn(
+    path: Path, partial: Path, structure: Structure, columns: np.ndarray, field: Any
+) -> None:
+    """Every dataset, one rank after the other; the last one names the file."""
+    comm, modes = structure.comm, columns.shape[1]
+    nodes = len(structure.coordinates)
+    cells = structure.recovery.cells if structure.recovery else np.zeros((0, 0), dtype=np.int64)
+    points = field.shape[0] * field.shape[1] if field else 0
+    counts = np.array(comm.allgather((nodes, len(cells), points)))
+    first_node, first_cell, first_point = counts[: comm.rank].sum(axis=0)
+    nodes_a_cell = comm.allreduce(cells.shape[1], op=MPI.MAX)
+
+    def write() -> None:
+        with h5py.File(partial, "r+" if comm.rank else "w") as file:
+            if comm.rank == 0:
+                _create(file, counts.sum(axis=0).tolist(), nodes_a_cell, modes, field is not None)
+            file["nodes"][first_node : first_node + nodes] = structure.coordinates
+            file["cells"][first_cell : first_cell + len(cells)] = cells
+            _write_basis(file["basis"], first_node, columns.reshape(nodes, 3, modes))
+            if field:
+                _write_stress(file, first_point, field)
+        if comm.rank == comm.size - 1:
+            partial.replace(path)
+
+    for turn in range(comm.size):
+        failure, cause = "", None
+        if comm.rank == turn:
+            try:
+                write()
+            except Exception as error:  # Whatever it is, the others wait for this rank.
+                failure, cause = f"{type(error).__name__}: {error}", error
+        failure = comm.bcast(failure, root=turn)
+        if failure:
+            raise BodyFileError(f"basis file {path} cannot be written: {failure}") from cause
+
+
+def _create(
+    file: h5py.File, totals: list[int], nodes_a_cell: int, modes: int, stress: bool
+) -> None:
+    """Empty datasets of the whole part."""
+    nodes, cells, points = totals
+    file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
+    file.create_dataset("cells", (cells, nodes_a_cell), dtype=np.int64)
+    tables = {"nodes": (nodes, 3), "basis": (nodes, 3, modes)}
+    if stress:
+        tables |= {"stress_points": (points, 3), "stress": (points, 6, modes)}
+    for name, shape in tables.items():
+        rows = _CHUNK_BYTES // max(1, 8 * int(np.prod(shape[1:])))
+        chunks = (min(shape[0], max(1, rows)), *shape[1:]) if all(shape) else None
+        table = file.create_dataset(name, shape, dtype=np.float64, chunks=chunks)
+        table.attrs["unit"] = "Pa" if name == "stress" else "m"
+    if stress:
+        file["stress"].attrs["components"] = " ".join(VOIGT)
+
+
+def _write_basis(table: h5py.Dataset, first: int, rows: np.ndarray) -> None:
+    step = max(1, _BLOCK_BYTES // max(1, 8 * rows[:1].size))
+    for start in range(0, len(rows), step):
+        block = rows[start : start + step]
+        table[first + start : first + start + len(block)] = block
+
+
+def _write_stress(file: h5py.File, first: int, field: Any) -> None:
+    """Stresses by blocks of cells and modes, rows in the order of cells, then points."""
+    cells, points, components, modes = field.shape
+    step = max(1, _BLOCK_BYTES // max(1, 8 * points * components * modes))
+    for start in range(0, cells, step):
+        block = slice(start, min(start + step, cells))
+        stresses = np.empty((block.stop - block.start, points, components, modes))
+        for mode in range(0, modes, _BLOCK_MODES):
+            part = slice(mode, mode + _BLOCK_MODES)
+            stresses[..., part] = field.block(block, part)
+        size = len(stresses) * points
+        rows = slice(first + start * points, first + start * points + size)
+        file["stress_points"][rows] = field.positions(block).reshape(size, 3)
+        file["stress"][rows] = stresses.reshape(size, components, modes)
+
+
+class BasisFile:
+    """Displacements and stresses of a part from its modal coordinates.
+
+    The basis stays in the file, read a few MB at a time. A context manager.
+
+    Parameters
+    ----------
+    path
+        A file of `save_basis`.
+
+    Raises
+    ------
+    BodyFileError
+        The file is missing, is not HDF5, is cut short, or holds no basis of this format.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        with self._named():
+            self._file = h5py.File(self.path, "r")
+            try:
+                self._check()
+            except Exception:
+                self.close()
+                raise
+
+    def __enter__(self) -> BasisFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+            raise BodyFileError(f"basis file {self.path}: {str(error).splitlines()[0]}") from error
+
+    def _check(self) -> None:
+        file = self._file
+        if file.attrs.get("format") != FORMAT:
+            raise ValueError(f"not a {FORMAT}")
+        if file.attrs["format_version"] != FORMAT_VERSION:
+            raise ValueError(
+                f"format version {file.attrs['format_version']}, this program reads "
+                f"{FORMAT_VERSION}; reduce the part again"
+            )
+        nodes, modes = len(file["nodes"]), file["basis"].shape[-1]
+        shapes = {"nodes": (nodes, 3), "basis": (nodes, 3, modes), "cells": file["cells"].shape[:2]}
+        if "stress" in file:
+            points = len(file["stress"])
+            shapes |= {"stress": (points, 6, modes), "stress_points": (points, 3)}
+        for name, shape in shapes.items():
+            if file[name].shape != shape:
+                raise ValueError(f"{name} has shape {file[name].shape}, not {shape}")
+
+    @property
+    def modes(self) -> int:
+        """Number of modal coordinates n."""
+        return int(self._file["basis"].shape[2])
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Positions of the nodes, shape (nodes, 3) [m]."""
+        return self._table("nodes")[()]
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Nodes of every cell in VTK's order, shape (cells, 20 or 10); empty when unknown."""
+        return self._table("cells")[()]
+
+    @property
+    def stress_points(self) -> np.ndarray:
+        """Where the stresses are, cell after cell, shape (points, 3) [m]."""
+        return self._table("stress_points")[()]
+
+    def displacement(self, coordinates: np.ndarray, nodes: np.ndarray | None = None) -> np.ndarray:
+        """Displacement field of modal coordinates.
+
+        Parameters
+        ----------
+        coordinates
+            shape (n,), or (t, n) for t instants: the file is read once.
+        nodes
+            Numbers of the nodes wanted; None for all.
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (nodes, 3) or (t, nodes, 3) [m].
+
+        Raises
+        ------
+        SettingsError
+            The coordinates do not fit the modes, or there is no such node.
+        BodyFileError
+            The file cannot be read.
+        """
+        return self._combine("basis", coordinates, nodes)
+
+    def stress(self, coordinates: np.ndarray, points: np.ndarray | None = None) -> np.ndarray:
+        """Stresses in the order of `VOIGT`, shape (points, 6) or (t, points, 6) [Pa].
+
+        Everything else as in `displacement`; a file without stresses raises BodyFileError.
+        """
+        return self._combine("stress", coordinates, points)
+
+    def _table(self, name: str) -> h5py.Dataset:
+        if self._file and name not in self._file:
+            raise BodyFileError(f"basis file {self.path} holds no stresses: none were saved")
+        return self._file[name]
+
+    def _combine(self, name: str, coordinates: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
+        """Rows of a table times coordinates, read block by block."""
+        table = self._table(name)
+        size, components, modes = table.shape
+        q = np.asarray(coordinates, dtype=float)
+        if q.ndim not in (1, 2) or q.shape[-1] != modes:
+            raise SettingsError(f"coordinates of shape {q.shape} for the {modes} modes of a basis")
+        wanted = np.arange(size) if rows is None else np.asarray(rows, dtype=np.int64).ravel()
+        if wanted.size and not 0 <= wanted.min() <= wanted.max() < size:
+            raise SettingsError(f"row {wanted.min()} or {wanted.max()} is not in 0 to {size - 1}")
+        history = np.atleast_2d(q)
+        step = max(1, _BLOCK_BYTES // (8 * components * max(*history.shape, 1)))
+        if rows is not None and table.chunks:
+            step = min(step, table.chunks[0])
+        result = np.empty((len(history), len(wanted), components))
+        order = np.argsort(wanted, kind="stable")
+        for start in step * np.unique(wanted // step):
+            there = order[slice(*np.searchsorted(wanted, (start, start + step), sorter=order))]
+            with self._named():
+                block = table[start : start + step]
+            result[:, there] = np.tensordot(history, block[wanted[there] - start], (1, 2))
+        return result if q.ndim == 2 else result[0]

@@ -1,0 +1,196 @@
+"""Lowest modes of a part by SLEPc: fixed-boundary ones (20), free-floating ones (27), (28)."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+from fenics_ehd.errors import SettingsError, SolverError, VerificationError
+from fenics_ehd.petsc_options import configure
+from fenics_ehd.reduction.distributed import inner, multiply
+from fenics_ehd.reduction.fixed_boundary import Flexibility
+from fenics_ehd.reduction.structure import Structure
+
+#: Tolerance of SLEPc's residual, and of our own check of it, relative to the eigenvalue.
+EIGEN_TOLERANCE = 1e-10
+RESIDUAL_TOLERANCE = 1e-6
+
+#: Of the eigenvalue that shows whether one was missed.
+COUNT_TOLERANCE = 1e-4
+
+
+class _Inverse:
+    """Python preconditioner that applies a flexibility: exact on what its support admits."""
+
+    def __init__(self, flexibility: Flexibility):
+        self._flexibility = flexibility
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        y.array = self._flexibility.apply(x.getArray(readonly=True).reshape(-1, 1))[:, 0]
+
+
+def lowest_modes(
+    flexibility: Flexibility, count: int, *, options_prefix: str = "modes_"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest elastic modes of a supported part, mass-normalised.
+
+    Shift-invert at zero on the space deflated by the exact rigid-body modes, so
+    none is lost and the factorisation of the static responses serves again.
+
+    Parameters
+    ----------
+    flexibility
+        The part with its support.
+    count
+        Number of modes.
+    options_prefix
+        Prefix of the PETSc options of the eigensolver.
+
+    Returns
+    -------
+    angular_frequencies : numpy.ndarray
+        shape (count,) [rad/s], ascending.
+    modes : numpy.ndarray
+        Owned rows, shape (owned dofs, count), ``Phi^T M Phi = I`` (28).
+
+    Raises
+    ------
+    SettingsError
+        More modes than a quarter of the degrees of freedom.
+    SolverError
+        SLEPc converged fewer modes than asked for.
+    VerificationError
+        A residual exceeds `RESIDUAL_TOLERANCE`, or a lower mode was missed.
+    """
+    structure = flexibility.structure
+    if not 0 <= count <= structure.size // 4:
+        raise SettingsError(
+            f"{count} modes: must be between 0 and {structure.size // 4}, a quarter of the "
+            "degrees of freedom"
+        )
+    if count == 0:
+        return np.zeros(0), np.zeros((structure.stiffness.local_size[0], 0))
+    start = flexibility.apply(_scattered(structure, 0.0)[:, None])
+    eigenvalues, modes = _solve(
+        flexibility, count, start, flexibility.rigid_modes, EIGEN_TOLERANCE, options_prefix
+    )
+    # Round-off of the Krylov vectors brings back a little of what the support forbids.
+    modes = flexibility.admissible(modes)
+    norms = structure.comm.allreduce(np.sum(modes * flexibility.mass.multiply(modes), axis=0))
+    modes /= np.sqrt(norms)
+    _verify(flexibility, eigenvalues, modes)
+    _verify_none_missed(flexibility, eigenvalues, modes, options_prefix)
+    return np.sqrt(eigenvalues), _orient(structure, modes)
+
+
+def _solve(
+    flexibility: Flexibility,
+    count: int,
+    start: np.ndarray,
+    deflated: np.ndarray,
+    tolerance: float,
+    options_prefix: str,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues, ascending, and modes as SLEPc gives them, M-orthogonal to the deflated columns."""
+    structure = flexibility.structure
+    eps = SLEPc.EPS().create(structure.stiffness.comm)
+    eps.setOperators(structure.stiffness, flexibility.mass.matrix)
+    eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    eps.setTarget(0.0)
+    # Few more vectors than modes: orthogonalising long bases costs as much as the solves.
+    eps.setDimensions(count, min(count + int(np.clip(count, 15, 45)), structure.size))
+    eps.setTolerances(tolerance, 500)
+    # One more product with the inverse for every mode; `admissible` does what it is for.
+    eps.setPurify(False)
+    eps.setInitialSpace(_vectors(structure, start))
+    if deflated.shape[1]:
+        eps.setDeflationSpace(_vectors(structure, deflated))
+    transform = eps.getST()
+    transform.setType(SLEPc.ST.Type.SINVERT)
+    ksp = transform.getKSP()
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.pc.setType(PETSc.PC.Type.PYTHON)
+    ksp.pc.setPythonContext(_Inverse(flexibility))
+    configure(eps, options_prefix, {})
+    vector = structure.stiffness.createVecLeft()
+    try:
+        eps.solve()
+        if eps.getConverged() < count:
+            raise SolverError(
+                f"SLEPc converged {eps.getConverged()} of {count} modes: "
+                f"ask for fewer or raise -{options_prefix}eps_max_it"
+            )
+        modes = np.empty((len(start), count), order="F")
+        eigenvalues = np.empty(count)
+        for i in range(count):
+            eigenvalues[i] = eps.getEigenpair(i, vector).real
+            modes[:, i] = vector.array
+    finally:
+        # The Python preconditioner must not outlive the interpreter.
+        eps.destroy()
+    order = np.argsort(eigenvalues)
+    return eigenvalues[order], modes[:, order]
+
+
+def _vectors(structure: Structure, columns: np.ndarray) -> list[PETSc.Vec]:
+    vectors = []
+    for column in columns.T:
+        vector = structure.stiffness.createVecLeft()
+        vector.array = column
+        vectors.append(vector)
+    return vectors
+
+
+def _scattered(structure: Structure, phase: float) -> np.ndarray:
+    """Loads like random ones, so that no mode is orthogonal to them, on any number of ranks."""
+    size = structure.comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
+    angle = structure.coordinates / size @ np.array([12.9898, 78.233, 37.719]) + phase
+    scattered = [1e4 * np.sin(angle + component) for component in (0.3, 1.7, 3.1)]
+    return np.mod(np.stack(scattered, axis=1), 1.0).ravel() - 0.5
+
+
+def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
+    structure = flexibility.structure
+    gram_columns = flexibility.mass.multiply(modes)
+    inertia = gram_columns * eigenvalues
+    defect = flexibility.without_reactions(multiply(structure.stiffness, modes) - inertia)
+    norms = np.sqrt([structure.comm.allreduce(np.sum(a**2, axis=0)) for a in (defect, inertia)])
+    worst = np.max(norms[0] / norms[1])
+    if not worst <= RESIDUAL_TOLERANCE:
+        raise VerificationError(
+            f"a mode has relative residual {worst:.1e}, above {RESIDUAL_TOLERANCE:.0e}"
+        )
+    gram = inner(modes, gram_columns, structure.comm)
+    error = np.abs(gram - np.eye(len(gram))).max()
+    if not error <= RESIDUAL_TOLERANCE:
+        raise VerificationError(f"modes are not mass-orthonormal: defect {error:.1e}")
+
+
+def _verify_none_missed(
+    flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray, options_prefix: str
+) -> None:
+    """The lowest mode orthogonal to those found, from another start, must not lie below them."""
+    structure = flexibility.structure
+    if structure.size < 2 * len(eigenvalues):
+        return
+    start = flexibility.apply(_scattered(structure, 0.5)[:, None])
+    found = np.hstack([flexibility.rigid_modes, modes])
+    lowest, _ = _solve(flexibility, 1, start, found, COUNT_TOLERANCE, options_prefix)
+    if not lowest[0] > (1.0 - 10 * COUNT_TOLERANCE) * eigenvalues[-1]:
+        frequencies = np.sqrt([lowest[0], eigenvalues[-1]]) / (2 * np.pi)
+        raise VerificationError(
+            f"SLEPc missed a mode at {frequencies[0]:.6g} Hz below {frequencies[1]:.6g} Hz, the "
+            f"highest it found: raise -{options_prefix}eps_ncv"
+        )
+
+
+def _orient(structure: Structure, modes: np.ndarray) -> np.ndarray:
+    """Fix the sign of each mode by its product with a field of no symmetry."""
+    size = structure.comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
+    x, y, z = (structure.coordinates / size).T
+    field = np.stack([x + y**2, x**2 + 2 * y - z, 3 * z + x * y], axis=1).reshape(-1, 1)
+    signs = np.sign(inner(modes, field, structure.comm)[:, 0])
+    return modes * np.where(signs == 0, 1.0, signs)

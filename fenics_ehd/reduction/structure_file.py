@@ -1,0 +1,208 @@
+"""A whole part in one HDF5 file, to travel between programs.
+
+Written and read by row ranges: no rank ever holds a whole matrix. Keys:
+
+    /                       attributes format = "fenics_ehd structure", format_version = 1
+    /stiffness, /mass       K [N/m] and M [kg] in CSR form: datasets data, indices and
+                            indptr, attribute shape = (3 n, 3 n); both triangles
+    /coordinates            positions of the nodes, shape (n, 3) [m]
+    /attachments/NAME       a boundary point: the load vectors of unit forces along x, y, z
+                            as columns of a CSR matrix of shape (3 n, 3); or datasets nodes
+                            and weights, shape (k,)
+    /bore                   absent of a part without one; attributes radius, width [m], and
+                            family, pressure_family where known
+    /bore/nodes             node numbers from 0, shape (m,)
+    /bore/coordinates       shape (m, 3) [m]
+    /bore/pressure_coordinates  shape (p, 3) [m]
+    /bore/load              J [m2], CSR as above, shape (3 n, p)
+    /bore/cells, /bore/pressure_cells, /bore/reference   optional, as in `Bore`
+
+Degrees of freedom are ``3 * node + component``, nodes in the order of the rows, which is
+that of the ranks when several wrote the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from fenics_ehd.errors import StructureError
+from fenics_ehd.reduction.boundary_points import PointWeights
+from fenics_ehd.reduction.row_blocks import agree, before, even_range, together
+from fenics_ehd.reduction.structure import Bore, Structure
+
+FORMAT = "fenics_ehd structure"
+FORMAT_VERSION = 1
+
+#: Numbers in an HDF5 chunk.
+_CHUNK = 2**16
+
+_BORE_ARRAYS = ("nodes", "coordinates", "pressure_coordinates")
+_OPTIONAL_ARRAYS = ("cells", "pressure_cells", "reference")
+_BORE_SIZES = ("radius", "width")
+_OPTIONAL_NAMES = ("family", "pressure_family")
+
+
+def save_structure(structure: Structure, path: str | Path) -> None:
+    """Write a part; an existing file is replaced only once the new one is whole.
+
+    Collective, rank after rank. Elements for drawing (`Structure.recovery`) are left out.
+
+    Raises
+    ------
+    StructureError
+        The file cannot be written, or a boundary point's name holds a slash.
+    """
+    comm = structure.comm
+    path = Path(path)
+    partial = path.with_name(path.name + ".part")
+    for name in structure.attachments:
+        if not name or "/" in name or name == ".":
+            raise StructureError(f"attachment {name!r}: a file needs a name without a slash")
+
+    def begin() -> None:
+        if comm.rank == 0:
+            with h5py.File(partial, "w") as file:
+                file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
+                # Their order is that of the columns of a basis.
+                file.create_group("attachments", track_order=True)
+                if structure.bore is not None:
+                    _write_bore(file.create_group("bore"), structure.bore)
+
+    together(comm, f"file {path}", begin)
+    _append(partial, comm, {"coordinates": structure.coordinates})
+    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
+    if structure.bore is not None:
+        matrices["bore/load"] = structure.bore.load
+    for name, matrix in matrices.items():
+        _append_matrix(partial, comm, name, matrix.getValuesCSR(), matrix.size)
+    for name, three in structure.attachments.items():
+        columns = np.column_stack([v.array for v in three])
+        row, column = np.nonzero(columns)
+        pointers = np.searchsorted(row, np.arange(len(columns) + 1))
+        csr = (pointers, column, columns[row, column])
+        _append_matrix(partial, comm, f"attachments/{name}", csr, (structure.size, 3))
+    together(comm, f"file {path}", lambda: None if comm.rank else partial.replace(path))
+
+
+def _write_bore(group: h5py.Group, bore: Bore) -> None:
+    for name in (*_BORE_SIZES, *_OPTIONAL_NAMES):
+        if getattr(bore, name) is not None:
+            group.attrs[name] = getattr(bore, name)
+    for name in (*_BORE_ARRAYS, *_OPTIONAL_ARRAYS):
+        if getattr(bore, name) is not None:
+            group[name] = getattr(bore, name)
+
+
+def _append_matrix(
+    path: Path,
+    comm: MPI.Comm,
+    name: str,
+    csr: tuple[np.ndarray, np.ndarray, np.ndarray],
+    shape: tuple[int, int],
+) -> None:
+    """Owned rows of a matrix, each rank's after those of the ranks before it."""
+    indptr, indices, data = csr
+    # The end of every row; the first rank also writes where the first one begins.
+    pointers = indptr[min(comm.rank, 1) :].astype(np.int64) + before(len(data), comm)
+    arrays = {"data": data, "indices": indices, "indptr": pointers}
+    _append(path, comm, {f"{name}/{key}": array for key, array in arrays.items()})
+
+    def write() -> None:
+        if comm.rank == 0:
+            with h5py.File(path, "r+") as file:
+                file[name].attrs["shape"] = shape
+
+    together(comm, f"file {path}", write)
+
+
+def _append(path: Path, comm: MPI.Comm, arrays: Mapping[str, np.ndarray]) -> None:
+    """Datasets of the ranks' arrays one after the other; one rank has the file open at a time."""
+    problem = None
+    lengths = {name: comm.allgather(len(array)) for name, array in arrays.items()}
+    for turn in range(comm.size):
+        if turn == comm.rank:
+            try:
+                with h5py.File(path, "r+") as file:
+                    for name, array in arrays.items():
+                        _write_slice(file, name, array, lengths[name], turn)
+            except (OSError, KeyError, ValueError) as error:
+                problem = f"file {path}: {str(error).splitlines()[0]}"
+        comm.barrier()
+    agree(comm, problem)
+
+
+def _write_slice(
+    file: h5py.File, name: str, array: np.ndarray, lengths: list[int], turn: int
+) -> None:
+    shape = (sum(lengths), *array.shape[1:])
+    if turn == 0:
+        width = int(np.prod(shape[1:], dtype=int))
+        chunks = (max(1, min(shape[0], _CHUNK // max(width, 1))), *shape[1:])
+        file.create_dataset(name, shape, array.dtype, chunks=chunks if shape[0] else None)
+    first = sum(lengths[:turn])
+    file[name][first : first + len(array)] = array
+
+
+def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structure:
+    """Read a part written by `save_structure` or by another program; on any number of ranks.
+
+    Parameters
+    ----------
+    path
+        The file, keys as above.
+    comm
+        Ranks that share the nodes evenly.
+
+    Raises
+    ------
+    StructureError
+        The file cannot be read, or does not hold a part of this format.
+    """
+    contents: dict[str, Any] = together(comm, f"structure file {path}", lambda: _read(path, comm))
+    bore = contents["bore"]
+    return Structure(
+        stiffness=f"{path}:/stiffness",
+        mass=f"{path}:/mass",
+        coordinates=contents["coordinates"],
+        bore=None if bore is None else Bore(**bore, load=f"{path}:/bore/load"),
+        attachments=contents["attachments"],
+        comm=comm,
+    )
+
+
+def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
+    """Everything but the large matrices; of the coordinates this rank's."""
+    with h5py.File(path, "r") as file:
+        if file.attrs.get("format") != FORMAT:
+            raise StructureError(f"structure file {path}: not a {FORMAT}")
+        if file.attrs["format_version"] != FORMAT_VERSION:
+            raise StructureError(
+                f"structure file {path}: format version {file.attrs['format_version']}, this "
+                f"program reads {FORMAT_VERSION}"
+            )
+        nodes = len(file["coordinates"])
+        attachments = {
+            name: PointWeights(group["nodes"][:], group["weights"][:])
+            if "nodes" in group
+            else f"{path}:/attachments/{name}"
+            for name, group in file.get("attachments", {}).items()
+        }
+        return {
+            "coordinates": file["coordinates"][slice(*even_range(nodes, comm))],
+            "attachments": attachments,
+            "bore": _read_bore(file["bore"]) if "bore" in file else None,
+        }
+
+
+def _read_bore(group: h5py.Group) -> dict[str, Any]:
+    bore: dict[str, Any] = {name: group[name][:] for name in _BORE_ARRAYS}
+    bore |= {name: group[name][:] for name in _OPTIONAL_ARRAYS if name in group}
+    bore |= {name: float(group.attrs[name]) for name in _BORE_SIZES}
+    bore |= {name: str(group.attrs[name]) for name in _OPTIONAL_NAMES if name in group.attrs}
+    return bore

@@ -1,0 +1,280 @@
+"""M2: Craig-Bampton with every bore dof kept, and a second one on the result, (21)-(25).
+
+Of the first step only the reduced matrices are wanted. Its static modes of the
+bore, as tall as the part and as many as the bore has dofs, are never together:
+with X the interior flexibility and ``Psi = e - X K e`` the static mode of a bore
+dof, ``Psi^T K Psi`` and ``Psi^T M Psi`` are bore rows of ``K Psi`` and of
+``y - K X y``, ``y = M Psi``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.reduction.checks import check_structure
+from fenics_ehd.reduction.craig_bampton import (
+    boundary_basis,
+    centre_constraints,
+    centre_weights,
+    hold,
+)
+from fenics_ehd.reduction.distributed import (
+    blocks,
+    inner,
+    load_columns,
+    multiply,
+    node_rows,
+    spread_rows,
+    symmetric,
+    transpose_multiply,
+)
+from fenics_ehd.reduction.eigenmodes import lowest_modes
+from fenics_ehd.reduction.fixed_boundary import Flexibility, InteriorSolver
+from fenics_ehd.reduction.load_dependent import bore_flexibility
+from fenics_ehd.reduction.loads import attachment_loads
+from fenics_ehd.reduction.projection import project
+from fenics_ehd.reduction.rigid_body import rigid_body_modes
+from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.structure import Structure
+
+
+def two_step_craig_bampton(
+    structure: Structure,
+    n_modes: int,
+    n_interior_modes: int = 20,
+    *,
+    attachment_directions: tuple[int, ...] = (0, 1),
+    estimate_error: bool = True,
+    keep_basis: bool = False,
+    solver: str = "auto",
+    options_prefix: str = "",
+) -> ReducedBody:
+    """M2: reduce a part to all bore dofs first, then to fixed-boundary modes of that.
+
+    The second step is a complete Craig-Bampton reduction of the first: its static
+    modes of the boundary dofs let the bore deform. (The zeros that (22) and (23)
+    print there would hold the bore rigid under a force at A.)
+
+    Parameters
+    ----------
+    structure
+        The part, free or clamped.
+    n_modes
+        Fixed-boundary modes kept of (24).
+    n_interior_modes
+        Fixed-interface modes of the first step, bore and boundary held.
+    attachment_directions, estimate_error, keep_basis, solver, options_prefix
+        As in `craig_bampton`; the interior has the prefix ``interior_``.
+
+    Returns
+    -------
+    ReducedBody
+        As of `craig_bampton`.
+
+    Raises
+    ------
+    SettingsError
+        No mode asked for, or more than the first step has.
+    SolverError, VerificationError
+        From the solvers and the checks of the result.
+    """
+    check_structure(structure)
+    bore = structure.lubricated_bore
+    available = 3 * len(bore.nodes) - 6 + n_interior_modes
+    if not 1 <= n_modes <= available:
+        raise SettingsError(
+            f"modes {n_modes} is not between 1 and {available}, what the first step leaves"
+        )
+    if n_interior_modes < 0:
+        raise SettingsError(f"interior_modes {n_interior_modes} is below 0")
+    interior = InteriorSolver(
+        structure, bore.nodes, solver=solver, options_prefix=f"{options_prefix}interior_"
+    )
+    points = attachment_loads(structure, attachment_directions)
+    first = _first_step(interior, points, n_interior_modes, f"{options_prefix}modes_")
+    free = rigid_body_modes(structure).shape[1] > 0
+    centre = centre_weights(bore).reshape(-1, 6) if free else None
+    angular, modes, constraints = _second_step(first, centre, n_modes)
+    columns = _expand(first, np.hstack([modes, constraints]))
+    split = modes.shape[1]
+    basis = boundary_basis(
+        interior,
+        angular,
+        columns[:, :split],
+        columns[:, split:],
+        None if centre is None else centre_constraints(structure),
+        points,
+    )
+    flexibility = None
+    if estimate_error:
+        static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
+        flexibility = bore_flexibility(static)
+    return project(
+        structure,
+        interior.mass,
+        basis,
+        method="m2",
+        frame="bore-centre" if free else "clamped",
+        full_flexibility=flexibility,
+        keep_basis=keep_basis,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FirstStep:
+    """Reduced system (22), coordinates in the order of (21): interior modes, bore, boundary.
+
+    Attributes
+    ----------
+    support
+        The interior, with the boundary points held.
+    angular, modes
+        Fixed-interface modes, owned rows (owned dofs, v).
+    boundary_modes
+        Static modes of the boundary dofs with the bore held, (owned dofs, b).
+    stiffness, mass
+        shape (v + 3 m + b, same).
+    """
+
+    support: Flexibility
+    angular: np.ndarray
+    modes: np.ndarray
+    boundary_modes: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+
+
+def _first_step(
+    interior: InteriorSolver, points: np.ndarray, n_interior_modes: int, options_prefix: str
+) -> FirstStep:
+    """Reduce to interior modes, every bore dof and the boundary dofs (21), (22)."""
+    structure = interior.structure
+    comm, nodes = structure.comm, structure.lubricated_bore.nodes
+    support, boundary_modes = hold(interior, None, points)
+    angular, modes = lowest_modes(support, n_interior_modes, options_prefix=options_prefix)
+    bore = BoreColumns.of(structure)
+    v, p, b = modes.shape[1], 3 * len(nodes), points.shape[1]
+    stiffness, mass = np.zeros((v + p + b,) * 2), np.zeros((v + p + b,) * 2)
+    stiffness[:v, :v], mass[:v, :v] = np.diag(angular**2), np.eye(v)
+    others = np.hstack([modes, boundary_modes])
+    outer = np.concatenate([np.arange(v), np.arange(v + p, v + p + b)])
+    for part in blocks(p, len(modes), comm):
+        unit = np.zeros((p, part.stop - part.start))
+        unit[part.start + np.arange(unit.shape[1]), np.arange(unit.shape[1])] = 1.0
+        bore_modes = bore.static_modes(support, unit)
+        inertia = interior.mass.multiply(bore_modes)
+        into = slice(v + part.start, v + part.stop)
+        stiffness[v : v + p, into] = bore.forces(bore_modes)
+        mass[v : v + p, into] = bore.rows(inertia) - bore.forces(support.apply(inertia))
+        mass[outer, into] = inner(others, inertia, comm)
+    boundary_forces = multiply(structure.stiffness, boundary_modes)
+    stiffness[v : v + p, v + p :] = bore.rows(boundary_forces)
+    stiffness[v + p :, v + p :] = inner(boundary_modes, boundary_forces, comm)
+    mass[:, v + p :][outer] = inner(others, interior.mass.multiply(boundary_modes), comm)
+    # What was computed by columns of the bore, by its rows.
+    stiffness[v + p :, v : v + p] = stiffness[v : v + p, v + p :].T
+    mass[v : v + p][:, outer] = mass[outer, v : v + p].T
+    mass[v + p :, :v] = mass[:v, v + p :].T
+    return FirstStep(support, angular, modes, boundary_modes, symmetric(stiffness), symmetric(mass))
+
+
+def _second_step(
+    first: FirstStep, centre: np.ndarray | None, n_modes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fixed-boundary modes (24) and static modes of the boundary dofs, in coordinates of (22).
+
+    Returns
+    -------
+    angular, modes, constraint_modes
+        shape (n,), (v + 3 m + b, n), (v + 3 m + b, b).
+    """
+    v, b = len(first.angular), first.boundary_modes.shape[1]
+    size = len(first.stiffness) - b
+    admissible = np.eye(size)
+    if centre is not None:
+        # Bore displacements without mean motion: what is orthogonal to the six weights.
+        free = np.linalg.qr(centre, mode="complete")[0][:, centre.shape[1] :]
+        admissible = np.zeros((size, size - centre.shape[1]))
+        admissible[:v, :v] = np.eye(v)
+        admissible[v:, v:] = free
+    stiffness, mass = (
+        admissible.T @ matrix[:size, :size] @ admissible for matrix in (first.stiffness, first.mass)
+    )
+    # Interior modes are in sqrt(kg) m and bore dofs in m: made of unit stiffness alike.
+    scale = 1.0 / np.sqrt(np.diag(stiffness))
+    lower = np.linalg.cholesky(stiffness * np.outer(scale, scale))
+    half = np.linalg.solve(lower, mass * np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(symmetric(np.linalg.solve(lower, half.T)))
+    values, vectors = values[::-1][:n_modes], vectors[:, ::-1][:, :n_modes]
+    modes = scale[:, None] * np.linalg.solve(lower.T, vectors) / np.sqrt(values)
+    coupling = admissible.T @ first.stiffness[:size, size:]
+    static = -np.linalg.solve(lower.T, np.linalg.solve(lower, scale[:, None] * coupling))
+    constraint = admissible @ (scale[:, None] * static)
+    return (
+        1.0 / np.sqrt(values),
+        np.vstack([admissible @ modes, np.zeros((b, n_modes))]),
+        np.vstack([constraint, np.eye(b)]),
+    )
+
+
+def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
+    """``T_1`` of (21) times columns of coordinates, owned rows (owned dofs, n)."""
+    structure = first.support.structure
+    v, b = len(first.angular), first.boundary_modes.shape[1]
+    bore, own = BoreColumns.of(structure), slice(v, len(coordinates) - b)
+    columns = first.modes @ coordinates[:v] + first.boundary_modes @ coordinates[own.stop :]
+    for part in blocks(coordinates.shape[1], len(columns), structure.comm):
+        columns[:, part] += bore.static_modes(first.support, coordinates[own, part])
+    return np.asfortranarray(columns)
+
+
+@dataclass(frozen=True, eq=False)
+class BoreColumns:
+    """The bore dofs of a part: their columns of K, and between them and part-size fields.
+
+    Attributes
+    ----------
+    structure
+        The part.
+    stiffness
+        ``K_p``, all rows and the columns of the bore dofs in the bore's order.
+    """
+
+    structure: Structure
+    stiffness: PETSc.Mat
+
+    @staticmethod
+    def of(structure: Structure) -> BoreColumns:
+        """Cut the columns out of K, shared by the ranks."""
+        stiffness = structure.stiffness
+        comm = stiffness.comm
+        dofs = (3 * structure.lubricated_bore.nodes[:, None] + np.arange(3)).ravel()
+        mine = np.array_split(dofs, comm.size)[comm.rank].astype(PETSc.IntType)
+        first, last = stiffness.getOwnershipRange()
+        rows = PETSc.IS().createStride(last - first, first, 1, comm=comm)
+        columns = PETSc.IS().createGeneral(mine, comm=comm)
+        return BoreColumns(structure, stiffness.createSubMatrix(rows, columns))
+
+    def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
+        """Static modes of bore displacements, shape (3 m, w), owned rows (owned dofs, w)."""
+        nodes = self.structure.lubricated_bore.nodes
+        first, last = (row // 3 for row in self.structure.stiffness.getOwnershipRange())
+        columns = spread_rows(values.reshape(len(nodes), 3, -1), first, last - first, nodes)
+        columns -= support.apply(load_columns(self.stiffness, values))
+        return columns
+
+    def forces(self, columns: np.ndarray) -> np.ndarray:
+        """Bore rows of ``K @ columns`` on every rank, shape (3 m, w)."""
+        return transpose_multiply(self.stiffness, columns)
+
+    def rows(self, columns: np.ndarray) -> np.ndarray:
+        """Bore rows of part-size columns on every rank, shape (3 m, w)."""
+        nodes = self.structure.lubricated_bore.nodes
+        first = self.structure.stiffness.getOwnershipRange()[0] // 3
+        found = node_rows(columns, first, nodes, self.structure.comm)
+        return found.reshape(3 * len(nodes), -1)

@@ -1,0 +1,440 @@
+"""Reduced bodies for others: plain arrays, Matrix Market, and Exudyn, which must move them right.
+
+What needs Exudyn is skipped without it; it runs with ``pip install --no-deps --target DIR exudyn``
+and DIR on PYTHONPATH.
+"""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy import sparse
+from scipy.io import mmread
+from scipy.linalg import eigh
+
+from fenics_ehd.errors import ExportError, StructureError
+from fenics_ehd.reduction import ResidualFlexibility, craig_bampton, load_dependent
+from fenics_ehd.reduction.export import contents, export_matrix_market, export_npz
+from fenics_ehd.reduction.export_exudyn import export_exudyn
+from fenics_ehd.reduction.exudyn_body import ExudynMissingError, add_body, frequencies, read
+from fenics_ehd.reduction.mass import MassOperator
+from fenics_ehd.reduction.projection import Basis, gram_matrices, project
+from fenics_ehd.reduction.rigid_motion import rigid_fields
+from fenics_ehd.reduction.spatial_inertia import spatial_inertia
+from fenics_ehd.scenes.rod import build_structure
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+
+METHODS = ("m3", "m1")
+
+
+@pytest.fixture(scope="module")
+def mass(rod_structure):
+    return MassOperator(rod_structure.mass)
+
+
+@pytest.fixture(scope="module")
+def bodies(rod_structure):
+    kept = {"keep_basis": True, "estimate_error": False}
+    return {
+        "m3": load_dependent(rod_structure, 6, 31, **kept),
+        "m1": craig_bampton(rod_structure, 37, **kept),
+    }
+
+
+@pytest.fixture(scope="module")
+def spatial(rod_structure, mass, bodies):
+    return {m: spatial_inertia(rod_structure, mass, b.columns) for m, b in bodies.items()}
+
+
+@pytest.fixture(scope="module")
+def files(bodies, spatial, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("exudyn")
+    return {m: export_exudyn(b, folder / m, spatial[m]) for m, b in bodies.items()}
+
+
+def with_residual(body):
+    m, k, r = len(body.bore_nodes), len(body.pressure_nodes), 4
+    random = np.random.default_rng(2).standard_normal
+    residual = ResidualFlexibility(
+        random((m, 3, r)), random((r, k)), np.arange(1.0, 1 + r), np.eye(r)
+    )
+    return replace(body, residual=residual)
+
+
+# Plain arrays
+
+
+@pytest.mark.parametrize("residual", [False, True])
+def test_npz_holds_the_body_bit_for_bit_under_documented_names(bodies, tmp_path, residual):
+    body = with_residual(bodies["m1"]) if residual else bodies["m1"]
+    path = export_npz(body, tmp_path / "rod")
+    assert path == tmp_path / "rod.npz"
+    with np.load(path, allow_pickle=False) as file:
+        found = dict(file)
+    assert {name for name in found if f"``{name}``" not in export_npz.__doc__} == set()
+    for name, item in contents(body).items():
+        np.testing.assert_array_equal(found[name], item.value)
+    for name in ("stiffness", "mass", "bore_basis", "pressure_nodes", "rigid_mass", "rigid_load"):
+        assert found[name].tobytes() == getattr(body, name).tobytes()
+    assert tuple(found["kinds"]) == body.kinds
+    assert ("residual_patterns" in found) == residual
+    inertia = body.inertia
+    np.testing.assert_allclose(found["total_mass"], inertia.total_mass, rtol=1e-12)
+    np.testing.assert_allclose(found["centre_of_mass"][:2], inertia.centre_of_mass, atol=1e-12)
+    polar = inertia.polar_inertia + inertia.total_mass * inertia.centre_of_mass @ (
+        inertia.centre_of_mass
+    )
+    np.testing.assert_allclose(found["inertia_tensor"][2, 2], polar, rtol=1e-12)
+
+
+def test_matrix_market_returns_every_bit(bodies, tmp_path):
+    body = with_residual(bodies["m1"])
+    folder = export_matrix_market(body, tmp_path / "rod")
+    readme = (folder / "README.txt").read_text()
+    expected = {
+        "stiffness": body.stiffness,
+        "mass": body.mass,
+        "bore_basis": body.bore_basis.reshape(-1, body.modes),
+        "load_projection": body.load_projection[3:],
+        "rigid_coupling": body.rigid_coupling,
+        "residual_displacement": body.residual.displacement.reshape(-1, 4),
+        "residual_patterns": body.residual.patterns,
+        "residual_stiffness": body.residual.stiffness[:, None],
+        "residual_mass": body.residual.mass,
+    }
+    for name, matrix in expected.items():
+        found = mmread(folder / f"{name}.mtx")
+        found = found.toarray() if sparse.issparse(found) else found
+        np.testing.assert_array_equal(found, matrix)
+        assert f"{name}.mtx, {len(matrix)} x " in readme
+    assert {path.name for path in folder.glob("*.mtx")} == {
+        line.split(",")[0] for line in readme.splitlines() if ".mtx," in line
+    }
+    for name in ("stiffness", "mass"):
+        assert "coordinate real symmetric" in (folder / f"{name}.mtx").open().readline()
+    assert "too stiff" in readme
+
+
+def test_matrices_that_are_not_quite_symmetric_keep_both_halves(bodies, tmp_path):
+    body = bodies["m1"]
+    stiffness = body.stiffness.copy()
+    stiffness[-1, -2] += 1e-9 * stiffness[-1, -1]
+    folder = export_matrix_market(replace(body, stiffness=stiffness), tmp_path)
+    np.testing.assert_array_equal(mmread(folder / "stiffness.mtx").toarray(), stiffness)
+
+
+# Inertia couplings
+
+
+@pytest.mark.mpi
+def test_plane_motion_is_a_part_of_spatial_motion():
+    structure = build_structure(SliderCrankSettings(), MPI.COMM_WORLD)
+    body = load_dependent(structure, 6, 8, keep_basis=True, estimate_error=False)
+    found = spatial_inertia(structure, MassOperator(structure.mass), body.columns)
+    plane = np.delete(np.arange(4 + body.modes), 3)
+    square = np.ix_(plane, plane)
+    for ours, theirs in (
+        (found.mass, body.inertia.mass),
+        (found.spin[2], body.inertia.spin),
+        (found.centrifugal[2, 2], body.inertia.centrifugal),
+    ):
+        size = np.sqrt(np.diag(body.inertia.mass))
+        assert np.abs((ours[square] - theirs) / np.outer(size, size)).max() < 1e-12
+    np.testing.assert_allclose(found.inertia_tensor, body.rigid_mass[3:, 3:], atol=1e-14)
+
+
+def tilde(columns):
+    """Matrix of the cross product of every column, node by node, shape (3 nodes, 3 k)."""
+    nodes = columns.reshape(-1, 3, columns.shape[1])
+    skew = np.cross(nodes[:, None, :, :], np.eye(3)[None, :, :, None], axis=2)
+    return skew.transpose(0, 2, 3, 1).reshape(len(columns), -1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_couplings_are_the_sums_over_the_part(rod_structure, bodies, files, method):
+    """As Exudyn's own reduction forms them, with its names, from M as a sparse matrix."""
+    indptr, indices, data = rod_structure.mass.getValuesCSR()
+    m = sparse.csr_matrix((data, indices, indptr))
+    psi = bodies[method].columns
+    x = rod_structure.coordinates.reshape(-1, 1)
+    phi = np.tile(np.eye(3), (len(x) // 3, 1))
+    x_tilde, psi_tilde = tilde(x), tilde(psi)
+    centre = phi.T @ (m @ x) / (phi.T @ (m @ phi))[0, 0]
+    expected = {
+        "massMatrixReduced": psi.T @ (m @ psi),
+        "Mtt": phi.T @ (m @ phi),
+        "inertiaLocal": x_tilde.T @ (m @ x_tilde),
+        "chiU": centre[:, 0],
+        "chiUtilde": tilde(centre),
+        "mPhitTPsi": phi.T @ (m @ psi),
+        "mPhitTPsiTilde": phi.T @ (m @ psi_tilde),
+        "mXRefTildePsi": x_tilde.T @ (m @ psi),
+        "mXRefTildePsiTilde": x_tilde.T @ (m @ psi_tilde),
+        "mPsiTildePsi": psi_tilde.T @ (m @ psi),
+        "mPsiTildePsiTilde": psi_tilde.T @ (m @ psi_tilde),
+    }
+    found = read(files[method])
+    assert {name for name in found if f"``{name}``" not in export_exudyn.__doc__} == set()
+    for name, value in expected.items():
+        assert found[name].shape == value.shape
+        # What the symmetry of the rod makes zero is round-off.
+        np.testing.assert_allclose(found[name], value, atol=1e-9 * np.abs(value).max() + 1e-13)
+    mean = [v.array @ x[:, 0] for v in rod_structure.attachments["pin"]]
+    np.testing.assert_allclose(found["xRef"][-3:], mean, atol=1e-12)
+    triangles = found["trigList"]
+    assert np.array_equal(np.unique(triangles), np.arange(int(found["bore_node_count"])))
+
+
+def test_mass_that_differs_along_the_axes_is_refused(rod_structure):
+    uneven = rod_structure.mass.copy()
+    scale = uneven.createVecRight()
+    scale.array = np.tile([1.0, 1.0, 1.01], scale.local_size // 3)
+    uneven.diagonalScale(scale, scale)
+    with pytest.raises(StructureError, match="mass is not the same along x, y and z"):
+        spatial_inertia(rod_structure, MassOperator(uneven), np.zeros((scale.local_size, 0)))
+
+
+def test_columns_of_another_part_are_refused(rod_structure, mass):
+    with pytest.raises(StructureError, match=r"columns of shape \(3, 2\)"):
+        spatial_inertia(rod_structure, mass, np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (with_residual, "4 residual patterns, flexibility without mass.*m3 or full"),
+        (lambda b: replace(b, frame="clamped"), "clamped.*ObjectGenericODE2"),
+        (lambda b: replace(b, frequencies=np.zeros(0)), "rigid"),
+        (lambda b: replace(b, rigid_mass=np.zeros((0, 0))), "rigid_mass is empty"),
+        (lambda b: replace(b, mass=b.mass[::-1, ::-1]), "of other modes than the body"),
+        (lambda b: replace(b, frequencies=b.frequencies[1:]), "39 modes, the body has 38"),
+    ],
+)
+def test_what_exudyn_cannot_hold_is_refused(bodies, spatial, tmp_path, change, message):
+    with pytest.raises(ExportError, match=message):
+        export_exudyn(change(bodies["m1"]), tmp_path / "rod.npz", spatial["m1"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_couplings_are_asked_for(bodies, tmp_path):
+    with pytest.raises(ExportError, match="spatial = spatial_inertia"):
+        export_exudyn(bodies["m1"], tmp_path / "rod.npz")
+
+
+# The script beside the file
+
+
+def test_script_stands_alone(files):
+    code = "import sys, exudyn_body; sys.exit('fenics_ehd' in sys.modules)"
+    path = f"import sys; sys.path.insert(0, {str(files['m3'].parent)!r}); "
+    subprocess.run([sys.executable, "-I", "-c", path + code], check=True)
+
+
+def test_missing_exudyn_and_a_foreign_file_are_named(files, bodies, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "exudyn.FEM", None)
+    with pytest.raises(ExudynMissingError, match="pip install exudyn"):
+        add_body(None, files["m3"])
+    path = export_npz(bodies["m3"], tmp_path / "rod.npz")
+    with pytest.raises(ValueError, match="is not a fenics_ehd body for Exudyn"):
+        read(path)
+
+
+# In Exudyn
+
+
+@pytest.fixture(scope="module")
+def exudyn():
+    return pytest.importorskip("exudyn")
+
+
+def free_frequencies(body):
+    """Elastic frequencies of the free part [Hz], rigid motion eliminated."""
+    share = body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_coupling)
+    values = eigh(body.stiffness, body.mass - share, eigvals_only=True)
+    return np.sqrt(values) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_exudyn_finds_the_free_frequencies(exudyn, bodies, files, method):
+    found, expected = frequencies(files[method]), free_frequencies(bodies[method])
+    assert found[:6].max() < 1e-3 * expected[0]
+    np.testing.assert_allclose(found[6:], expected, rtol=1e-8)
+
+
+def test_the_frame_does_not_change_the_frequencies(exudyn, rod_structure, mass, bodies, tmp_path):
+    body, bore = bodies["m3"], rod_structure.bore
+    moved = np.einsum("ick,icn->kn", bore.reference, body.bore_basis)
+    columns = body.columns - rigid_fields(rod_structure.coordinates) @ moved
+    matrices = gram_matrices(rod_structure, mass, columns)
+    basis = Basis(columns, *matrices, body.kinds, (), {})
+    other = project(rod_structure, mass, basis, method="m3", frame="bore-centre")
+    path = export_exudyn(other, tmp_path / "c2", spatial_inertia(rod_structure, mass, columns))
+    np.testing.assert_allclose(frequencies(path)[6:], free_frequencies(body), rtol=1e-7)
+
+
+def moving_body(exudyn, path, rates, **motion):
+    """System with the body, its numbers, and modal coordinates and rates at the start."""
+    container = exudyn.SystemContainer()
+    mbs = container.AddSystem()
+    ids = add_body(mbs, path, **motion)
+    for name, values in zip(("initialCoordinates", "initialCoordinates_t"), rates, strict=True):
+        mbs.SetNodeParameter(ids["nGenericODE2"], name, list(values))
+    mbs.Assemble()
+    return container, mbs, ids
+
+
+def part_motion(exudyn, mbs, ids, structure, body):
+    """Rotation, Jacobian of angular velocity, nodal positions and velocities along fixed axes."""
+    from exudyn.rigidBodyUtilities import EulerParameters2GLocal, EulerParameters2RotationMatrix
+
+    kind = exudyn.OutputVariableType
+    rigid, modal = ids["nRigidBody"], ids["nGenericODE2"]
+    s = np.add(
+        mbs.GetNodeOutput(rigid, kind.Coordinates),
+        mbs.GetNodeParameter(rigid, "referenceCoordinates"),
+    )
+    v = np.array(mbs.GetNodeOutput(rigid, kind.Coordinates_t))
+    q, q_rate = (
+        np.array(mbs.GetNodeOutput(modal, k)) for k in (kind.Coordinates, kind.Coordinates_t)
+    )
+    turn, slope = EulerParameters2RotationMatrix(s[3:]), EulerParameters2GLocal(s[3:])
+    local = structure.coordinates + (body.columns @ q).reshape(-1, 3)
+    rate = np.cross(slope @ v[3:], local) + (body.columns @ q_rate).reshape(-1, 3)
+    return turn, slope, s[:3] + local @ turn.T, v[:3] + rate @ turn.T, q
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_inertia_in_exudyn_is_that_of_every_node(
+    exudyn, rod_structure, mass, bodies, files, method
+):
+    """Mass matrix and velocity forces of a strongly deformed, turning and vibrating part."""
+    body, random = bodies[method], np.random.default_rng(1)
+    size = np.abs(body.columns).max(axis=0)
+    q, q_rate = (a * random.standard_normal(body.modes) / size for a in (1e-2, 3.0))
+    axes = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    axes *= np.linalg.det(axes)
+    omega = 300 * random.standard_normal(3)
+    # The container must live as long as its system.
+    _container, mbs, ids = moving_body(
+        exudyn,
+        files[method],
+        (q, q_rate),
+        position=(0.1, 0.2, 0.3),
+        rotation=axes,
+        velocity=(1, 2, 3),
+        angular_velocity=omega,
+    )
+    solver, options = exudyn.MainSolverImplicitSecondOrder(), exudyn.SimulationSettings()
+    options.solution.file.write = False
+    solver.InitializeSolver(mbs, options)
+    solver.ComputeMassMatrix(mbs)
+    n = 7 + body.modes
+    found = np.array(solver.GetSystemMassMatrix())[:n, :n]
+    solver.ComputeODE2RHS(mbs)
+    forces = np.array(solver.GetSystemResidual())[:n]
+    solver.FinalizeSolver(mbs, options)
+    turn, slope, x, *_ = part_motion(exudyn, mbs, ids, rod_structure, body)
+    np.testing.assert_allclose(turn, axes, atol=1e-12)
+    p = (x - (0.1, 0.2, 0.3)) @ turn
+    spun = -np.cross(p[:, :, None], np.eye(3), axis=1).reshape(-1, 3)
+    jacobian = np.hstack([np.tile(turn.T, (len(p), 1)), spun @ slope, body.columns])
+    expected = jacobian.T @ mass.multiply(jacobian)
+    scale = np.sqrt(np.diag(expected))
+    assert np.abs((found - expected) / np.outer(scale, scale)).max() < 1e-9
+    w = turn.T @ omega
+    relative = (body.columns @ q_rate).reshape(-1, 3)
+    acceleration = np.cross(w, np.cross(w, p)) + 2 * np.cross(w, relative)
+    velocity_forces = jacobian.T @ mass.multiply(acceleration.reshape(-1, 1))[:, 0]
+    forces[7:] += body.stiffness @ q
+    for part in (slice(0, 3), slice(3, 7), slice(7, None)):
+        worst = np.abs(velocity_forces[part]).max()
+        assert np.abs(forces[part] + velocity_forces[part]).max() < 1e-9 * worst
+
+
+def solve(exudyn, mbs, end, steps):
+    options = exudyn.SimulationSettings()
+    options.timeIntegration.endTime = end
+    options.timeIntegration.numberOfSteps = steps
+    options.timeIntegration.verboseMode = 0
+    options.timeIntegration.newton.relativeTolerance = 1e-10
+    options.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    options.solution.file.write = False
+    mbs.SolveDynamic(options, updateInitialValues=True)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_free_motion_conserves_energy_and_momentum(
+    exudyn, rod_structure, mass, bodies, files, method
+):
+    body, drifts = bodies[method], []
+    rate = np.where(np.arange(body.modes) < 3, 0.5, 0.0)
+    for steps in (125, 250):
+        _container, mbs, ids = moving_body(
+            exudyn,
+            files[method],
+            (0 * rate, rate),
+            velocity=(1, 2, 3),
+            angular_velocity=(50, -80, 500),
+        )
+        figures = []
+        for end in (None, 1e-3):
+            if end:
+                solve(exudyn, mbs, end, steps)
+            _, _, x, v, q = part_motion(exudyn, mbs, ids, rod_structure, body)
+            # M is the same in every position: it commutes with the rotation.
+            momentum = mass.multiply(v.reshape(-1, 1)).reshape(-1, 3)
+            energy = 0.5 * np.sum(v * momentum) + 0.5 * q @ body.stiffness @ q
+            figures.append([energy, momentum.sum(axis=0), np.cross(x, momentum).sum(axis=0)])
+        drifts.append(
+            [np.abs(b - a).max() / np.abs(a).max() for a, b in zip(*figures, strict=True)]
+        )
+    coarse, fine = np.array(drifts)
+    assert fine.max() < 2e-5
+    assert (coarse / fine).min() > 2.5
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_free_fall_neither_turns_nor_bends(exudyn, bodies, files, method):
+    rest = np.zeros((2, bodies[method].modes))
+    gravity = np.array([0.5, -9.81, 1.0])
+    _container, mbs, ids = moving_body(exudyn, files[method], rest, gravity=gravity)
+    solve(exudyn, mbs, 1e-2, 50)
+    kind = exudyn.OutputVariableType.Coordinates
+    rigid = mbs.GetNodeOutput(ids["nRigidBody"], kind)
+    np.testing.assert_allclose(rigid[:3], gravity * 0.5e-4, rtol=1e-9)
+    np.testing.assert_allclose(rigid[3:], 0.0, atol=1e-12)
+    assert np.abs(mbs.GetNodeOutput(ids["nGenericODE2"], kind)).max() < 1e-15
+
+
+def test_force_at_a_boundary_point_bends_the_part(exudyn, bodies, files):
+    """Frame held: the pin yields by its flexibility, through Exudyn's marker on its mesh node."""
+    item = pytest.importorskip("exudyn.itemInterface")
+
+    body, rest = bodies["m1"], np.zeros((2, bodies["m1"].modes))
+    _container, mbs, ids = moving_body(exudyn, files["m1"], rest)
+    pin = mbs.AddMarker(
+        item.MarkerSuperElementPosition(
+            bodyNumber=ids["oFFRFreducedOrder"],
+            meshNodeNumbers=[ids["points"]["pin"]],
+            weightingFactors=[1.0],
+        )
+    )
+    ground = mbs.AddMarker(item.MarkerBodyRigid(bodyNumber=mbs.AddObject(item.ObjectGround())))
+    node = mbs.AddMarker(item.MarkerNodeRigid(nodeNumber=ids["nRigidBody"]))
+    mbs.AddObject(item.GenericJoint(markerNumbers=[ground, node]))
+    force = np.array([0.0, 800.0, 0.0])
+    mbs.AddLoad(item.Force(markerNumber=pin, loadVector=list(force)))
+    mbs.Assemble()
+    kind = exudyn.OutputVariableType.Position
+    before = np.array(mbs.GetMarkerOutput(pin, kind))
+    options = exudyn.SimulationSettings()
+    options.solution.file.write = False
+    mbs.SolveStatic(options, updateInitialValues=True)
+    row = body.points["pin"]
+    np.testing.assert_allclose(before, row[:, 0], atol=1e-12)
+    expected = row[:, 3:] @ np.linalg.solve(body.stiffness, row[:, 3:].T @ force)
+    found = np.array(mbs.GetMarkerOutput(pin, kind)) - before
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())

@@ -1,0 +1,292 @@
+"""The bore of a part from another program: faces to load matrix and mean motion."""
+
+from math import factorial
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from foreign_parts import RADIUS, WIDTH, ring_mesh, to_scipy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_ehd import compat
+from fenics_ehd.elements import quadratic_element, shape_functions
+from fenics_ehd.errors import StructureError
+from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix, surface_gram
+from fenics_ehd.reduction.rigid_motion import rigid_fields
+from fenics_ehd.reduction.structure import mean_motion
+from fenics_ehd.reduction.surface_elements import ELEMENTS, from_cyclic
+from fenics_ehd.scenes.rod import build_structure
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.settings import build
+
+RODS = {
+    "serendipity": {"film": {"element": "serendipity"}},
+    "lagrange": {"rod": {"element": "lagrange"}},
+    "triangle": {"rod": {"cells": "tet"}},
+}
+
+
+@pytest.fixture(scope="module", params=RODS)
+def rod(request):
+    """Rod whose pressures have the bore's shape functions."""
+    return build_structure(build(SliderCrankSettings, RODS[request.param]), MPI.COMM_SELF)
+
+
+def cylinder(element, around=12, along=3, radius=RADIUS, width=WIDTH):
+    """Nodes and faces, the nodes of the cells of a regular grid in (phi, z)."""
+    kind = ELEMENTS[element]
+    s, t = (a.ravel() for a in np.meshgrid(np.arange(around), np.arange(along), indexing="ij"))
+    corner = np.column_stack([s, t])[:, None]
+    places = corner + kind.nodes
+    if kind.corners == 3:
+        places = np.vstack([places, corner + 1 - kind.nodes])
+    # Half steps, so that nodes are told apart by whole numbers.
+    keys = np.round(2 * places).astype(int)
+    keys[:, :, 0] %= 2 * around
+    grid, faces = np.unique(keys.reshape(-1, 2), axis=0, return_inverse=True)
+    phi, z = np.pi / around * grid[:, 0], width * (grid[:, 1] / (2 * along) - 0.5)
+    nodes = np.column_stack([radius * np.cos(phi), radius * np.sin(phi), z])
+    return nodes, faces.reshape(keys.shape[:2])
+
+
+def test_bore_and_load_matrix_are_those_of_the_volume_mesh(rod):
+    theirs = rod.bore
+    ours = bore_from_faces(rod.coordinates, theirs.nodes[theirs.cells], theirs.family)
+    for name in ("nodes", "coordinates", "pressure_coordinates", "cells", "pressure_cells"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+        assert getattr(ours, name).dtype == getattr(theirs, name).dtype
+    for name in ("radius", "width", "family", "pressure_family"):
+        assert getattr(ours, name) == getattr(theirs, name)
+    load = to_scipy(theirs.load)
+    assert abs(ours.load - load).max() < 1e-10 * abs(load).max()
+
+
+def test_mean_motion_is_that_of_the_volume_mesh(rod):
+    bore, mesh = rod.bore, rod.owner
+    cell = mesh.topology.cell_type.name
+    family = "lagrange" if bore.family == "triangle" else bore.family
+    space = compat.functionspace(mesh, quadratic_element(family, cell, (3,)))
+    facets = dolfinx.mesh.locate_entities_boundary(
+        mesh, 2, lambda x: np.isclose(np.hypot(x[0], x[1]), bore.radius, rtol=1e-6)
+    )
+    facets = np.sort(facets)
+    tags = dolfinx.mesh.meshtags(mesh, 2, facets, np.ones(len(facets), dtype=np.int32))
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags, metadata={"quadrature_degree": 14})(1)
+    x, v = ufl.SpatialCoordinate(mesh), ufl.TestFunction(space)
+    axes = [ufl.as_vector(row) for row in np.eye(3)]
+    forms = [ufl.inner(f, v) * ds for f in (*axes, *(ufl.cross(axis, x) for axis in axes))]
+    weighted = []
+    for form in forms:
+        vector = compat.fem_petsc().assemble_vector(fem.form(form))
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        weighted.append(vector.array)
+    weighted = np.column_stack(weighted)
+    motion = weighted @ np.linalg.inv(weighted.T @ rigid_fields(rod.coordinates))
+    expected = motion.reshape(-1, 3, 6)[bore.nodes]
+    found = bore_from_faces(rod.coordinates, bore.nodes[bore.cells], bore.family).reference
+    for part in (slice(0, 3), slice(3, 6)):
+        scale = np.abs(expected[..., part]).max()
+        assert np.abs(found[..., part] - expected[..., part]).max() < 1e-9 * scale
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_shape_functions_are_nodal_and_the_packages_own(element):
+    kind = ELEMENTS[element]
+    values, _ = kind.tabulate(kind.nodes)
+    np.testing.assert_allclose(values, np.eye(len(kind.nodes)), atol=1e-13)
+    points = np.random.default_rng(0).uniform(size=(7, 2))
+    values, slopes = kind.tabulate(points)
+    np.testing.assert_allclose(values.sum(axis=1), 1)
+    if element != "linear triangle":
+        np.testing.assert_allclose(values, shape_functions(element, points), atol=1e-13)
+    for direction in (0, 1):
+        ahead, behind = (
+            kind.tabulate(points + sign * 1e-6 * np.eye(2)[direction])[0] for sign in (1, -1)
+        )
+        np.testing.assert_allclose(slopes[direction], (ahead - behind) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_gauss_rule_is_exact_to_degree_six(element):
+    kind = ELEMENTS[element]
+    points, weights = kind.rule(4)
+    for a in range(7):
+        for b in range(7 - a):
+            exact = 1 / ((a + 1) * (b + 1))
+            if kind.corners == 3:
+                exact = factorial(a) * factorial(b) / factorial(a + b + 2)
+            integral = weights @ (points[:, 0] ** a * points[:, 1] ** b)
+            assert integral == pytest.approx(exact, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("element", "order"),
+    [("bilinear", 2), ("linear triangle", 2), ("serendipity", 4), ("lagrange", 4), ("triangle", 4)],
+)
+def test_force_on_a_sector_converges_at_the_order_of_the_geometry(element, order):
+    errors = []
+    for around in (12, 24, 48):
+        nodes, faces = cylinder(element, around, around // 4)
+        bore = bore_from_faces(nodes, faces, element)
+        pressures = bore.coordinates[:, 0] / RADIUS
+        force = (bore.load @ pressures).reshape(-1, 3).sum(axis=0)
+        errors.append(abs(force[0] / (np.pi * RADIUS * WIDTH) - 1))
+        np.testing.assert_allclose(force[1:], 0, atol=1e-12 * force[0])
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(rates, order, atol=0.15)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_uniform_pressure_pushes_outward_and_is_in_equilibrium(element):
+    nodes, faces = cylinder(element)
+    bore = bore_from_faces(nodes, faces, element)
+    force = (bore.load @ np.ones(len(bore.nodes))).reshape(-1, 3)
+    work = np.einsum("nc,nc->", force[:, :2], nodes[:, :2]) / RADIUS
+    assert work == pytest.approx(2 * np.pi * RADIUS * WIDTH, rel=0.06)
+    resultant = force.sum(axis=0), np.cross(nodes, force).sum(axis=0)
+    np.testing.assert_allclose(resultant, 0, atol=1e-13 * work)
+
+
+@settings(deadline=None, max_examples=30, derandomize=True)
+@given(st.sampled_from(list(ELEMENTS)), st.integers(0, 2**32 - 1))
+def test_neither_numbers_nor_orientation_of_faces_matter(element, seed):
+    random = np.random.default_rng(seed)
+    nodes, faces = cylinder(element)
+    bore = bore_from_faces(nodes, faces, element)
+    numbers = random.permutation(len(nodes))
+    moved = np.empty_like(nodes)
+    moved[numbers] = nodes
+    mirror = ELEMENTS[element].nodes[:, ::-1]
+    swap = [int(np.flatnonzero((row == ELEMENTS[element].nodes).all(axis=1))[0]) for row in mirror]
+    flipped = faces.copy()
+    some = random.random(len(faces)) < 0.5
+    flipped[some] = flipped[some][:, swap]
+    again = bore_from_faces(moved, random.permutation(numbers[flipped]), element)
+    np.testing.assert_array_equal(again.nodes, numbers[bore.nodes])
+    np.testing.assert_array_equal(again.coordinates, bore.coordinates)
+    dofs = (3 * numbers[:, None] + np.arange(3)).ravel()
+    assert abs(again.load[dofs] - bore.load).max() < 1e-12 * abs(bore.load).max()
+    np.testing.assert_allclose(again.reference, bore.reference, atol=1e-10 / RADIUS)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_reference_reproduces_rigid_motion(element):
+    nodes, faces = cylinder(element)
+    bore = bore_from_faces(nodes, faces, element)
+    fields = rigid_fields(bore.coordinates).reshape(-1, 3, 6)
+    motion = np.einsum("ick,icl->kl", bore.reference, fields)
+    np.testing.assert_allclose(motion, np.eye(6), atol=1e-12 / RADIUS)
+    areas = surface_gram(bore.coordinates, *_cells(bore, faces, element)).sum(axis=1)
+    weights = np.asarray(areas).ravel() / areas.sum()
+    for component in range(3):
+        np.testing.assert_allclose(bore.reference[:, component, component], weights, atol=1e-12)
+
+
+def _cells(bore, faces, element):
+    order = np.argsort(bore.nodes)
+    return order[np.searchsorted(bore.nodes, faces, sorter=order)], element
+
+
+def test_mean_motion_of_an_offset_surface_is_about_the_origin():
+    nodes, faces = cylinder("lagrange")
+    offset = nodes + np.array([0.0, 0.0, 3 * WIDTH])
+    motion = mean_motion(offset, surface_gram(offset, faces, "lagrange"))
+    fields = rigid_fields(offset).reshape(-1, 3, 6)
+    np.testing.assert_allclose(np.einsum("ick,icl->kl", motion, fields), np.eye(6), atol=1e-10)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_faces_numbered_around_are_turned(element):
+    kind = ELEMENTS[element]
+    around = np.arange(kind.corners) * 2 * np.pi / kind.corners
+    corners = np.column_stack([np.cos(around), np.sin(around)])
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+    positions = np.vstack([corners, middles, corners.mean(axis=0)])[: len(kind.nodes)]
+    turned = positions[from_cyclic(np.arange(len(kind.nodes))[None], element)[0]]
+    values, _ = ELEMENTS["bilinear" if kind.corners == 4 else "linear triangle"].tabulate(
+        kind.nodes
+    )
+    np.testing.assert_allclose(turned, values @ turned[: kind.corners], atol=1e-15)
+
+
+def without(face):
+    return lambda nodes, faces: (nodes, np.delete(faces, face, axis=0))
+
+
+def replaced(face, place, node):
+    def change(nodes, faces):
+        faces = faces.copy()
+        faces[face, place] = node
+        return nodes, faces
+
+    return change
+
+
+def moved(node, shift):
+    def change(nodes, faces):
+        nodes = nodes.copy()
+        nodes[node] += shift
+        return nodes, faces
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (without(5), "not a whole cylinder: the edge of nodes .* belongs to 1 faces, not 2"),
+        (without(slice(0, None, 5)), "not a whole cylinder"),
+        (lambda n, f: (n, np.vstack([f, f[:1]])), "belongs to [23] faces, not [12]"),
+        (
+            lambda n, f: (n + np.array([0, 0, 1e-3]), f),
+            r"centred at z = 0, its middle is at z = 1\.000e-03",
+        ),
+        (lambda n, f: (n + np.array([1e-5, 0, 0]), f), "not a cylinder about the z axis: node"),
+        (moved(7, [0, 0, np.nan]), "a node of the faces has a coordinate that is not finite"),
+        (moved(17, [1e-4, 0, 0]), "node 17 lies .* off the mean radius"),
+        (replaced(3, 0, 10_000), "faces name nodes 0 to 10000"),
+        (replaced(3, 0, -1), "faces name nodes -1 to"),
+        (lambda n, f: (n, f.astype(float)), "type float64"),
+        (lambda n, f: (n, f[:, [0, 0, 1, 2, 3, 4, 5, 6]]), "face 0 names a node twice"),
+        (lambda n, f: (n, f[:, [0, 1, 3, 2, 4, 7, 6, 5]]), "face 0 .* is folded .*from_cyclic"),
+        (lambda n, f: (n, f[:, :7]), r"faces of shape \(36, 7\), serendipity needs \(faces, 8\)"),
+        (lambda n, f: (n, f[:0]), r"faces of shape \(0, 8\)"),
+        (lambda n, f: (n[:, :2], f), r"nodes have shape \(\d+, 2\)"),
+    ],
+)
+def test_faces_that_are_no_bore_are_named(change, message):
+    with pytest.raises(StructureError, match=message):
+        bore_from_faces(*change(*cylinder("serendipity")), "serendipity")
+
+
+def test_unknown_element_and_flat_face_are_named():
+    nodes, faces = cylinder("bilinear")
+    with pytest.raises(StructureError, match="element 'quad' is not one of bilinear, serendipity"):
+        bore_load_matrix(nodes, faces, "quad")
+    disk = np.array([[1.0, 1, 0], [2, 1, 0], [1, 2, 0], [2, 2, 0]])
+    with pytest.raises(StructureError, match="does not face the z axis"):
+        bore_load_matrix(disk, np.arange(4)[None], "bilinear")
+
+
+def test_straight_edges_of_quadratic_faces_are_named():
+    nodes, faces = cylinder("serendipity")
+    nodes = nodes.copy()
+    nodes[faces[:, 4]] = 0.5 * (nodes[faces[:, 0]] + nodes[faces[:, 1]])
+    with pytest.raises(StructureError, match="midpoints of edges must lie on it too"):
+        bore_from_faces(nodes, faces, "serendipity")
+
+
+def test_ring_of_hexahedra_has_a_bilinear_bore():
+    nodes, _, faces = ring_mesh()
+    bore = bore_from_faces(nodes, faces, "bilinear")
+    assert bore.family == bore.pressure_family == "bilinear"
+    assert bore.radius == pytest.approx(RADIUS)
+    assert bore.width == pytest.approx(WIDTH)
+    assert bore.load.shape == (3 * len(nodes), len(bore.nodes))
+    linear = cylinder("linear triangle")
+    assert bore_from_faces(*linear, "linear triangle").family is None

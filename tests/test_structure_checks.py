@@ -1,0 +1,266 @@
+"""Checks of a part's matrices: every error by its name, on every rank."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from foreign_parts import ring, ring_arguments
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy import sparse
+
+from fenics_ehd.errors import StructureError
+from fenics_ehd.reduction.checks import check_structure
+
+ARGUMENTS = ring_arguments()
+K, M, BORE = ARGUMENTS["stiffness"], ARGUMENTS["mass"], ARGUMENTS["bore"]
+SIZE = K.shape[0]
+
+
+def entry(matrix, row, column, value):
+    changed = matrix.tolil()
+    changed[row, column] = value
+    return changed.tocsr()
+
+
+def emptied(matrix, row):
+    keep = sparse.diags((np.arange(SIZE) != row).astype(float))
+    return (keep @ matrix @ keep).tocsr()
+
+
+def hidden(matrix, row, value):
+    """The matrix with the eigenvalue `value`, times its diagonal, along a vector near a row."""
+    vector = np.zeros(SIZE)
+    vector[[row, row + 3, row + 6]] = 2, 1, -1
+    vector = vector[:, None] / np.linalg.norm(vector)
+    others = np.eye(SIZE) - vector @ vector.T
+    size = value * matrix.diagonal().mean()
+    return sparse.csr_matrix(others @ matrix.toarray() @ others + size * vector @ vector.T)
+
+
+def held(rows):
+    """K with springs to the ground."""
+    return (K + sparse.diags(np.isin(np.arange(SIZE), rows) * K.diagonal().mean())).tocsr()
+
+
+def bore(**changes):
+    return {"bore": replace(BORE, **changes)}
+
+
+def shifted(array, row, by):
+    changed = np.array(array)
+    changed[row] += by
+    return changed
+
+
+POINT = ARGUMENTS["attachments"]["right"]
+X = ARGUMENTS["coordinates"]
+OFF_BORE = int(np.setdiff1d(np.arange(len(X)), BORE.nodes)[0])
+
+CASES = {
+    # name: changed arguments of the ring, message
+    "mass shape": ({"mass": sparse.eye(SIZE, SIZE + 3)}, r"mass has shape \(216, 219\), not"),
+    "J columns": (bore(load=BORE.load[:, 1:]), "bore.load has 35 columns, there are 36 pressure"),
+    "K nan": ({"stiffness": entry(K, 5, 5, np.nan)}, "stiffness holds a value that is not finite"),
+    "M inf": ({"mass": entry(M, 5, 8, np.inf)}, "mass holds a value that is not finite"),
+    "J nan": (bore(load=entry(BORE.load, 1, 1, np.nan)), "bore.load holds a value that is not"),
+    "x nan": (
+        {"coordinates": shifted(X, 50, [0, np.nan, 0])},
+        "the coordinates of node 50 are not finite",
+    ),
+    "K unsymmetric": (
+        {"stiffness": entry(K, 5, 8, 1.001 * K[5, 8])},
+        r"stiffness is not symmetric: relative defect .*e-0., limit 1e-09; both triangles",
+    ),
+    "M triangle": ({"mass": sparse.triu(M)}, r"mass is not symmetric: relative defect .*e"),
+    "K empty row": (
+        {"stiffness": emptied(K, 3 * 60 + 1)},
+        "stiffness has an empty row at node 60, component y, it must be positive there",
+    ),
+    "K diagonal": (
+        {"stiffness": entry(K, 8, 8, -2.0)},
+        "stiffness has the diagonal entry -2 at node 2, component z",
+    ),
+    "M empty row": ({"mass": emptied(M, 200)}, "mass has an empty row at node 66, component z"),
+    "M diagonal": ({"mass": entry(M, 3, 3, 0.0)}, "mass has the diagonal entry 0 at node 1, comp"),
+    "M singular": (
+        {"mass": hidden(M, 99, 0.0)},
+        "mass is singular or not positive definite: .*, limit 1e-08, .* node 33, component x",
+    ),
+    "M indefinite": ({"mass": hidden(M, 9, -0.1)}, "mass is singular or not positive definite: "),
+    "K indefinite": (
+        {"stiffness": K - 1e-5 * sparse.diags(K.diagonal())},
+        "stiffness is not positive semidefinite: .* has the relative energy -1.0e-05, limit -1e-09",
+    ),
+    "some rigid": (
+        {"stiffness": held(np.arange(2, SIZE, 3))},
+        r"3 of 6 rigid motions .*\(translation along x, translation along y, rotation about z\)",
+    ),
+    "wrong order": ({"coordinates": X[::-1] + 0.01 * X**2}, "3 of 6 rigid .* in the order of the"),
+    "one node held": ({"stiffness": held([21, 22, 23])}, "a rigid motion other than about the axe"),
+    "no coordinates": ({"coordinates": 0 * X}, "all nodes lie at the origin or on one axis"),
+    "bore radius": (bore(radius=-1.0), "bore of radius -1 m and width 0.024 m"),
+    "bore off": (
+        {"coordinates": 1.00001 * X, **bore(coordinates=1.00001 * BORE.coordinates)},
+        r"bore: node \d+ lies 2\.0e-07 m off the cylinder of radius 0\.02 m about z, limit 1e-06",
+    ),
+    "pressure off": (
+        bore(pressure_coordinates=shifted(BORE.coordinates, 4, 1e-3)),
+        "bore: pressure node 4 lies .* m off the cylinder",
+    ),
+    "bore range": (bore(nodes=shifted(BORE.nodes, 7, 100)), "bore.nodes: node 1.. is not among th"),
+    "bore floats": (bore(nodes=BORE.nodes + 0.0), "bore.nodes: they are not among the whole num"),
+    "bore twice": (
+        bore(nodes=shifted(BORE.nodes, 7, BORE.nodes[8] - BORE.nodes[7])),
+        f"bore.nodes names node {BORE.nodes[8]} 2 times",
+    ),
+    "bore shape": (bore(coordinates=BORE.coordinates[1:]), r"bore.coordinates has shape \(35, 3\)"),
+    "bore nan": (bore(coordinates=np.nan * BORE.coordinates), "bore.coordinates holds a value tha"),
+    "bore cells": (bore(cells=BORE.cells[12:]), "bore.cells must use each of the 36 nodes"),
+    "bore family": (bore(family="lagrange"), r"shape \(24, 4\), lagrange needs \(faces, 9\)"),
+    "no family": (bore(pressure_family=None), "bore.pressure_cells and bore.pressure_family: give"),
+    "numbers from 1": (
+        bore(nodes=BORE.nodes + 1),
+        r"bore.nodes: node \d+ of the part lies .* do the numbers begin at 0",
+    ),
+    "J inward": (bore(load=-BORE.load), "pushes the bore outward with -0.9.* times the force"),
+    "J units": (bore(load=1e6 * BORE.load), "bore.load: .* with 9.* units must agree"),
+    "J elsewhere": (
+        bore(load=entry(BORE.load, 3 * OFF_BORE, 0, 1e-6)),
+        "bore.load has forces on nodes that are not in bore.nodes",
+    ),
+    "reference": (
+        bore(reference=1.01 * BORE.reference),
+        "bore.reference: the mean motion of a rigidly moved bore is off by 1.0e-02, limit 1e-08",
+    ),
+    "reference shape": (bore(reference=BORE.reference[:, :2]), "bore.reference has shape"),
+    "duplicate": (
+        {"attachments": {"pin": POINT, "foot": [1], "bolt": POINT}},
+        "attachments 'pin' and 'bolt' are the same point",
+    ),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("case", CASES)
+def test_every_defect_is_named(case):
+    changes, message = CASES[case]
+    part = ring(**changes)
+    with pytest.raises(StructureError, match=message) as caught:
+        check_structure(part)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.mpi
+def test_parts_without_defects_pass(rod_structure):
+    check_structure(ring())
+    check_structure(ring(bore=None, attachments={}))
+    check_structure(ring(stiffness=held([21, 22, 23, 63, 64, 65, 200])))
+    check_structure(ring(mass=sparse.diags(np.asarray(M.sum(axis=1)).ravel())))
+    check_structure(rod_structure)
+
+
+@settings(deadline=None, max_examples=20, derandomize=True)
+@given(st.floats(-9, 9), st.floats(-9, 9), st.floats(-3, 3))
+def test_units_do_not_matter(stiffness, mass, length):
+    scale = 10.0**length
+    check_structure(
+        ring(
+            stiffness=10.0**stiffness * K,
+            mass=10.0**mass * M,
+            coordinates=scale * X,
+            bore=replace(
+                BORE,
+                radius=scale * BORE.radius,
+                width=scale * BORE.width,
+                coordinates=scale * BORE.coordinates,
+                pressure_coordinates=scale * BORE.coordinates,
+                load=scale**2 * BORE.load,
+                reference=BORE.reference / np.r_[1, 1, 1, [scale] * 3],
+            ),
+        )
+    )
+
+
+@settings(deadline=None, max_examples=20, derandomize=True)
+@given(st.integers(0, SIZE // 3 - 3), st.integers(0, 2), st.sampled_from([0.0, -0.05, 1e-12]))
+def test_hidden_null_vectors_of_the_mass_are_found(node, component, value):
+    part = ring(mass=hidden(M, 3 * node + component, value), comm=MPI.COMM_SELF)
+    with pytest.raises(StructureError, match=r"mass .* largest at node \d+, component"):
+        check_structure(part)
+
+
+def petsc(matrix):
+    matrix = sparse.csr_matrix(matrix)
+    csr = (matrix.indptr, matrix.indices, matrix.data)
+    return PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
+
+
+def vector(size):
+    return PETSc.Vec().createMPI(size, comm=PETSc.COMM_SELF)
+
+
+def test_sizes_of_petsc_matrices_that_do_not_fit_are_named():
+    part = ring(comm=MPI.COMM_SELF)
+    with pytest.raises(StructureError, match="stiffness has 217 rows, not 3 for every node"):
+        ring(stiffness=petsc(sparse.eye(217)))
+    for changes, message in (
+        ({"stiffness": petsc(sparse.eye(216, 219))}, r"stiffness has shape \(216, 219\)"),
+        ({"mass": petsc(sparse.eye(213))}, r"mass has shape \(213, 213\), not \(216, 216\)"),
+        (
+            {"bore": replace(part.bore, load=petsc(BORE.load[3:]))},
+            "bore.load has 213 rows, the stiffness matrix has 216",
+        ),
+        (
+            {"attachments": {"pin": (vector(213),) * 3}},
+            "attachment 'pin' has 213 rows, the stiffness matrix has 216",
+        ),
+    ):
+        bare = {"bore": None, "attachments": {}, **changes}
+        with pytest.raises(StructureError, match=message):
+            check_structure(replace(part, **bare))
+
+
+def test_weights_of_load_vectors_are_checked():
+    part = ring(comm=MPI.COMM_SELF)
+    x, y, z = part.attachments["left"]
+    for vectors, message in (
+        ((x, y, 0.5 * z), "'pin': a unit translation along z moves it by 0.5 along z, not 1: "),
+        ((x, y + 0.1 * x, z), "'pin': a unit translation along x moves it by 0.1 along y, not 0: "),
+        ((x, y, np.nan * z), "attachment 'pin' holds a value that is not finite"),
+    ):
+        with pytest.raises(StructureError, match=message):
+            check_structure(replace(part, attachments={"pin": vectors}))
+
+
+@pytest.mark.mpi
+def test_rows_that_split_a_node_are_named():
+    comm = MPI.COMM_WORLD
+    if comm.size != 2:
+        pytest.skip("two ranks have a boundary in the middle of a node")
+    rows = 100 if comm.rank == 0 else SIZE - 100
+    first = 0 if comm.rank == 0 else 100
+    own = K[first : first + rows]
+    matrix = PETSc.Mat().createAIJ(
+        ((rows, SIZE), (rows, SIZE)), csr=(own.indptr, own.indices, own.data), comm=comm
+    )
+    nodes = len(X) // 2
+    mine = X[:nodes] if comm.rank == 0 else X[nodes:]
+    with pytest.raises(StructureError, match=r"a rank owns \d+ rows, not 3 for every node"):
+        ring(stiffness=matrix, mass=matrix, coordinates=mine)
+
+
+def test_checks_cost_less_than_forty_products(rod_structure):
+    PETSc.Log.begin()
+    # The sweeps of the mass check are part of its products.
+    events = ("MatMult", "MatMultTranspose", "MatMatMultNum")
+
+    def operations():
+        return sum(PETSc.Log.Event(name).getPerfInfo()["flops"] for name in events)
+
+    before = operations()
+    check_structure(rod_structure)
+    product = 2 * rod_structure.stiffness.getInfo()["nz_used"]
+    assert 10 < (operations() - before) / product < 40
