@@ -74,6 +74,7 @@ def make(size: int) -> Structure:
 
 
 def main() -> None:
+    """Reduce once and print what it took."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("program", choices=["fenics_ehd", "scipy"])
     parser.add_argument("method", choices=METHODS)

@@ -69,9 +69,10 @@ def moved_to_the_bore(structure, body):
 
 def test_frame_does_not_change_the_physics(rod_structure):
     body = load_dependent(rod_structure, 6, 12, estimate_error=False, keep_basis=True)
-    curves = [run(b, 0.05, 1e-7)[0] for b in (body, moved_to_the_bore(rod_structure, body))]
-    # The small rotation of the bore is linear in one frame and part of the large one in the other.
-    assert max(difference(curves[1], curves[0])) < 1e-4
+    curves = [run(b, 0.05)[0] for b in (body, moved_to_the_bore(rod_structure, body))]
+    # Not round-off: the gap is to leading order in displacements, and the bore's elastic rotation
+    # of 1e-4 shifts h along the circumference in one frame, where the other turns with it.
+    assert max(difference(curves[1], curves[0])) < 5e-4
 
 
 def test_massless_coordinates_are_the_same_flexibility(residual_body):
@@ -107,9 +108,8 @@ def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body)
     def rest(loads):
         return static.apply(loads) - modes @ (modes.T @ loads / angular**2)
 
-    exact = rest(
-        static.mass.multiply(rest(load_columns(rod_structure.bore.load, pressure[:, None])))
-    )
+    first = rest(load_columns(rod_structure.bore.load, pressure[:, None]))
+    exact = rest(static.mass.multiply(first))
     rows = node_rows(exact, 0, rod_structure.bore.nodes, rod_structure.comm)[:, :, 0]
     radial = whole.bore_nodes[:, :2] / np.linalg.norm(whole.bore_nodes[:, :2], axis=1)[:, None]
     expected = np.einsum("ic,ic->i", radial, rows[:, :2])

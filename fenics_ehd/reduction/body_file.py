@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -107,8 +108,9 @@ def load_body(path: str | Path) -> ReducedBody:
                     f"body file {path}: format version {file.attrs['format_version']}, "
                     f"this program reads {FORMAT_VERSION}; reduce the part again"
                 )
+            arrays: dict[str, Any] = {name: np.array(file[name]) for name in _ARRAYS}
             body = ReducedBody(
-                **{name: np.array(file[name]) for name in _ARRAYS},
+                **arrays,
                 method=str(file.attrs["method"]),
                 frame=str(file.attrs["frame"]),
                 bore_radius=float(file.attrs["bore_radius"]),

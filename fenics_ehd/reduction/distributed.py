@@ -96,4 +96,4 @@ def spread_rows(values: np.ndarray, first_node: int, owned: int, nodes: np.ndarr
     local = nodes - first_node
     mine = (local >= 0) & (local < owned)
     columns[local[mine]] = values[mine]
-    return np.asfortranarray(columns.reshape(3 * owned, -1))
+    return np.asfortranarray(columns.reshape(3 * owned, values.shape[2]))

@@ -93,7 +93,7 @@ def _solve(
     tolerance: float,
     options_prefix: str,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues, ascending, and modes as SLEPc gives them, M-orthogonal to the deflated columns."""
+    """Eigenvalues, ascending, and modes as SLEPc gives them, M-orthogonal to `deflated`."""
     structure = flexibility.structure
     eps = SLEPc.EPS().create(structure.stiffness.comm)
     eps.setOperators(structure.stiffness, flexibility.mass.matrix)

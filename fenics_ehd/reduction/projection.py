@@ -233,7 +233,7 @@ def project(
 def _inventory(
     body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
 ) -> tuple[ModeRecord, ...]:
-    """Kept modes with their participation, then the dropped ones: shares of `total` or their sum."""
+    """Kept modes and dropped ones with their shares of `total`, or of the sum of all."""
     load = body.load_projection[3:]
     if body.frame != "clamped" and body.modes:
         load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
