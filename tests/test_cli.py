@@ -12,6 +12,7 @@ import pytest
 from interrupt_case import interrupted_run
 
 from fenics_ehd.output import read_history
+from fenics_ehd.reduction import BasisFile
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
@@ -48,6 +49,31 @@ def body(tmp_path_factory):
     assert "12 modes" in result.stdout
     assert "polar inertia" in result.stdout
     return path
+
+
+def test_reduce_writes_basis_and_exports(tmp_path):
+    path = tmp_path / "new" / "rod.h5"
+    options = ["--method", "m1", "--modes", 4, "--no-estimate-error", "--json"]
+    files = ["--basis", tmp_path / "part.h5", "--export", "npz", "--export", "mtx"]
+    result = call("reduce", "conrod", "-o", path, *options, *files)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout)
+    assert (summary["method"], summary["frame"], summary["modes"]) == ("m1", "bore-centre", 6)
+    assert sum(summary["participation"]) == pytest.approx(1.0)
+    with np.load(summary["exports"]["npz"]) as exported:
+        np.testing.assert_array_equal(exported["frequencies"], summary["frequencies_Hz"])
+    assert (tmp_path / "new" / "rod-mtx" / "stiffness.mtx").is_file()
+    with BasisFile(tmp_path / "part.h5") as basis:
+        assert basis.modes == 6
+        assert np.isfinite(basis.stress(np.ones(6))).all()
+
+
+def test_inventory_says_what_was_dropped(tmp_path):
+    result = call("reduce", "conrod", "--residual-modes", 2, "-o", tmp_path / "rod.h5")
+    assert result.returncode == 0, result.stderr
+    assert "dropped: 78," in result.stdout
+    assert "not selected" in result.stdout
+    assert "of the bore's flexibility" in result.stdout
 
 
 def test_help_imports_no_finite_elements():

@@ -105,6 +105,9 @@ def reduction_summary(rod: ReducedRod, path: str, basis_path: str | None) -> dic
     body = rod.body
     inertia = body.inertia
     return {
+        # Settings first: what came out of them has the last word on a key of the same name.
+        **body.provenance,
+        **body.accuracy,
         "method": body.method,
         "modes": body.modes,
         "frame": body.frame,
@@ -116,8 +119,6 @@ def reduction_summary(rod: ReducedRod, path: str, basis_path: str | None) -> dic
         "participation": [r.participation for r in body.inventory if not r.dropped][: body.modes],
         "dropped_modes": sum(bool(r.dropped) for r in body.inventory),
         "residual_patterns": body.residual.rank if body.residual else 0,
-        **body.accuracy,
-        **body.provenance,
         "reduction_time_s": rod.seconds,
         "file": path,
         "basis_file": basis_path,
