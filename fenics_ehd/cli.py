@@ -99,7 +99,7 @@ def run(
 @click.option("--interior-modes", type=int, help="Interior modes of the first step (m2).")
 @click.option("--vibration-modes", type=int, help="n_v (m3, m4, full).")
 @click.option("--residual-modes", type=int, help="n_r (m3).")
-@click.option("--pressure-set", help="pc1, pc2, pc2-long or pc2-short (m3).")
+@click.option("--pressure-set", help="pc1, pc2, pc2-long, pc2-short or journal (m3).")
 @click.option("--snapshots", help="Folder of a run whose pressures replace the set (m3).")
 @click.option("--selection", help="Which residual modes, lowest-frequency say (m3).")
 @click.option("--residual-truncation", type=float, help="Of the residual flexibility (m4).")

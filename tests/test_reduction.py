@@ -21,7 +21,7 @@ from fenics_ehd.reduction import (
     save_body,
 )
 from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
-from fenics_ehd.reduction.residual_modes import energy_orthonormal
+from fenics_ehd.reduction.residual_modes import energy_orthonormal, without_redundancy
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
 from fenics_ehd.scenes.rod import build_structure
 from fenics_ehd.scenes.run import build_mechanism
@@ -212,3 +212,38 @@ def test_another_load_matrix_than_the_film_has_is_refused(body):
     other = replace(body, load_projection=1.001 * body.load_projection)
     with pytest.raises(InterfaceMismatchError, match="disagree on the work of a pressure"):
         build_mechanism(SliderCrankSettings(), other)
+
+
+def test_journal_pressures_need_fewer_modes_than_single_positions(structure):
+    """Response to a pressure that neither set holds, of a finite bearing at eccentricity 0.7."""
+    x, y, z = structure.bore.pressure_coordinates.T
+    theta = np.arctan2(y, x) - 0.3
+    width = structure.bore.width
+    pressure = np.maximum(np.sin(theta), 0) / (1 + 0.7 * np.cos(theta)) ** 2
+    pressure *= 1 - np.cosh(3 * z / width) / np.cosh(1.5)
+    missed = {
+        name: np.abs(
+            load_dependent(structure, 6, 12, name, selection).missing_flexibility @ pressure
+        ).max()
+        for name, selection in (
+            ("journal", "largest-eigenvalue"),
+            ("pc2", "lowest-frequency"),
+        )
+    }
+    assert missed["journal"] < 0.3 * missed["pc2"]
+
+
+def test_redundant_patterns_change_nothing(structure):
+    random = np.random.default_rng(0)
+    patterns = np.cos(random.uniform(0, 3, (440, 6)))
+    mixed = patterns @ random.standard_normal((6, 30))
+    assert without_redundancy(mixed).shape == (440, 6)
+    np.testing.assert_array_equal(without_redundancy(patterns), patterns)
+    np.testing.assert_allclose(
+        without_redundancy(mixed) @ without_redundancy(mixed).T, mixed @ mixed.T, atol=1e-9
+    )
+    flexibility = [
+        load_dependent(structure, 6, 3, p, "largest-eigenvalue").basis_flexibility()
+        for p in (mixed, mixed @ np.linalg.qr(random.standard_normal((30, 30)))[0])
+    ]
+    np.testing.assert_allclose(*flexibility, atol=1e-9 * np.abs(flexibility[0]).max())

@@ -23,6 +23,7 @@ from fenics_ehd.reduction.residual_modes import (
     RANKINGS,
     check_selection,
     proper_orthogonal,
+    without_redundancy,
 )
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.static_basis import StaticModes, dropped_patterns, static_modes
@@ -90,6 +91,8 @@ def load_dependent(
     _check_counts(n_vibration, n_residual, patterns.shape[1])
     if selection == PROPER_ORTHOGONAL:
         patterns, selection = proper_orthogonal(patterns)[:, :n_residual], "every-column"
+    elif selection != "every-column":
+        patterns = without_redundancy(patterns)
     static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
     fields = attachment_loads(structure, attachment_directions)
     basis = _basis(

@@ -11,6 +11,10 @@ from fenics_ehd.reduction.structure import Bore, Structure
 LONG_BEARING_PRESSURE = 1.0
 SHORT_BEARING_PRESSURE = 1.5
 
+#: Eccentricities and powers of the axial parabola of `journal_shapes`.
+JOURNAL_ECCENTRICITIES = (0.5, 0.8, 0.9, 0.95)
+AXIAL_POWERS = (0.5, 1.0)
+
 #: Circumferential positions on an unstructured bore, those of the paper's.
 HAT_POSITIONS = 40
 
@@ -67,11 +71,38 @@ def _hats(angle: np.ndarray) -> np.ndarray:
     return np.maximum(1.0 - np.abs(distance), 0.0)
 
 
+def journal_shapes(bore: Bore) -> np.ndarray:
+    """Pressures that journals make: short-bearing solutions at every angle, not only their pieces.
+
+    Half-Sommerfeld pressures of several eccentricities, turning either way, with a parabola
+    along the bore and a flatter profile that a bent bore has. Smooth, as real pressures are: the
+    most energetic combinations of their responses need fewer modes than those of (35).
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (k, 16 `HAT_POSITIONS`), of a much lower rank.
+    """
+    x, y, z = bore.pressure_coordinates.T
+    parabola = np.maximum(1.0 - (2.0 * z / bore.width) ** 2, 0.0)
+    angle = np.arctan2(y, x)
+    turn = 2 * np.pi * np.arange(HAT_POSITIONS) / HAT_POSITIONS
+    columns = []
+    for eccentricity in JOURNAL_ECCENTRICITIES:
+        for direction in (-1.0, 1.0):
+            theta = direction * (angle[:, None] - turn)
+            around = np.maximum(np.sin(theta), 0.0) / (1.0 + eccentricity * np.cos(theta)) ** 3
+            around /= around.max()
+            columns += [parabola[:, None] ** power * around for power in AXIAL_POWERS]
+    return np.hstack(columns)
+
+
 PRESSURE_SETS = {
     "pc1": unit_pressures,
     "pc2": bearing_shapes,
     "pc2-long": long_bearing_shapes,
     "pc2-short": short_bearing_shapes,
+    "journal": journal_shapes,
 }
 
 

@@ -12,7 +12,7 @@ METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
 SOLVERS = ("auto", "direct", "iterative")
 TRANSFERS = ("conservative", "mortar")
 CELLS = ("hex", "tet")
-PRESSURE_SETS = ("pc1", "pc2", "pc2-long", "pc2-short")
+PRESSURE_SETS = ("pc1", "pc2", "pc2-long", "pc2-short", "journal")
 SELECTIONS = (
     "lowest-frequency",
     "largest-eigenvalue",
