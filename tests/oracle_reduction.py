@@ -92,9 +92,14 @@ class Part:
         return x[:, None] * rows[0::3] + y[:, None] * rows[1::3]
 
     @cached_property
+    def pressure_answers(self) -> np.ndarray:
+        """``G_c`` of (29) for unit nodal pressures, (N, k) [m/Pa]."""
+        return static_responses(self, self.load)
+
+    @property
     def full_flexibility(self) -> np.ndarray:
-        """Bore rows of ``G_c`` for unit nodal pressures, (3 m, k) [m/Pa]."""
-        return static_responses(self, self.load)[self.bore_dofs]
+        """Its bore rows, (3 m, k)."""
+        return self.pressure_answers[self.bore_dofs]
 
     @cached_property
     def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -259,14 +264,40 @@ def in_range(matrix: np.ndarray, largest: float | None = None) -> np.ndarray:
 
 
 def select(stiffness, mass, name):
-    """Combinations of candidates, best first: (31), (32) and the other choices."""
+    """Combinations of candidates, best first, by (31), (32) or another choice.
+
+    Returns the values that order them, the largest first but for the smallest eigenvalues, and
+    the combinations as columns.
+    """
     if name == "every-column":
-        return np.eye(len(stiffness))
+        return np.arange(len(stiffness))[::-1] / len(stiffness), np.eye(len(stiffness))
     if name == "lowest-frequency":
         vectors = in_range(stiffness)
-        reduced = (vectors.T @ matrix @ vectors for matrix in (mass, stiffness))
-        return (vectors @ linalg.eigh(*reduced)[1])[:, ::-1]  # 1 / omega^2, as K is definite
-    return linalg.eigh(stiffness)[1][:, :: 1 if name == "smallest-eigenvalue" else -1]
+        # 1 / omega^2, because K is the definite one.
+        values, inner = linalg.eigh(*(vectors.T @ a @ vectors for a in (mass, stiffness)))
+        return values[::-1], (vectors @ inner)[:, ::-1]
+    values, vectors = linalg.eigh(stiffness)
+    order = slice(None, None, 1 if name == "smallest-eigenvalue" else -1)
+    return values[order], vectors[:, order]
+
+
+def residual_candidates(part: Part, n_vibration, pressures, selection):
+    """All of (32): values and combinations as from `select`, and the filtered ``G_c``, (N, c)."""
+    omega, modes = (a[..., :n_vibration] for a in part.spectrum)
+    covered = modes / omega**2 @ (modes.T @ (part.load @ pressures))
+    answers = part.pressure_answers @ pressures - covered  # (30)
+    reduced = (answers.T @ matrix @ answers for matrix in (part.stiffness, part.mass))
+    return *select(*reduced, selection), answers
+
+
+def clear_count(part: Part, n_vibration, pressures, selection, counts) -> int:
+    """That of `counts` residual modes after which the widest gap leaves no doubt which they are."""
+    if selection == "proper-orthogonal":
+        values = linalg.svdvals(pressures)
+    else:
+        values = residual_candidates(part, n_vibration, pressures, selection)[0]
+    gaps = np.abs(np.diff(values)) / np.abs(values).max()
+    return max(counts, key=lambda count: gaps[count - 1])
 
 
 def load_dependent(
@@ -282,19 +313,17 @@ def load_dependent(
         selection, n_residual = "every-column", pressures.shape[1]
     omega, modes = (a[..., :n_vibration] for a in part.spectrum)
     attachment = part.boundary(directions)
-    loads = np.hstack([attachment, part.load @ pressures])
-    responses = static_responses(part, loads)
-    responses = responses - modes / omega**2 @ (modes.T @ loads)  # (30)
-    a = attachment.shape[1]
-    candidates = responses[:, a:]
+    attached = static_responses(part, attachment)
+    attached = attached - modes / omega**2 @ (modes.T @ attachment)  # (30)
     if not n_residual:
-        return np.hstack([modes, responses[:, :a]])
-    stiffness, mass = (candidates.T @ matrix @ candidates for matrix in (part.stiffness, part.mass))
-    chosen = select(stiffness, mass, selection)[:, :n_residual]
+        return np.hstack([modes, attached])
+    _, ranked, answers = residual_candidates(part, n_vibration, pressures, selection)
+    chosen = ranked[:, :n_residual]
+    stiffness = answers.T @ part.stiffness @ answers
     # Each group by itself: a unit force and a unit pressure are worlds apart.
     chosen = chosen @ in_range(chosen.T @ stiffness @ chosen, linalg.eigvalsh(stiffness)[-1])
-    static = np.hstack([responses[:, :a], candidates @ chosen])
-    static /= np.sqrt(np.einsum("ij,ij->j", static, part.stiffness @ static))
+    static = np.hstack([attached, answers @ chosen])
+    static = static / np.sqrt(np.einsum("ij,ij->j", static, part.stiffness @ static))
     return np.hstack([modes, static @ in_range(static.T @ part.stiffness @ static)])
 
 
@@ -313,7 +342,7 @@ def residual_flexibility(
     loads = np.hstack([part.boundary(directions), (part.mass @ radius)[:, : int(centrifugal)]])
     responses = static_responses(part, loads) - modes / omega**2 @ (modes.T @ loads)  # (30)
     basis = np.hstack([modes, responses])
-    return basis, static_responses(part, part.load) - basis @ coordinates(part, basis, part.load)
+    return basis, part.pressure_answers - basis @ coordinates(part, basis, part.load)
 
 
 def coordinates(part: Part, basis: np.ndarray, loads: np.ndarray) -> np.ndarray:

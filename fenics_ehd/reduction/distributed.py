@@ -69,6 +69,8 @@ def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
         source.array = columns[:, i]
         matrix.multTranspose(source, target)
         result[:, i] = np.concatenate(comm.allgather(target.array))
+    source.destroy()
+    target.destroy()
     return result
 
 

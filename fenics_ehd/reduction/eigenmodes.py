@@ -17,8 +17,9 @@ from fenics_ehd.reduction.structure import Structure
 EIGEN_TOLERANCE = 1e-10
 RESIDUAL_TOLERANCE = 1e-6
 
-#: Of the eigenvalue that shows whether one was missed.
-COUNT_TOLERANCE = 1e-4
+#: Of the eigenvalue that shows whether one was missed. Loose: a missed mode lies well below the
+#: highest one found, and the modes above that are close to each other.
+COUNT_TOLERANCE = 1e-2
 
 
 class _Inverse:
@@ -105,9 +106,11 @@ def _solve(
     eps.setTolerances(tolerance, 500)
     # One more product with the inverse for every mode; `admissible` does what it is for.
     eps.setPurify(False)
-    eps.setInitialSpace(_vectors(structure, start))
-    if deflated.shape[1]:
-        eps.setDeflationSpace(_vectors(structure, deflated))
+    # On several ranks, what Python lets go PETSc keeps until the end: destroyed by hand below.
+    vectors = [_vectors(structure, columns) for columns in (start, deflated)]
+    eps.setInitialSpace(vectors[0])
+    if vectors[1]:
+        eps.setDeflationSpace(vectors[1])
     transform = eps.getST()
     transform.setType(SLEPc.ST.Type.SINVERT)
     ksp = transform.getKSP()
@@ -131,6 +134,8 @@ def _solve(
     finally:
         # The Python preconditioner must not outlive the interpreter.
         eps.destroy()
+        for given in [vector, *vectors[0], *vectors[1]]:
+            given.destroy()
     order = np.argsort(eigenvalues)
     return eigenvalues[order], modes[:, order]
 
@@ -179,7 +184,7 @@ def _verify_none_missed(
     start = flexibility.apply(_scattered(structure, 0.5)[:, None])
     found = np.hstack([flexibility.rigid_modes, modes])
     lowest, _ = _solve(flexibility, 1, start, found, COUNT_TOLERANCE, options_prefix)
-    if not lowest[0] > (1.0 - 10 * COUNT_TOLERANCE) * eigenvalues[-1]:
+    if not lowest[0] > (1.0 - 2 * COUNT_TOLERANCE) * eigenvalues[-1]:
         frequencies = np.sqrt([lowest[0], eigenvalues[-1]]) / (2 * np.pi)
         raise VerificationError(
             f"SLEPc missed a mode at {frequencies[0]:.6g} Hz below {frequencies[1]:.6g} Hz, the "

@@ -171,13 +171,16 @@ class InteriorSolver:
         self._held = mine - first
         matrix = structure.stiffness.copy()
         matrix.zeroRowsColumns(mine.astype(np.int32), diag=mean_stiffness(structure))
+        direct = is_direct(solver, structure.size)
         self._linear = LinearSolver(
             matrix,
-            direct=is_direct(solver, structure.size),
+            direct=direct,
             near_kernel=rigid_fields(structure.coordinates),
             kernel=False,
             options_prefix=options_prefix,
         )
+        if direct:
+            matrix.destroy()
 
     def apply(self, loads: np.ndarray) -> np.ndarray:
         """Static response with the nodes held, owned rows (owned dofs, k)."""

@@ -83,11 +83,10 @@ class LinearSolver:
         kernel: bool,
         options_prefix: str,
     ):
-        self.direct = direct
         self._prefix = options_prefix
-        self._matrix = matrix
+        self._comm = matrix.comm
         if not direct:
-            self._describe_kernel(near_kernel, kernel)
+            _describe_kernel(matrix, near_kernel, kernel)
         self._ksp = ksp = PETSc.KSP().create(matrix.comm)
         ksp.setOperators(matrix)
         configure(ksp, options_prefix, DIRECT_OPTIONS if direct else ITERATIVE_OPTIONS)
@@ -99,43 +98,13 @@ class LinearSolver:
                 f"the stiffness matrix cannot be factorised ({str(error).splitlines()[-1]}): "
                 f"see -{options_prefix}mat_mumps_icntl_4 2, or choose solver = 'iterative'"
             ) from None
-        self._check_pivots()
-
-    def _describe_kernel(self, near_kernel: np.ndarray, kernel: bool) -> None:
-        if not near_kernel.shape[1]:
-            return
-        vectors = []
-        for column in near_kernel.T:
-            vector = self._matrix.createVecLeft()
-            vector.array = column
-            vectors.append(vector)
-        for i, vector in enumerate(vectors):
-            for other in vectors[:i]:
-                vector.axpy(-vector.dot(other), other)
-            vector.normalize()
-        space = PETSc.NullSpace().create(vectors=vectors, comm=self._matrix.comm)
-        self._matrix.setNearNullSpace(space)
-        if kernel:
-            self._matrix.setNullSpace(space)
-
-    def _check_pivots(self) -> None:
-        if not self.direct or self._ksp.pc.getFactorSolverType() != "mumps":
-            return
-        negative = self._ksp.pc.getFactorMatrix().getMumpsInfog(12)
-        if negative:
-            raise SolverError(
-                f"the stiffness matrix has {negative} negative pivots: it is not positive "
-                "semidefinite, or more than the rigid motions store no energy"
-            )
-
-    @property
-    def factor_memory(self) -> float:
-        """Memory of the factors over all ranks [bytes], 0 when unknown."""
-        if not self.direct or self._ksp.pc.getFactorSolverType() != "mumps":
-            return 0.0
-        # Negative: millions.
-        entries = self._ksp.pc.getFactorMatrix().getMumpsInfog(9)
-        return 8.0 * (entries if entries >= 0 else -1e6 * entries)
+        self._factor: PETSc.Mat | None = None
+        if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
+            # The factors need neither the solver around them nor, what counts, the matrix.
+            self._factor = ksp.pc.getFactorMatrix()
+            _check_pivots(self._factor, ksp.pc.getFactorSolverType())
+            destroy_with(self, self._factor)
+            ksp.destroy()
 
     def solve(self, loads: np.ndarray) -> np.ndarray:
         """Owned rows of the solutions for owned rows of the loads, (rows, k).
@@ -145,17 +114,51 @@ class LinearSolver:
         SolverError
             The iteration did not converge.
         """
-        rhs = dense_matrix(loads, self._matrix.comm)
         result = np.zeros_like(loads, order="F")
-        response = dense_matrix(result, self._matrix.comm)
-        solve_columns(self._ksp, rhs, response)
-        reason = self._ksp.getConvergedReason()
+        rhs, response = (dense_matrix(columns, self._comm) for columns in (loads, result))
+        if self._factor is not None:
+            self._factor.matSolve(rhs, response)
+        else:
+            solve_columns(self._ksp, rhs, response)
+            self._check_convergence()
         for matrix in (rhs, response):
             matrix.destroy()
-        if not self.direct and reason < 0:
+        return result
+
+    def _check_convergence(self) -> None:
+        reason = self._ksp.getConvergedReason()
+        if reason < 0:
             raise SolverError(
                 f"the stiffness matrix: no convergence in {self._ksp.getIterationNumber()} "
                 f"iterations (reason {reason}): see -{self._prefix}ksp_monitor, or choose "
                 "solver = 'direct'"
             )
-        return result
+
+
+def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -> None:
+    """Tell the multigrid hierarchy which fields cost next to nothing, the solver which nothing."""
+    if not near_kernel.shape[1]:
+        return
+    vectors = []
+    for column in near_kernel.T:
+        vector = matrix.createVecLeft()
+        vector.array = column
+        vectors.append(vector)
+    for i, vector in enumerate(vectors):
+        for other in vectors[:i]:
+            vector.axpy(-vector.dot(other), other)
+        vector.normalize()
+    space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
+    matrix.setNearNullSpace(space)
+    if kernel:
+        matrix.setNullSpace(space)
+
+
+def _check_pivots(factor: PETSc.Mat, package: str) -> None:
+    """Raise if MUMPS met a negative pivot; other packages refuse it themselves."""
+    negative = factor.getMumpsInfog(12) if package == "mumps" else 0
+    if negative:
+        raise SolverError(
+            f"the stiffness matrix has {negative} negative pivots: it is not positive "
+            "semidefinite, or more than the rigid motions store no energy"
+        )

@@ -99,6 +99,8 @@ class StaticSolver:
             kernel=self.rigid_modes.shape[1] > 0,
             options_prefix=options_prefix,
         )
+        if direct:
+            matrix.destroy()
         self._check_compliance()
 
     def equilibrate(self, loads: np.ndarray) -> np.ndarray:
@@ -170,7 +172,10 @@ def norm(columns: np.ndarray, comm: MPI.Comm) -> float:
 
 def mean_stiffness(structure: Structure) -> float:
     """Mean of the diagonal of K [N/m]."""
-    return structure.stiffness.getDiagonal().sum() / structure.size
+    diagonal = structure.stiffness.getDiagonal()
+    mean = diagonal.sum() / structure.size
+    diagonal.destroy()
+    return mean
 
 
 def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndarray) -> None:
