@@ -106,7 +106,6 @@ def _solve(
     eps.setTolerances(tolerance, 500)
     # One more product with the inverse for every mode; `admissible` does what it is for.
     eps.setPurify(False)
-    # On several ranks, what Python lets go PETSc keeps until the end: destroyed by hand below.
     vectors = [_vectors(structure, columns) for columns in (start, deflated)]
     eps.setInitialSpace(vectors[0])
     if vectors[1]:
@@ -132,10 +131,10 @@ def _solve(
             eigenvalues[i] = eps.getEigenpair(i, vector).real
             modes[:, i] = vector.array
     finally:
-        # The Python preconditioner must not outlive the interpreter.
-        eps.destroy()
-        for given in [vector, *vectors[0], *vectors[1]]:
-            given.destroy()
+        # By hand, the solver before its parts: what Python lets go of last PETSc keeps to the end,
+        # and with the preconditioner the factors, which must not outlive the interpreter.
+        for owned in [eps, transform, ksp, vector, *vectors[0], *vectors[1]]:
+            owned.destroy()
     order = np.argsort(eigenvalues)
     return eigenvalues[order], modes[:, order]
 

@@ -38,7 +38,7 @@ class MassOperator:
         context = _ComponentWise(self._nodal)
         self.matrix = PETSc.Mat().createPython(mass.getSizes(), context, comm=mass.comm)
         self.matrix.setUp()
-        destroy_with(self, self.matrix)
+        destroy_with(self, self.matrix, self._nodal)
 
     def _nodal_matrix(self) -> PETSc.Mat | None:
         """The matrix m, or None when there is no such."""
@@ -51,8 +51,13 @@ class MassOperator:
         mass.mult(x, product)
         _ComponentWise(nodal).mult(mass, x, other := product.duplicate())
         other.axpy(-1.0, product)
-        largest = product.norm(PETSc.NormType.INFINITY)
-        return nodal if other.norm(PETSc.NormType.INFINITY) <= SAME_TOLERANCE * largest else None
+        defect, largest = (v.norm(PETSc.NormType.INFINITY) for v in (other, product))
+        for vector in (x, product, other):
+            vector.destroy()
+        if defect <= SAME_TOLERANCE * largest:
+            return nodal
+        nodal.destroy()
+        return None
 
     def multiply(self, columns: np.ndarray) -> np.ndarray:
         """Owned rows of ``M @ columns``, shape (owned dofs, k)."""
