@@ -22,6 +22,7 @@ from scipy import linalg, sparse
 
 from fenics_ehd.errors import SettingsError, SolverError, StructureError, VerificationError
 from fenics_ehd.reduction import (
+    PRESSURE_SETS,
     SELECTIONS,
     ReducedBody,
     Structure,
@@ -128,16 +129,15 @@ PARTS = ("free", "without points", "heavy tail", "clamped", "clamped with a poin
 
 
 def as_structure(dense_rod, comm=WORLD, **changes):
-    """The dense part as the package takes it, shared by the ranks; of the bore some changed."""
-    bore = replace(
-        rod().bore,
-        nodes=dense_rod.bore.astype(np.int32),
-        coordinates=dense_rod.nodes[dense_rod.bore],
-        pressure_coordinates=dense_rod.pressure_nodes,
-        load=sparse.csr_matrix(dense_rod.load),
-        reference=dense_rod.mean.reshape(-1, 3, 6)[dense_rod.bore],
-        **changes,
-    )
+    """The dense part as the package takes it, shared by the ranks; `changes` of its bore."""
+    bore = {
+        "nodes": dense_rod.bore.astype(np.int32),
+        "coordinates": dense_rod.nodes[dense_rod.bore],
+        "pressure_coordinates": dense_rod.pressure_nodes,
+        "load": sparse.csr_matrix(dense_rod.load),
+        "reference": dense_rod.mean.reshape(-1, 3, 6)[dense_rod.bore],
+    }
+    bore = replace(rod().bore, **{**bore, **changes})
     return Structure(
         sparse.csr_matrix(dense_rod.stiffness),
         sparse.csr_matrix(dense_rod.mass),
@@ -511,7 +511,6 @@ def test_two_steps_with_every_mode_follow_the_bore_exactly():
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", ["clamped", "clamped with a point"])
-@pytest.mark.xfail(reason="the limit counts the six dofs of C2, which a clamped part does not hold")
 def test_two_steps_with_every_mode_follow_the_bore_of_a_clamped_part_exactly(name):
     dense_rod = part(name)
     ours = two_step_craig_bampton(structure(name), 3 * len(dense_rod.bore) + 3, 3)
@@ -679,6 +678,23 @@ def test_pressures_that_push_no_node_make_no_mode():
                 assert ours.modes == n_vibration + 59
 
 
+def test_positions_around_the_bore_survive_the_scatter_of_a_mesh():
+    """A nanometre, of the 22 that the check of the bore allows."""
+    exact = part("free").pressure_nodes
+    scatter = np.random.default_rng(0).uniform(-1e-9, 1e-9, exact.shape)
+    bore = replace(rod().bore, pressure_coordinates=exact + scatter)
+    assert PRESSURE_SETS["pc2"](bore).shape == (60, 2 * 20)
+
+
+def test_a_bore_whose_middle_is_not_at_z_0_is_refused():
+    """Its parabolas of (35) would be pressures far below zero."""
+    up = np.array([0.0, 0.0, 0.5])
+    raised = part("free")
+    raised = replace(raised, nodes=raised.nodes + up, pressure_nodes=raised.pressure_nodes + up)
+    with pytest.raises(StructureError):
+        load_dependent(as_structure(raised, reference=None), N_V, 6, "pc2-short")
+
+
 # --- modes -----------------------------------------------------------------------------------
 
 
@@ -697,25 +713,12 @@ def block(cells=(6, 2, 2), size=(0.1, 0.03, 0.02)):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(
-    "thickness",
-    [
-        0.022,  # 2.4 % between the two lowest frequencies
-        pytest.param(
-            0.020,  # 0.9 %
-            marks=pytest.mark.xfail(
-                reason="of a missed mode the check sees no more than 1 % of the highest frequency",
-                strict=False,
-            ),
-        ),
-    ],
-)
-def test_a_mode_that_the_start_vector_hides_is_missed_aloud(thickness, monkeypatch):
+def test_a_mode_that_the_start_vector_hides_is_found(monkeypatch):
     """From a start that is symmetric about y = 0 a Krylov method sees symmetric modes alone.
 
     In more than a few steps round-off would show the lowest mode, antisymmetric torsion, as well.
     """
-    bar, angular = block(size=(0.06, 0.03, thickness))
+    bar, angular = block(size=(0.06, 0.03, 0.022))  # 2.4 % between the two lowest frequencies
     scattered = eigenmodes._scattered
 
     def symmetric(given_one, phase):
@@ -726,20 +729,22 @@ def test_a_mode_that_the_start_vector_hides_is_missed_aloud(thickness, monkeypat
     static = StaticSolver(bar)
     options = PETSc.Options("hidden_")
     options["eps_ncv"] = 6
-    low, high = (f"{value:.6g}" for value in angular[:2] / (2 * np.pi))
     try:
         assert lowest_modes(static, 1, options_prefix="hidden_")[0] == pytest.approx(angular[0])
         monkeypatch.setattr(eigenmodes, "_scattered", symmetric)
-        with pytest.raises(VerificationError, match=rf"missed a mode at {low} Hz below {high} Hz"):
-            lowest_modes(static, 1, options_prefix="hidden_")
+        assert lowest_modes(static, 1, options_prefix="hidden_")[0] == pytest.approx(angular[0])
+        monkeypatch.setattr(
+            eigenmodes, "_with_missed", lambda _, values, modes, __: (values, modes)
+        )
+        assert lowest_modes(static, 1, options_prefix="hidden_")[0] == pytest.approx(angular[1])
     finally:
         options.delValue("eps_ncv")
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("left_out", [0, 2, 4])
-def test_a_mode_that_the_eigensolver_leaves_out_is_missed_aloud(left_out, monkeypatch):
-    bar, _ = block()
+def test_a_mode_that_the_eigensolver_leaves_out_is_found_or_missed_aloud(left_out, monkeypatch):
+    bar, angular = block()
     solve = eigenmodes._solve
 
     def forgetful(flexibility, count, *arguments):
@@ -749,7 +754,11 @@ def test_a_mode_that_the_eigensolver_leaves_out_is_missed_aloud(left_out, monkey
         return np.delete(values, left_out), np.delete(modes, left_out, axis=1)
 
     monkeypatch.setattr(eigenmodes, "_solve", forgetful)
-    with pytest.raises(VerificationError, match=r"missed a mode at .* Hz below .* Hz"):
+    if left_out:
+        np.testing.assert_allclose(lowest_modes(StaticSolver(bar), 5)[0], angular[:5], rtol=1e-9)
+        return
+    # The lowest, time and again.
+    with pytest.raises(VerificationError, match=r"misses modes: .* Hz below .* Hz"):
         lowest_modes(StaticSolver(bar), 5)
 
 
@@ -766,10 +775,6 @@ def test_modes_of_nearly_the_same_frequency_are_all_found(ratio):
 
 
 @pytest.mark.mpi
-@pytest.mark.xfail(
-    reason="a Krylov method with one start finds the second of a pair by chance",
-    raises=VerificationError,
-)
 def test_modes_of_the_same_frequency_are_all_found():
     """A ring vibrates in pairs."""
     stiffness, mass = ring_matrices(*ring_mesh()[:2])
@@ -894,7 +899,6 @@ def test_a_node_without_stiffness_is_named(method):
         REDUCTIONS[method](loose)
 
 
-@pytest.mark.xfail(reason="an error of MUMPS's solve comes through unnamed", raises=PETSc.Error)
 def test_a_node_held_in_one_direction_is_named():
     for stiffness in (1e7, 1e9, 1e11):
         for end in (5, 50, 150):
@@ -926,15 +930,6 @@ def test_an_unknown_solver_is_named(method):
         REDUCTIONS[method](structure("free"), solver="magic")
 
 
-_KERNEL = pytest.mark.xfail(
-    reason="the kernel given to multigrid stays on K, and SLEPc takes it out of the held modes",
-    raises=VerificationError,
-)
-_NORM = pytest.mark.xfail(
-    reason="the iteration ends by the preconditioned residual, the check looks at the true one",
-    raises=VerificationError,
-)
-
 #: Few solves: an iteration for each of them takes long on so small a part.
 ITERATED = {
     "m1": lambda s, **options: craig_bampton(s, 2, **options),
@@ -947,11 +942,11 @@ ITERATED = {
 @pytest.mark.parametrize(
     ("name", "method"),
     [
-        pytest.param("free", "m1", marks=_KERNEL),
+        ("free", "m1"),
         pytest.param("free", "m2", marks=pytest.mark.slow),
         ("free", "m3"),
         ("free", "m4"),
-        pytest.param("clamped with a point", "m4", marks=_NORM),
+        ("clamped with a point", "m4"),
     ],
 )
 def test_iterative_solver_finds_what_the_direct_one_does(name, method):
@@ -965,7 +960,6 @@ def test_iterative_solver_finds_what_the_direct_one_does(name, method):
 
 
 @pytest.mark.mpi
-@_KERNEL
 def test_a_structure_can_be_reduced_again_after_an_iterative_solver():
     given_one = as_structure(part("free"))
     load_dependent(given_one, 0, 1, snapshots()[:, :1], solver="iterative", estimate_error=False)
@@ -1218,11 +1212,11 @@ if MPI.COMM_WORLD.rank == 0:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("ranks", "limit"), [(1, 420), (2, 320)])
+@pytest.mark.parametrize(("ranks", "limit"), [(1, 370), (2, 280)])
 def test_memory_of_a_rank_holds_no_block_of_all_pressures(ranks, limit):
-    """345 MB on one rank and 260 MB on each of two were measured; 220 of them are the factors.
+    """Measured: 290 MB on one rank, 215 on each of two, factors and all.
 
-    A block of all responses would add 282 MB or half of that, and one of the loads as much.
+    A block of all responses would add 282 MB, or half of that, and one of the loads as much.
     """
     # A process of an MPI program cannot start another one.
     outside = ("OMPI_", "PMIX_", "ORTE_")
@@ -1239,5 +1233,4 @@ def test_memory_of_a_rank_holds_no_block_of_all_pressures(ranks, limit):
     line = next(line for line in process.stdout.splitlines() if line.startswith("grown by"))
     grown = [float(value) for value in line.split()[2:]]
     assert len(grown) == ranks
-    print(grown)
     assert max(grown) < limit

@@ -99,6 +99,13 @@ def _check_positions(structure: Structure, bore: Bore) -> None:
         raise StructureError(
             f"bore.nodes names node {numbers[np.argmax(uses > 1)]} {uses.max()} times"
         )
+    heights = bore.coordinates[:, 2]
+    middle = 0.5 * (heights.min() + heights.max())
+    if not abs(middle) <= CYLINDER_TOLERANCE * bore.radius:
+        raise StructureError(
+            "bore.coordinates: the bore must be centred at z = 0, its middle is at "
+            f"z = {middle:.3e} m"
+        )
     for name, x in (("node", bore.coordinates), ("pressure node", bore.pressure_coordinates)):
         off = np.linalg.norm(x[:, :2], axis=1) - bore.radius
         worst = int(np.argmax(np.abs(off)))

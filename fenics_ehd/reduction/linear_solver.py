@@ -28,6 +28,8 @@ DIRECT_OPTIONS = {
 ITERATIVE_OPTIONS = {
     "ksp_type": "cg",
     "ksp_rtol": 1e-10,
+    # Of the true residual, which the responses are checked by.
+    "ksp_norm_type": "unpreconditioned",
     "ksp_max_it": 1000,
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.05,
@@ -117,7 +119,13 @@ class LinearSolver:
         result = np.zeros_like(loads, order="F")
         rhs, response = (dense_matrix(columns, self._comm) for columns in (loads, result))
         if self._factor is not None:
-            self._factor.matSolve(rhs, response)
+            try:
+                self._factor.matSolve(rhs, response)
+            except PETSc.Error as error:
+                raise SolverError(
+                    f"the factorised stiffness matrix cannot be solved with "
+                    f"({str(error).splitlines()[-1]}): is it singular?"
+                ) from None
         else:
             solve_columns(self._ksp, rhs, response)
             self._check_convergence()

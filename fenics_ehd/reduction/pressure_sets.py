@@ -11,6 +11,9 @@ from fenics_ehd.reduction.structure import Bore, Structure
 LONG_BEARING_PRESSURE = 1.0
 SHORT_BEARING_PRESSURE = 1.5
 
+#: Scatter of the angles of nodes at one position [rad].
+ANGLE_TOLERANCE = 1e-5
+
 #: Eccentricities and powers of the axial parabola of `journal_shapes`.
 JOURNAL_ECCENTRICITIES = (0.5, 0.8, 0.9, 0.95)
 AXIAL_POWERS = (0.5, 1.0)
@@ -50,13 +53,17 @@ def bearing_shapes(bore: Bore) -> np.ndarray:
 def _positions(bore: Bore) -> np.ndarray:
     """One pattern for each circumferential position, by ascending angle, shape (k, m_sy)."""
     x, y, _ = bore.pressure_coordinates.T
-    angle = np.mod(np.arctan2(y, x) + 1e-9, 2 * np.pi)
-    return _hats(angle) if bore.pressure_family == "triangle" else _columns(angle)
+    # A mesh scatters about angle zero.
+    angle = np.mod(np.arctan2(y, x) + ANGLE_TOLERANCE, 2 * np.pi)
+    return _hats(angle - ANGLE_TOLERANCE) if bore.pressure_family == "triangle" else _columns(angle)
 
 
 def _columns(angle: np.ndarray) -> np.ndarray:
     """One at the nodes of each circumferential position of a structured bore."""
-    _, position = np.unique(np.round(angle, 6), return_inverse=True)
+    order = np.argsort(angle)
+    steps = np.diff(angle[order], prepend=angle[order[0]]) > 2 * ANGLE_TOLERANCE
+    position = np.empty(len(angle), dtype=int)
+    position[order] = np.cumsum(steps)
     return np.eye(position.max() + 1)[position]
 
 

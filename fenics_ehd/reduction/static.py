@@ -86,11 +86,11 @@ class StaticSolver:
         matrix = structure.stiffness
         rows = matrix.local_size[0]
         self._held = np.zeros(0, dtype=np.int64)
+        matrix = matrix.copy()
         if direct:
             first = matrix.getOwnershipRange()[0]
             held = supporting_rows(self.rigid_modes, first, structure.comm)
             self._held = held[(held >= first) & (held < first + rows)] - first
-            matrix = matrix.copy()
             matrix.zeroRowsColumns(held, diag=mean_stiffness(structure))
         self.linear = LinearSolver(
             matrix,

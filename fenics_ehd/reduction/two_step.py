@@ -85,7 +85,9 @@ def two_step_craig_bampton(
     """
     check_structure(structure)
     bore = structure.lubricated_bore
-    available = 3 * len(bore.nodes) - 6 + n_interior_modes
+    free = rigid_body_modes(structure).shape[1] > 0
+    # The six of C2 are held in a free part.
+    available = 3 * len(bore.nodes) - (6 if free else 0) + n_interior_modes
     if not 1 <= n_modes <= available:
         raise SettingsError(
             f"modes {n_modes} is not between 1 and {available}, what the first step leaves"
@@ -97,7 +99,6 @@ def two_step_craig_bampton(
     )
     points = attachment_loads(structure, attachment_directions)
     first = _first_step(interior, points, n_interior_modes, f"{options_prefix}modes_")
-    free = rigid_body_modes(structure).shape[1] > 0
     centre = centre_weights(bore).reshape(-1, 6) if free else None
     angular, modes, constraints = _second_step(first, centre, n_modes)
     columns = _expand(first, np.hstack([modes, constraints]))
