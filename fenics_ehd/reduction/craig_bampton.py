@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
@@ -140,16 +141,19 @@ def boundary_basis(
     wanted[:n, :n] = np.diag(angular**2)
     wanted[n:, n:] = stiffness[n:, n:]
     boundary = np.hstack([np.zeros((points.shape[1], n)), np.eye(points.shape[1])])
-    sizes = np.sqrt(np.abs(np.diag(mass)))
+    # Relative to the largest displacement of each column, rotations with the size of the part.
+    sizes = comm.allreduce(np.abs(columns).max(axis=0, initial=0.0), op=MPI.MAX)
+    length = comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
     defects = {
         "mass_defect": np.abs(mass[:n, :n] - np.eye(n)).max(initial=0.0),
         "stiffness_defect": np.abs((stiffness - wanted) / np.outer(scale, scale)).max(),
-        "boundary_defect": np.abs(inner(points, columns, comm) - boundary).max(initial=0.0),
+        "boundary_defect": np.abs((inner(points, columns, comm) - boundary) / sizes).max(
+            initial=0.0
+        ),
     }
     if centre is not None:
-        # In metres and radians per unit coordinate; a mode of unit mass moves by 1 / sqrt(kg).
-        moved = np.abs(inner(centre, columns, comm)) / np.maximum(sizes, 1.0)
-        defects["centre_motion"] = moved.max(initial=0.0)
+        moved = np.array([1.0] * 3 + [length] * 3)[:, None] * inner(centre, columns, comm) / sizes
+        defects["centre_motion"] = np.abs(moved).max(initial=0.0)
     mass[:n, :n] = np.eye(n)
     kinds = ("fixed-boundary",) * n + ("constraint",) * constraint_modes.shape[1]
     return Basis(columns, wanted, mass, kinds, (), require_small(defects))

@@ -24,6 +24,7 @@ from fenics_ehd.reduction.residual_modes import (
     check_selection,
     proper_orthogonal,
     without_redundancy,
+    without_round_off,
 )
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.static_basis import StaticModes, dropped_patterns, static_modes
@@ -182,7 +183,7 @@ def _basis(
     ranked = RANKINGS[selection](
         responses.stiffness[candidates, candidates], responses.mass[candidates, candidates]
     )
-    chosen = ranked[:, :n_residual]
+    chosen = without_round_off(ranked[:, :n_residual], responses.stiffness[candidates, candidates])
     weights = np.zeros((loads.count, a + chosen.shape[1]))
     weights[:a, :a] = np.eye(a)
     weights[a:, a:] = chosen

@@ -7,10 +7,13 @@ import numpy as np
 from fenics_ehd.errors import SettingsError
 
 #: Directions whose energy is below this fraction of the largest are linearly dependent.
-RANK_TOLERANCE = 1e-12
+RANK_TOLERANCE = 1e-11
 
 #: Share of the largest singular value below which a combination of pressures is none.
 REDUNDANT = 1e-8
+
+#: Energy of a combination, relative to its size times the trace of ``K_cc``, that means nothing.
+ROUND_OFF = 1e-14
 
 #: A column with less than this fraction of the largest energy is round-off.
 NULL_COLUMN = 1e-22
@@ -109,6 +112,16 @@ def without_redundancy(patterns: np.ndarray) -> np.ndarray:
     if kept.sum() == patterns.shape[1]:
         return patterns
     return left[:, kept] * sizes[kept]
+
+
+def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Combinations of candidates but those whose energy is the round-off of ``K_cc``.
+
+    Pressures of a richer element than the displacement's have combinations that push no node.
+    """
+    energy = np.einsum("ij,ij->j", combinations, stiffness @ combinations)
+    size = np.sum(combinations**2, axis=0) * np.trace(stiffness)
+    return combinations[:, energy > ROUND_OFF * size]
 
 
 def energy_orthonormal(stiffness: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray:
