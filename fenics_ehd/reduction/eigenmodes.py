@@ -191,7 +191,8 @@ def _with_missed(
     for _ in range(ROUNDS):
         found = np.hstack([flexibility.rigid_modes, modes])
         lowest, _ = _solve(flexibility, 1, start, found, COUNT_TOLERANCE, options_prefix)
-        if lowest[0] > (1.0 - 2 * COUNT_TOLERANCE) * eigenvalues[-1]:
+        # What the iteration finds lies above the eigenvalue: a tie can be told from a missed mode.
+        if lowest[0] > (1.0 - 1e-6) * eigenvalues[-1]:
             return eigenvalues, modes
         more = _solve(flexibility, count, start, found, EIGEN_TOLERANCE, options_prefix)
         values = np.concatenate([eigenvalues, more[0]])
