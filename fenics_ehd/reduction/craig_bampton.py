@@ -142,7 +142,7 @@ def boundary_basis(
     wanted[n:, n:] = stiffness[n:, n:]
     boundary = np.hstack([np.zeros((points.shape[1], n)), np.eye(points.shape[1])])
     # Relative to the largest displacement of each column, rotations with the size of the part.
-    sizes = comm.allreduce(np.abs(columns).max(axis=0, initial=0.0), op=MPI.MAX)
+    sizes = np.max(comm.allgather(np.abs(columns).max(axis=0, initial=0.0)), axis=0)
     length = comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
     defects = {
         "mass_defect": np.abs(mass[:n, :n] - np.eye(n)).max(initial=0.0),
