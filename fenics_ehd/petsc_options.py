@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
@@ -12,10 +13,14 @@ if TYPE_CHECKING:
     from slepc4py import SLEPc
 
 
-def configure(
+@contextmanager
+def configured(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
-) -> None:
+) -> Iterator[None]:
     """Set a KSP, SNES or EPS from options, `defaults` standing in for those not given.
+
+    Set it up within the block if `defaults` has options of its parts: the levels of a
+    multigrid hierarchy and MUMPS come to be, and read theirs, no sooner.
 
     Parameters
     ----------
@@ -25,16 +30,27 @@ def configure(
         Options prefix, ``"film_"`` reads ``-film_...``.
     defaults
         Option name without prefix and value. They are withdrawn from PETSc's
-        options database afterwards, so they cannot leak into another solver.
+        options database after the block, so they cannot leak into another solver.
     """
     options = PETSc.Options(prefix)
     added = {key: value for key, value in defaults.items() if not options.hasName(key)}
     for key, value in added.items():
         options[key] = value
-    solver.setOptionsPrefix(prefix)
-    solver.setFromOptions()
-    for key in added:
-        options.delValue(key)
+    try:
+        solver.setOptionsPrefix(prefix)
+        solver.setFromOptions()
+        yield
+    finally:
+        for key in added:
+            options.delValue(key)
+
+
+def configure(
+    solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
+) -> None:
+    """Set a solver from options as `configured` does, whose parts need none of `defaults`."""
+    with configured(solver, prefix, defaults):
+        pass
 
 
 def destroy_with(owner: object, *objects: PETSc.Object) -> None:

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.errors import StructureError
-from fenics_ehd.petsc_options import configure
+from fenics_ehd.petsc_options import configured
 from fenics_ehd.reduction.bore_checks import check_bore
 from fenics_ehd.reduction.distributed import inner, multiply
 from fenics_ehd.reduction.rigid_body import FREE_TOLERANCE
@@ -218,8 +218,8 @@ def _check_definite(mass: PETSc.Mat) -> None:
         # PETSc 3.18 has no such arrangement.
         "pc_type": "eisenstat" if mass.getType() == "seqaij" else "sor",
     }
-    configure(ksp, "mass_check_", options)
-    ksp.solve(force, x)
+    with configured(ksp, "mass_check_", options):
+        ksp.solve(force, x)
     ritz = ksp.computeEigenvalues().real
     indefinite = ksp.getConvergedReason() in (
         PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,

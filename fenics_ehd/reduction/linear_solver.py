@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_ehd.errors import SettingsError, SolverError
-from fenics_ehd.petsc_options import configure, destroy_with, solve_columns
+from fenics_ehd.petsc_options import configured, destroy_with, solve_columns
 from fenics_ehd.reduction.distributed import dense_matrix
 
 SOLVERS = ("auto", "direct", "iterative")
@@ -91,10 +91,10 @@ class LinearSolver:
             _describe_kernel(matrix, near_kernel, kernel)
         self._ksp = ksp = PETSc.KSP().create(matrix.comm)
         ksp.setOperators(matrix)
-        configure(ksp, options_prefix, DIRECT_OPTIONS if direct else ITERATIVE_OPTIONS)
         destroy_with(self, ksp)
         try:
-            ksp.setUp()
+            with configured(ksp, options_prefix, DIRECT_OPTIONS if direct else ITERATIVE_OPTIONS):
+                ksp.setUp()
         except PETSc.Error as error:
             raise SolverError(
                 f"the stiffness matrix cannot be factorised ({str(error).splitlines()[-1]}): "
