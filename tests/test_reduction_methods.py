@@ -26,13 +26,13 @@ from fenics_ehd.reduction import (
     SELECTIONS,
     ReducedBody,
     Structure,
+    column_store,
     craig_bampton,
     distributed,
     eigenmodes,
     full_interface,
     linear_solver,
     load_dependent,
-    loads,
     residual_flexibility,
     two_step_craig_bampton,
 )
@@ -1159,7 +1159,7 @@ def test_blocks_stay_narrow_and_change_nothing(method, monkeypatch):
     for module in (linear_solver, distributed):
         monkeypatch.setattr(module, "dense_matrix", watched_matrix)
     monkeypatch.setattr(distributed, "BLOCK_COLUMNS", 9)
-    monkeypatch.setattr(loads, "KEPT_COLUMNS", 0)
+    monkeypatch.setattr(column_store, "KEPT_COLUMNS", 0)
     narrow = reduce_it(given_one)
     rows = {3 * len(given_one.coordinates), 60 if WORLD.size == 1 else None}
     rows |= {given_one.bore.load.local_size[1], len(given_one.coordinates)}

@@ -88,7 +88,7 @@ def node_rows(
     local = nodes - first_node
     mine = (local >= 0) & (local < owned)
     rows = np.zeros((len(nodes), 3, columns.shape[1]))
-    rows[mine] = columns.reshape(owned, 3, columns.shape[1])[local[mine]]
+    rows[mine] = columns[3 * local[mine][:, None] + np.arange(3)]
     return comm.allreduce(rows, op=MPI.SUM)
 
 

@@ -1,10 +1,4 @@
-"""Loads whose static responses make a basis, and those responses without keeping them all.
-
-A block of responses is as tall as the part. For a pressure at every bore node
-they would be as large as everything else together, so only their small
-products are kept: with ``G = G^T``, ``L^T G L`` and ``L^T G M G L`` follow from
-bore rows, at the price of solving twice.
-"""
+"""Loads whose static responses make a basis, and the small products of those responses."""
 
 from __future__ import annotations
 
@@ -13,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.reduction.column_store import ColumnStore
 from fenics_ehd.reduction.distributed import (
     blocks,
     combine,
@@ -79,10 +74,6 @@ def attachment_loads(structure: Structure, directions: tuple[int, ...]) -> np.nd
     return np.column_stack(vectors or [np.zeros((structure.stiffness.local_size[0], 0))])
 
 
-#: Up to so many responses are kept instead of solving again.
-KEPT_COLUMNS = 128
-
-
 @dataclass(frozen=True, eq=False)
 class StaticResponses:
     """Static responses ``X = G L`` of (29), less what given modes cover (30).
@@ -95,17 +86,16 @@ class StaticResponses:
         ``X^T M X``, same shape; empty when not asked for.
     nodal_work
         ``J^T X``, shape (k, count).
+    columns
+        X.
     """
 
     solver: StaticSolver
     loads: LoadSet
-    angular: np.ndarray
-    modes: np.ndarray
-    covered: np.ndarray
     stiffness: np.ndarray
     mass: np.ndarray
     nodal_work: np.ndarray
-    kept: np.ndarray | None
+    columns: ColumnStore
 
     @staticmethod
     def of(
@@ -129,52 +119,39 @@ class StaticResponses:
         with_mass
             Also compute ``X^T M X``.
         """
-        comm, count, rows = solver.structure.comm, loads.count, len(modes)
-        covered = loads.work(modes).T
-        stiffness = np.empty((count, count))
-        mass = np.empty((count, count) if with_mass else (0, 0))
-        kept = np.empty((rows, count), order="F") if count <= KEPT_COLUMNS else None
-        parts, works = blocks(count, rows, comm), [loads.nodal_work(modes[:, :0])]
-        for part in parts:
+        comm, count = solver.structure.comm, loads.count
+        covered = loads.work(modes).T / angular[:, None] ** 2
+        stiffness, works = np.empty((count, count)), [loads.nodal_work(modes[:, :0])]
+        columns = ColumnStore(len(modes), count, comm)
+        for part in columns.parts:
             responses = solver.solve(loads.columns(part))
-            responses -= combine(modes, covered[:, part] / angular[:, None] ** 2)
+            responses -= combine(modes, covered[:, part])
             nodal = loads.nodal_work(responses)
             works.append(nodal)
             stiffness[:, part] = loads.work(responses, nodal)
-            if kept is not None:
-                kept[:, part] = responses
-            elif with_mass:
-                inertia = solver.mass.multiply(responses)
-                answer = solver.apply(inertia)
-                answer -= combine(modes, inner(modes, inertia, comm) / angular[:, None] ** 2)
-                mass[:, part] = loads.work(answer)
-        if kept is not None and with_mass:
-            for part in parts:
-                mass[:, part] = inner(kept, solver.mass.multiply(kept[:, part]), comm)
-        return StaticResponses(
-            solver,
-            loads,
-            angular,
-            modes,
-            covered,
-            symmetric(stiffness),
-            symmetric(mass) if with_mass else mass,
-            np.hstack(works),
-            kept,
-        )
+            columns.put(part, responses)
+        mass = mass_products(solver, columns) if with_mass else np.empty((0, 0))
+        return StaticResponses(solver, loads, symmetric(stiffness), mass, np.hstack(works), columns)
 
     def combination(self, weights: np.ndarray) -> np.ndarray:
-        """Owned rows of ``X @ weights``, shape (owned dofs, r): solved again unless still there."""
-        if self.kept is not None:
-            return combine(self.kept, weights)
-        rows = len(self.modes)
-        result = np.empty((rows, weights.shape[1]), order="F")
-        for part in blocks(weights.shape[1], rows, self.solver.structure.comm):
-            responses = self.solver.solve(self.loads.combination(weights[:, part]))
-            covered = self.covered @ weights[:, part] / self.angular[:, None] ** 2
-            responses -= combine(self.modes, covered)
-            result[:, part] = responses
+        """Owned rows of ``X @ weights``, shape (owned dofs, r)."""
+        rows = self.solver.structure.stiffness.local_size[0]
+        result = np.zeros((rows, weights.shape[1]), order="F")
+        for part, columns in self.columns:
+            result += combine(columns, weights[part])
         return result
+
+
+def mass_products(solver: StaticSolver, columns: ColumnStore) -> np.ndarray:
+    """``X^T M X`` on every rank, two blocks in memory at a time."""
+    mass = np.empty((columns.count, columns.count))
+    for part, right in columns:
+        inertia = solver.mass.multiply(right)
+        for other in columns.parts:
+            if other.start <= part.start:
+                product = inner(columns.get(other), inertia, solver.structure.comm)
+                mass[other, part], mass[part, other] = product, product.T
+    return symmetric(mass)
 
 
 def bore_responses(

@@ -135,10 +135,11 @@ def _residual(
     covered = np.linalg.solve(basis.stiffness, load)
     first = structure.stiffness.getOwnershipRange()[0] // 3
     shape = node_rows(basis.columns, first, bore.nodes, structure.comm)
-    rest = whole.displacement - np.einsum("icn,nk->ick", shape, covered)
+    m = len(shape)
+    rest = whole.displacement - (shape.reshape(3 * m, -1) @ covered).reshape(m, 3, -1)
     values, vectors = np.linalg.eigh(symmetric(whole.energy - load.T @ covered))
     values, vectors = values[::-1], vectors[:, ::-1]
-    moved = np.einsum("ick,kr->icr", rest, vectors)
+    moved = (rest.reshape(3 * m, -1) @ vectors).reshape(m, 3, -1)
     sizes = np.abs(outward(bore.coordinates, moved)).max(axis=0)
     # Round-off of the covered part leaves eigenvalues of either sign at the end.
     real = values > 1e-13 * np.abs(np.diag(whole.energy)).max() * len(values)

@@ -75,7 +75,7 @@ def spatial_inertia(
         The part and the products with its mass.
     columns
         Part-size basis T, owned rows, shape (owned dofs, n): `ReducedBody.columns`, or
-        `ReducedRod.columns`.
+        `ReducedPart.columns`.
 
     Raises
     ------
