@@ -110,7 +110,7 @@ def test_many_directions_and_values_at_points_belong_to_the_vector(family):
     assembly = Assembly(grid, np.arange(5))
     f, g, s = np.random.default_rng(5).uniform(-1, 1, (3, int(np.prod(grid.cells)), 9))
     directions = np.random.default_rng(6).uniform(-1, 1, (f.size, 4))
-    columns = assembly.vectors(f, g, directions)
+    columns = assembly.gather(assembly.flux_elements(f, g)) @ directions
     columns = columns + assembly.source_vectors(s, directions)
     for column, direction in zip(columns.T, directions.T, strict=True):
         scale = direction.reshape(f.shape)

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from fenics_ehd.film.forms import CellTensors, cell_tensors
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.pattern import Pattern, with_data
+from fenics_ehd.film.pattern import Pattern, with_arrays, with_data
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Assembly:
         """Pattern of `gather`: every Gauss point feeds the nodes of its cell."""
         cells, k = self._nodes.shape
         points = self.area.shape[1]
-        rows = np.repeat(self._nodes[:, None, :], points, axis=1).ravel()
+        rows = np.repeat(self._nodes[:, None, :], points, axis=1).ravel().astype(np.int32)
         starts = np.arange(cells * points + 1) * k
         return sparse.csc_matrix((np.zeros(len(rows)), rows, starts), (self.size, cells * points))
 
@@ -132,37 +132,37 @@ class Assembly:
         element += (source * self._cell_area) @ t.source
         return np.bincount(self._flat_nodes, element.ravel(), self.size)
 
-    def vectors(
-        self, flux_around: np.ndarray, flux_along: np.ndarray | None, directions: np.ndarray
-    ) -> np.ndarray:
-        """Many vectors at once.
-
-        Parameters
-        ----------
-        flux_around, flux_along
-            Flux per value of a direction, shape (c, q); None stands for zero.
-        directions
-            shape (c * q, n).
-
-        Returns
-        -------
-        numpy.ndarray
-            shape (size, n).
-        """
-        t = self.tensors
-        element = np.einsum("cq,qk->cqk", flux_around * self._along, t.flux_around)
-        if flux_along is not None:
-            element += np.einsum("cq,qk->cqk", flux_along * self._around, t.flux_along)
-        return self.gather(element) @ directions
-
     def source_vectors(self, coefficient: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """As `vectors`, for the source term, coefficient (c, q)."""
-        weights = coefficient * self._cell_area
-        return self.gather(np.einsum("cq,qk->cqk", weights, self.tensors.source)) @ directions
+        """Vectors of the source term for many directions (c * q, n), coefficient (c, q)."""
+        return self.gather(self.source_elements(coefficient)) @ directions
+
+    def flux_elements(self, flux_around: np.ndarray, flux_along: np.ndarray | None) -> np.ndarray:
+        """Element data (c, q, k) of the vectors of fluxes at single Gauss points."""
+        t = self.tensors
+        element = (flux_around * self._along)[:, :, None] * t.flux_around
+        if flux_along is not None:
+            element += (flux_along * self._around)[:, :, None] * t.flux_along
+        return element
+
+    def source_elements(self, coefficient: np.ndarray) -> np.ndarray:
+        """As `flux_elements`, for the source term."""
+        return (coefficient * self._cell_area)[:, :, None] * self.tensors.source
 
     def gather(self, element: np.ndarray) -> sparse.csc_matrix:
         """Sparse map (size, c * q) from element data (c, q, k)."""
         return with_data(self._gathering, element.ravel())
+
+    def restrict(self, gathered: sparse.csc_matrix, nodes: np.ndarray) -> sparse.csc_matrix:
+        """Rows of what `gather` made that belong to some nodes."""
+        number = np.full(self.size, -1, dtype=np.int32)
+        number[nodes] = np.arange(len(nodes), dtype=np.int32)
+        rows = number[gathered.indices]
+        kept = rows >= 0
+        columns = gathered.shape[1]
+        starts = np.zeros(columns + 1, dtype=np.int32)
+        # Every Gauss point feeds the same number of nodes.
+        kept.reshape(columns, -1).sum(axis=1).cumsum(out=starts[1:])
+        return with_arrays(gathered, gathered.data[kept], rows[kept], starts, (len(nodes), columns))
 
     def matrix(self, c: Coefficients) -> np.ndarray:
         """Entries of the matrix of ``a`` on the free nodes, in the order of the pattern."""

@@ -62,6 +62,20 @@ def balance_derivative(
     )
 
 
+def flux_slopes(
+    assembly: Assembly, oil: OilProperties, thickness: np.ndarray, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the fluxes in `balance` along H and along the mean velocity.
+
+    Dimensionless element data (c, q, k) for `Assembly.gather`.
+    """
+    slope = 3 * oil.mobility(thickness) / thickness
+    return (
+        assembly.flux_elements(slope * oil.around - oil.density * velocity, slope * oil.along),
+        assembly.flux_elements(-oil.density * thickness, None),
+    )
+
+
 def flux_change(
     assembly: Assembly,
     oil: OilProperties,
@@ -75,10 +89,8 @@ def flux_change(
     `changes` of H and `speeds`, changes of the mean velocity, dimensionless, are
     given at the Gauss points for n directions, shape (c * q, n).
     """
-    slope = 3 * oil.mobility(thickness) / thickness
-    total = assembly.vectors(
-        slope * oil.around - oil.density * velocity, slope * oil.along, changes
-    )
+    along_h, along_v = flux_slopes(assembly, oil, thickness, velocity)
+    total = assembly.gather(along_h) @ changes
     if speeds.any():
-        total += assembly.vectors(-oil.density * thickness, None, speeds)
+        total += assembly.gather(along_v) @ speeds
     return total

@@ -46,3 +46,17 @@ def with_data(template: sparse.spmatrix, data: np.ndarray) -> sparse.spmatrix:
     matrix = copy(template)
     matrix.data = data
     return matrix
+
+
+def with_arrays(
+    template: sparse.spmatrix,
+    data: np.ndarray,
+    indices: np.ndarray,
+    indptr: np.ndarray,
+    shape: tuple[int, int],
+) -> sparse.spmatrix:
+    """Matrix of the format of another one from arrays known to be right, as `with_data`."""
+    matrix = copy(template)
+    matrix.data, matrix.indices, matrix.indptr = data, indices, indptr
+    matrix._shape = shape
+    return matrix

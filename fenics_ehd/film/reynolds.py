@@ -10,10 +10,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.balance import OilProperties, balance, balance_derivative, flux_change
+from fenics_ehd.film.balance import (
+    OilProperties,
+    balance,
+    balance_derivative,
+    flux_change,
+    flux_slopes,
+)
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, GapSlopes, SurfacePoints
@@ -218,6 +225,34 @@ class ReynoldsEquation:
         if density_rate is not None:
             change += self.assembly.source_vectors(oil.expansion, changes)
         return change[self.free]
+
+    def gap_slopes(
+        self, gap: Gap, pressure: np.ndarray, rate_shift: float
+    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix]:
+        """Sparse derivatives of the residual, for what moves many directions at once.
+
+        Parameters
+        ----------
+        gap, pressure
+            A gap and dimensionless nodal pressures, shape (nodes,); density constant in time.
+        rate_shift
+            ``d h' / d h`` [1/s].
+
+        Returns
+        -------
+        thickness, velocity
+            Along h [m] at the Gauss points, its rate following, and along the mean velocity
+            [m/s]: shape (nodes, c * q) each.
+        """
+        p = self.parameters
+        thickness, _, velocity = self.dimensionless(gap)
+        oil = self.oil(pressure)
+        along_h, along_v = flux_slopes(self.assembly, oil, thickness, velocity)
+        along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
+        return (
+            self.assembly.gather(along_h / p.clearance),
+            self.assembly.gather(along_v / (p.rate * p.grid.radius)),
+        )
 
 
 def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:

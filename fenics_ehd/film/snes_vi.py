@@ -40,6 +40,13 @@ class VariationalInequality(Protocol):
         """Solve with that block."""
 
 
+class SelfJudging(VariationalInequality, Protocol):
+    """A system that tells itself when an iterate is good enough."""
+
+    def converged(self, iteration: int) -> bool:
+        """Whether to stop where `function` was called last, after so many iterations."""
+
+
 class SnesVi:
     """SNES-VI with its vectors, reused from solve to solve.
 
@@ -57,17 +64,21 @@ class SnesVi:
     options_prefix
         Prefix of the PETSc options.
     tolerance
-        On the 2-norm of the reduced function; the option ``snes_atol`` overrides it.
+        On the 2-norm of the reduced function; the option ``snes_atol`` overrides it. None: the
+        system is `SelfJudging`.
+    max_iterations
+        Of one solve.
     """
 
     def __init__(
         self,
-        system: VariationalInequality,
+        system: VariationalInequality | SelfJudging,
         lower: np.ndarray,
         *,
         comm: PETSc.Comm | MPI.Comm,
         options_prefix: str,
-        tolerance: float,
+        tolerance: float | None,
+        max_iterations: int = MAX_ITERATIONS,
     ):
         self._prefix = options_prefix
         bounds = [PETSc.Vec().createSeq(len(lower), comm=comm) for _ in range(2)]
@@ -82,13 +93,17 @@ class SnesVi:
         snes.setFunction(callbacks.function, self._function)
         snes.setJacobian(callbacks.jacobian, jacobian)
         snes.setVariableBounds(*bounds)
-        snes.setTolerances(rtol=0.0, stol=0.0, max_it=MAX_ITERATIONS)
+        snes.setTolerances(rtol=0.0, stol=0.0, max_it=max_iterations)
         block = snes.getKSP().getPC()
         block.setType("python")
         block.setPythonContext(callbacks)
         configure(snes, options_prefix, DEFAULT_OPTIONS)
-        self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
-        snes.setTolerances(atol=self.tolerance)
+        if tolerance is None:
+            self.tolerance = 0.0
+            snes.setConvergenceTest(callbacks.converged)
+        else:
+            self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
+            snes.setTolerances(atol=self.tolerance)
         self.solves = 0
         destroy_with(self, snes, jacobian)
 
@@ -120,11 +135,15 @@ class SnesVi:
         if reason <= 0:
             raise CavitationError(
                 f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
-                f"{self._snes.getFunctionNorm():.2e} above {self.tolerance:.2e} (of the source): "
+                f"{self._snes.getFunctionNorm():.2e}{self._limit} (of the source): "
                 f"see -{self._prefix}snes_monitor",
                 state={"x": x, "function": function},
             )
         return x, function, iterations
+
+    @property
+    def _limit(self) -> str:
+        return f" above {self.tolerance:.2e}" if self.tolerance else ""
 
 
 class _Callbacks:
@@ -145,7 +164,7 @@ class _Callbacks:
         failure, self._failure = self._failure, None
         return failure
 
-    def _call(self, name: str, argument: np.ndarray) -> np.ndarray | float | None:
+    def _call(self, name: str, argument: np.ndarray | int) -> np.ndarray | float | None:
         if self._failure is not None:
             return np.nan
         try:
@@ -161,6 +180,14 @@ class _Callbacks:
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, a: PETSc.Mat, b: PETSc.Mat) -> None:
         del snes, a, b
         self._call("linearise", x.getArray(readonly=True))
+
+    def converged(self, snes: PETSc.SNES, iteration: int, norms: tuple) -> int:
+        del snes, norms
+        reasons = PETSc.SNES.ConvergedReason
+        good = self._call("converged", iteration)
+        if self._failure is not None:
+            return reasons.DIVERGED_FUNCTION_DOMAIN
+        return reasons.CONVERGED_FNORM_ABS if good else reasons.ITERATING
 
     def setUp(self, pc: PETSc.PC) -> None:
         nodes = pc.getOperators()[0].getPythonContext().nodes
