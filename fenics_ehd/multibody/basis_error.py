@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 
@@ -20,7 +22,7 @@ class BasisErrorEstimate:
     damping_time
         zeta [s].
     neglected_inertia
-        Outward bore displacement per acceleration of the coordinates, shape (m, n); no
+        Outward bore displacement per acceleration of the residual amplitudes, shape (m, r); no
         rows if no inertia is neglected.
     """
 
@@ -51,3 +53,12 @@ class BasisErrorEstimate:
         error = float(np.abs(field).max())
         self.largest = max(self.largest, error)
         return error
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """All that the estimate knows, as arrays, for `restore`."""
+        return {"filtered": self._filtered, "largest": np.array(self.largest)}
+
+    def restore(self, memory: Mapping[str, np.ndarray]) -> None:
+        """Go on where another estimate of the same body was."""
+        self._filtered = np.array(memory["filtered"])
+        self.largest = float(memory["largest"])

@@ -14,7 +14,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fenics_ehd.errors import SolverError, StepSizeError
+from fenics_ehd.errors import StepSizeError
+from fenics_ehd.multibody.newton import ImplicitStep, StepSolver, newton
 
 #: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
 #: 2.41 (k = 2) and 1.61 (k = 3) (Guglielmi and Zennaro, Numer. Math. 2001); for k = 4 only 1.28
@@ -26,31 +27,26 @@ SHRINKAGE, SAFETY = 0.2, 0.9
 
 #: Newton stops when its last update is below this fraction of the step tolerance.
 NEWTON_FRACTION = 1e-2
-MAX_NEWTON = 12
-
-#: An update may not take more than this fraction of the distance to the boundary.
-BOUNDARY_FRACTION = 0.7
 
 
-class SecondOrderProblem(Protocol):
-    """What the integrator asks of a problem; `norm` makes the tolerance mean something."""
+class Watched(Protocol):
+    """What the step control asks of a problem: it makes the tolerance mean something."""
 
-    def linearise(
-        self,
-        time: float,
-        x: np.ndarray,
-        rate: np.ndarray,
-        acceleration: np.ndarray,
-        shifts: tuple[float, float],
-        guess: Any,
-    ) -> tuple[np.ndarray, np.ndarray, Any]:
-        """Residual, its total derivative along x, and an auxiliary state."""
+    def watch(self, x: np.ndarray) -> np.ndarray:
+        """Quantities whose error counts, an affine function of x."""
 
-    def norm(self, x: np.ndarray, change: np.ndarray) -> float:
-        """Size of a change of x, relative: 1 is a change of the size of the quantity watched."""
+    def error_norm(self, watched: np.ndarray, error: np.ndarray) -> float:
+        """Size of their error: 1 is an error of the size of the quantities themselves."""
 
-    def admissible_fraction(self, x: np.ndarray, change: np.ndarray) -> float:
-        """Largest f with x + f * change on the boundary of the admissible set."""
+
+def relative_error(values: np.ndarray, error: np.ndarray) -> float:
+    """Largest error relative to the value there; infinite where a value is not positive.
+
+    Of a gap: Newton's iterates stay in h > 0 at the film's Gauss points only.
+    """
+    if not values.min() > 0.0:
+        return np.inf
+    return float(np.max(np.abs(error) / values))
 
 
 @dataclass(frozen=True)
@@ -76,7 +72,7 @@ class StepControl:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One accepted step.
+    """One accepted step; `watched` is `Watched.watch` of x.
 
     `rejected` counts the attempts since the last accepted step that failed,
     by reason; `newton_iterations` includes theirs. `auxiliary` belongs to the
@@ -87,22 +83,10 @@ class Step:
     x: np.ndarray
     rate: np.ndarray
     acceleration: np.ndarray
+    watched: np.ndarray
     auxiliary: Any
     newton_iterations: int
     rejected: dict[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """Outcome of Newton's iteration for one step; `failure` says why there is no solution."""
-
-    iterations: int
-    failure: str | None = None
-    x: np.ndarray = field(default_factory=lambda: np.empty(0))
-    rate: np.ndarray = field(default_factory=lambda: np.empty(0))
-    acceleration: np.ndarray = field(default_factory=lambda: np.empty(0))
-    auxiliary: Any = None
-    cause: Exception | None = None
 
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
@@ -116,101 +100,108 @@ def derivative_weights(times: np.ndarray) -> np.ndarray:
     return weights
 
 
-def extrapolate(times: np.ndarray, values: np.ndarray, target: float) -> np.ndarray:
-    """Value at `target` of the polynomial through all points."""
-    weights = np.array(
+def extrapolation_weights(times: np.ndarray, target: float) -> np.ndarray:
+    """Weights of the value at `target` of the polynomial through all points."""
+    return np.array(
         [
             np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
             for j, t in enumerate(times)
         ]
     )
-    return weights @ values
 
 
-class _History:
-    """Past points, newest first."""
+@dataclass(frozen=True, eq=False)
+class IntegratorState:
+    """All that an integration carries from step to step: it can be stored and gone on with.
 
-    def __init__(self, time: float, x: np.ndarray, rate: np.ndarray):
-        self.times = np.array([time])
-        self.x = x[None]
-        self.rate = rate[None]
+    Attributes
+    ----------
+    times, x, rate, watched
+        Past points, newest first, one row each.
+    step
+        Length of the next step [s].
+    memory
+        What the step solver remembers (`Attempt.memory`).
+    """
 
-    def push(self, time: float, x: np.ndarray, rate: np.ndarray, keep: int) -> None:
-        self.times = np.concatenate([[time], self.times])[:keep]
-        self.x = np.vstack([x, self.x])[:keep]
-        self.rate = np.vstack([rate, self.rate])[:keep]
+    times: np.ndarray
+    x: np.ndarray
+    rate: np.ndarray
+    watched: np.ndarray
+    step: float
+    memory: Any = None
+
+    @classmethod
+    def begin(
+        cls, problem: Watched, time: float, x: np.ndarray, rate: np.ndarray, control: StepControl
+    ) -> IntegratorState:
+        """Before the first step."""
+        step = min(control.first_step, control.largest_step)
+        return cls(np.array([time]), x[None], rate[None], problem.watch(x)[None], step)
+
+    @property
+    def time(self) -> float:
+        """Of the newest point [s]."""
+        return float(self.times[0])
+
+    def after(self, new: Step, step: float, memory: Any, keep: int) -> IntegratorState:
+        """With one more point."""
+
+        def rows(first: np.ndarray, others: np.ndarray) -> np.ndarray:
+            return np.concatenate([first[None], others])[:keep]
+
+        return IntegratorState(
+            rows(np.array(new.time), self.times),
+            rows(new.x, self.x),
+            rows(new.rate, self.rate),
+            rows(new.watched, self.watched),
+            step,
+            memory,
+        )
 
     def usable_order(self, order: int) -> int:
         """Order with one more past point for the extrapolation; the first step has the rate."""
         return max(1, min(order, len(self.times) - 1))
 
-    def predict(self, time: float, points: int) -> np.ndarray:
-        """Extrapolation of the newest points, or along the initial rate."""
+    def predict(self, problem: Watched, time: float, points: int) -> tuple[np.ndarray, np.ndarray]:
+        """Extrapolation of x and what is watched, or along the initial rate."""
         if len(self.times) == 1:
-            return self.x[0] + (time - self.times[0]) * self.rate[0]
-        return extrapolate(self.times[:points], self.x[:points], time)
+            x = self.x[0] + (time - self.times[0]) * self.rate[0]
+            return x, problem.watch(x)
+        weights = extrapolation_weights(self.times[:points], time)
+        return weights @ self.x[:points], weights @ self.watched[:points]
 
-    def local_error(
-        self,
-        problem: SecondOrderProblem,
-        order: int,
-        time: float,
-        x: np.ndarray,
-        predicted: np.ndarray,
-    ) -> float:
-        """Part of the distance from the extrapolation that the formula leaves, in the norm."""
+    def implicit_step(
+        self, problem: Watched, time: float, order: int, tolerance: float
+    ) -> ImplicitStep:
+        """The formula's equations for the next point."""
+        predicted, watched = self.predict(problem, time, order + 1)
+        weights = derivative_weights(np.concatenate([[time], self.times[:order]]))
+        return ImplicitStep(
+            time,
+            shift=float(weights[0]),
+            past_x=weights[1:] @ self.x[:order],
+            past_rate=weights[1:] @ self.rate[:order],
+            start=self.x[0],
+            predicted=predicted,
+            watched=(self.watched[0], watched),
+            tolerance=tolerance,
+        )
+
+    def error_share(self, order: int, time: float) -> float:
+        """Part of the distance from the extrapolation that the formula leaves as local error."""
         implicit = 1.0 / np.sum(1.0 / (time - self.times[:order]))
         oldest = self.times[order] if len(self.times) > order else self.times[0]
-        share = implicit / (time - oldest + implicit)
-        return share * problem.norm(x, x - predicted)
-
-
-def _newton(
-    problem: SecondOrderProblem,
-    time: float,
-    history: _History,
-    order: int,
-    predicted: np.ndarray,
-    tolerance: float,
-    auxiliary: Any,
-) -> _Attempt:
-    """Solve one step with iterates that stay in the admissible set."""
-    times = np.concatenate([[time], history.times[:order]])
-    weights = derivative_weights(times)
-    alpha = weights[0]
-    past_x = weights[1:] @ history.x[:order]
-    past_rate = weights[1:] @ history.rate[:order]
-    start = history.x[0]
-    change = predicted - start
-    limit = BOUNDARY_FRACTION * problem.admissible_fraction(start, change)
-    x = start + min(1.0, limit) * change
-    for iteration in range(1, MAX_NEWTON + 1):
-        rate = alpha * x + past_x
-        acceleration = alpha * rate + past_rate
-        try:
-            residual, jacobian, auxiliary = problem.linearise(
-                time, x, rate, acceleration, (alpha, alpha**2), auxiliary
-            )
-            update = -np.linalg.solve(jacobian, residual)
-        except (SolverError, np.linalg.LinAlgError) as error:
-            return _Attempt(iteration, f"{type(error).__name__}: {error}", cause=error)
-        if not np.isfinite(update).all():
-            return _Attempt(iteration, "Newton's update is not finite")
-        fraction = min(1.0, BOUNDARY_FRACTION * problem.admissible_fraction(x, update))
-        x = x + fraction * update
-        # One iteration would leave the auxiliary state that of the prediction.
-        if iteration > 1 and fraction == 1.0 and problem.norm(x, update) <= tolerance:
-            rate = alpha * x + past_x
-            return _Attempt(iteration, None, x, rate, alpha * rate + past_rate, auxiliary)
-    return _Attempt(MAX_NEWTON, f"Newton did not converge in {MAX_NEWTON} iterations")
+        return float(implicit / (time - oldest + implicit))
 
 
 def integrate(
-    problem: SecondOrderProblem,
+    problem: Any,
     span: tuple[float, float],
     x: np.ndarray,
     rate: np.ndarray,
     control: StepControl,
+    solve: StepSolver = newton,
 ) -> Iterator[Step]:
     """Integrate and yield every accepted step.
 
@@ -220,13 +211,15 @@ def integrate(
     Parameters
     ----------
     problem
-        The system.
+        The system: `Watched`, and what `solve` asks for.
     span
         Start and end time [s]; the last step ends at the end.
     x, rate
         Initial values, shape (n,).
     control
         Tolerance and step sizes.
+    solve
+        Solves the equations of one step.
 
     Raises
     ------
@@ -234,55 +227,54 @@ def integrate(
         The step fell below the smallest allowed one.
     """
     time, end = span
-    history = _History(time, x, rate)
-    step = min(control.first_step, control.largest_step)
-    auxiliary, iterations = None, 0
+    state = IntegratorState.begin(problem, time, x, rate, control)
+    while state.time < end:
+        step, state = advance(problem, state, end, control, solve)
+        yield step
+
+
+def advance(
+    problem: Any,
+    state: IntegratorState,
+    end: float,
+    control: StepControl,
+    solve: StepSolver = newton,
+) -> tuple[Step, IntegratorState]:
+    """One accepted step towards the end time [s], and what to go on from; see `integrate`."""
+    step, iterations = state.step, 0
     rejected: dict[str, int] = {}
-    while time < end:
-        target, step = _target(time, end, step)
-        order = history.usable_order(control.order)
-        predicted = history.predict(target, order + 1)
-        attempt = _newton(
-            problem,
-            target,
-            history,
-            order,
-            predicted,
-            NEWTON_FRACTION * control.tolerance,
-            auxiliary,
-        )
+    cause, failure = None, "accepted"
+    order = state.usable_order(control.order)
+    while not step < control.smallest_step:
+        time, step = _target(state.time, end, step)
+        asked = state.implicit_step(problem, time, order, NEWTON_FRACTION * control.tolerance)
+        attempt = solve(problem, asked, state.memory)
         iterations += attempt.iterations
-        failure, error = attempt.failure, np.inf
-        if failure is None:
-            error = history.local_error(problem, order, target, attempt.x, predicted)
-            if not error <= control.tolerance:
-                failure = "error above tolerance"
-        ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
-        factor = SAFETY * ratio ** (1.0 / (order + 1))
-        step *= float(np.clip(factor, SHRINKAGE, GROWTH[order]))
-        step = min(step, control.largest_step)
-        if failure is None:
-            time, auxiliary = target, attempt.auxiliary
-            history.push(time, attempt.x, attempt.rate, control.order + 2)
-            yield Step(
-                time,
-                attempt.x,
-                attempt.rate,
-                attempt.acceleration,
-                attempt.auxiliary,
-                iterations,
-                rejected,
-            )
-            iterations, rejected = 0, {}
-        else:
-            reason = failure.split(":")[0]
-            rejected[reason] = rejected.get(reason, 0) + 1
-        if step < control.smallest_step and time < end:
-            raise StepSizeError(
-                f"the step fell to {step:.1e} s at t = {time:.6g} s, below time.smallest_step = "
-                f"{control.smallest_step:.1e} s (last attempt: {failure or 'accepted'}): "
-                "raise time.tolerance or check the load on the bearing"
-            ) from attempt.cause
+        error, cause = np.inf, attempt.cause
+        if attempt.failure is None:
+            watched = problem.watch(attempt.x)
+            distance = problem.error_norm(watched, watched - asked.watched[1])
+            error = state.error_share(order, time) * distance
+        step = _next_step(step, error, order, control)
+        if error <= control.tolerance:
+            rates = asked.rates(attempt.x)
+            new = Step(time, attempt.x, *rates, watched, attempt.auxiliary, iterations, rejected)
+            return new, state.after(new, step, attempt.memory, control.order + 2)
+        failure = attempt.failure or "error above tolerance"
+        reason = failure.split(":")[0]
+        rejected[reason] = rejected.get(reason, 0) + 1
+    raise StepSizeError(
+        f"the step fell to {step:.1e} s at t = {state.time:.6g} s, below time.smallest_step = "
+        f"{control.smallest_step:.1e} s (last attempt: {failure}): "
+        "raise time.tolerance or time.first_step, or check the load on the bearing"
+    ) from cause
+
+
+def _next_step(step: float, error: float, order: int, control: StepControl) -> float:
+    """Step that would have met the tolerance [s]; an infinite error shortens by `SHRINKAGE`."""
+    ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
+    factor = SAFETY * ratio ** (1.0 / (order + 1))
+    return min(step * float(np.clip(factor, SHRINKAGE, GROWTH[order])), control.largest_step)
 
 
 def _target(time: float, end: float, step: float) -> tuple[float, float]:

@@ -32,11 +32,25 @@ def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> Surface:
     return Surface.on_cylinder(nodes, order[grid.cell_nodes], grid.family)
 
 
+def load_projections(body: ReducedBody) -> tuple[np.ndarray, np.ndarray]:
+    """Load and spin load projection of a body with rows for its residual patterns too."""
+    residual = body.residual
+    if residual is None:
+        return body.load_projection, body.spin_load_projection
+    own = residual.stiffness[:, None] * residual.patterns
+    # The moment on a deformation as small as this one does not matter.
+    return (
+        np.vstack([body.load_projection, own]),
+        np.vstack([body.spin_load_projection, np.zeros_like(own)]),
+    )
+
+
 class BoreFilm:
     """Linear maps of one film in the bore of one body.
 
     Fields of the bore are, in order, its position, the unit translations along
-    x and y and the elastic modes, as in `InertiaIntegrals`: f = 3 + n of them.
+    x and y, the elastic modes, as in `InertiaIntegrals`, and the residual patterns
+    of M4: f = 3 + n + r of them.
 
     Parameters
     ----------
@@ -75,6 +89,8 @@ class BoreFilm:
         rigid[:, :, 0] = body.bore_nodes
         rigid[:, 0, 1] = rigid[:, 1, 2] = 1.0
         fields = np.concatenate([rigid, body.bore_basis], axis=2)
+        if body.residual is not None:
+            fields = np.concatenate([fields, body.residual.displacement], axis=2)
         # e_z x: (x, y) to (-y, x), node by node.
         spin = np.zeros_like(fields)
         spin[:, 0], spin[:, 1] = -fields[:, 1], fields[:, 0]
@@ -95,8 +111,7 @@ class BoreFilm:
         self.spin_load = film.load(turned.reshape(shape))
         if transfer == "mortar" and self._mortar is not None:
             matrix = self._mortar.matrix()
-            self.load = body.load_projection @ matrix
-            self.spin_load = body.spin_load_projection @ matrix
+            self.load, self.spin_load = (x @ matrix for x in load_projections(body))
         self._check_load(body, film)
 
     @staticmethod

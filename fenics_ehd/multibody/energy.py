@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+#: What adds to the energy and what takes from it.
+SIGNS = {"drive": 1, "gas": 1, "drag": 1, "film": -1, "damping": -1}
 
 
 @dataclass(frozen=True)
 class Powers:
     """Energy and the powers that change it [J], [W].
 
-    ``d(kinetic + strain)/dt = drive + drag - film - damping``: the crank's work on
-    the rod through the film, the shaft's drag on the oil, the loss in the film's
-    pressure flow and in the rod's structure.
+    ``d(kinetic + strain)/dt = drive + gas + drag - film - damping``: the crank's work on
+    the rod through the film, the work of the gas on the piston, the shaft's drag on the
+    oil, the loss in the film's pressure flow and in the rod's structure.
+
+    With friction the drag is that of all the oil's shear, and the film's loss all that it
+    dissipates. A driven crank is part of the system, its drive the power of its torque; the drag
+    is then internal, and zero, unless the model leaves its reaction on the crank out.
     """
 
     kinetic: float
@@ -21,6 +30,7 @@ class Powers:
     drag: float
     film: float
     damping: float
+    gas: float = 0.0
 
     @property
     def stored(self) -> float:
@@ -38,7 +48,7 @@ class EnergyBalance:
     def __init__(self, time: float, powers: Powers):
         self._points = [(time, powers)]
         self._start = powers.stored
-        self._work = {"drive": 0.0, "drag": 0.0, "film": 0.0, "damping": 0.0}
+        self._work = dict.fromkeys(SIGNS, 0.0)
         self.defect = 0.0
         self.largest_defect = 0.0
         self.largest_exchange = 0.0
@@ -52,10 +62,36 @@ class EnergyBalance:
             self._work[name] += last_interval(times, values)
         change = powers.stored - self._start
         work = self._work
-        self.defect = change - (work["drive"] + work["drag"] - work["film"] - work["damping"])
+        self.defect = change - sum(sign * work[name] for name, sign in SIGNS.items())
         self.largest_defect = max(self.largest_defect, abs(self.defect))
         exchanged = max(abs(change), *(abs(value) for value in work.values()))
         self.largest_exchange = max(self.largest_exchange, exchanged)
+
+    @property
+    def work(self) -> Mapping[str, float]:
+        """Work of every power since the start [J], by the names of `SIGNS`."""
+        return self._work
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """All that the balance knows, as arrays, for `restore`."""
+        return {
+            "times": np.array([time for time, _ in self._points]),
+            "powers": np.array([astuple(powers) for _, powers in self._points]),
+            "work": np.array(list(self._work.values())),
+            "figures": np.array(
+                [self._start, self.defect, self.largest_defect, self.largest_exchange]
+            ),
+        }
+
+    def restore(self, memory: Mapping[str, np.ndarray]) -> None:
+        """Go on where another balance of the same mechanism was."""
+        self._points = [
+            (float(time), Powers(*map(float, powers)))
+            for time, powers in zip(memory["times"], memory["powers"], strict=True)
+        ]
+        self._work = dict(zip(self._work, map(float, memory["work"]), strict=True))
+        figures = map(float, memory["figures"])
+        self._start, self.defect, self.largest_defect, self.largest_exchange = figures
 
     @property
     def error(self) -> float:

@@ -7,7 +7,8 @@ its acceleration is
     p'' + A^T C1'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
 
 relative, Coriolis, Euler and centrifugal terms, complete and without
-approximation, because p is affine in xi.
+approximation, because p is affine in xi. A free angle of the crank is the last
+of xi; its field in B is zero, its generalised force ``C1_phi . A f`` with the resultant f.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.multibody.crank import CrankMotion
+from fenics_ehd.multibody.crank import AngleSlopes, CrankMotion
 from fenics_ehd.multibody.guide import RodAngle
 from fenics_ehd.plane import rotation
 from fenics_ehd.reduction.body import InertiaIntegrals
@@ -62,7 +63,7 @@ def inertia_forces(
     crank, angle
         Motion of C1 and of the frame.
     state
-        ``xi``, ``xi'``, ``xi''``, shape (2 + n,) each.
+        ``xi``, ``xi'``, ``xi''``, shape (2 + n,) each, one more with a free angle of the crank.
     shifts
         ``d xi' / d xi`` and ``d xi'' / d xi`` of the time integration formula.
     """
@@ -78,6 +79,8 @@ def inertia_forces(
     a_slope = np.zeros((len(s), len(xi)))
     a_slope[1:] = beta * np.eye(len(xi))
     a_slope[1:3] += np.outer([carried[1], -carried[0]], angle.angle_slope)
+    if crank.along is not None:
+        a_slope[1:3, -1] += rotation(angle.angle).T @ crank.along.acceleration
     rate, acceleration = angle.rate, angle.acceleration
 
     g_s, g_rate, c_s = g @ s, g @ s_rate, c @ s
@@ -100,7 +103,20 @@ def inertia_forces(
         + 2 * (s @ c_rate) * angle.rate_slope
         + (s @ c_s) * angle.acceleration_slope
     )
+    if crank.along is not None:
+        on_s[-1], on_s_slope[-1] = _on_crank(on_s[1:3], on_s_slope[1:3], crank.along, angle)
     return InertiaForces(on_s[1:], float(on_theta), on_s_slope[1:], on_theta_slope)
+
+
+def _on_crank(
+    resultant: np.ndarray, resultant_slope: np.ndarray, along: AngleSlopes, angle: RodAngle
+) -> tuple[float, np.ndarray]:
+    """Generalised force on the crank's angle, and its slope, of a resultant in the rod's frame."""
+    back = rotation(angle.angle).T
+    arm = back @ along.position
+    arm_slope = np.outer([arm[1], -arm[0]], angle.angle_slope)
+    arm_slope[:, -1] += back @ along.curvature
+    return float(arm @ resultant), arm @ resultant_slope + resultant @ arm_slope
 
 
 def kinetic_energy(

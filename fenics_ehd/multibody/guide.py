@@ -7,7 +7,8 @@ material point of the rod lies at ``C1 + A(theta) p`` with ``p`` affine in
 the large motion would appear as a false squeeze velocity.
 
 The pin's condition ``y(C1 + A p_pin) = 0`` gives the angle ``theta`` and its
-rates as functions of ``xi``, ``xi'``, ``xi''``: no constraint is left over.
+rates as functions of ``xi``, ``xi'``, ``xi''``: no constraint is left over. Where the
+crank's angle is free it is the last of ``xi``; C1 then depends on it, and p does not.
 """
 
 from __future__ import annotations
@@ -84,13 +85,19 @@ def rod_angle(
     x, y = rotation(theta) @ arm
     alpha, beta = shifts
 
+    along = crank.along
     slope = -y_xi / x
+    if along is not None:
+        slope[-1] -= along.position[1] / x
     x_slope = x_xi - y * slope
     curvature = -(np.outer(x_xi, slope) + np.outer(slope, x_slope)) / x
 
     x_rate, y_rate = x_xi @ xi_rate, y_xi @ xi_rate
     rate = -(crank.velocity[1] + y_rate) / x
     rate_slope = -(x_rate * slope + alpha * y_xi + rate * x_slope) / x
+    if along is not None:
+        curvature[-1, -1] -= along.curvature[1] / x
+        rate_slope[-1] -= along.velocity[1] / x
 
     x_rate_slope = alpha * x_xi - y_rate * slope
     acceleration = (
@@ -106,4 +113,7 @@ def rod_angle(
         )
         / x
     )
+    if along is not None:
+        # The arm's height is that of C1, negative.
+        acceleration_slope[-1] -= (along.acceleration[1] + rate**2 * along.position[1]) / x
     return RodAngle(theta, rate, acceleration, slope, rate_slope, acceleration_slope, curvature)

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.film import Film, FilmState
-from fenics_ehd.film.kinematics import Gap, GapSlopes
+from fenics_ehd.film import Film
+from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bore_film import BoreFilm
+from fenics_ehd.multibody.compliance import BoreCompliance
 from fenics_ehd.reduction.body import ReducedBody
-
-
-@dataclass(frozen=True, eq=False)
-class FilmForces:
-    """Generalised film forces on ``xi`` and ``theta`` and their total derivatives along xi."""
-
-    state: FilmState
-    on_xi: np.ndarray
-    on_theta: float
-    on_xi_slope: np.ndarray
-    on_theta_slope: np.ndarray
 
 
 class Journal:
@@ -31,7 +21,8 @@ class Journal:
     and (5) to leading order in c / R, and the force on xi is the integral of
     ``n . Psi`` times the pressure over the same Gauss points, so gap and force
     are conjugate. No tilt, no ``e_t^2`` terms (`fenics_ehd.film.kinematics` has
-    them): in these machines they are below 0.1 %.
+    them): in these machines they are below 0.1 %. Nor do the residual patterns of
+    M4 move the oil along the circumference.
 
     Parameters
     ----------
@@ -41,90 +32,106 @@ class Journal:
         Film in its bore.
     transfer
         See `BoreFilm`.
+    damping_time
+        zeta of the residual patterns [s].
+
+    Attributes
+    ----------
+    thickness, mean_velocity, sliding_velocity
+        Change of the gap and, per rate, of the two velocities of `Gap` for unit coordinates, at
+        the g Gauss points, shape (g, n).
+    load, spin_load
+        Generalised forces of nodal pressures on the position field and the coordinates, and their
+        moment about z, shape (1 + n, nodes).
+    compliance
+        Residual patterns of M4, None for other bodies.
     """
 
-    def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
+    def __init__(
+        self,
+        body: ReducedBody,
+        film: Film,
+        transfer: str = "conservative",
+        damping_time: float = 0.0,
+    ):
         self.film = film
         self.bore = BoreFilm(body, film, transfer)
         p = film.parameters
         self._clearance, self._shaft_radius = p.clearance, p.grid.radius - p.clearance
+        n = 2 + body.modes
+        outward, tangential = (x[..., :n] for x in (self.bore.outward, self.bore.tangential))
         # Velocities as seen from C2, the bore's mean position: with it the shaft moves back.
-        carried = self._mean_translation()
-        self._entrainment = 0.5 * self.bore.tangential - carried
-        self._sliding = -self.bore.tangential
-        self._load = self.bore.load
-        self._spin_load = self.bore.spin_load
+        carried = self._mean_translation(outward, tangential)
+        self.thickness = _flat(outward)
+        self.mean_velocity = _flat(0.5 * tangential - carried)
+        self.sliding_velocity = _flat(-tangential)
+        self.load = self.bore.load[: 1 + n]
+        self.spin_load = self.bore.spin_load[: 1 + n]
+        self._watched = np.ascontiguousarray(self.bore.watched[:, :n])
+        self.compliance = None
+        if body.residual is not None and body.residual.rank:
+            self.compliance = BoreCompliance.of(self.bore, body.residual.stiffness, damping_time)
 
-    def _mean_translation(self) -> np.ndarray:
+    def _mean_translation(self, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
         """Tangential component of every field's mean over the bore, at the Gauss points."""
-        outward, tangential = self.bore.outward, self.bore.tangential
         cosine, sine = (x[:, :, None] for x in self.film.points.normal)
         area = self.film.assembly.area / self.film.assembly.area.sum()
         x = np.einsum("cq,cqn->n", area, cosine * outward - sine * tangential)
         y = np.einsum("cq,cqn->n", area, sine * outward + cosine * tangential)
         return cosine * y - sine * x
 
-    def gap(self, xi: np.ndarray) -> np.ndarray:
-        """Gap at every watched point [m]."""
-        return self._clearance + self.bore.watched @ xi
+    @property
+    def coordinates(self) -> int:
+        """Number n of coordinates."""
+        return self.thickness.shape[1]
 
-    def gap_change(self, change: np.ndarray) -> np.ndarray:
-        """Gap change for a change of the coordinates [m]."""
-        return self.bore.watched @ change
+    @property
+    def size(self) -> int:
+        """Length of the state ``x = (xi, y)``."""
+        return self.coordinates + (self.compliance.size if self.compliance else 0)
+
+    @cached_property
+    def _watching(self) -> np.ndarray:
+        if self.compliance is None:
+            return self._watched
+        return np.hstack([self._watched, self.compliance.watched])
+
+    def gap(self, x: np.ndarray) -> np.ndarray:
+        """Gap at every watched point [m] for a state."""
+        return self._clearance + self._watching @ x
 
     def film_gap(self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float) -> Gap:
-        """Gap and surface velocities at the film's Gauss points."""
+        """Gap and surface velocities at the film's Gauss points, residual patterns left out."""
         speed = self._shaft_radius * shaft_rate
+        shape = self.film.points.angle.shape
         return Gap(
-            self._clearance + self.bore.outward @ xi,
-            self.bore.outward @ xi_rate,
-            0.5 * speed + self._entrainment @ xi_rate,
-            speed + self._sliding @ xi_rate,
+            (self._clearance + self.thickness @ xi).reshape(shape),
+            (self.thickness @ xi_rate).reshape(shape),
+            (0.5 * speed + self.mean_velocity @ xi_rate).reshape(shape),
+            (speed + self.sliding_velocity @ xi_rate).reshape(shape),
         )
 
-    def forces(
-        self,
-        xi: np.ndarray,
-        xi_rate: np.ndarray,
-        shaft_rate: float,
-        shaft_rate_slope: np.ndarray,
-        rate_shift: float,
-        guess: FilmState | None,
-    ) -> FilmForces:
-        """Film forces with exact derivatives.
+    def mean_velocity_slope(self, rate_shift: float, shaft_rate_slope: np.ndarray) -> np.ndarray:
+        """Derivative of the mean velocity along xi at the Gauss points, shape (g, n).
 
         Parameters
         ----------
-        xi, xi_rate
-            Coordinates and rates, shape (n,).
-        shaft_rate, shaft_rate_slope
-            Speed of the shaft relative to the rod [rad/s] and its derivative along xi.
         rate_shift
             ``d xi' / d xi`` of the time integration formula [1/s].
-        guess
-            Film state to start from.
+        shaft_rate_slope
+            Derivative of the shaft's speed along xi, shape (n,).
         """
-        state = self.film.solve(self.film_gap(xi, xi_rate, shaft_rate), guess)
-        slopes = GapSlopes(
-            self.bore.outward,
-            rate_shift * self.bore.outward,
-            rate_shift * self._entrainment + 0.5 * self._shaft_radius * shaft_rate_slope,
-        )
-        slope = self.film.sensitivity(state, slopes)
-        s = np.concatenate([[1.0], xi])
-        moment = self._spin_load @ state.pressure
-        return FilmForces(
-            state,
-            on_xi=self._load[1:] @ state.pressure,
-            on_theta=float(s @ moment),
-            on_xi_slope=self._load[1:] @ slope,
-            on_theta_slope=moment[1:] + (s @ self._spin_load) @ slope,
-        )
+        return rate_shift * self.mean_velocity + 0.5 * self._shaft_radius * shaft_rate_slope
 
     def resultant(self, pressure: np.ndarray) -> np.ndarray:
         """Force of the film on the rod in the rod's frame, x and y [N]."""
-        return self._load[1:3] @ pressure
+        return self.load[1:3] @ pressure
 
     def moment(self, xi: np.ndarray, pressure: np.ndarray) -> float:
         """Moment of the film on the rod about the shaft's centre [N m]."""
-        return float(np.concatenate([[1.0], xi]) @ self._spin_load @ pressure)
+        return float(np.concatenate([[1.0], xi]) @ self.spin_load @ pressure)
+
+
+def _flat(values: np.ndarray) -> np.ndarray:
+    """Values at cells and Gauss points in one row a point."""
+    return np.ascontiguousarray(values.reshape(-1, values.shape[-1]))

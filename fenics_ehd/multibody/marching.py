@@ -24,7 +24,7 @@ class RemembersOil(Protocol):
         """Keep the oil of a step."""
 
     def norm(self, x: np.ndarray, change: np.ndarray) -> float:
-        """See `fenics_ehd.multibody.bdf.SecondOrderProblem`."""
+        """See `fenics_ehd.multibody.newton.SecondOrderProblem`."""
 
 
 class Marching:

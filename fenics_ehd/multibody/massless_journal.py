@@ -17,6 +17,7 @@ import numpy as np
 
 from fenics_ehd.film import Film, FilmState, ShaftMotion, shaft_gap
 from fenics_ehd.film.kinematics import Gap, GapSlopes, shaft_gap_slopes
+from fenics_ehd.multibody.bdf import relative_error
 from fenics_ehd.multibody.cycles import PeriodicSearch
 from fenics_ehd.multibody.shooting import Shooting
 
@@ -137,15 +138,22 @@ class MasslessJournal:
         shifts: tuple[float, float],
         guess: JournalState | None,
     ) -> tuple[np.ndarray, np.ndarray, JournalState]:
-        """See `fenics_ehd.multibody.bdf.SecondOrderProblem`; the acceleration plays no part."""
+        """See `fenics_ehd.multibody.newton.SecondOrderProblem`; the acceleration plays no part."""
         state = self.state(time, x, rate, guess.film if guess else None)
         derivative = state.stiffness + shifts[0] * state.damping
         return state.force + state.load, derivative, state
 
+    def watch(self, x: np.ndarray) -> np.ndarray:
+        """Gap around the bore [m], see `fenics_ehd.multibody.bdf.Watched`."""
+        return self.film.parameters.clearance - self._normals @ x
+
+    def error_norm(self, watched: np.ndarray, error: np.ndarray) -> float:
+        """See `relative_error`."""
+        return relative_error(watched, error)
+
     def norm(self, x: np.ndarray, change: np.ndarray) -> float:
         """Largest change of the gap relative to the gap there."""
-        gap = self.film.parameters.clearance - self._normals @ x
-        return float(np.max(np.abs(self._normals @ change) / gap))
+        return self.error_norm(self.watch(x), self._normals @ change)
 
     def admissible_fraction(self, x: np.ndarray, change: np.ndarray) -> float:
         """Fraction of a change at which the shaft touches the bore."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.multibody.bdf import SecondOrderProblem, Step, derivative_weights
+from fenics_ehd.multibody.bdf import Step, derivative_weights
 from fenics_ehd.multibody.cycles import Cycle
+from fenics_ehd.multibody.newton import SecondOrderProblem
 
 #: Newton's start is tried when a cycle ends this close to its start (in the problem's norm).
 NEAR = 0.3

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody, outward
+from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
 
 
 def massless_coordinates(body: ReducedBody) -> ReducedBody:
@@ -47,30 +47,14 @@ def massless_coordinates(body: ReducedBody) -> ReducedBody:
             _padded(body.inertia.centrifugal, r),
         ),
         points={name: np.hstack([rows, np.zeros((3, r))]) for name, rows in body.points.items()},
-        rigid_coupling=np.hstack([body.rigid_coupling, np.zeros((6, r))]),
+        rigid_coupling=_wider(body.rigid_coupling, r),
         residual=None,
     )
 
 
-def neglected_inertia(body: ReducedBody) -> np.ndarray:
-    """Gap error per acceleration of the coordinates of `massless_coordinates`.
-
-    The force ``-M_rr y''`` that a residual pattern's mass would exert, answered by
-    its own stiffness.
-
-    Returns
-    -------
-    numpy.ndarray
-        Outward bore displacement, shape (m, n + r); no rows if the mass is unknown.
-    """
-    residual = body.residual
-    if residual is None or not residual.rank or not residual.mass.size:
-        return np.zeros((0, body.modes))
-    size = np.abs(residual.displacement).max(axis=(0, 1))
-    shape = outward(body.bore_nodes, residual.displacement)
-    error = (shape / residual.stiffness) @ (residual.mass / size)
-    return np.hstack([np.zeros((len(error), body.modes)), error])
-
-
 def _padded(matrix: np.ndarray, count: int) -> np.ndarray:
     return np.pad(matrix, (0, count))
+
+
+def _wider(matrix: np.ndarray, count: int) -> np.ndarray:
+    return np.hstack([matrix, np.zeros((len(matrix), count))]) if matrix.size else matrix

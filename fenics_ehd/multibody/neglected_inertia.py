@@ -1,0 +1,25 @@
+"""What M4 leaves out: the inertia of the bore's residual patterns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_ehd.reduction.body import ReducedBody, outward
+
+
+def neglected_inertia(body: ReducedBody) -> np.ndarray:
+    """Gap error per acceleration of the residual amplitudes.
+
+    The force ``-M_rr y''`` that a residual pattern's mass would exert, answered by
+    its own stiffness.
+
+    Returns
+    -------
+    numpy.ndarray
+        Outward bore displacement, shape (m, r); no rows if the mass is unknown.
+    """
+    residual = body.residual
+    if residual is None or not residual.rank or not residual.mass.size:
+        return np.zeros((0, 0))
+    shape = outward(body.bore_nodes, residual.displacement)
+    return (shape / residual.stiffness) @ residual.mass

@@ -1,0 +1,219 @@
+"""The shaft's beam elements, its modes and its whirl against closed forms."""
+
+import numpy as np
+import pytest
+
+from fenics_ehd.multibody.bdf import StepControl, integrate
+from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
+from fenics_ehd.multibody.rotor import ModalRotor, RotatingForce
+
+LENGTH, MODULUS, DENSITY = 1.0, 210e9, 7446.0
+FORCE, BEARING_WIDTH = 3600.0, 0.022
+NOTHING = RotatingForce(0.0, 1.0)
+
+
+def shaft(diameter=0.045, *, elements=20, density=DENSITY, supports=1e13):
+    """Pinned at its ends unless told otherwise."""
+    return Shaft(LENGTH, diameter, MODULUS, density, supports, elements)
+
+
+def pinned_frequencies(beam, modes):
+    """Of Rayleigh's beam, Euler-Bernoulli's with rotary inertia [rad/s]."""
+    k = np.pi * np.arange(1, modes + 1) / LENGTH
+    area, moment = beam.area, beam.second_moment
+    return k**2 * np.sqrt(MODULUS * moment / (beam.density * (area + moment * k**2)))
+
+
+def whirl_frequencies(system):
+    """Positive imaginary parts of the eigenvalues of ``M x'' + C x' + K x = 0``, ascending."""
+    n = system.size
+    inverse = np.linalg.inv(system.mass)
+    first_order = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-inverse @ system.stiffness, -inverse @ system.damping]]
+    )
+    values = np.linalg.eigvals(first_order)
+    return np.sort(values.imag[values.imag > 0])
+
+
+@pytest.mark.parametrize("diameter", [0.045, 1e-4])
+def test_frequencies_of_a_pinned_beam_converge_with_order_four(diameter):
+    # The thin beam has no rotary inertia to speak of: Euler and Bernoulli's.
+    supports = 1e10 * MODULUS * shaft(diameter).second_moment / LENGTH**3
+    if diameter == 1e-4:
+        k = np.pi * np.arange(1, 5) / LENGTH
+        expected = k**2 * np.sqrt(MODULUS * diameter**2 / 16 / DENSITY)
+    else:
+        expected = pinned_frequencies(shaft(diameter), 4)
+    errors = []
+    for elements in (4, 8, 16):
+        plane = beam_plane(shaft(diameter, elements=elements, supports=supports))
+        errors.append(ModalRotor.of(plane, 4).angular / expected - 1)
+    rates = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert np.all(np.abs(rates[1] - 4) < 0.2)
+    # Leading error of the cubic element: (k h)^4 / 1440.
+    np.testing.assert_allclose(errors[-1], (np.pi * np.arange(1, 5) / 16) ** 4 / 1440, rtol=0.05)
+
+
+def test_a_stiff_beam_bounces_and_pitches_on_its_springs():
+    light = shaft(supports=1e3)
+    found = ModalRotor.of(beam_plane(light), 2).angular
+    # Rigid: 2 k over the mass, k l^2 / 2 over the inertia, that of the cross section included.
+    inertia = light.mass * LENGTH**2 / 12 + light.polar_inertia / 2
+    expected = np.sqrt([2e3 / light.mass, 1e3 * LENGTH**2 / 2 / inertia])
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_mass_and_inertia_are_those_of_the_rotor():
+    beam = shaft()
+    plane = beam_plane(beam, [Disk(0.3, 0.8, 1e-3, 5e-4)])
+    nodes = np.linspace(0, LENGTH, beam.elements + 1)
+    up, turned = np.zeros((2, 2 * len(nodes)))
+    up[::2], turned[::2], turned[1::2] = 1.0, nodes - 0.3, 1.0
+    assert up @ plane.mass @ up == pytest.approx(beam.mass + 0.8)
+    about = beam.mass * (LENGTH**2 / 12 + 0.2**2) + beam.polar_inertia / 2 + 5e-4
+    assert turned @ plane.mass @ turned == pytest.approx(about)
+    assert turned @ plane.gyroscopic @ turned == pytest.approx(beam.polar_inertia + 1e-3)
+    assert up @ plane.gyroscopic @ up == pytest.approx(0.0, abs=1e-12)
+    # Steel of 45 mm and a metre.
+    assert beam.mass == pytest.approx(DENSITY * np.pi * 0.0225**2)
+    assert beam.polar_inertia == pytest.approx(0.5 * beam.mass * 0.0225**2)
+
+
+@pytest.mark.parametrize(("diameter", "edge"), [(0.0225, 117e-6), (0.045, 7.4e-6)])
+def test_tilt_that_tells_diameter_from_radius(diameter, edge):
+    # Under its force the shaft of the table's diameter would tilt through seven clearances.
+    plane = beam_plane(shaft(diameter, supports=1.58e8))
+    found = np.linalg.solve(plane.stiffness, FORCE * plane.point(0.75)[0])
+    deflection, slope = plane.point(0.5) @ found
+    rigidity = MODULUS * shaft(diameter).second_moment
+    # A quarter and three quarters of the force on the springs.
+    ends = FORCE * np.array([0.25, 0.75]) / 1.58e8
+    assert slope == pytest.approx(FORCE / 128 / rigidity + np.diff(ends)[0], rel=1e-9)
+    assert deflection == pytest.approx(11 / 768 * FORCE / rigidity + ends.mean(), rel=1e-9)
+    assert slope * BEARING_WIDTH / 2 == pytest.approx(edge, rel=0.01)
+
+
+@pytest.mark.parametrize("position", [0.0, 0.013, 0.5, 0.77, 1.0])
+def test_points_see_any_cubic(position):
+    plane = beam_plane(shaft(elements=3))
+    x = np.linspace(0, LENGTH, 4)
+    nodal = np.column_stack([x**3 - 2 * x**2 + 1, 3 * x**2 - 4 * x]).ravel()
+    p = position
+    expected = [p**3 - 2 * p**2 + 1, 3 * p**2 - 4 * p]
+    np.testing.assert_allclose(plane.point(p) @ nodal, expected, atol=1e-12)
+
+
+# --- Whirl
+
+
+@pytest.mark.parametrize("speed", [600.0, 2e4])
+def test_forward_and_backward_whirl_of_a_turning_shaft(speed):
+    beam = shaft(0.1, elements=24)
+    rotor = ModalRotor.of(beam_plane(beam), 10)
+    found = whirl_frequencies(rotor.system(speed, 0.0, NOTHING, 0.5))[:8]
+    # (A + I k^2) w^2 -+ 2 I k^2 Omega w - E I k^4 / rho = 0
+    k = np.pi * np.arange(1, 11) / LENGTH
+    inertia = beam.area + beam.second_moment * k**2
+    half = beam.second_moment * k**2 * speed / inertia
+    root = np.sqrt(half**2 + MODULUS * beam.second_moment * k**4 / beam.density / inertia)
+    expected = np.sort(np.concatenate([root + half, root - half]))[:8]
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("speed", [0.0, 300.0, 3000.0])
+def test_forward_and_backward_whirl_of_a_disk(speed):
+    # A disk half way on a shaft without mass: it bounces, and it nods against 12 E I / l.
+    beam = shaft(0.02, density=1e-6)
+    disk = Disk(0.5, 5.0, 0.04, 0.025)
+    rotor = ModalRotor.of(beam_plane(beam, [disk]), 2)
+    found = whirl_frequencies(rotor.system(speed, 0.0, NOTHING, 0.5))
+    rigidity = MODULUS * beam.second_moment
+    bounce = np.sqrt(48 * rigidity / LENGTH**3 / disk.mass)
+    half = disk.polar_inertia * speed / 2
+    root = np.sqrt(half**2 + disk.diametral_inertia * 12 * rigidity / LENGTH)
+    nods = np.array([root - half, root + half]) / disk.diametral_inertia
+    np.testing.assert_allclose(found, np.sort([bounce, bounce, *nods]), rtol=1e-6)
+
+
+def test_forward_whirl_turns_with_the_shaft():
+    rotor = ModalRotor.of(beam_plane(shaft(0.02, density=1e-6), [Disk(0.5, 5, 0.04, 0.025)]), 2)
+    system = rotor.system(3000.0, 0.0, NOTHING, 0.5)
+    a, b = system.damping[:2, :2], system.damping[:2, 2:]
+    # In w = u + i v, of which e^(i w t) is forward.
+    forward = whirl_frequencies(system)[-1]
+    matrix = system.stiffness[:2, :2] - forward**2 * np.eye(2) + 1j * forward * (a - 1j * b)
+    smallest = np.linalg.svd(matrix, compute_uv=False)[-1]
+    assert smallest < 1e-6 * forward**2
+
+
+def test_gyroscopic_forces_do_no_work():
+    system = ModalRotor.of(beam_plane(shaft()), 10).system(600.0, 0.0, NOTHING, 0.5)
+    rate = np.random.default_rng(3).standard_normal(20)
+    powers = system.powers(0.0, np.zeros(20), rate)
+    assert np.abs(system.damping).max() > 1.0
+    assert powers.damping == pytest.approx(0.0, abs=1e-12)
+
+
+# --- Jeffcott's rotor
+
+
+class Unlubricated:
+    """A dry system for the integrator."""
+
+    def __init__(self, system, size):
+        self.system, self._size = system, size
+
+    def linearise(self, time, x, rate, acceleration, shifts, guess):
+        residual = self.system.residual(time, x, rate, acceleration)
+        return residual, self.system.derivative(shifts), None
+
+    def norm(self, x, change):
+        return np.abs(change).max() / self._size
+
+    def watch(self, x):
+        return x
+
+    error_norm = norm
+
+    def admissible_fraction(self, x, change):
+        return np.inf
+
+
+def jeffcott(ratio, damping, modes=1):
+    """A disk half way on a shaft without mass, at a share of its critical speed."""
+    beam, disk = shaft(0.02, density=1e-6), Disk(0.5, 5.0, 0.0, 0.0)
+    rotor = ModalRotor.of(beam_plane(beam, [disk]), modes)
+    critical = np.sqrt(48 * MODULUS * beam.second_moment / LENGTH**3 / disk.mass)
+    speed = ratio * critical
+    unbalance = RotatingForce(disk.mass * 1e-5 * speed**2, speed)
+    # 10 um off centre: the circle of the whirl, as a complex number of the force's direction.
+    circle = 1e-5 * ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
+    return rotor, rotor.system(speed, damping, unbalance, 0.5), speed, circle
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.95, 1.0, 1.4, 5.0])
+@pytest.mark.parametrize("damping", [0.001, 0.2])
+def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping):
+    rotor, system, speed, circle = jeffcott(ratio, damping, modes=2)
+    # f(t) = Re (f e^(i speed t)), whose imaginary part is that of a quarter of a turn before.
+    force = system.force(0.0) - 1j * system.force(0.5 * np.pi / speed)
+    matrix = system.stiffness - speed**2 * system.mass + 1j * speed * system.damping
+    response = np.linalg.solve(matrix, force)
+    x, y = rotor.deflection(0.5) @ response
+    assert x == pytest.approx(circle, rel=2e-6)
+    assert y == pytest.approx(-1j * circle, rel=2e-6)
+
+
+def test_unbalance_whirl_in_time():
+    rotor, system, speed, circle = jeffcott(1.4, 0.05)
+    start = np.array([circle.real, circle.imag])
+    shape = rotor.deflection(0.5)
+    x, rate = (np.linalg.solve(shape, v) for v in (start, speed * np.array([-start[1], start[0]])))
+    errors = []
+    for tolerance in (1e-5, 1e-7):
+        problem = Unlubricated(system, np.abs(x).max())
+        control = StepControl(tolerance, 1e-6, 1e-12, 1.0)
+        *_, last = integrate(problem, (0.0, 2 * np.pi / speed), x, rate, control)
+        errors.append(np.abs(shape @ last.x - start).max() / abs(circle))
+    assert errors[1] < 3e-4
+    assert errors[0] / errors[1] > 10  # order 2: tolerance^(2/3), 21
