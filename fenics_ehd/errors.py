@@ -62,6 +62,10 @@ class GapClosedError(SolverError):
     """The film thickness is not positive everywhere."""
 
 
+class FilmTooThinError(SolverError):
+    """The film became thinner than the run was told to follow it."""
+
+
 class StepSizeError(SolverError):
     """The time integration needed a step below its smallest allowed one."""
 

@@ -6,17 +6,19 @@ import signal
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import basix
-import gmsh
 import numpy as np
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
 from fenics_ehd import compat
 from fenics_ehd.errors import MeshError
+from fenics_ehd.interrupt import interrupt_kept
+
+with interrupt_kept():
+    import gmsh
 
 #: Gmsh's numbers of the second-order cells and of the triangle on their faces.
 _GMSH_CELLS = {"hexahedron": 12, "tetrahedron": 11}
@@ -57,11 +59,6 @@ class PartMesh:
                 f"name the surface in the Gmsh model, Physical Surface({name!r})"
             )
         return self.groups[name]
-
-
-def model_path(name: str) -> Path:
-    """Path of a Gmsh model shipped with the package, ``"conrod"`` for instance."""
-    return Path(str(resources.files("fenics_ehd.meshes") / f"{name}.geo"))
 
 
 def _parameter_names(path: Path) -> dict[str, str]:

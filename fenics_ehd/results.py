@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from fenics_ehd.multibody.crank import ConstantSpeedCrank
-from fenics_ehd.output import HistoryWriter, read_history, versions
+from fenics_ehd.output import read_history, versions
 from fenics_ehd.plane import rotation
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.run import Totals
@@ -32,17 +31,7 @@ def summarise(
         "scene": settings.scene,
         "method": body.method,
         "modes": body.modes,
-        "max_pressure_Pa": float(totals.max_pressure),
-        "max_pressure_time_s": totals.max_pressure_time,
-        "min_film_thickness_m": float(totals.min_film_thickness),
-        "min_film_thickness_time_s": totals.min_film_thickness_time,
-        "basis_error_estimate_m": totals.basis_error,
-        "energy_balance_error": totals.energy_error,
-        "simulated_time_s": totals.time,
-        "steps": totals.steps,
-        "rejected_steps": totals.rejected_steps,
-        "newton_iterations": totals.newton_iterations,
-        "film_solves": totals.film_solves,
+        **totals.figures(),
         "rod_mass_kg": body.inertia.total_mass,
         "rod_centre_of_mass_m": float(body.inertia.centre_of_mass[0]),
         "rod_polar_inertia_kg_m2": body.inertia.polar_inertia,
@@ -53,20 +42,9 @@ def summarise(
     }
 
 
-def open_history(directory: str | Path, body: ReducedBody) -> HistoryWriter:
-    """History files for a run of this body."""
-    fields = {
-        "coordinates": 2 + body.modes,
-        "rates": 2 + body.modes,
-        "pressure_Pa": len(body.pressure_nodes),
-    }
-    if body.residual is not None:
-        fields["quasi_static"] = body.residual.rank
-    return HistoryWriter(
-        directory,
-        fields=fields,
-        constants={"pressure_nodes_m": body.pressure_nodes, "bore_nodes_m": body.bore_nodes},
-    )
+def bore_constants(body: ReducedBody) -> dict[str, np.ndarray]:
+    """What a history holds once of a body, beside its steps."""
+    return {"pressure_nodes_m": body.pressure_nodes, "bore_nodes_m": body.bore_nodes}
 
 
 def write_run_series(
@@ -82,15 +60,21 @@ def write_run_series(
     with h5py.File(directory / "history.h5", "r") as file:
         coordinates = file["coordinates"][()][chosen]
         pressures = file["pressure_Pa"][()][chosen]
-    mechanism = settings.mechanism
-    crank = ConstantSpeedCrank(mechanism.crank_length, mechanism.crank_speed)
-    angles = history["rod_angle_rad"][chosen]
+    mechanism, angles = settings.mechanism, history["rod_angle_rad"][chosen]
+    turned = history.get("crank_angle_rad", mechanism.crank_speed * times)[chosen]
+    pins = mechanism.crank_length * np.column_stack([np.cos(turned), np.sin(turned)])
     # The frame's origin, the bore centre, is C1 - A e.
     origins = [
-        crank.at(time).position + rotation(angle) @ x[:2]
-        for time, angle, x in zip(times[chosen], angles, coordinates, strict=True)
+        pin + rotation(angle) @ x[:2]
+        for pin, angle, x in zip(pins, angles, coordinates, strict=True)
     ]
     poses = np.column_stack([origins, angles])
     return write_series(
-        directory / "vtk", part, body, times[chosen], poses, coordinates[:, 2:], pressures
+        directory / "vtk",
+        part,
+        body,
+        times[chosen],
+        poses,
+        coordinates[:, 2 : 2 + body.modes],
+        pressures,
     )

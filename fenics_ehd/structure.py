@@ -66,6 +66,7 @@ def assemble_structure(
     pressure_family: str = "lagrange",
     bore: str = "bore",
     attachments: tuple[str, ...] = ("pin",),
+    clamped: str | None = None,
 ) -> Structure:
     """Assemble K, M, the bore load matrix and the attachment loads.
 
@@ -82,6 +83,8 @@ def assemble_structure(
         Family of the pressure shape functions in (15), that of a matching film.
     bore, attachments
         Names of the lubricated surface and of the boundary points' surfaces.
+    clamped
+        Name of a surface that is held; None: the part is free.
 
     Returns
     -------
@@ -97,12 +100,15 @@ def assemble_structure(
     cell = part.cell
     space = compat.functionspace(mesh, quadratic_element(family, cell, (3,)))
     pressures = compat.functionspace(mesh, quadratic_element(pressure_family, cell))
-    surfaces = {name: part.group(name) for name in (bore, *attachments)}
+    names = (bore, *attachments, *(() if clamped is None else (clamped,)))
+    surfaces = {name: part.group(name) for name in names}
     for name, tag in surfaces.items():
         if not mesh.comm.allreduce(len(part.facet_tags.find(tag)), op=MPI.SUM):
             raise MeshError(f"physical group {name!r} holds no facets of the mesh")
     ds = ufl.Measure("ds", domain=mesh, subdomain_data=part.facet_tags)
     stiffness, mass = _elastic_matrices(space, material)
+    if clamped is not None:
+        _clamp(space, part.facet_tags.find(surfaces[clamped]), stiffness, mass)
     index_map = space.dofmap.index_map
     return Structure(
         stiffness=stiffness,
@@ -131,6 +137,34 @@ def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PET
     energy = ufl.inner(stress, strain(v)) * dx(metadata={key: degrees.stiffness})
     inertia = material.density * ufl.inner(u, v) * dx(metadata={key: degrees.mass})
     return _matrix(energy), _matrix(inertia)
+
+
+def _clamp(
+    space: fem.FunctionSpace, facets: np.ndarray, stiffness: PETSc.Mat, mass: PETSc.Mat
+) -> None:
+    """Hold the nodes of a surface: coupled to nothing, they keep a stiffness and a mass.
+
+    Rows of zeros would leave both matrices singular. The stiffness is the mean one, the mass the
+    one that is cut off with the couplings, so that the part keeps its own.
+    """
+    nodes = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
+    nodes = nodes[nodes < space.dofmap.index_map.size_local]
+    held = (3 * nodes[:, None] + np.arange(3)).ravel()
+    count = mass.comm.tompi4py().allreduce(len(held), op=MPI.SUM)
+    one, product = mass.createVecs()
+    one.set(1.0)
+    mass.mult(one, product)
+    cut = one.dot(product)
+    one.array[held] = 0.0
+    mass.mult(one, product)
+    cut -= one.dot(product)
+    diagonal = stiffness.getDiagonal()
+    mean = diagonal.sum() / diagonal.getSize()
+    for vector in (one, product, diagonal):
+        vector.destroy()
+    rows = (held + mass.getOwnershipRange()[0]).astype(np.int32)
+    stiffness.zeroRowsColumns(rows, diag=mean)
+    mass.zeroRowsColumns(rows, diag=cut / count)
 
 
 def _degrees(space: fem.FunctionSpace) -> QuadratureDegrees:

@@ -13,6 +13,19 @@ from fenics_ehd.plotting.picture import FORMATS, plt, save
 SAFE_FILM_THICKNESS = 2.5
 
 
+def plot_machine(label: str, directory: str | Path) -> list[Path]:
+    """Every picture of one run of a machine, in its own folder."""
+    from fenics_ehd.output import read_history
+    from fenics_ehd.plotting.truth import plot_basis_error, plot_energy
+
+    history = read_history(directory)
+    return [
+        *plot_history({label: history}, directory),
+        *plot_energy(history, directory),
+        *plot_basis_error(history, directory),
+    ]
+
+
 def plot_runs(
     histories: Mapping[str, Mapping[str, np.ndarray]], directory: str | Path
 ) -> list[Path]:

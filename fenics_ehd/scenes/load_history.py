@@ -11,7 +11,6 @@ The load of the last row is that of the first, unless a longer period is given.
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +20,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.scenes.csv_rows import finite_number, numbered_rows
 
 #: Factors to SI of the units a header may name.
 UNITS = {
@@ -143,17 +143,7 @@ def _check_times(path: str | Path, lines: list[int], times: np.ndarray) -> None:
 
 def _rows(path: str | Path) -> tuple[list[int], np.ndarray]:
     """Line numbers, and numbers in SI units in the order time, Fx, Fy."""
-    try:
-        text = Path(path).read_text()
-    except OSError as error:
-        raise SettingsError(f"load.file {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SettingsError(f"load.file {path}: not a text file") from None
-    numbered = [
-        (number, [entry.strip() for entry in next(csv.reader([line]))])
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    numbered = numbered_rows(path, f"load.file {path}")
     if not numbered:
         raise SettingsError(f"load.file {path}: no header time_s,Fx_N,Fy_N")
     (first, header), body = numbered[0], numbered[1:]
@@ -163,7 +153,7 @@ def _rows(path: str | Path) -> tuple[list[int], np.ndarray]:
         where = f"load.file {path}, line {number}"
         if len(entries) != len(header):
             raise SettingsError(f"{where}: {len(entries)} values for {len(header)} columns")
-        values[row] = [_number(f"{where}: {header[i]}", entries[i]) for i in order]
+        values[row] = [finite_number(f"{where}: {header[i]}", entries[i]) for i in order]
     return [number for number, _ in body], values * factors
 
 
@@ -188,13 +178,3 @@ def _columns(where: str, header: list[str]) -> tuple[list[int], np.ndarray]:
         raise SettingsError(f"{where}: no column {', '.join(missing)}; needed: time_s,Fx_N,Fy_N")
     ordered = [found[name] for name in UNITS]
     return [index for index, _ in ordered], np.array([factor for _, factor in ordered])
-
-
-def _number(where: str, entry: str) -> float:
-    try:
-        value = float(entry)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise SettingsError(f"{where} = {entry!r} must be a finite number")
-    return value

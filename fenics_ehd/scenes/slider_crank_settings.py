@@ -10,6 +10,7 @@ ELEMENTS = ("serendipity", "lagrange")
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
 SOLVERS = ("auto", "direct", "iterative")
+DRIVES = ("speed", "torque")
 TRANSFERS = ("conservative", "mortar")
 CELLS = ("hex", "tet")
 PRESSURE_SETS = ("pc1", "pc2", "pc2-long", "pc2-short", "journal")
@@ -24,12 +25,32 @@ SELECTIONS = (
 
 @attrs.frozen
 class Mechanism:
-    """Crank at constant speed, piston on a line."""
+    """Crank at constant speed or under a torque, piston on a line."""
 
     crank_length: float = number(0.048, "crank radius [m]", above=0)
-    crank_speed: float = number(500.0, "angular speed of the crank [rad/s]", above=0)
+    crank_speed: float = number(
+        500.0, "angular speed of the crank, under a torque that at the start [rad/s]", above=0
+    )
+    drive: str = choice("speed", DRIVES, "whether the crank keeps its speed or is free to change")
+    drive_torque: float = number(0.0, "constant part of the torque on a free crank [N m]")
+    drive_torque_table: str = text(
+        "none", "more torque over the crank angle: CSV file angle_deg,torque_Nm, or none"
+    )
+    drive_damping: float = number(
+        0.0, "torque of a free crank per speed below crank_speed [N m s/rad]", least=0
+    )
+    crank_inertia: float = number(1e-3, "of a free crank about its centre of mass [kg m2]", above=0)
+    crank_mass: float = number(1.0, "of a free crank [kg]", least=0)
+    crank_centre: float = number(
+        0.0, "distance of its centre of mass from its axis, along the crank [m]"
+    )
+    gas_force: str = text(
+        "none", "on the piston, towards the crank's axis: CSV file angle_deg,force_N, or none"
+    )
     piston_mass: float = number(0.5, "[kg]", least=0)
-    revolutions: float = number(1.0, "crank revolutions to simulate", above=0)
+    revolutions: float = number(
+        1.0, "to simulate, a free crank for as long as they take at crank_speed", above=0
+    )
 
 
 @attrs.frozen
@@ -38,6 +59,9 @@ class Bearing:
 
     clearance: float = number(17e-6, "radial clearance [m]", above=0)
     viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
+    smallest_film: float = number(
+        0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
+    )
 
 
 @attrs.frozen
@@ -93,6 +117,23 @@ class Film:
 
 
 @attrs.frozen
+class BigEndFilm(Film):
+    """The film of the slider-crank."""
+
+    friction: bool = flag(False, "whether the oil's shear acts on rod and crank")
+
+
+@attrs.frozen
+class Start:
+    """Shaft in its bore at the start, in the rod's frame; the rod itself is undeformed."""
+
+    eccentricity_x: float = number(0.0, "share of the clearance", above=-1, below=1)
+    eccentricity_y: float = number(0.0, "share of the clearance", above=-1, below=1)
+    velocity_x: float = number(0.0, "[m/s]")
+    velocity_y: float = number(0.0, "[m/s]")
+
+
+@attrs.frozen
 class Time:
     """Integration in time."""
 
@@ -114,5 +155,6 @@ class SliderCrankSettings:
     bearing: Bearing = section(Bearing)
     rod: Rod = section(Rod)
     reduction: Reduction = section(Reduction)
-    film: Film = section(Film)
+    film: BigEndFilm = section(BigEndFilm)
+    start: Start = section(Start)
     time: Time = section(Time)

@@ -1,0 +1,50 @@
+"""Rows of a CSV file that a user wrote, with their line numbers for messages."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+
+
+def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
+    """Line numbers and entries of all lines but empty ones and comments, which start with ``#``.
+
+    `where` names file and setting in messages.
+
+    Raises
+    ------
+    SettingsError
+        The file cannot be read.
+    """
+    try:
+        text = Path(path).read_text()
+    except OSError as error:
+        raise SettingsError(f"{where}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SettingsError(f"{where}: not a text file") from None
+    return [
+        (number, [entry.strip() for entry in next(csv.reader([line]))])
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+
+
+def finite_number(where: str, entry: str) -> float:
+    """An entry as a number.
+
+    Raises
+    ------
+    SettingsError
+        It is none, or not finite; the message begins with `where`.
+    """
+    try:
+        value = float(entry)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise SettingsError(f"{where} = {entry!r} must be a finite number")
+    return value

@@ -1,0 +1,276 @@
+"""A machine step by step: its figures, its energy, what is recorded, where it can go on from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from fenics_ehd.errors import FilmTooThinError
+from fenics_ehd.multibody.basis_error import BasisErrorEstimate
+from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl, advance
+from fenics_ehd.multibody.coupled import CoupledState, CoupledSteps, PressureMemory
+from fenics_ehd.multibody.energy import EnergyBalance, Powers
+from fenics_ehd.multibody.equations import Mechanism
+from fenics_ehd.multibody.neglected_inertia import neglected_inertia
+from fenics_ehd.reduction import ReducedBody
+
+#: Takes the history row and the fields of a step.
+Record = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
+
+#: Largest energy balance error of a run that may be trusted.
+ENERGY_LIMIT = 0.05
+
+
+class Machine(Mechanism, Protocol):
+    """A mechanism that can be run."""
+
+    size: int
+
+    def watch(self, x: np.ndarray) -> np.ndarray:
+        """Gap at the watched points [m], see `fenics_ehd.multibody.bdf.Watched`."""
+
+    def error_norm(self, watched: np.ndarray, error: np.ndarray) -> float:
+        """See `fenics_ehd.multibody.bdf.Watched`."""
+
+    def powers(self, x: np.ndarray, rate: np.ndarray, state: CoupledState) -> Powers:
+        """Energy and powers at an accepted step."""
+
+
+@dataclass
+class Totals:
+    """Figures of a run so far."""
+
+    time: float = 0.0
+    steps: int = 0
+    newton_iterations: int = 0
+    rejected_steps: int = 0
+    film_solves: int = 0
+    max_pressure: float = 0.0
+    max_pressure_time: float = 0.0
+    min_film_thickness: float = np.inf
+    min_film_thickness_time: float = 0.0
+    basis_error: float = float("nan")
+    energy_error: float = 0.0
+    wall_time: float = 0.0
+    rejections: dict[str, int] = field(default_factory=dict)
+
+    def add(self, row: Mapping[str, Any], step: Step) -> None:
+        """Account for an accepted step and its row of the history."""
+        self.time = step.time
+        self.steps += 1
+        self.newton_iterations += step.newton_iterations
+        self.rejected_steps += row["rejected_steps"]
+        for reason, count in step.rejected.items():
+            self.rejections[reason] = self.rejections.get(reason, 0) + count
+        if row["max_pressure_Pa"] > self.max_pressure:
+            self.max_pressure, self.max_pressure_time = row["max_pressure_Pa"], step.time
+        if row["min_film_thickness_m"] < self.min_film_thickness:
+            self.min_film_thickness = row["min_film_thickness_m"]
+            self.min_film_thickness_time = step.time
+
+    def figures(self) -> dict[str, object]:
+        """What every machine's ``summary.json`` has of them."""
+        return {
+            "max_pressure_Pa": float(self.max_pressure),
+            "max_pressure_time_s": self.max_pressure_time,
+            "min_film_thickness_m": float(self.min_film_thickness),
+            "min_film_thickness_time_s": self.min_film_thickness_time,
+            "basis_error_estimate_m": self.basis_error,
+            "energy_balance_error": self.energy_error,
+            "simulated_time_s": self.time,
+            "steps": self.steps,
+            "rejected_steps": self.rejected_steps,
+            "rejected_because": self.rejections,
+            "newton_iterations": self.newton_iterations,
+            "film_solves": self.film_solves,
+        }
+
+
+@dataclass
+class Progress:
+    """All that a run carries from step to step.
+
+    Attributes
+    ----------
+    integrator
+        See `IntegratorState`.
+    totals, balance, estimate
+        Figures so far.
+    """
+
+    integrator: IntegratorState
+    totals: Totals
+    balance: EnergyBalance
+    estimate: BasisErrorEstimate
+
+    @classmethod
+    def begin(
+        cls,
+        machine: Machine,
+        body: ReducedBody,
+        damping_time: float,
+        control: StepControl,
+        initial: Powers,
+        totals: Totals,
+        start: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> Progress:
+        """A run at time zero, its powers there, and its state and rate; None: all at rest."""
+        rest = np.zeros(machine.size)
+        x, rate = (rest, rest) if start is None else start
+        estimate = BasisErrorEstimate(
+            body.missing_flexibility, damping_time, neglected_inertia(body)
+        )
+        integrator = IntegratorState.begin(machine, 0.0, x, rate, control)
+        return cls(integrator, totals, EnergyBalance(0.0, initial), estimate)
+
+    def memory(self) -> dict[str, Any]:
+        """The same as nested dictionaries of arrays and numbers, for `restore`."""
+        state, memory = self.integrator, self.integrator.memory
+        points = {name: getattr(state, name) for name in ("times", "x", "rate", "watched", "step")}
+        return {
+            "integrator": points,
+            "pressures": {} if memory is None else vars(memory),
+            "totals": asdict(self.totals),
+            "balance": self.balance.memory(),
+            "estimate": self.estimate.memory(),
+        }
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on where another run of the same machine was."""
+        pressures = memory["pressures"]
+        remembered = PressureMemory(**pressures) if pressures else None
+        self.integrator = IntegratorState(**memory["integrator"], memory=remembered)
+        for name, value in memory["totals"].items():
+            setattr(self.totals, name, value)
+        self.balance.restore(memory["balance"])
+        self.estimate.restore(memory["estimate"])
+
+
+@dataclass(frozen=True)
+class Watchers:
+    """Who wants to know of every accepted step.
+
+    Attributes
+    ----------
+    record
+        Called with the history row and the fields.
+    progress
+        Called with the figures so far and the step.
+    checkpoint
+        Called with the run, which can be stored.
+    """
+
+    record: Record | None = None
+    progress: Callable[[Totals, Step], None] | None = None
+    checkpoint: Callable[[Progress], None] | None = None
+
+
+def march(
+    machine: Machine,
+    run: Progress,
+    end: float,
+    control: StepControl,
+    smallest_film: float,
+    describe: Callable[[Step, Powers], dict[str, Any]],
+    watchers: Watchers,
+) -> None:
+    """Integrate a run up to a time [s].
+
+    Parameters
+    ----------
+    machine, run
+        The run is updated step by step, so that an interrupted one keeps its figures.
+    end, control
+        Step sizes.
+    smallest_film
+        Film thickness at which the run ends [m].
+    describe
+        Columns of the history that only this kind of machine has.
+    watchers
+        See there.
+
+    Raises
+    ------
+    FilmTooThinError
+        After the step that fell below the smallest film.
+    StepSizeError
+        From `advance`.
+    """
+    solve = CoupledSteps(machine)
+    before, began = run.totals.film_solves, perf_counter() - run.totals.wall_time
+    n = machine.journal.coordinates
+    while run.integrator.time < end:
+        step, run.integrator = advance(machine, run.integrator, end, control, solve)
+        powers = machine.powers(step.x, step.rate, step.auxiliary)
+        run.balance.add(step.time, powers)
+        pressure = machine.journal.bore.structure_pressure(step.auxiliary.film.pressure)
+        size = step.time - run.totals.time
+        row = common_columns(machine, step) | describe(step, powers)
+        row |= {
+            "step_s": size,
+            "newton_iterations": step.newton_iterations,
+            "rejected_steps": sum(step.rejected.values()),
+            "kinetic_energy_J": powers.kinetic,
+            "strain_energy_J": powers.strain,
+            **{f"{name}_work_J": work for name, work in run.balance.work.items()},
+            "energy_defect_J": run.balance.defect,
+            "basis_error_estimate_m": run.estimate.add(size, pressure, step.acceleration[n:]),
+        }
+        totals = run.totals
+        totals.add(row, step)
+        totals.basis_error, totals.energy_error = run.estimate.largest, run.balance.error
+        totals.film_solves = before + solve.solves
+        totals.wall_time = perf_counter() - began
+        if watchers.record is not None:
+            fields = {"coordinates": step.x[:n], "rates": step.rate[:n], "pressure_Pa": pressure}
+            if machine.journal.compliance is not None:
+                fields["quasi_static"] = step.x[n:]
+            watchers.record(row, fields)
+        if watchers.checkpoint is not None:
+            watchers.checkpoint(run)
+        if watchers.progress is not None:
+            watchers.progress(totals, step)
+        check_film(row["min_film_thickness_m"], step.time, smallest_film)
+
+
+def common_columns(machine: Machine, step: Step) -> dict[str, Any]:
+    """First columns of every history."""
+    pressure = step.auxiliary.film.pressure
+    peak = int(np.argmax(pressure))
+    angle, _ = machine.journal.film.parameters.grid.node_positions[peak]
+    return {
+        "time_s": step.time,
+        "max_pressure_Pa": pressure[peak],
+        "min_film_thickness_m": step.watched.min(),
+        "max_pressure_angle_deg": np.degrees(np.mod(angle + np.pi, 2 * np.pi) - np.pi),
+    }
+
+
+def check_film(thickness: float, time: float, smallest: float) -> None:
+    """Refuse to go on with a film in which surfaces would touch.
+
+    Raises
+    ------
+    FilmTooThinError
+        Naming thickness, time and key.
+    """
+    if thickness < smallest:
+        raise FilmTooThinError(
+            f"the film is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, below "
+            f"bearing.smallest_film of the clearance, {smallest * 1e6:.3g} um: surfaces would "
+            "touch; the history up to there is kept"
+        )
+
+
+def verdict(totals: Totals) -> str:
+    """``"complete"``, or why the figures of a run that came to its end cannot be trusted."""
+    if totals.energy_error > ENERGY_LIMIT:
+        return (
+            f"untrustworthy: energy balance error {100 * totals.energy_error:.2g} % above "
+            f"{100 * ENERGY_LIMIT:g} %, lower time.tolerance"
+        )
+    return "complete"
