@@ -11,14 +11,15 @@ import click
 
 from fenics_ehd import __version__
 from fenics_ehd.commands.bearing import bearing
+from fenics_ehd.commands.sweep import sweep
 from fenics_ehd.errors import EhdError
 
 # One thread per rank; the BLAS reads these when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-SCENES = ("slider-crank", "loaded-journal")
-PARTS = ("conrod",)
+SCENES = ("slider-crank", "rotor", "loaded-journal")
+PARTS = ("conrod", "housing")
 METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
 
 json_option = click.option(
@@ -33,9 +34,22 @@ def cli() -> None:
 
 
 @cli.command()
-@click.argument("scene")
-@click.option("--body", type=click.Path(dir_okay=False), help="Reduced rod made by 'reduce'.")
-@click.option("--method", type=click.Choice(METHODS), help="Reduction of the rod.")
+@click.argument("scene", required=False)
+@click.option(
+    "--resume",
+    type=click.Path(file_okay=False),
+    help="Go on with the run in this folder from its last checkpoint, in place of SCENE.",
+)
+@click.option(
+    "--checkpoint-every",
+    "interval",
+    type=click.FloatRange(min=0),
+    default=10.0,
+    show_default=True,
+    help="Seconds between two checkpoints.",
+)
+@click.option("--body", type=click.Path(dir_okay=False), help="Reduced part made by 'reduce'.")
+@click.option("--method", type=click.Choice(METHODS), help="Reduction of the part.")
 @click.option(
     "-o",
     "--output",
@@ -59,7 +73,9 @@ def cli() -> None:
 )
 @json_option
 def run(
-    scene: str,
+    scene: str | None,
+    resume: str | None,
+    interval: float,
     body: str | None,
     method: str | None,
     directory: str | None,
@@ -68,10 +84,19 @@ def run(
     frames: int,
     as_json: bool,
 ) -> None:
-    """Simulate SCENE: slider-crank, loaded-journal, or a TOML file made by 'init'."""
-    from fenics_ehd.commands.scenes import run_scene
+    """Simulate SCENE: slider-crank, rotor, loaded-journal, or a TOML file made by 'init'."""
+    from fenics_ehd.commands.scenes import resume_scene, run_scene
 
-    run_scene(scene, body, method, directory, plots, frames if vtk else None, as_json)
+    if (scene is None) == (resume is None):
+        raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
+    if scene is not None:
+        wanted = frames if vtk else None
+        run_scene(scene, body, method, directory, plots, wanted, interval, as_json)
+        return
+    if body or method or directory or vtk:
+        raise click.UsageError("--resume takes scene and body from its folder: drop the others")
+    assert resume is not None
+    resume_scene(resume, plots, interval, as_json)
 
 
 @cli.command()
@@ -87,7 +112,7 @@ def run(
 @click.option(
     "--scene",
     type=click.Path(dir_okay=False),
-    help="Take [rod], [reduction], [film] from this TOML file; options below win.",
+    help="Take [rod] or [housing], [reduction], [film] from this TOML file; options below win.",
 )
 @click.option(
     "--cells",
@@ -137,7 +162,7 @@ def reduce(
     from fenics_ehd.commands.reduction import reduce_part
 
     given = {k: v for k, v in options.items() if v is not None}
-    reduce_part(path, scene, cells, basis_path, exports, given, as_json)
+    reduce_part(part, path, scene, cells, basis_path, exports, given, as_json)
 
 
 @cli.command()
@@ -145,10 +170,15 @@ def reduce(
 def init(scene: str) -> None:
     """Print a scene file with every key, its default and its meaning."""
     from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+    from fenics_ehd.scenes.rotor_settings import RotorSettings
     from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
     from fenics_ehd.settings import to_toml
 
-    kinds = {"slider-crank": SliderCrankSettings, "loaded-journal": LoadedJournalSettings}
+    kinds = {
+        "slider-crank": SliderCrankSettings,
+        "rotor": RotorSettings,
+        "loaded-journal": LoadedJournalSettings,
+    }
     click.echo(to_toml(kinds[scene]()), nl=False)
 
 
@@ -177,6 +207,7 @@ def plot(directories: tuple[str, ...], target: str | None) -> None:
 
 
 cli.add_command(bearing)
+cli.add_command(sweep)
 
 
 @cli.command()

@@ -79,14 +79,7 @@ def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, obj
         return verdict(settings, totals)
 
     grid = journal.film.parameters.grid
-    fields = {
-        "eccentricity_m": 2,
-        "eccentricity_rate_m_per_s": 2,
-        "pressure_Pa": len(grid.nodes),
-    }
-    if settings.film.cavitation == "mass-conserving":
-        fields["fluid_fraction"] = len(grid.nodes)
-    history = HistoryWriter(directory, fields, {"pressure_nodes_m": grid.nodes})
+    history = HistoryWriter(directory, {"pressure_nodes_m": grid.nodes})
     return record(directory, history, bar, run, lambda status: summarise(settings, totals, status))
 
 

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 import click
+import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.commands.scenes import read_scene, reduce_with_notice
+from fenics_ehd.commands import rotor
+from fenics_ehd.commands.scenes import read_scene, reduce_with_notice, tables_of
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, to_json, versions
 from fenics_ehd.reduction import (
@@ -26,11 +28,12 @@ from fenics_ehd.reduction import (
     spatial_inertia,
 )
 from fenics_ehd.reduction.mass import MassOperator
+from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build
 
 if TYPE_CHECKING:
-    from fenics_ehd.scenes.rod import ReducedRod
+    from fenics_ehd.scenes.part import ReducedPart
 
 #: Polar inertia of the paper's rod, Table 1 [kg m^2].
 PAPER_INERTIA = 4e-3
@@ -47,6 +50,7 @@ SHOWN = 8
 
 
 def reduce_part(
+    part: str,
     path: str,
     scene: str | None,
     cells: str | None,
@@ -60,17 +64,19 @@ def reduce_part(
     for file in (path, basis_path, *targets.values()):
         if file:
             require_writable(file)
-    settings, _ = read_scene(scene) if scene else (SliderCrankSettings(), {})
-    if cells:
-        settings = attrs.evolve(settings, rod=attrs.evolve(settings.rod, cells=cells))
+    settings = _part_settings(part, scene, cells)
     tables = {**attrs.asdict(settings.reduction), **options}
-    reduction = build(type(settings.reduction), tables, "reduction.")
+    reduction: Any = build(type(settings.reduction), tables, "reduction.")
     if "exudyn" in exports and reduction.method in ("m4", "rigid"):
         raise SettingsError(
             f"--export exudyn: not with --method {reduction.method}, Exudyn's reduced body has "
             "coordinates with mass only; use m1, m2, m3 or full"
         )
-    rod = reduce_with_notice(attrs.evolve(settings, reduction=reduction))
+    settings = attrs.evolve(settings, reduction=reduction)
+    if isinstance(settings, RotorSettings):
+        rod = rotor.reduce_with_notice(settings)
+    else:
+        rod = reduce_with_notice(settings)
     body = rod.body
     if "exudyn" in exports:
         mass = MassOperator(rod.structure.mass)
@@ -82,8 +88,25 @@ def reduce_part(
     _in_place(path, lambda: save_body(rod.body, path))
     for form, target in targets.items():
         _in_place(target, lambda form=form, target=target: EXPORTS[form](body, target))
-    summary = reduction_summary(rod, path, basis_path) | {"exports": targets}
+    summary = reduction_summary(rod, path, basis_path) | {"part": part, "exports": targets}
     click.echo(to_json(summary) if as_json else report(rod.body, summary))
+
+
+def _part_settings(
+    part: str, scene: str | None, cells: str | None
+) -> SliderCrankSettings | RotorSettings:
+    """Settings of the scene that a part belongs to."""
+    if part == "housing":
+        if cells == "tet":
+            raise SettingsError("--cells tet: housing is meshed with hexahedra only, use hex")
+        tables = tables_of(scene, "rotor") if scene else {}
+        if tables is None:
+            raise SettingsError(f"--scene {scene}: not a rotor scene, housing needs one")
+        return rotor.read_settings(scene or "rotor", tables)
+    settings = read_scene(scene)[0] if scene else SliderCrankSettings()
+    if cells:
+        settings = attrs.evolve(settings, rod=attrs.evolve(settings.rod, cells=cells))
+    return settings
 
 
 def _export_path(path: str, form: str) -> str:
@@ -100,7 +123,7 @@ def _in_place(path: str, write: Any) -> None:
         raise SettingsError(f"{shlex.quote(path)}: {error}") from None
 
 
-def reduction_summary(rod: ReducedRod, path: str, basis_path: str | None) -> dict[str, object]:
+def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> dict[str, object]:
     """Figures of a reduction."""
     body = rod.body
     inertia = body.inertia
@@ -112,7 +135,7 @@ def reduction_summary(rod: ReducedRod, path: str, basis_path: str | None) -> dic
         "modes": body.modes,
         "frame": body.frame,
         "mass_kg": inertia.total_mass,
-        "centre_of_mass_m": float(inertia.centre_of_mass[0]),
+        "centre_of_mass_m": float(np.hypot(*inertia.centre_of_mass)),
         "polar_inertia_kg_m2": inertia.polar_inertia,
         "frequencies_Hz": [float(f) for f in body.frequencies],
         "kinds": list(body.kinds),
@@ -129,12 +152,13 @@ def reduction_summary(rod: ReducedRod, path: str, basis_path: str | None) -> dic
 def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
     """What was done, and the mode inventory."""
     inertia = body.inertia
+    share = 100 * (inertia.polar_inertia / PAPER_INERTIA - 1)
+    compared = f" ({share:+.1f} % of the paper's 4e-3)" if summary["part"] == "conrod" else ""
     lines = [
         f"{body.method}: {body.modes} modes of {summary['degrees_of_freedom']} degrees of freedom, "
         f"frame {body.frame}, {summary['reduction_time_s']:.2f} s",
-        f"  mass {inertia.total_mass:.4f} kg, centre {inertia.centre_of_mass[0] * 1e3:.2f} mm "
-        f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2 "
-        f"({100 * (inertia.polar_inertia / PAPER_INERTIA - 1):+.1f} % of the paper's 4e-3)",
+        f"  mass {inertia.total_mass:.4f} kg, centre {summary['centre_of_mass_m'] * 1e3:.2f} mm "
+        f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2{compared}",
     ]
     if "flexibility_followed" in body.accuracy:
         share = 100 * body.accuracy["flexibility_followed"]

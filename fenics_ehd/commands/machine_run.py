@@ -1,0 +1,194 @@
+"""Run a machine from the command line: history, checkpoints, a summary whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from fenics_ehd.checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
+from fenics_ehd.commands.recording import progress_bar, record
+from fenics_ehd.errors import InputError, VerificationError
+from fenics_ehd.history_file import HistoryWriter
+from fenics_ehd.output import to_json, write_whole
+from fenics_ehd.reduction import ReducedBody, load_body, save_body
+from fenics_ehd.settings import to_toml
+
+if TYPE_CHECKING:  # slow to import, and not every command needs them
+    from fenics_ehd.multibody.bdf import Step
+    from fenics_ehd.scenes.transient import Progress, Totals
+
+#: Scene and body of a run, beside its history, to go on with.
+SCENE_NAME, BODY_NAME = "scene.toml", "body.h5"
+
+#: Seconds between two checkpoints, unless told otherwise.
+CHECKPOINT_EVERY = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class MachineRun:
+    """One run of one machine.
+
+    Attributes
+    ----------
+    settings, body
+        The scene, to be stored with the run, and the reduced part.
+    reduction_seconds
+        What the reduction took.
+    directory
+        Of the results.
+    end
+        Simulated time [s].
+    simulate
+        ``simulate(settings, body, totals, record, progress, checkpoint=, memory=)`` of the scene.
+    summarise
+        Figures of the summary from settings, body, totals, status and reduction seconds.
+    """
+
+    settings: Any
+    body: ReducedBody
+    reduction_seconds: float
+    directory: Path
+    end: float
+    simulate: Callable[..., Totals]
+    summarise: Callable[..., dict[str, object]]
+
+
+def run_machine(
+    job: MachineRun,
+    interval: float = CHECKPOINT_EVERY,
+    former: Mapping[str, Any] | None = None,
+) -> dict[str, object]:
+    """Run, or go on from a former run's checkpoint, and return the summary.
+
+    Parameters
+    ----------
+    job
+        What to run.
+    interval
+        Seconds between checkpoints.
+    former
+        Checkpoint to go on from.
+    """
+    from fenics_ehd.results import bore_constants
+    from fenics_ehd.scenes.transient import Totals, verdict
+
+    totals = Totals()
+    bar = progress_bar(job.end)
+    rows = None if former is None else int(former["rows"])
+    history = HistoryWriter(job.directory, bore_constants(job.body), resumed=rows)
+    checkpoints = Checkpoints(history, interval, {"reduction_seconds": job.reduction_seconds})
+    latest: list[Progress] = []
+
+    def store(run: Progress) -> None:
+        if not latest and former is None:
+            store_scene(job)
+        latest[:] = [run]
+        if checkpoints.due():
+            checkpoints.save(run.memory())
+
+    def run(check: Callable[[], None]) -> str:
+        def progress(totals: Totals, step: Step) -> None:
+            bar.set_postfix_str(
+                f"step {totals.steps}, {totals.newton_iterations} iterations, "
+                f"p {step.auxiliary.film.pressure.max() * 1e-6:.1f} MPa",
+                refresh=False,
+            )
+            bar.update(1e3 * totals.time - bar.n)
+            check()
+
+        memory = None if former is None else former["memory"]
+        try:
+            job.simulate(
+                job.settings,
+                job.body,
+                totals,
+                history.add,
+                progress,
+                checkpoint=store,
+                memory=memory,
+            )
+        finally:
+            if latest:
+                checkpoints.save(latest[0].memory())
+        return verdict(totals)
+
+    def summarise(status: str) -> dict[str, object]:
+        return job.summarise(job.settings, job.body, totals, status, job.reduction_seconds)
+
+    return record(job.directory, history, bar, run, summarise)
+
+
+def store_scene(job: MachineRun) -> None:
+    """Scene and body of a run, for `former_run`."""
+    write_whole(job.directory / SCENE_NAME, to_toml(job.settings))
+    save_body(job.body, job.directory / BODY_NAME)
+
+
+def former_run(directory: str | Path) -> tuple[Path, ReducedBody, dict[str, Any]]:
+    """Scene file, body and checkpoint of a run that may go on.
+
+    Raises
+    ------
+    InputError
+        The folder holds no such run.
+    """
+    folder = Path(directory)
+    checkpoint = load_checkpoint(folder / CHECKPOINT)
+    scene = folder / SCENE_NAME
+    if not scene.is_file():
+        raise InputError(f"{scene}: missing, the run cannot go on")
+    return scene, load_body(folder / BODY_NAME), checkpoint
+
+
+def conclude(job: MachineRun, summary: Mapping[str, Any], plots: bool, as_json: bool) -> None:
+    """Pictures, what the command prints, and whether it succeeded.
+
+    Raises
+    ------
+    VerificationError
+        The run is not complete.
+    """
+    if plots:
+        from fenics_ehd.plotting.history import plot_machine
+
+        plot_machine(f"{job.body.method.upper()}, {job.body.modes} modes", job.directory)
+    click.echo(to_json(summary) if as_json else report(summary, job.directory))
+    if summary["status"] != "complete":
+        raise VerificationError(str(summary["status"]))
+
+
+def _estimate_line(estimate: float, film: float) -> str:
+    """What a basis misses [m], compared with the thinnest film [m]."""
+    if not np.isfinite(estimate):
+        return "  basis error estimate    not computed"
+    line = f"  basis error estimate    {estimate * 1e6:9.4f} um  of gap"
+    return f"{line}, not small against the film: take more modes" if estimate > 0.2 * film else line
+
+
+def report(summary: Mapping[str, Any], directory: Path) -> str:
+    """The run in a few lines."""
+    reduced = f"{summary['method']} with {summary['modes']} modes"
+    if "shaft_modes" in summary:
+        reduced = (
+            f"{summary['shaft_modes']} modes of the shaft, {summary['method']} with "
+            f"{summary['modes']} of the housing"
+        )
+    lines = [
+        f"{summary['scene']}, {reduced}: "
+        f"{summary['steps']} steps, {summary['newton_iterations']} Newton iterations",
+        f"  maximum pressure        {summary['max_pressure_Pa'] * 1e-6:9.3f} MPa "
+        f"at {summary['max_pressure_time_s'] * 1e3:.3f} ms",
+        f"  minimum film thickness  {summary['min_film_thickness_m'] * 1e6:9.4f} um  "
+        f"at {summary['min_film_thickness_time_s'] * 1e3:.3f} ms",
+        _estimate_line(summary["basis_error_estimate_m"], summary["min_film_thickness_m"]),
+        f"  energy balance error    {summary['energy_balance_error']:9.1e}",
+        f"  time: reduction {summary['reduction_time_s']:.2f} s, "
+        f"integration {summary['wall_time_s']:.2f} s",
+        f"  results in {directory}",
+    ]
+    return "\n".join(lines)
