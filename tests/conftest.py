@@ -1,10 +1,20 @@
 """Parts that several test modules look at, made once: treat them as read-only."""
 
+# ruff: noqa: E402
+
+import os
+
+# As the command line does, before numpy is imported: results to the last bit depend on it.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
 import pytest
 from mpi4py import MPI
 
 from fenics_ehd.reduction import load_dependent
+from fenics_ehd.scenes import housing
 from fenics_ehd.scenes.rod import build_structure
+from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 
 
@@ -18,6 +28,12 @@ def rod_structure():
 def rod_body(rod_structure):
     """Default reduction of the default rod."""
     return load_dependent(rod_structure, 6, 31)
+
+
+@pytest.fixture(scope="session")
+def housing_structure():
+    """Default housing on this rank alone, its foot held."""
+    return housing.build_structure(RotorSettings(), MPI.COMM_SELF)
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,8 @@ from scipy import sparse
 
 from fenics_ehd import compat
 from fenics_ehd.elements import FAMILIES, quadratic_element
-from fenics_ehd.geometry import _place_centre_nodes, build_mesh, model_path
+from fenics_ehd.geometry import _place_centre_nodes, build_mesh
+from fenics_ehd.models import model_path
 from fenics_ehd.reduction import Structure, load_dependent
 from fenics_ehd.reduction.distributed import multiply
 from fenics_ehd.reduction.eigenmodes import lowest_modes

@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from fenics_ehd.errors import InputError, SettingsError
-from fenics_ehd.multibody.quasi_static import massless_coordinates, neglected_inertia
+from fenics_ehd.multibody.neglected_inertia import neglected_inertia
 from fenics_ehd.reduction import (
     craig_bampton,
     full_interface,
@@ -75,23 +75,8 @@ def test_frame_does_not_change_the_physics(rod_structure):
     assert max(difference(curves[1], curves[0])) < 5e-4
 
 
-def test_massless_coordinates_are_the_same_flexibility(residual_body):
-    body = massless_coordinates(residual_body)
-    n, r = residual_body.modes, residual_body.residual.rank
-    assert body.modes == n + r
-    assert body.residual is None
-    np.testing.assert_array_equal(body.mass[n:], 0.0)
-    np.testing.assert_array_equal(body.inertia.mass[3 + n :], 0.0)
-    ours, theirs = body.basis_flexibility(), residual_body.basis_flexibility()
-    np.testing.assert_allclose(ours, theirs, atol=1e-10 * np.abs(theirs).max())
-    # Scaled: one metre of the bore for one metre of the coordinate.
-    largest = np.abs(body.bore_basis[:, :, n:]).max(axis=(0, 1))
-    np.testing.assert_allclose(largest, 1.0)
-
-
-def test_bodies_without_residual_flexibility_pass_unchanged(rod_body):
-    assert massless_coordinates(rod_body) is rod_body
-    assert neglected_inertia(rod_body).shape == (0, rod_body.modes)
+def test_bodies_without_residual_flexibility_neglect_no_inertia(rod_body):
+    assert neglected_inertia(rod_body).shape == (0, 0)
 
 
 def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body):
@@ -113,9 +98,8 @@ def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body)
     rows = node_rows(exact, 0, rod_structure.bore.nodes, rod_structure.comm)[:, :, 0]
     radial = whole.bore_nodes[:, :2] / np.linalg.norm(whole.bore_nodes[:, :2], axis=1)[:, None]
     expected = np.einsum("ic,ic->i", radial, rows[:, :2])
-    size = np.abs(whole.residual.displacement).max(axis=(0, 1))
-    amplitudes = size * (whole.residual.patterns @ pressure)
-    estimate = neglected_inertia(whole)[:, whole.modes :] @ amplitudes
+    amplitudes = whole.residual.patterns @ pressure
+    estimate = neglected_inertia(whole) @ amplitudes
     # The estimate answers with the patterns alone, the exact term with the static modes too.
     assert np.abs(estimate - expected).max() < 0.05 * np.abs(expected).max()
 
@@ -144,12 +128,13 @@ def test_settings_name_every_method(rod_structure):
 
 
 def test_snapshots_of_a_run_are_a_pressure_set(rod_structure, tmp_path):
-    from fenics_ehd.results import open_history
+    from fenics_ehd.history_file import HistoryWriter
+    from fenics_ehd.results import bore_constants
 
     settings = SliderCrankSettings()
     settings = attrs.evolve(settings, mechanism=attrs.evolve(settings.mechanism, revolutions=0.02))
     body = load_dependent(rod_structure, 6, 8, estimate_error=False)
-    with open_history(tmp_path, body) as history:
+    with HistoryWriter(tmp_path, bore_constants(body)) as history:
         simulate(settings, body, Totals(), history.add)
     reduction = Reduction(snapshots=str(tmp_path), selection="proper-orthogonal", residual_modes=5)
     again = reduce_structure(rod_structure, reduction)

@@ -18,7 +18,8 @@ from fenics_ehd.errors import BodyFileError, MeshError
 from fenics_ehd.film.overlay import intersection_points
 from fenics_ehd.film.surface import Surface, interpolation_matrix
 from fenics_ehd.film.transfer import conservative_load
-from fenics_ehd.geometry import _check_tetrahedra, build_mesh, model_path
+from fenics_ehd.geometry import _check_tetrahedra, build_mesh
+from fenics_ehd.models import model_path
 from fenics_ehd.paraview import gather_part, write_series
 from fenics_ehd.reduction import load_body, load_dependent, rigid, save_body
 from fenics_ehd.reduction.distributed import load_columns, multiply, node_rows

@@ -1,0 +1,202 @@
+"""Runs that stop and go on: killed at any moment, the result is that of an undisturbed run."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hand_made_rod import Joint, make_body
+
+from fenics_ehd.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
+from fenics_ehd.cli import main
+from fenics_ehd.errors import InputError
+from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.reduction import save_body
+
+ROOT = Path(__file__).resolve().parents[1]
+
+SCENE = "[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-6\n"
+
+
+def call(*arguments):
+    with pytest.raises(SystemExit) as caught:
+        main([str(a) for a in arguments])
+    return caught.value.code
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory):
+    """Folder with a scene, a body and the results of an undisturbed run."""
+    folder = tmp_path_factory.mktemp("resume")
+    (folder / "scene.toml").write_text(SCENE)
+    save_body(make_body(Joint()), folder / "rod.h5")
+    assert call(*command(folder, "whole")) == 0
+    return folder
+
+
+def command(folder, name, every=0):
+    return ("run", folder / "scene.toml", "--body", folder / "rod.h5", "--no-plots",
+            "--checkpoint-every", every, "-o", folder / name)  # fmt: skip
+
+
+def start(arguments):
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.Popen(
+        [sys.executable, "-m", "fenics_ehd.cli", *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": path},
+        stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+    )
+
+
+def rows_in(folder):
+    try:
+        return (folder / "history.csv").read_bytes().count(b"\n")
+    except OSError:
+        return 0
+
+
+def kill_after(process, folder, rows):
+    """Kill a process without notice as soon as its history has so many rows."""
+    deadline = time.monotonic() + 120
+    while rows_in(folder) < rows and process.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(1e-3)
+    assert process.poll() is None, "the run was over before it was killed"
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+
+
+def assert_same_results(one, other):
+    assert (one / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
+    names = ("coordinates", "rates", "pressure_Pa")
+    for name, values in read_fields(one, names).items():
+        np.testing.assert_array_equal(values, read_fields(other, (name,))[name])
+    ours, theirs = (json.loads((f / "summary.json").read_text()) for f in (one, other))
+    # Versions are those of what was imported, by one process or another.
+    for key in set(theirs) - {"wall_time_s", "reduction_time_s", "versions"}:
+        assert ours[key] == theirs[key], key
+
+
+@pytest.mark.parametrize("every", [0, 0.05])
+def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
+    folder = prepared / f"killed_{every}"
+    process = start(command(prepared, folder.name, every))
+    for rows in (15, 45):
+        kill_after(process, folder, rows)
+        before = (folder / "history.csv").read_bytes()
+        assert not (folder / "summary.json").exists()
+        # What was written can be read, and stays.
+        assert len(read_history(folder)["time_s"]) >= rows - 2
+        if (folder / CHECKPOINT).exists():
+            load_checkpoint(folder / CHECKPOINT)
+            process = start(("run", "--resume", folder, "--no-plots", "--checkpoint-every", every))
+        else:
+            process = start(command(prepared, folder.name, every))
+        last = before.rfind(b"\n") + 1
+        assert (prepared / "whole" / "history.csv").read_bytes()[:last] == before[:last]
+    assert process.wait(timeout=120) == 0
+    assert_same_results(folder, prepared / "whole")
+
+
+def test_an_interrupted_run_goes_on_to_the_same_result(prepared):
+    folder = prepared / "interrupted"
+    process = start(command(prepared, folder.name, 1000))
+    while rows_in(folder) < 20:
+        time.sleep(1e-3)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=60) == 130
+    assert json.loads((folder / "summary.json").read_text())["status"] == "interrupted"
+    # Its last step, whatever the interval.
+    steps = load_checkpoint(folder / CHECKPOINT)["memory"]["totals"]["steps"]
+    assert steps == len(read_history(folder)["time_s"])
+    assert call("run", "--resume", folder, "--no-plots") == 0
+    assert_same_results(folder, prepared / "whole")
+
+
+def test_a_complete_run_has_nothing_left_to_do(prepared, capsys):
+    before = (prepared / "whole" / "history.csv").read_bytes()
+    assert call("run", "--resume", prepared / "whole", "--no-plots", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "complete"
+    assert (prepared / "whole" / "history.csv").read_bytes() == before
+
+
+def test_what_cannot_go_on_is_refused(prepared, tmp_path, capsys):
+    assert call("run", "--resume", tmp_path) == 2
+    assert "no checkpoint to go on from" in capsys.readouterr().err
+    assert call("run", "--resume", prepared / "whole", "slider-crank") == 2
+    assert call("run") == 2
+    (tmp_path / CHECKPOINT).write_bytes(b"no HDF5")
+    assert call("run", "--resume", tmp_path) == 2
+    assert "checkpoint.h5" in capsys.readouterr().err
+
+
+def test_a_checkpoint_returns_what_it_was_given(tmp_path):
+    tree = {
+        "rows": 3,
+        "step": 0.1 + 0.2,
+        "name": "m4",
+        "deep": {"array": np.arange(6.0).reshape(2, 3), "none": {}, "nan": float("nan")},
+    }
+    save_checkpoint(tmp_path / "c.h5", tree)
+    found = load_checkpoint(tmp_path / "c.h5")
+    np.testing.assert_equal(found, tree)
+    assert isinstance(found["rows"], int)
+
+
+def test_a_checkpoint_that_fails_leaves_the_former_one(tmp_path, monkeypatch):
+    save_checkpoint(tmp_path / "c.h5", {"rows": 1})
+    with pytest.raises(TypeError):
+        save_checkpoint(tmp_path / "c.h5", {"rows": 2, "bad": object()})
+    assert load_checkpoint(tmp_path / "c.h5")["rows"] == 1
+
+
+def rows_of(folder, count, start=0, resumed=None):
+    writer = HistoryWriter(folder, {"nodes": np.arange(3.0)}, resumed=resumed)
+    with writer:
+        for i in range(start, count):
+            row = {"time_s": i, "max_pressure_Pa": 2 * i, "min_film_thickness_m": 1 + i}
+            writer.add(row, {"x": np.array([i, -i])})
+
+
+def test_history_that_goes_on_keeps_rows_beyond_its_checkpoint(tmp_path):
+    rows_of(tmp_path, 8)
+    with open(tmp_path / "history.csv", "ab") as file:
+        file.write(b"8,16")
+    rows_of(tmp_path, 6, start=5, resumed=5)
+    # Rows 6 and 7 are from before, the unfinished one is gone.
+    assert list(read_history(tmp_path)["time_s"]) == list(range(8))
+    rows_of(tmp_path, 10, start=5, resumed=5)
+    np.testing.assert_array_equal(read_history(tmp_path)["max_pressure_Pa"], 2.0 * np.arange(10))
+    np.testing.assert_array_equal(read_fields(tmp_path, ("x",))["x"][:, 1], -np.arange(10.0))
+    with h5py.File(tmp_path / "history.h5") as file:
+        assert len(file["nodes"]) == 3
+
+
+def test_a_history_without_the_checkpoints_rows_is_refused(tmp_path):
+    rows_of(tmp_path, 4)
+    with pytest.raises(InputError, match="holds 4 steps, its checkpoint 6"):
+        rows_of(tmp_path, 8, start=6, resumed=6)
+
+
+def test_a_run_ends_where_its_film_is_thinner_than_told(prepared, capsys):
+    scene = prepared / "thin.toml"
+    scene.write_text(SCENE.replace("revolutions = 0.03", "revolutions = 0.2")
+                     + "[bearing]\nsmallest_film = 0.6\n")  # fmt: skip
+    folder = prepared / "thin"
+    arguments = ("run", scene, "--body", prepared / "rod.h5", "--no-plots", "-o", folder)
+    assert call(*arguments) == 1
+    error = capsys.readouterr().err
+    assert "FilmTooThinError" in error
+    assert "bearing.smallest_film" in error
+    film = read_history(folder)["min_film_thickness_m"]
+    assert film[-1] < 0.6 * 17e-6 < film[-2]
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["status"].startswith("failed: the film is")
+    assert summary["steps"] == len(film)

@@ -1,0 +1,100 @@
+"""Sweeps that end before their end."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from sweep_cases import (
+    COMMAND,
+    MANY,
+    call,
+    rows_of,
+    write_scene,
+)
+
+from fenics_ehd.sweeps.pool import ProcessPool, WorkerDiedError, outcomes
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return write_scene(tmp_path_factory.mktemp("scene"))
+
+
+def square_or_die(number):
+    if number == 3:
+        os._exit(1)
+    return number**2
+
+
+def test_worker_that_dies_costs_its_own_task_only():
+    with ProcessPool(2) as pool:
+        answers = dict(outcomes(pool, square_or_die, range(6), lambda: None))
+    assert isinstance(answers.pop(3), WorkerDiedError)
+    assert answers == {0: 0, 1: 1, 2: 4, 4: 16, 5: 25}
+
+
+def start(*arguments):
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+
+
+def wait_until(condition, seconds=60):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def children(process):
+    """Processes started by this one."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            _, _, rest = path.read_text().rpartition(")")
+        except OSError:
+            continue
+        if int(rest.split()[1]) == process.pid:
+            found.append(int(path.parent.name))
+    return found
+
+
+def stopped(process, directory, rows, number):
+    """Send a signal once there are so many rows; error output and rows when all processes ended."""
+    path = directory / "sweep.csv"
+    wait_until(lambda: path.is_file() and path.read_text().count("\n") > rows)
+    workers = children(process)
+    assert workers
+    process.send_signal(number)
+    errors = process.communicate(timeout=30)[1]
+    wait_until(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers), 15)
+    return errors, rows_of(directory)
+
+
+def test_stopped_sweep_keeps_its_rows_and_is_completed(scene, tmp_path):
+    command = ["sweep", scene, "--set", MANY, "-o", tmp_path, "--workers", 1]
+    interrupted = start(*command)
+    errors, first = stopped(interrupted, tmp_path, 2, signal.SIGINT)
+    assert interrupted.returncode == 130
+    assert "Traceback" not in errors
+    assert errors.splitlines()[-1] == "fenics-ehd: interrupted"
+    killed = start(*command)
+    _, second = stopped(killed, tmp_path, len(first) + 2, signal.SIGKILL)
+    assert killed.returncode == -signal.SIGKILL
+    assert second[: len(first)] == first
+    assert len(first) >= 2
+    assert len(first) + 2 <= len(second) < 8
+    result = call(*command, "--resume")
+    assert result.returncode == 0, result.stderr
+    rows = rows_of(tmp_path)
+    assert rows[: len(second)] == second
+    assert sorted(int(row["case"]) for row in rows) == list(range(1, 9))
+    assert {row["status"] for row in rows} == {"complete"}
