@@ -10,9 +10,10 @@ from oracle_quasi_static import massless_coordinates
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.multibody.bdf import StepControl, integrate
-from fenics_ehd.multibody.bordered import DenseSystem, SparseSystem
+from fenics_ehd.multibody.bordered import SparseSystem
 from fenics_ehd.multibody.coupled import CoupledSteps
 from fenics_ehd.multibody.coupled_equations import CoupledEquations
+from fenics_ehd.multibody.dense_system import DenseSystem
 from fenics_ehd.multibody.newton import ImplicitStep
 from fenics_ehd.reduction.body import ResidualFlexibility
 
@@ -75,8 +76,8 @@ def dense(lin, pattern, full):
     """The matrix of all unknowns from its parts, a W^-1 before the film's rows."""
     m, n = len(lin.along), len(lin.slope)
     film = pattern.matrix(lin.entries).toarray()
-    if lin.dense_patterns is not None:
-        film[:, full] += lin.dense_patterns
+    if lin.pattern_block is not None:
+        film[:, full] += lin.pattern_block(np.arange(m), full)
     film = film + lin.patterns_along @ lin.patterns
     matrix = np.zeros((m + n, m + n))
     matrix[:m, :m], matrix[:m, m:] = film, lin.along
@@ -99,7 +100,7 @@ def test_derivatives_equal_central_differences(family, residual, dense_patterns)
     here = equations.evaluate(start)
     full = np.arange(equations.m)
     pattern = equations.film.assembly.pattern
-    matrix = dense(equations.linearise(here, full), pattern, full)
+    matrix = dense(equations.linearise(here), pattern, full)
 
     def function(unknowns):
         point = equations.evaluate(unknowns)
@@ -115,6 +116,35 @@ def test_derivatives_equal_central_differences(family, residual, dense_patterns)
         for part in (slice(0, equations.m), slice(equations.m, None)):
             scale = (np.abs(matrix) @ np.abs(direction))[part].max()
             np.testing.assert_allclose(found[part], expected[part], atol=2e-8 * scale)
+
+
+@pytest.mark.parametrize("changes", [(0, 0), (6, 0), (0, 6), (7, 5)])
+@pytest.mark.parametrize("residual", [False, True])
+def test_factors_serve_a_partition_that_changed_a_little(residual, changes):
+    mechanism = mechanism_with("lagrange", residual)
+    step, rng = some_step(mechanism)
+    pattern = mechanism.journal.film.assembly.pattern
+    equations = CoupledEquations(mechanism, dense_patterns=True)
+    equations.begin(step)
+    m, n = equations.m, equations.n
+    pressure = 3e7 * rng.uniform(0, 1, equations.film.assembly.size)
+    point = equations.evaluate(equations.unknowns(pressure, step.start[:n]))
+    lin = equations.linearise(point)
+    order = rng.permutation(m)
+    half, (filled, emptied) = m // 2, changes
+    factorised = np.sort(order[:half])
+    full = np.sort(order[emptied : half + filled])
+    kept, fresh = DenseSystem(pattern), DenseSystem(pattern)
+    kept.factorise(lin, factorised)
+    assert kept.repartition(full)
+    fresh.factorise(lin, full)
+    film, rest = np.zeros(m), rng.uniform(-1, 1, n)
+    film[full] = rng.uniform(-1, 1, len(full))
+    for found, expected in zip(kept.solve(film, rest), fresh.solve(film, rest), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    # Back to where it was, and too far.
+    assert kept.repartition(factorised)
+    assert not kept.repartition(np.sort(order[half:]))
 
 
 @pytest.mark.parametrize("residual", [False, True])
@@ -134,9 +164,8 @@ def test_both_linear_solvers_solve_the_system_on_a_partition(family, residual):
         full = np.flatnonzero(rng.uniform(0, 1, m) > 0.4)
         pressure = 3e7 * rng.uniform(0, 1, equations.film.assembly.size)
         point = equations.evaluate(equations.unknowns(pressure, step.start[:n]))
-        lin = equations.linearise(point, full)
-        whole = equations.linearise(point, np.arange(m))
-        matrix = dense(whole, pattern, np.arange(m))
+        lin = equations.linearise(point)
+        matrix = dense(lin, pattern, np.arange(m))
         system.factorise(lin, full)
         film, rest = np.zeros(m), rng.uniform(-1, 1, n)
         film[full] = rng.uniform(-1, 1, len(full))

@@ -220,7 +220,7 @@ def test_derivatives_with_the_film_equal_central_differences(family, residual):
     start = equations.unknowns(pressure, x[: equations.n])
     full = np.arange(equations.m)
     matrix = dense(
-        equations.linearise(equations.evaluate(start), full), equations.film.assembly.pattern, full
+        equations.linearise(equations.evaluate(start)), equations.film.assembly.pattern, full
     )
 
     def function(h):
@@ -395,7 +395,7 @@ def test_iterations_without_the_derivative_of_friction_shrink_the_error(joint, l
     start = equations.unknowns(last.auxiliary.film.pressure, last.x)
     here, full = equations.evaluate(start), np.arange(equations.m)
     film = equations.film.assembly.pattern
-    matrix = dense(equations.linearise(here, full), film, full)
+    matrix = dense(equations.linearise(here), film, full)
     free = np.append(start[: equations.m] > 1e-12, np.full(equations.n, True))
 
     def function(change):

@@ -8,11 +8,12 @@ coordinates xi change by
 
 with B and S the derivatives of film and mechanism along the coordinates, L the force of unit
 pressures and ``C = D V`` what the residual patterns of M4 let the pressures do to the gap.
-Small films are solved as one dense matrix, large ones by factorising A alone.
+Small films are solved as one dense matrix (`dense_system`), large ones by factorising A alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,9 +24,6 @@ from scipy import linalg
 from fenics_ehd.errors import SolverError
 from fenics_ehd.film.partition import PartitionedSystem
 from fenics_ehd.film.pattern import Pattern
-
-#: Free film nodes up to which one dense matrix is faster (`benchmarks/coupled_steps.py`).
-DENSE_LIMIT = 700
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +38,8 @@ class Linearisation:
         B, shape (m, n).
     patterns_along, patterns
         D, shape (m, r), and V, shape (r, m); no patterns: r = 0.
-    dense_patterns
-        C, columns of the full nodes, rows of the full ones or, with weights, of all; or None.
+    pattern_block
+        Rows and columns of C by their numbers, or None.
     coupling
         L, shape (n, m).
     slope
@@ -53,7 +51,7 @@ class Linearisation:
     along: np.ndarray
     patterns_along: np.ndarray
     patterns: np.ndarray
-    dense_patterns: np.ndarray | None
+    pattern_block: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
     coupling: np.ndarray
     slope: np.ndarray
 
@@ -61,11 +59,11 @@ class Linearisation:
 class BorderedSystem(Protocol):
     """Solves the system above."""
 
-    #: Whether it asks for C itself rather than its factors.
-    wants_dense_patterns: bool
-
     def factorise(self, linearisation: Linearisation, full_film: np.ndarray) -> None:
         """Take derivatives and the full nodes."""
+
+    def repartition(self, full_film: np.ndarray) -> bool:
+        """Take other full nodes, derivatives as they are; False: better factorise."""
 
     def solve(self, film: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``dP``, zero at the cavitated nodes, and ``dxi`` for f, shape (m,), and g, shape (n,).
@@ -74,62 +72,8 @@ class BorderedSystem(Protocol):
         """
 
 
-class DenseSystem:
-    """One dense matrix, factorised by LAPACK."""
-
-    wants_dense_patterns = True
-
-    def __init__(self, pattern: Pattern):
-        self._pattern = pattern
-        self._places = pattern.rows * pattern.size + pattern.indices
-
-    def factorise(self, linearisation: Linearisation, full_film: np.ndarray) -> None:
-        """See `BorderedSystem`.
-
-        Raises
-        ------
-        SolverError
-            The matrix is singular.
-        """
-        lin, m = linearisation, self._pattern.size
-        rows = full_film if lin.weights is None else np.arange(m)
-        k, n = len(rows), len(lin.slope)
-        matrix = np.zeros((k + n, k + n), order="F")
-        columns = full_film if lin.weights is not None else np.arange(k)
-        if lin.weights is not None:
-            matrix[:k, :k] = -self._dense(lin.weights)
-        film = self._dense(lin.entries)[np.ix_(rows, full_film)]
-        matrix[:k, columns] = film if lin.dense_patterns is None else film + lin.dense_patterns
-        matrix[k:, columns] = -lin.coupling[:, full_film]
-        matrix[:k, k:], matrix[k:, k:] = lin.along[rows], lin.slope
-        self._factors, self._pivots, failure = linalg.lapack.dgetrf(matrix, overwrite_a=True)
-        if failure:
-            raise SolverError(f"the matrix of film and mechanism is singular (row {failure})")
-        self._rows, self._full, self._weights = rows, full_film, lin.weights
-
-    def _dense(self, entries: np.ndarray) -> np.ndarray:
-        m = self._pattern.size
-        flat = np.zeros(m * m)
-        flat[self._places] = entries
-        return flat.reshape(m, m)
-
-    def solve(self, film: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `BorderedSystem`."""
-        if self._weights is not None:
-            film = self._pattern.multiply(self._weights, film)
-        rhs = np.concatenate([film[self._rows], rest])
-        solution, _ = linalg.lapack.dgetrs(self._factors, self._pivots, rhs)
-        k = len(self._rows)
-        pressures = np.zeros(self._pattern.size)
-        values = solution[:k] if self._weights is None else solution[self._full]
-        pressures[self._full] = values
-        return pressures, solution[k:]
-
-
 class SparseSystem:
     """The sparse film matrix factorised alone; coordinates and patterns by its Schur complement."""
-
-    wants_dense_patterns = False
 
     def __init__(self, pattern: Pattern, *, weighted: bool, symmetric: bool, options_prefix: str):
         self._pattern = pattern
@@ -163,6 +107,10 @@ class SparseSystem:
         if failure:
             raise SolverError(f"the matrix of film and mechanism is singular (row {failure})")
         self._schur, self._n, self._weights = (factors, pivots), n, lin.weights
+
+    def repartition(self, full_film: np.ndarray) -> bool:
+        """See `BorderedSystem`: the film's matrix alone is cheap."""
+        return False
 
     def solve(self, film: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `BorderedSystem`."""

@@ -25,13 +25,9 @@ from fenics_ehd.errors import CavitationError, SolverError
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.cavitation import CavitationResult, verify_complementarity
 from fenics_ehd.film.snes_vi import SnesVi
-from fenics_ehd.multibody.bordered import (
-    DENSE_LIMIT,
-    BorderedSystem,
-    DenseSystem,
-    SparseSystem,
-)
+from fenics_ehd.multibody.bordered import BorderedSystem, SparseSystem
 from fenics_ehd.multibody.coupled_equations import CoupledEquations, Point
+from fenics_ehd.multibody.dense_system import DENSE_LIMIT, DenseSystem
 from fenics_ehd.multibody.equations import Mechanism
 from fenics_ehd.multibody.newton import BOUNDARY_FRACTION, Attempt, ImplicitStep
 
@@ -40,6 +36,10 @@ MAX_ITERATIONS = 25
 
 #: A factorisation is kept for another iteration when the last update shrank by this.
 CONTRACTION = 0.1
+
+#: Derivatives are kept for another partition when the last update changed the gap by no more
+#: than this, relative, and shrank by this.
+NEAR, SHRINKING = 0.05, 0.3
 
 #: Iterations of a step that failed so, and the part of an update that they take as long as the
 #: partition changes.
@@ -177,6 +177,7 @@ class CoupledSteps:
     def _begin(self, damping: float) -> None:
         self._full = np.empty(0, dtype=np.int32)
         self._size, self._fraction, self._contracts = np.inf, 1.0, False
+        self._close = False
         self._damping, self._settled = damping, False
 
     def _start(self, step: ImplicitStep, memory: PressureMemory | None) -> np.ndarray:
@@ -206,7 +207,8 @@ class CoupledSteps:
         self._settled = np.array_equal(full, self._full)
         if self._contracts and self._settled:
             return
-        self._system.factorise(self.equations.linearise(self._point, full), full)
+        if not (self._close and self._system.repartition(full)):
+            self._system.factorise(self.equations.linearise(self._point), full)
         self._full = full
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
@@ -219,6 +221,7 @@ class CoupledSteps:
         closing = self.equations.relative_gap_change(self._point, pressures, xi)
         former, self._size = self._size, float(np.abs(closing).max())
         self._contracts = self._size <= CONTRACTION * former
+        self._close = self._size <= min(NEAR, SHRINKING * former)
         largest = float(closing.max())
         self._fraction = min(1.0, BOUNDARY_FRACTION / largest) if largest > 0 else 1.0
         if not self._settled:

@@ -11,8 +11,10 @@ that every iteration still shrinks the error by about 1e-3 (`tests/test_driven_c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy import sparse
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.cavitation import CavitationResult, Complementarity
@@ -157,8 +159,8 @@ class CoupledEquations:
         share = self._share * self._pressure_scale
         return compliance.outward @ (compliance.patterns[:, self.film.free] @ (share * pressure))
 
-    def linearise(self, point: Point, full: np.ndarray) -> Linearisation:
-        """Derivatives at a point, for a partition with these full nodes."""
+    def linearise(self, point: Point) -> Linearisation:
+        """Derivatives at a point."""
         film, journal, step = self.film, self.journal, self._step
         free, scale, force = film.free, self._pressure_scale, self._force[:, None]
         along_h, along_v = film.equation.gap_slopes(point.gap, point.nodal, step.shift)
@@ -168,10 +170,7 @@ class CoupledEquations:
         none = np.zeros((self.m, 0))
         patterns_along, patterns, dense = none, none.T, None
         if self._answer is not None:
-            rows = full if point.problem.weights is None else np.arange(self.m)
-            reached = film.assembly.restrict(along_h, free[rows])
-            reached.data *= self._share / self.scale
-            dense = reached @ np.take(self._answer, full, axis=1)
+            dense = partial(self._pattern_block, along_h * (self._share / self.scale))
         elif compliance is not None:
             patterns_along = (along_h @ compliance.outward)[free] * (self._share / self.scale)
             patterns = scale * compliance.patterns[:, free]
@@ -185,6 +184,14 @@ class CoupledEquations:
             point.equations.coupling[:, free] * (scale / force),
             point.equations.slope * (self._length / force),
         )
+
+    def _pattern_block(
+        self, along_h: sparse.csc_matrix, rows: np.ndarray, columns: np.ndarray
+    ) -> np.ndarray:
+        """What pressures at some free nodes do to the equations at others by the patterns."""
+        assert self._answer is not None
+        reached = self.film.assembly.restrict(along_h, self.film.free[rows])
+        return reached @ np.take(self._answer, columns, axis=1)
 
     def relative_gap_change(self, point: Point, pressure: np.ndarray, xi: np.ndarray) -> np.ndarray:
         """For changes of the unknowns, over the gap at a point, at the Gauss points, shape (g,)."""
