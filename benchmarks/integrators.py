@@ -9,9 +9,9 @@ tolerance of 1e-8 and order 3: at the integrator's own steps, and as curves betw
 time is that of the integration alone, medians of the rounds, all integrators in turn in each: in
 processor time, which other programs disturb least, and on the wall.
 
-"bdf" is the package's formula with its coupled step solver; "blend", "alpha" and the Runge-Kutta
-formulas use that solver too. "nested" and "TS" (PETSc's) solve a film in every evaluation, with
-exact derivatives, and take bodies without quasi-static patterns only. So do SciPy's, with
+"blend" is the package's formula with its coupled step solver; plain "bdf", "alpha" and the
+Runge-Kutta formulas use that solver too. "nested" and "TS" (PETSc's) solve a film in every
+evaluation, with exact derivatives, and take bodies without quasi-static patterns only. So do SciPy's, with
 derivatives by differences: chosen with care, or ("own") those that SciPy takes by itself.
 
 Without bodies, those of M4 and M3 with the default settings are made first.

@@ -21,8 +21,8 @@ from fenics_ehd.multibody.bdf import (
     SHRINKAGE,
     Step,
     StepControl,
-    extrapolation_weights,
 )
+from fenics_ehd.multibody.differentiation import extrapolation_weights
 from fenics_ehd.multibody.newton import Attempt, ImplicitStep, StepSolver, newton
 
 #: Largest growth of the step.

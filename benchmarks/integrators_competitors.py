@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from functools import partial
 
 import integrators_alpha
-import integrators_blend
 import integrators_dirk
 import integrators_petsc
 import integrators_scipy
@@ -17,6 +16,9 @@ from fenics_ehd.multibody import bdf
 from fenics_ehd.multibody.bdf import Step, StepControl
 from fenics_ehd.multibody.coupled import CoupledSteps
 
+#: Share of the next order in the package's formula.
+BLEND = StepControl.blend
+
 #: Tolerances that bracket errors of 1 % and 0.1 %.
 TOLERANCES = (1e-3, 1e-4, 1e-5)
 
@@ -24,46 +26,35 @@ TOLERANCES = (1e-3, 1e-4, 1e-5)
 WIDE = (1e-2, 1e-3, 1e-4)
 
 
-def control(case: Case, tolerance: float, order: int) -> StepControl:
+def control(case: Case, tolerance: float, order: int, blend: float = BLEND) -> StepControl:
     """That of the scene."""
-    return StepControl(tolerance, FIRST_STEP, SMALLEST_STEP, case.largest_step, order)
+    return StepControl(tolerance, FIRST_STEP, SMALLEST_STEP, case.largest_step, order, blend)
 
 
-def steps(case: Case, window: Window, tolerance: float, order: int) -> Iterator[Step]:
+def steps(
+    case: Case, window: Window, tolerance: float, order: int, blend: float = BLEND
+) -> Iterator[Step]:
     """Those of the package."""
     return bdf.integrate(
         case.machine,
         (window.start, window.end),
         window.x,
         window.rate,
-        control(case, tolerance, order),
+        control(case, tolerance, order, blend),
         CoupledSteps(case.machine),
     )
 
 
-def coupled(order: int, case: Case, window: Window, tolerance: float) -> Trajectory:
-    """The package's formula and solver."""
-    return Trajectory().add_all(steps(case, window, tolerance, order))
+def coupled(order: int, blend: float, case: Case, window: Window, tolerance: float) -> Trajectory:
+    """The package's formula and solver; without `blend`, plain backward differentiation."""
+    return Trajectory().add_all(steps(case, window, tolerance, order, blend))
 
 
 def nested(order: int, case: Case, window: Window, tolerance: float) -> Trajectory:
-    """The package's formula, a film solved in every evaluation."""
-    span, settings = (window.start, window.end), control(case, tolerance, order)
+    """Plain backward differentiation, a film solved in every evaluation."""
+    span, settings = (window.start, window.end), control(case, tolerance, order, 0.0)
     problem = NestedFilm(case.machine)
     return Trajectory().add_all(bdf.integrate(problem, span, window.x, window.rate, settings))
-
-
-def blended(order: int, case: Case, window: Window, tolerance: float) -> Trajectory:
-    """See `integrators_blend`."""
-    found = integrators_blend.integrate(
-        case.machine,
-        (window.start, window.end),
-        window.x,
-        window.rate,
-        control(case, tolerance, order),
-        CoupledSteps(case.machine),
-    )
-    return Trajectory().add_all(found)
 
 
 def runge_kutta(name: str, case: Case, window: Window, tolerance: float) -> Trajectory:
@@ -96,11 +87,11 @@ def alpha(radius: float, case: Case, window: Window, tolerance: float) -> Trajec
 
 #: With the coupled step solver: any body.
 COUPLED: dict[str, tuple[Integrator, tuple[float, ...]]] = {
-    "bdf 1": (partial(coupled, 1), (1e-2, 1e-3, 1e-4)),
-    "bdf 2": (partial(coupled, 2), TOLERANCES),
-    "bdf 3": (partial(coupled, 3), TOLERANCES),
-    "blend 2+3": (partial(blended, 2), TOLERANCES),
-    "blend 3+4": (partial(blended, 3), TOLERANCES),
+    "bdf 1": (partial(coupled, 1, 0.0), (1e-2, 1e-3, 1e-4)),
+    "bdf 2": (partial(coupled, 2, 0.0), TOLERANCES),
+    "bdf 3": (partial(coupled, 3, 0.0), TOLERANCES),
+    "blend 2+3": (partial(coupled, 2, BLEND), TOLERANCES),
+    "blend 3+4": (partial(coupled, 3, BLEND), TOLERANCES),
     "alpha 0.5": (partial(alpha, 0.5), TOLERANCES),
     "sdirk2": (partial(runge_kutta, "sdirk2"), (1e-1, 1e-2, 1e-3)),
     "tr-bdf2": (partial(runge_kutta, "tr-bdf2"), WIDE),

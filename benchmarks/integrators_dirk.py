@@ -21,8 +21,8 @@ from fenics_ehd.multibody.bdf import (
     SHRINKAGE,
     Step,
     StepControl,
-    extrapolation_weights,
 )
+from fenics_ehd.multibody.differentiation import extrapolation_weights
 from fenics_ehd.multibody.newton import ImplicitStep, StepSolver, newton
 
 #: Largest growth of the step. One-step formulas are stable at any, predictions are not good at it.

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import integrators_alpha
-import integrators_blend
 import integrators_dirk
 import integrators_petsc
 import integrators_scipy
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 from hand_made_rod import REVOLUTION, Joint, flexible, make_body, make_mechanism
 from integrators_case import Case, Reference, Trajectory, Window
-from integrators_competitors import blended, coupled, nested, runge_kutta, steps
+from integrators_competitors import coupled, nested, runge_kutta, steps
 from integrators_dirk import TABLEAUS
 from integrators_scaled import ScaledFilm
 
@@ -21,8 +20,8 @@ from fenics_ehd.multibody import bdf
 from fenics_ehd.multibody.bdf import StepControl
 
 SCHEMES = {name: partial(integrators_dirk.integrate, tableau=t) for name, t in TABLEAUS.items()}
-SCHEMES["blend 2+3"] = integrators_blend.integrate
-SCHEMES["blend 3+4"] = integrators_blend.integrate
+SCHEMES["blend 2+3"] = bdf.integrate
+SCHEMES["blend 3+4"] = bdf.integrate
 SCHEMES |= {
     f"alpha {radius}": partial(integrators_alpha.integrate, radius=radius) for radius in (0.0, 0.5)
 }
@@ -129,9 +128,9 @@ def test_error_at_fixed_steps_falls_with_the_order(name):
 def test_the_blend_halves_the_error_of_order_two():
     problem, exact = flat_start()
     largest = {}
-    for name, integrate in (("bdf", bdf.integrate), ("blend", integrators_blend.integrate)):
-        control = StepControl(1e6, 0.01, 1e-12, 0.01, 2)
-        found = integrate(problem, (0.0, 4.0), np.zeros(1), np.zeros(1), control)
+    for name, blend in (("bdf", 0.0), ("blend", 0.5)):
+        control = StepControl(1e6, 0.01, 1e-12, 0.01, 2, blend)
+        found = bdf.integrate(problem, (0.0, 4.0), np.zeros(1), np.zeros(1), control)
         largest[name] = max(abs(s.x[0] - exact(s.time)) for s in found)
     assert largest["blend"] == pytest.approx(0.5 * largest["bdf"], rel=0.1)
 
@@ -202,8 +201,8 @@ NESTED = {name: partial(integrators_petsc.integrate, m) for name, m in
           integrators_petsc.METHODS.items()}  # fmt: skip
 OTHERS = {
     "nested bdf 2": partial(nested, 2),
-    "coupled bdf 3": partial(coupled, 3),
-    "blend": partial(blended, 2),
+    "coupled bdf 3": partial(coupled, 3, 0.0),
+    "blend": partial(coupled, 2, 0.5),
     "esdirk3": partial(runge_kutta, "esdirk3"),
     "SciPy Radau": partial(integrators_scipy.integrate, "Radau", False),
 }

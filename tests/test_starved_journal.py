@@ -35,7 +35,7 @@ def starved(*, cavitation="mass-conserving", element="bilinear", ambient=0.0, **
 def march(journal, load, start, tolerance, *, share, order=1):
     """Steps of so many cycles, from the first start on."""
     control = StepControl(tolerance, 1e-6, 1e-13, 0.1 * load.period, order)
-    search, steps = journal.search(order), []
+    search, steps = journal.search(control), []
     while share > 0:
         search.begin(start)
         rate = journal.starting_rate(0.0, start, load.largest)

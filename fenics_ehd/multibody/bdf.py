@@ -1,9 +1,7 @@
 """Variable-step backward differentiation for implicit second-order systems.
 
-Solves ``r(t, x, x', x'') = 0``. Rates are those of the interpolation
-polynomial through the newest and the last k points, at the newest point, for
-``x`` and again for ``x'``; k = 2 is A-stable at constant steps and damps the
-high-frequency static modes, which carry no dynamics.
+Solves ``r(t, x, x', x'') = 0``; rates are those of `differentiation`, for ``x`` and again
+for ``x'``.
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fenics_ehd.errors import StepSizeError
+from fenics_ehd.multibody.differentiation import Formula, blended, extrapolation_weights
 from fenics_ehd.multibody.newton import ImplicitStep, StepSolver, newton
 
 #: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
@@ -61,6 +60,8 @@ class StepControl:
         [s].
     order
         Number of past points k in the formula, 1 to 3.
+    blend
+        Share b of order k + 1, for k > 1; 0 leaves plain backward differentiation.
     """
 
     tolerance: float
@@ -68,6 +69,7 @@ class StepControl:
     smallest_step: float
     largest_step: float
     order: int = 2
+    blend: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,27 +89,6 @@ class Step:
     auxiliary: Any
     newton_iterations: int
     rejected: dict[str, int] = field(default_factory=dict)
-
-
-def derivative_weights(times: np.ndarray) -> np.ndarray:
-    """Weights of the derivative, at the first time, of the polynomial through all times."""
-    distance = times[0] - times[1:]
-    weights = np.empty(len(times))
-    weights[0] = np.sum(1.0 / distance)
-    for j in range(1, len(times)):
-        others = np.delete(times, [0, j])
-        weights[j] = np.prod(times[0] - others) / np.prod(times[j] - others) / (times[j] - times[0])
-    return weights
-
-
-def extrapolation_weights(times: np.ndarray, target: float) -> np.ndarray:
-    """Weights of the value at `target` of the polynomial through all points."""
-    return np.array(
-        [
-            np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
-            for j, t in enumerate(times)
-        ]
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,25 +153,25 @@ class IntegratorState:
         return weights @ self.x[:points], weights @ self.watched[:points]
 
     def implicit_step(
-        self, problem: Watched, time: float, order: int, tolerance: float
+        self, problem: Watched, time: float, formula: Formula, order: int, tolerance: float
     ) -> ImplicitStep:
         """The formula's equations for the next point."""
         predicted, watched = self.predict(problem, time, order + 1)
-        weights = derivative_weights(np.concatenate([[time], self.times[:order]]))
+        past = formula.weights[1:]
         return ImplicitStep(
             time,
-            shift=float(weights[0]),
-            past_x=weights[1:] @ self.x[:order],
-            past_rate=weights[1:] @ self.rate[:order],
+            shift=float(formula.weights[0]),
+            past_x=past @ self.x[: len(past)],
+            past_rate=past @ self.rate[: len(past)],
             start=self.x[0],
             predicted=predicted,
             watched=(self.watched[0], watched),
             tolerance=tolerance,
         )
 
-    def error_share(self, order: int, time: float) -> float:
+    def error_share(self, formula: Formula, order: int, time: float) -> float:
         """Part of the distance from the extrapolation that the formula leaves as local error."""
-        implicit = 1.0 / np.sum(1.0 / (time - self.times[:order]))
+        implicit = formula.lower / formula.weights[0]
         oldest = self.times[order] if len(self.times) > order else self.times[0]
         return float(implicit / (time - oldest + implicit))
 
@@ -247,14 +228,16 @@ def advance(
     order = state.usable_order(control.order)
     while not step < control.smallest_step:
         time, step = _target(state.time, end, step)
-        asked = state.implicit_step(problem, time, order, NEWTON_FRACTION * control.tolerance)
+        formula = blended(time, state.times, order, control.blend)
+        limit = NEWTON_FRACTION * control.tolerance
+        asked = state.implicit_step(problem, time, formula, order, limit)
         attempt = solve(problem, asked, state.memory)
         iterations += attempt.iterations
         error, cause = np.inf, attempt.cause
         if attempt.failure is None:
             watched = problem.watch(attempt.x)
             distance = problem.error_norm(watched, watched - asked.watched[1])
-            error = state.error_share(order, time) * distance
+            error = state.error_share(formula, order, time) * distance
         step = _next_step(step, error, order, control)
         if error <= control.tolerance:
             rates = asked.rates(attempt.x)

@@ -113,9 +113,10 @@ class DenseSystem:
         columns[k:, :a] = -lin.coupling[:, added]
         columns[emptied, a + np.arange(len(emptied))] = 1.0
         answers = self._factors.solve(columns)
-        rows = np.hstack([self._film_block(lin, added, self._full), lin.along[added]])
+        beside = self._film_block(lin, added, np.append(self._full, added))
+        rows = np.hstack([beside[:, :k], lin.along[added]])
         schur = np.zeros((columns.shape[1],) * 2)
-        schur[:a, :a] = self._film_block(lin, added, added)
+        schur[:a, :a] = beside[:, k:]
         schur[:a] -= rows @ answers
         schur[a:] -= answers[emptied]
         self._border = _Border(added, emptied, rows, answers, _Factors(schur))

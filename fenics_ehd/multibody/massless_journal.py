@@ -17,7 +17,7 @@ import numpy as np
 
 from fenics_ehd.film import Film, FilmState, ShaftMotion, shaft_gap
 from fenics_ehd.film.kinematics import Gap, GapSlopes, shaft_gap_slopes
-from fenics_ehd.multibody.bdf import relative_error
+from fenics_ehd.multibody.bdf import StepControl, relative_error
 from fenics_ehd.multibody.cycles import PeriodicSearch
 from fenics_ehd.multibody.shooting import Shooting
 
@@ -86,9 +86,9 @@ class MasslessJournal:
         """Solves by SNES-VI so far."""
         return self.film.solves
 
-    def search(self, order: int) -> PeriodicSearch:
-        """Search for the periodic orbit, integrated by a formula of the given order."""
-        return Shooting(self, order)
+    def search(self, control: StepControl) -> PeriodicSearch:
+        """Search for the periodic orbit, integrated in this way."""
+        return Shooting(self, control)
 
     def motion(self, eccentricity: np.ndarray, rate: np.ndarray) -> ShaftMotion:
         """The shaft's motion."""

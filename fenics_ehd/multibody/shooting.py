@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.multibody.bdf import Step, derivative_weights
+from fenics_ehd.multibody.bdf import Step, StepControl
 from fenics_ehd.multibody.cycles import Cycle
+from fenics_ehd.multibody.differentiation import blended
 from fenics_ehd.multibody.newton import SecondOrderProblem
 
 #: Newton's start is tried when a cycle ends this close to its start (in the problem's norm).
@@ -41,12 +42,12 @@ class Shooting:
     ----------
     problem
         The system; the auxiliary state of its steps has `stiffness` and `damping`.
-    order
-        Of the formula, as in `StepControl`.
+    control
+        Of the integration, whose formula this is.
     """
 
-    def __init__(self, problem: SecondOrderProblem, order: int):
-        self._problem, self._order = problem, order
+    def __init__(self, problem: SecondOrderProblem, control: StepControl):
+        self._problem, self._control = problem, control
 
     def begin(self, start: np.ndarray) -> None:
         """A cycle begins, at time zero."""
@@ -56,13 +57,13 @@ class Shooting:
 
     def add(self, step: Step) -> None:
         """Account for an accepted step."""
-        order = max(1, min(self._order, len(self._times) - 1))
-        times = np.concatenate([[step.time], self._times[:order]])
-        weights = derivative_weights(times)
+        control = self._control
+        order = max(1, min(control.order, len(self._times) - 1))
+        weights = blended(step.time, self._times, order, control.blend).weights
         past = sum(w * y for w, y in zip(weights[1:], self._variations, strict=False))
         stiffness, damping = step.auxiliary.stiffness, step.auxiliary.damping
         variation = -np.linalg.solve(stiffness + weights[0] * damping, damping @ past)
-        keep = self._order + 2
+        keep = control.order + 2
         self._times = np.concatenate([[step.time], self._times])[:keep]
         self._variations = [variation, *self._variations][:keep]
         self._end = step.x

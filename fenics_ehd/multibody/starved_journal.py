@@ -23,7 +23,7 @@ from fenics_ehd.film import Film, FilmState, ShaftMotion
 from fenics_ehd.film.kinematics import Gap, GapSlopes
 from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.oil_state import OilState
-from fenics_ehd.multibody.bdf import Step
+from fenics_ehd.multibody.bdf import Step, StepControl
 from fenics_ehd.multibody.cycles import PeriodicSearch
 from fenics_ehd.multibody.marching import Marching
 from fenics_ehd.multibody.massless_journal import JournalState, MasslessJournal
@@ -68,7 +68,7 @@ class StarvedJournal(MasslessJournal):
         """See `MasslessJournal.film_solves`; those of the first velocity included."""
         return self.oil.cavitation.solves + super().film_solves
 
-    def search(self, order: int) -> PeriodicSearch:
+    def search(self, control: StepControl) -> PeriodicSearch:
         """Cycle after cycle, the oil of former runs forgotten.
 
         Newton's method would have to correct the oil at every node too.

@@ -118,7 +118,7 @@ def simulate(
     control = step_control(settings, load.period)
     start, began = start_of(settings), perf_counter()
     totals.period = load.period
-    search = journal.search(control.order)
+    search = journal.search(control)
     while True:
         totals.begin_cycle()
         search.begin(start)

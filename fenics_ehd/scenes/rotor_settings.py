@@ -89,6 +89,12 @@ class Reduction(rod.Reduction):
 class Time(rod.Time):
     """Integration in time."""
 
+    order: int = count(
+        2,
+        "of the backward differentiation formula, 1 to 3; 3 feeds modes without damping",
+        least=1,
+        most=3,
+    )
     first_step: float = number(1e-6, "[s]; the film builds up from zero eccentricity", above=0)
     largest_step: float = number(7.2, "[degrees of shaft rotation]", above=0)
 

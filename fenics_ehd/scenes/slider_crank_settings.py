@@ -140,7 +140,12 @@ class Time:
     tolerance: float = number(
         1e-5, "local error of a step, relative change of the gap", above=1e-12, below=1
     )
-    order: int = count(2, "of the backward differentiation formula, 1 to 3", least=1, most=3)
+    order: int = count(
+        3,
+        "of the backward differentiation formula, 1 to 3; 3 feeds modes without damping",
+        least=1,
+        most=3,
+    )
     first_step: float = number(1e-8, "[s]; the film builds up from zero eccentricity", above=0)
     smallest_step: float = number(1e-13, "[s]", above=0)
     largest_step: float = number(7.2, "[degrees of crank angle]", above=0)
