@@ -11,8 +11,8 @@ processor time, which other programs disturb least, and on the wall.
 
 "blend" is the package's formula with its coupled step solver; plain "bdf", "alpha" and the
 Runge-Kutta formulas use that solver too. "nested" and "TS" (PETSc's) solve a film in every
-evaluation, with exact derivatives, and take bodies without quasi-static patterns only. So do SciPy's,
-with derivatives by differences: chosen with care, or ("own") those that SciPy takes by itself.
+evaluation, with exact derivatives, and take bodies without quasi-static patterns only. So do
+SciPy's, with derivatives by differences: chosen with care, or ("own") those it takes by itself.
 
 Without bodies, those of M4 and M3 with the default settings are made first.
 """
