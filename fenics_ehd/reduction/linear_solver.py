@@ -32,9 +32,12 @@ ITERATIVE_OPTIONS = {
     "ksp_norm_type": "unpreconditioned",
     "ksp_max_it": 1000,
     "pc_type": "gamg",
-    "pc_gamg_threshold": 0.05,
-    "mg_levels_ksp_type": "richardson",
-    "mg_levels_pc_type": "sor",
+    "pc_gamg_threshold": 0.02,
+    # Chebyshev and Jacobi, as PETSc has it: an aggregate of one node leaves zeros on the diagonal of
+    # a coarse matrix, on which Gauss-Seidel fails.
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+    # The coarse matrix is as singular as the part is free.
     "mg_coarse_pc_type": "redundant",
     "mg_coarse_redundant_pc_type": "svd",
 }
