@@ -10,7 +10,10 @@ from pathlib import Path
 import click
 
 from fenics_ehd import __version__
+from fenics_ehd.commands.animate import animate
 from fenics_ehd.commands.bearing import bearing
+from fenics_ehd.commands.report import report
+from fenics_ehd.commands.study import study
 from fenics_ehd.commands.sweep import sweep
 from fenics_ehd.errors import EhdError
 
@@ -61,7 +64,7 @@ def cli() -> None:
 @click.option(
     "--vtk",
     is_flag=True,
-    help="Write a ParaView series: the moving rod, its elastic "
+    help="Write a ParaView series: the moving rod or the housing, its elastic "
     "displacement to warp by, the pressure.",
 )
 @click.option(
@@ -206,8 +209,11 @@ def plot(directories: tuple[str, ...], target: str | None) -> None:
         click.echo(path)
 
 
+cli.add_command(animate)
 cli.add_command(bearing)
+cli.add_command(report)
 cli.add_command(sweep)
+cli.add_command(study)
 
 
 @cli.command()

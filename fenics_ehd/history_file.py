@@ -42,9 +42,10 @@ STALE = (
     "energy.*",
     "basis_error.*",
     "orbit.*",
+    "animation.*",
     FAILED_FILM,
-    "vtk/rod.pvd",
-    "vtk/rod_*.vtu",
+    "vtk/*.pvd",
+    "vtk/*_[0-9][0-9][0-9][0-9].vtu",
 )
 
 
@@ -261,8 +262,10 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
     return dict(zip(header, columns, strict=True))
 
 
-def read_fields(directory: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Arrays of ``history.h5`` by name, one row a step.
+def read_fields(
+    directory: str | Path, names: tuple[str, ...], *, optional: bool = False
+) -> dict[str, np.ndarray]:
+    """Arrays of ``history.h5`` by name, one row a step; `optional` ones if they are there.
 
     Raises
     ------
@@ -273,7 +276,7 @@ def read_fields(directory: str | Path, names: tuple[str, ...]) -> dict[str, np.n
     try:
         # As a reader beside a writer: also the file of a run that goes on, or was killed.
         with h5py.File(path, "r", libver="latest", swmr=True) as file:
-            return {name: np.array(file[name]) for name in names}
+            return {name: np.array(file[name]) for name in names if name in file or not optional}
     except (OSError, KeyError) as error:
         reason = str(error).splitlines()[0].strip("'\"")
         raise InputError(f"{path}: not a history of a run ({reason})") from None

@@ -1,4 +1,4 @@
-"""Deformed rod with film pressure for ParaView."""
+"""Deformed part with film pressure for ParaView."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import ReducedBody, Structure
+from fenics_ehd.reduction.pattern_fields import pattern_fields
 
 #: meshio's names of quadratic cells, by their number of nodes.
 _CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
@@ -18,45 +19,79 @@ _CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
 
 @dataclass(frozen=True, eq=False)
 class PartFields:
-    """The whole part on one rank: nodes (n, 3) [m], cells (c, 20 or 10), basis (n, 3, modes)."""
+    """The whole part on one rank, its displacement from what a run records.
+
+    Attributes
+    ----------
+    nodes
+        shape (p, 3) [m].
+    cells
+        In the order of VTK's quadratic hexahedron or tetrahedron, shape (c, 20 or 10).
+    basis
+        Displacements of unit elastic coordinates, shape (p, 3, n) [m].
+    patterns
+        Displacements of unit residual patterns (M4), shape (p, 3, r) [m/Pa]; r = 0 for others.
+    """
 
     nodes: np.ndarray
     cells: np.ndarray
     basis: np.ndarray
+    patterns: np.ndarray
+
+    def displacement(self, coordinates: np.ndarray, quasi_static: np.ndarray) -> np.ndarray:
+        """Elastic displacement for coordinates (n,) and amplitudes (r,), shape (p, 3) [m]."""
+        return self.basis @ coordinates + self.patterns @ quasi_static
 
 
-def gather_part(structure: Structure, columns: np.ndarray) -> PartFields | None:
-    """Collect nodes, cells and basis of a distributed part on rank 0; None elsewhere.
+def gather_part(structure: Structure, body: ReducedBody, columns: np.ndarray) -> PartFields | None:
+    """Collect nodes, cells and displacements of a distributed part on rank 0; None elsewhere.
+
+    Parameters
+    ----------
+    structure, body
+        The part and its reduction.
+    columns
+        The part-size basis, owned rows.
 
     Raises
     ------
     SettingsError
         The structure holds no elements.
+    VerificationError
+        From `pattern_fields`.
     """
     if structure.recovery is None:
         raise SettingsError("the structure has no elements: displacement fields need them")
-    parts = structure.comm.gather((structure.coordinates, structure.recovery.cells, columns))
+    patterns = pattern_fields(structure, body, columns)
+    parts = structure.comm.gather(
+        (structure.coordinates, structure.recovery.cells, columns, patterns)
+    )
     if parts is None:
         return None
-    nodes, cells, basis = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
-    return PartFields(nodes, cells, basis.reshape(len(nodes), 3, basis.shape[1]))
+    nodes, cells, *fields = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
+    basis, patterns = (f.reshape(len(nodes), 3, f.shape[1]) for f in fields)
+    return PartFields(nodes, cells, basis, patterns)
 
 
 def write_series(
     directory: str | Path,
+    name: str,
     part: PartFields,
     body: ReducedBody,
     times: np.ndarray,
     poses: np.ndarray,
     coordinates: np.ndarray,
+    quasi_static: np.ndarray,
     pressures: np.ndarray,
 ) -> Path:
-    """Write ``rod.pvd`` and one ``.vtu`` file for each time.
+    """Write ``NAME.pvd`` and one ``.vtu`` file for each time.
 
     Parameters
     ----------
     directory
         Where the files go.
+    name
+        Of the part.
     part
         Nodes, cells and basis.
     body
@@ -64,17 +99,21 @@ def write_series(
     times
         shape (t,) [s].
     poses
-        Position of the bore centre and angle of the rod's frame, (x, y, theta), shape (t, 3).
+        Position of the bore centre [m] and angle of the part's frame [rad], (x, y, theta),
+        shape (t, 3).
     coordinates
         Elastic coordinates, shape (t, n).
+    quasi_static
+        Amplitudes of the residual patterns, shape (t, r) [Pa].
     pressures
         Nodal pressures, shape (t, k) [Pa].
 
     Returns
     -------
     Path
-        The ``.pvd`` file: points move with the rod, the vector field
-        ``displacement`` is the elastic one, to be warped by.
+        The ``.pvd`` file, times in seconds: points move with the part, the vector field
+        ``displacement_m`` is the elastic one, to be warped by; ``pressure_Pa`` is that of
+        the film on the bore and zero elsewhere.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -86,20 +125,27 @@ def write_series(
         c, s = np.cos(pose[2]), np.sin(pose[2])
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         origin = np.array([pose[0], pose[1], 0.0])
-        displacement = part.basis @ coordinates[i]
+        displacement = part.displacement(coordinates[i], quasi_static[i])
         pressure = np.where(on_bore, pressures[i][nearest], 0.0)
         mesh = meshio.Mesh(
             origin + part.nodes @ rotation.T,
             [(_CELL_NAMES[part.cells.shape[1]], part.cells)],
-            point_data={"displacement": displacement @ rotation.T, "pressure_Pa": pressure},
+            point_data={"displacement_m": displacement @ rotation.T, "pressure_Pa": pressure},
         )
-        name = f"rod_{i:04d}.vtu"
-        mesh.write(directory / name)
-        entries.append(f'    <DataSet timestep="{time:.9e}" file="{name}"/>')
-    collection = directory / "rod.pvd"
+        file = directory / f"{name}_{i:04d}.vtu"
+        mesh.write(file)
+        _choose_fields(file)
+        entries.append(f'    <DataSet timestep="{time:.9e}" file="{file.name}"/>')
+    collection = directory / f"{name}.pvd"
     collection.write_text(
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
         + "\n".join(entries)
         + "\n  </Collection>\n</VTKFile>\n"
     )
     return collection
+
+
+def _choose_fields(path: Path) -> None:
+    """Name the fields that ParaView shows at first, which meshio does not."""
+    named = b'<PointData Scalars="pressure_Pa" Vectors="displacement_m">'
+    path.write_bytes(path.read_bytes().replace(b"<PointData>", named, 1))

@@ -1,14 +1,14 @@
-"""Files of a slider-crank run: its summary, its history, its ParaView series."""
+"""Files of a run: summary of a slider-crank, and the ParaView series of any machine."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 
-from fenics_ehd.output import read_history, versions
+from fenics_ehd.motion import crank_angles, read_motion
+from fenics_ehd.output import versions
 from fenics_ehd.plane import rotation
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.run import Totals
@@ -53,28 +53,43 @@ def write_run_series(
     """Write `frames` recorded steps, evenly spread over the run, to ``DIR/vtk``."""
     from fenics_ehd.paraview import write_series
 
-    history = read_history(directory)
-    times = history["time_s"]
-    wanted = np.linspace(times[0], times[-1], frames)
-    chosen = np.unique(np.abs(times[:, None] - wanted).argmin(axis=0))
-    with h5py.File(directory / "history.h5", "r") as file:
-        coordinates = file["coordinates"][()][chosen]
-        pressures = file["pressure_Pa"][()][chosen]
-    mechanism, angles = settings.mechanism, history["rod_angle_rad"][chosen]
-    turned = history.get("crank_angle_rad", mechanism.crank_speed * times)[chosen]
+    motion = read_motion(directory).nearest(frames)
+    mechanism, angles = settings.mechanism, motion.columns["rod_angle_rad"]
+    turned = crank_angles(motion, mechanism.crank_speed)
     pins = mechanism.crank_length * np.column_stack([np.cos(turned), np.sin(turned)])
     # The frame's origin, the bore centre, is C1 - A e.
     origins = [
         pin + rotation(angle) @ x[:2]
-        for pin, angle, x in zip(pins, angles, coordinates, strict=True)
+        for pin, angle, x in zip(pins, angles, motion.coordinates, strict=True)
     ]
-    poses = np.column_stack([origins, angles])
     return write_series(
         directory / "vtk",
+        "rod",
         part,
         body,
-        times[chosen],
-        poses,
-        coordinates[:, 2 : 2 + body.modes],
-        pressures,
+        motion.time,
+        np.column_stack([origins, angles]),
+        motion.coordinates[:, 2 : 2 + body.modes],
+        motion.quasi_static,
+        motion.pressure,
+    )
+
+
+def write_housing_series(body: ReducedBody, part: PartFields, directory: Path, frames: int) -> Path:
+    """Write `frames` recorded steps of a rotor's housing, evenly spread, to ``DIR/vtk``."""
+    from fenics_ehd.paraview import write_series
+
+    motion = read_motion(directory).nearest(frames)
+    # Behind the coordinates of the shaft come those of the housing.
+    shaft = motion.coordinates.shape[1] - body.modes
+    return write_series(
+        directory / "vtk",
+        "housing",
+        part,
+        body,
+        motion.time,
+        np.zeros((len(motion.time), 3)),
+        motion.coordinates[:, shaft:],
+        motion.quasi_static,
+        motion.pressure,
     )

@@ -1,6 +1,9 @@
-"""Every demo runs, and one number of it is known."""
+"""Every demo runs, and one number of it is known; those of whole machines: test_demo_scenes.py."""
 
 import importlib.util
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,7 +19,9 @@ def demo(name):
 
 
 def test_every_demo_is_tested():
-    assert {path.stem for path in DEMOS.glob("*.py")} == {"loaded_journal", "slider_crank"}
+    texts = [path.read_text() for path in Path(__file__).parent.glob("test_*.py")]
+    tested = {name for text in texts for name in re.findall(r'demo\("(\w+)"\)', text)}
+    assert {path.stem for path in DEMOS.glob("*.py")} == tested
 
 
 def test_slider_crank_builds_up_its_film():
@@ -24,3 +29,22 @@ def test_slider_crank_builds_up_its_film():
     # The inertia of the rod's end against the crank: 38 MPa after a twentieth of a revolution.
     assert totals.max_pressure == pytest.approx(37.5e6, rel=0.05)
     assert totals.energy_error < 1e-2
+
+
+def test_rigid_bearing_becomes_ocvirks():
+    # A twentieth as wide as its diameter: what the theory leaves out is of order (B/D)^2 and c/R.
+    assert demo("rigid_bearing").main() == pytest.approx(1.0, abs=4e-3)
+
+
+def test_foreign_matrices_keep_their_frequency():
+    found, expected = demo("foreign_matrices").main()
+    assert found == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.slow
+def test_foreign_matrices_need_no_dolfinx():
+    lines = "import sys; sys.path.insert(0, sys.argv[1]); import foreign_matrices as f; f.main()"
+    subprocess.run(
+        [sys.executable, "-c", f"{lines}; assert 'dolfinx' not in sys.modules", DEMOS],
+        check=True, capture_output=True,
+    )  # fmt: skip

@@ -42,6 +42,7 @@ def run_rotor(
     body_file: str | None,
     method: str | None,
     plots: bool,
+    frames: int | None,
     interval: float,
     as_json: bool,
 ) -> None:
@@ -51,7 +52,10 @@ def run_rotor(
         raise SettingsError("--body and --method exclude each other: the body has its method")
     if method:
         settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
+    if body_file and frames:
+        raise SettingsError("--vtk needs the housing's mesh, not in --body: drop --body")
     require_writable(directory)
+    part = None
     if body_file:
         from fenics_ehd.scenes.housing import check_origin
 
@@ -60,12 +64,21 @@ def run_rotor(
     else:
         housing = reduce_with_notice(settings)
         body, seconds = housing.body, housing.seconds
+        if frames:
+            from fenics_ehd.paraview import gather_part
+
+            part = gather_part(housing.structure, body, housing.columns)
     # The time integration is serial: other ranks have done their share.
     if MPI.COMM_WORLD.rank == 0:
         from fenics_ehd.commands.machine_run import conclude, run_machine
 
         job = _job(settings, body, seconds, directory)
-        conclude(job, run_machine(job, interval), plots, as_json)
+        summary = run_machine(job, interval)
+        if part is not None and frames is not None:
+            from fenics_ehd.results import write_housing_series
+
+            write_housing_series(body, part, directory, frames)
+        conclude(job, summary, plots, as_json)
 
 
 def reduce_with_notice(settings: RotorSettings) -> ReducedPart:

@@ -93,9 +93,7 @@ def run_scene(
     if rotor_tables is not None:
         from fenics_ehd.commands.rotor import run_rotor
 
-        if frames:
-            raise SettingsError("--vtk: not for rotor, whose history.h5 has the pressures")
-        run_rotor(scene, rotor_tables, target, body_file, method, plots, interval, as_json)
+        run_rotor(scene, rotor_tables, target, body_file, method, plots, frames, interval, as_json)
         return
     settings, tables = read_scene(scene)
     if body_file and method:
@@ -141,7 +139,7 @@ def _gather(rod: ReducedPart) -> PartFields | None:
     """Collect what ParaView files need on the first rank; None elsewhere."""
     from fenics_ehd.paraview import gather_part
 
-    return gather_part(rod.structure, rod.columns)
+    return gather_part(rod.structure, rod.body, rod.columns)
 
 
 def _job(

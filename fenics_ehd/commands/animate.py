@@ -1,0 +1,222 @@
+"""``fenics-ehd animate``: the machine of a run as GIF or MP4."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:  # slow to import, and --help does without
+    from fenics_ehd.plotting.animation_shape import PartShape
+    from fenics_ehd.reduction import ReducedBody
+
+#: File name where none is given.
+DEFAULT_NAME = "animation.gif"
+
+
+@click.command()
+@click.argument("directory", type=click.Path(file_okay=False))
+@click.option(
+    "-o",
+    "--output",
+    "target",
+    type=click.Path(dir_okay=False),
+    help=f"File, .gif or .mp4 (which needs ffmpeg) [default: DIRECTORY/{DEFAULT_NAME}].",
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(min=2),
+    default=80,
+    show_default=True,
+    help="Instants, at equal times over the run.",
+)
+@click.option(
+    "--fps",
+    "rate",
+    type=click.IntRange(min=1, max=50),
+    default=20,
+    show_default=True,
+    help="Frames a second.",
+)
+@click.option(
+    "--scale",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Enlargement of displacements and clearance [default: so that both are seen].",
+)
+@click.option(
+    "--basis",
+    type=click.Path(dir_okay=False),
+    help="Basis of the whole part, made by 'reduce --basis' [default: reduce the part again].",
+)
+@click.option(
+    "--body",
+    "body_file",
+    type=click.Path(dir_okay=False),
+    help="Reduced body of the run [default: DIRECTORY/body.h5].",
+)
+def animate(
+    directory: str,
+    target: str | None,
+    frames: int,
+    rate: int,
+    scale: float | None,
+    basis: str | None,
+    body_file: str | None,
+) -> None:
+    """Show a run of the slider-crank or the rotor: deformed part, film pressure, curves.
+
+    DIRECTORY holds a run, also one that was stopped or still goes on. Between recorded steps,
+    motion and pressure follow straight lines.
+    """
+    import sys
+
+    from tqdm import tqdm
+
+    from fenics_ehd.commands.machine_run import BODY_NAME
+    from fenics_ehd.errors import InputError
+    from fenics_ehd.plotting.animation import require_animation_format, save_animation
+    from fenics_ehd.reduction import load_body
+
+    path = Path(target or Path(directory) / DEFAULT_NAME)
+    require_animation_format(path)
+    settings = _settings(Path(directory))
+    stored = Path(body_file or Path(directory) / BODY_NAME)
+    if not stored.is_file():
+        raise InputError(f"{stored}: missing; give the reduced body of the run by --body")
+    body = load_body(stored)
+    subject = _subject(settings, body, Path(directory), frames, scale, basis)
+    with tqdm(total=len(subject.time), unit="frame", file=sys.stderr, mininterval=0.5) as bar:
+        save_animation(subject, path, rate, bar.update)
+    click.echo(path)
+
+
+def _settings(directory: Path) -> Any:
+    """Scene of a run, by its own file.
+
+    Raises
+    ------
+    InputError
+        The folder holds no scene, or one that is not of a machine.
+    """
+    from fenics_ehd.commands.machine_run import SCENE_NAME
+    from fenics_ehd.commands.rotor import read_settings
+    from fenics_ehd.commands.scenes import read_scene, tables_of
+    from fenics_ehd.errors import InputError
+
+    scene = directory / SCENE_NAME
+    if not scene.is_file():
+        raise InputError(f"{scene}: missing, {directory} is not a run of slider-crank or rotor")
+    rotor = tables_of(str(scene), "rotor")
+    if rotor is not None:
+        return read_settings(str(scene), rotor)
+    return read_scene(str(scene))[0]
+
+
+def _subject(
+    settings: Any,
+    body: ReducedBody,
+    directory: Path,
+    frames: int,
+    scale: float | None,
+    basis: str | None,
+) -> Any:
+    """What the run's folder says, at instants of equal distance."""
+    import numpy as np
+
+    from fenics_ehd.errors import InputError
+    from fenics_ehd.motion import read_motion
+    from fenics_ehd.output import read_history
+    from fenics_ehd.plotting.animation_subjects import rotor_subject, slider_crank_subject
+
+    steps = read_motion(directory)
+    if len(steps.time) < 2:
+        raise InputError(f"{directory}: 1 step on the disk, an animation needs 2: let it run on")
+    expected = body.modes, len(body.pressure_nodes)
+    own = body.modes + (settings.shaft.modes if settings.scene == "rotor" else 2)
+    if steps.coordinates.shape[1] < own or steps.pressure.shape[1] != expected[1]:
+        raise InputError(
+            f"the body's {expected[0]} modes and {expected[1]} pressure nodes are not those of "
+            f"the run in {directory}: give its own by --body"
+        )
+    motion = steps.at(np.linspace(steps.time[0], steps.time[-1], frames))
+    subject = rotor_subject if settings.scene == "rotor" else slider_crank_subject
+    shape = _shape(settings, body, basis)
+    return subject(settings, body, shape, motion, read_history(directory), scale)
+
+
+def _shape(settings: Any, body: ReducedBody, basis: str | None) -> PartShape:
+    """What shows of the part.
+
+    Raises
+    ------
+    InputError
+        The basis given is not that of the body.
+    """
+    from fenics_ehd.errors import InputError
+    from fenics_ehd.plotting.animation_shape import (
+        shape_of_basis,
+        shape_of_bore,
+        shape_of_part,
+    )
+
+    if basis is not None:
+        from fenics_ehd.reduction import BasisFile
+
+        with BasisFile(basis) as file:
+            shape = shape_of_basis(file, body)
+        if shape is None:
+            raise InputError(
+                f"--basis {basis}: not the basis of the run's body with its {body.modes} modes"
+            )
+        return shape
+    part = _part_again(settings, body)
+    shape = None if part is None else shape_of_part(part, body)
+    if shape is None:
+        click.echo("the body is not the scene's part: only its bore is drawn deformed", err=True)
+        return shape_of_bore(body)
+    return shape
+
+
+def _part_again(settings: Any, body: ReducedBody) -> Any:
+    """The whole part, reduced as the body was; None if it was made from another part."""
+    from dataclasses import replace
+
+    import attrs
+    from mpi4py import MPI
+
+    from fenics_ehd.paraview import gather_part
+    from fenics_ehd.scenes import housing, rod
+
+    rotor = settings.scene == "rotor"
+    origin = housing.origin if rotor else rod.origin
+    reduce = housing.reduce_housing if rotor else rod.reduce_rod
+    made = dict(body.provenance)
+    if "method" in made:
+        settings = _as_made(settings, "housing" if rotor else "rod", made)
+    if any(made.get(name) != value for name, value in origin(settings).items()):
+        return None
+    click.echo("reducing the part again for the displacement of all its nodes", err=True)
+    # The estimate costs a solve per pressure node and changes no mode.
+    quick = attrs.evolve(settings.reduction, estimate_error=False)
+    again = reduce(attrs.evolve(settings, reduction=quick), MPI.COMM_SELF)
+    return gather_part(again.structure, replace(again.body, residual=body.residual), again.columns)
+
+
+def _as_made(settings: Any, section: str, made: Mapping[str, str]) -> Any:
+    """Settings with part and reduction of a body's provenance: `run --body` takes any method."""
+    import attrs
+
+    from fenics_ehd.scenes.part import METHOD_KEYS
+
+    def taken(values: Any, names: Iterable[str]) -> Any:
+        known = {n: type(getattr(values, n))(made[n]) for n in names if n in made}
+        return attrs.evolve(values, **known)
+
+    part = getattr(settings, section)
+    geometry = {n.removeprefix("geometry."): float(v) for n, v in made.items() if "geometry." in n}
+    names = ("element", "cells", "youngs_modulus", "poissons_ratio", "density")
+    part = attrs.evolve(taken(part, [n for n in names if hasattr(part, n)]), geometry=geometry)
+    reduction = taken(settings.reduction, ("method", *METHOD_KEYS.get(made["method"], ())))
+    return attrs.evolve(settings, **{section: part, "reduction": reduction})

@@ -1,0 +1,212 @@
+"""A machine's motion as GIF or MP4: frames of a figure whose drawings move."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.animation import FFMpegWriter
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from PIL import Image
+
+from fenics_ehd.errors import InputError, SettingsError
+from fenics_ehd.output import require_writable
+from fenics_ehd.plotting.animation_film import Curves, FilmFrames, UnwrappedBore
+from fenics_ehd.plotting.picture import plt
+
+#: Inches, and pixels per inch of the file formats: a GIF has no compression in time.
+SIZE = (32 / 3, 6.0)
+RESOLUTION = {".gif": 90, ".mp4": 120}
+
+#: Colours of a GIF, the same in all its frames; frames they are taken from, and every which pixel.
+COLOURS, SAMPLES, SPARSE = 256, 6, 3
+
+#: Parts of red, green and blue, of 255, above which a colour is white.
+NEARLY_WHITE = 248
+
+#: Fixed date and encoder signature: the same run gives the same file.
+_REPEATABLE = ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", "1"]
+
+Show = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What an animation is of.
+
+    Attributes
+    ----------
+    time
+        Of the frames, shape (t,) [s].
+    name, heading
+        Of the run, and of a frame beside its time.
+    note
+        What is enlarged, and by how much.
+    zero
+        What lies at angle zero of the bore.
+    film
+        Gap and pressure.
+    history
+        Columns of the whole run, for the curves.
+    machine, close_up, aside
+        Draw the machine, the bearing close up, and what else there is, into a place of the
+        figure; return what draws one frame of it.
+    """
+
+    time: np.ndarray
+    name: str
+    heading: Callable[[int], str]
+    note: str
+    zero: str
+    film: FilmFrames
+    history: dict[str, np.ndarray]
+    machine: Callable[[Figure, SubplotSpec], Show]
+    close_up: Callable[[Figure, SubplotSpec], Show]
+    aside: Callable[[Figure, SubplotSpec], Show] | None = None
+
+
+def require_animation_format(path: str | Path) -> None:
+    """Refuse an animation that cannot be written, before any work is done for it.
+
+    Raises
+    ------
+    SettingsError
+        The file's ending is neither .gif nor .mp4.
+    InputError
+        No permission, or no ffmpeg for MP4.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in RESOLUTION:
+        raise SettingsError(f"-o {path}: its ending must be one of {', '.join(RESOLUTION)}")
+    if suffix == ".mp4" and shutil.which("ffmpeg") is None:
+        raise InputError(f"-o {path}: MP4 needs ffmpeg, Debian's package ffmpeg; or choose .gif")
+    require_writable(path)
+
+
+def draw(subject: Subject) -> tuple[Figure, Show]:
+    """The figure, and what draws one of its frames."""
+    figure = plt.figure(figsize=SIZE, layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(1.35, 1.0))
+    above = grid[0].subgridspec(1, 2, width_ratios=(2.0, 1.0))
+    widths = (1.25, 1.0) if subject.aside is None else (0.72, 1.25, 0.9)
+    below = grid[1].subgridspec(1, len(widths), width_ratios=widths)
+    parts = [subject.machine(figure, above[0]), subject.close_up(figure, above[1])]
+    if subject.aside is not None:
+        parts.append(subject.aside(figure, below[0]))
+    parts.append(
+        UnwrappedBore(figure.add_subplot(below[len(widths) - 2]), subject.film, subject.zero).show
+    )
+    right = below[len(widths) - 1].subgridspec(2, 1)
+    history = subject.history
+    pair = [figure.add_subplot(right[i]) for i in range(2)]
+    curves = Curves(
+        pair, history["time_s"], history["max_pressure_Pa"], history["min_film_thickness_m"]
+    )
+    title = figure.suptitle(" ", x=0.988, ha="right", fontsize="large")
+    figure.text(0.012, 0.985, subject.note, ha="left", va="top", color="0.3")
+
+    def show(frame: int) -> None:
+        for part in parts:
+            part(frame)
+        curves.show(subject.time[frame])
+        now = f"t = {1e3 * subject.time[frame]:.2f} ms, {subject.heading(frame)}"
+        title.set_text(f"{subject.name}: {now}")
+
+    # Sizes are settled on one frame: labels of changing width must not move the panels.
+    show(0)
+    figure.canvas.draw()
+    figure.set_layout_engine("none")
+    return figure, show
+
+
+def save_animation(
+    subject: Subject, path: str | Path, rate: int, progress: Callable[[], None]
+) -> Path:
+    """Write an animation, whole or not at all.
+
+    Parameters
+    ----------
+    subject
+        What it shows.
+    path
+        GIF or MP4, by its ending.
+    rate
+        Frames a second.
+    progress
+        Called after every frame.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    SettingsError, InputError
+        As in `require_animation_format`.
+    """
+    require_animation_format(path)
+    path = Path(path)
+    suffix = path.suffix.lower()
+    figure, show = draw(subject)
+    figure.set_dpi(RESOLUTION[suffix])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # The ending tells the encoders the format.
+    partial = path.with_name(f"{path.stem}.part{suffix}")
+    write = _write_gif if suffix == ".gif" else _write_mp4
+    try:
+        write(figure, show, len(subject.time), partial, rate, progress)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+        plt.close(figure)
+    return path
+
+
+def _write_gif(
+    figure: Figure, show: Show, count: int, path: Path, rate: int, progress: Callable[[], None]
+) -> None:
+    """One palette for all frames, or colours would flicker."""
+    chosen = np.linspace(0, count - 1, min(count, SAMPLES)).astype(int)
+    samples = [_picture(figure, show, i)[::SPARSE, ::SPARSE] for i in chosen]
+    palette = _with_white(Image.fromarray(np.vstack(samples)).quantize(COLOURS))
+
+    def frames() -> Iterator[Image.Image]:
+        for i in range(count):
+            picture = Image.fromarray(_picture(figure, show, i))
+            yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
+            progress()
+
+    first, *others = frames()
+    first.save(path, save_all=True, append_images=others, duration=round(1000 / rate), loop=0)
+
+
+def _with_white(palette: Image.Image) -> Image.Image:
+    """The palette with its lightest colours, means of near ones, made the paper's white."""
+    colours = np.array(palette.getpalette()).reshape(-1, 3)
+    colours[colours.min(axis=1) >= NEARLY_WHITE] = 255
+    palette.putpalette(colours.ravel().tolist())
+    return palette
+
+
+def _picture(figure: Figure, show: Show, frame: int) -> np.ndarray:
+    """Pixels of one frame, shape (height, width, 3)."""
+    show(frame)
+    figure.canvas.draw()
+    return np.array(figure.canvas.buffer_rgba())[..., :3]
+
+
+def _write_mp4(
+    figure: Figure, show: Show, count: int, path: Path, rate: int, progress: Callable[[], None]
+) -> None:
+    options = ["-pix_fmt", "yuv420p", "-crf", "20", *_REPEATABLE]
+    writer = FFMpegWriter(fps=rate, codec="libx264", extra_args=options)
+    with writer.saving(figure, path, dpi=figure.dpi):
+        for i in range(count):
+            show(i)
+            writer.grab_frame()
+            progress()
