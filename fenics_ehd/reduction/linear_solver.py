@@ -33,8 +33,8 @@ ITERATIVE_OPTIONS = {
     "ksp_max_it": 1000,
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.02,
-    # Chebyshev and Jacobi, as PETSc has it: an aggregate of one node leaves zeros on the diagonal of
-    # a coarse matrix, on which Gauss-Seidel fails.
+    # Chebyshev and Jacobi, as PETSc has it: an aggregate of one node leaves zeros on the diagonal
+    # of a coarse matrix, on which Gauss-Seidel fails.
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
     # The coarse matrix is as singular as the part is free.
