@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help set-up demo test test-slow test-all test-mpi lint clean
+.PHONY: help set-up demo test test-slow test-all test-mpi figures docs lint clean
 
 # Debian's dolfinx belongs to this interpreter; the first python3 on the path may be another one.
 PYTHON := /usr/bin/python3
@@ -42,6 +42,12 @@ test-mpi: set-up  ## run the parallel tests on 2 ranks
 	  exec $(VENV)/bin/python -m pytest -m mpi -p no:cacheprovider --color=no $(ARGS)' \
 	|| { status=$$?; cat $(VENV)/rank-1.log; exit $$status; }
 
+figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation page shows
+	PYTHONPATH=$(VENV)/exudyn $(VENV)/bin/python -m pytest -m "" --figures=docs/validation.json tests $(ARGS)
+
+docs: set-up $(VENV)/docs-stamp  ## build the documentation site into build/site
+	$(VENV)/bin/python -m sphinx -q -W --keep-going docs build/site
+
 lint: set-up $(LINT_VENV)/stamp  ## ruff and mypy
 	$(LINT_VENV)/bin/ruff check .
 	$(LINT_VENV)/bin/ruff format --check .
@@ -51,24 +57,37 @@ clean:  ## remove the environments and everything built, but no results
 	rm -rf $(VENV) $(LINT_VENV) build *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# Install what a list of packages names and the system lacks, or say how.
+define install
+missing=; for package in $$(sed 's/#.*//' $(1)); do \
+  dpkg-query -Wf '$${db:Status-Status}' $$package 2>/dev/null | grep -q ^installed \
+    || missing="$$missing $$package"; \
+done; \
+if [ -z "$$missing" ]; then :; \
+elif [ "$$(id -u)" = 0 ]; then \
+  apt-get update && \
+  DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $$missing; \
+else \
+  echo "sudo apt-get update && sudo apt-get install --no-install-recommends$$missing" >&2; exit 1; \
+fi
+endef
+
 $(VENV)/stamp: pyproject.toml debian-packages.txt
 	@command -v dpkg-query >/dev/null || { \
 	  echo "fenics_ehd takes dolfinx from Debian 12 or later; elsewhere use the Dockerfile" >&2; exit 1; }
-	@missing=; for package in $$(sed 's/#.*//' debian-packages.txt); do \
-	  dpkg-query -Wf '$${db:Status-Status}' $$package 2>/dev/null | grep -q ^installed \
-	    || missing="$$missing $$package"; \
-	done; \
-	if [ -z "$$missing" ]; then :; \
-	elif [ "$$(id -u)" = 0 ]; then \
-	  apt-get update && \
-	  DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $$missing; \
-	else \
-	  echo "sudo apt-get update && sudo apt-get install --no-install-recommends$$missing" >&2; exit 1; \
-	fi
+	@$(call install,debian-packages.txt)
 	$(PYTHON) -m venv --clear --system-site-packages $(VENV)
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check \
 	  --no-deps --no-build-isolation --editable .
 	@touch $@
+
+$(VENV)/docs-stamp: $(VENV)/stamp debian-packages-docs.txt
+	@$(call install,debian-packages-docs.txt)
+	@touch $@
+
+# Beside Debian's packages, so that pip cannot replace numpy; the program does without it.
+$(VENV)/exudyn: $(VENV)/stamp
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --target $@ exudyn==1.13.6
 
 # Linters import nothing of ours, so they may come from PyPI.
 $(LINT_VENV)/stamp: Makefile

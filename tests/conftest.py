@@ -9,6 +9,15 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import pytest
+
+# Hooks and fixture of the documentation's figures; pytest finds them here by their names.
+from figures import (  # noqa: F401
+    figure,
+    pytest_addoption,
+    pytest_collection_modifyitems,
+    pytest_configure,
+    pytest_sessionfinish,
+)
 from mpi4py import MPI
 
 from fenics_ehd.reduction import load_dependent

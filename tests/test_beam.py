@@ -36,7 +36,7 @@ def whirl_frequencies(system):
 
 
 @pytest.mark.parametrize("diameter", [0.045, 1e-4])
-def test_frequencies_of_a_pinned_beam_converge_with_order_four(diameter):
+def test_frequencies_of_a_pinned_beam_converge_with_order_four(diameter, figure):
     # The thin beam has no rotary inertia to speak of: Euler and Bernoulli's.
     supports = 1e10 * MODULUS * shaft(diameter).second_moment / LENGTH**3
     if diameter == 1e-4:
@@ -49,7 +49,7 @@ def test_frequencies_of_a_pinned_beam_converge_with_order_four(diameter):
         plane = beam_plane(shaft(diameter, elements=elements, supports=supports))
         errors.append(ModalRotor.of(plane, 4).angular / expected - 1)
     rates = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert np.all(np.abs(rates[1] - 4) < 0.2)
+    figure("rotor", "beam elements, observed order less 4", np.abs(rates[1] - 4).max(), most=0.2)
     # Leading error of the cubic element: (k h)^4 / 1440.
     np.testing.assert_allclose(errors[-1], (np.pi * np.arange(1, 5) / 16) ** 4 / 1440, rtol=0.05)
 
@@ -107,7 +107,7 @@ def test_points_see_any_cubic(position):
 
 
 @pytest.mark.parametrize("speed", [600.0, 2e4])
-def test_forward_and_backward_whirl_of_a_turning_shaft(speed):
+def test_forward_and_backward_whirl_of_a_turning_shaft(speed, figure):
     beam = shaft(0.1, elements=24)
     rotor = ModalRotor.of(beam_plane(beam), 10)
     found = whirl_frequencies(rotor.system(speed, 0.0, NOTHING, 0.5))[:8]
@@ -117,11 +117,12 @@ def test_forward_and_backward_whirl_of_a_turning_shaft(speed):
     half = beam.second_moment * k**2 * speed / inertia
     root = np.sqrt(half**2 + MODULUS * beam.second_moment * k**4 / beam.density / inertia)
     expected = np.sort(np.concatenate([root + half, root - half]))[:8]
-    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    error = np.abs(found / expected - 1).max()
+    figure("rotor", "whirl of a turning Rayleigh shaft", error, most=1e-4, unit="%")
 
 
 @pytest.mark.parametrize("speed", [0.0, 300.0, 3000.0])
-def test_forward_and_backward_whirl_of_a_disk(speed):
+def test_forward_and_backward_whirl_of_a_disk(speed, figure):
     # A disk half way on a shaft without mass: it bounces, and it nods against 12 E I / l.
     beam = shaft(0.02, density=1e-6)
     disk = Disk(0.5, 5.0, 0.04, 0.025)
@@ -132,7 +133,8 @@ def test_forward_and_backward_whirl_of_a_disk(speed):
     half = disk.polar_inertia * speed / 2
     root = np.sqrt(half**2 + disk.diametral_inertia * 12 * rigidity / LENGTH)
     nods = np.array([root - half, root + half]) / disk.diametral_inertia
-    np.testing.assert_allclose(found, np.sort([bounce, bounce, *nods]), rtol=1e-6)
+    error = np.abs(found / np.sort([bounce, bounce, *nods]) - 1).max()
+    figure("rotor", "whirl of a disk on a shaft without mass", error, most=1e-6)
 
 
 def test_forward_whirl_turns_with_the_shaft():
@@ -193,18 +195,18 @@ def jeffcott(ratio, damping, modes=1):
 
 @pytest.mark.parametrize("ratio", [0.3, 0.95, 1.0, 1.4, 5.0])
 @pytest.mark.parametrize("damping", [0.001, 0.2])
-def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping):
+def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping, figure):
     rotor, system, speed, circle = jeffcott(ratio, damping, modes=2)
     # f(t) = Re (f e^(i speed t)), whose imaginary part is that of a quarter of a turn before.
     force = system.force(0.0) - 1j * system.force(0.5 * np.pi / speed)
     matrix = system.stiffness - speed**2 * system.mass + 1j * speed * system.damping
     response = np.linalg.solve(matrix, force)
     x, y = rotor.deflection(0.5) @ response
-    assert x == pytest.approx(circle, rel=2e-6)
+    figure("rotor", "unbalance response of a Jeffcott rotor", abs(x / circle - 1), most=2e-6)
     assert y == pytest.approx(-1j * circle, rel=2e-6)
 
 
-def test_unbalance_whirl_in_time():
+def test_unbalance_whirl_in_time(figure):
     rotor, system, speed, circle = jeffcott(1.4, 0.05)
     start = np.array([circle.real, circle.imag])
     shape = rotor.deflection(0.5)
@@ -215,5 +217,5 @@ def test_unbalance_whirl_in_time():
         control = StepControl(tolerance, 1e-6, 1e-12, 1.0)
         *_, last = integrate(problem, (0.0, 2 * np.pi / speed), x, rate, control)
         errors.append(np.abs(shape @ last.x - start).max() / abs(circle))
-    assert errors[1] < 3e-4
+    figure("rotor", "the same, integrated over a revolution", errors[1], most=3e-4, unit="%")
     assert errors[0] / errors[1] > 10  # order 2: tolerance^(2/3), 21

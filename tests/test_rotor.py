@@ -98,7 +98,7 @@ def test_a_bore_that_moves_is_a_shaft_that_moves_back(film):
     np.testing.assert_allclose(journal.centre[:, 4], back, atol=1e-12)
 
 
-def test_gap_and_force_are_conjugate(film, journal):
+def test_gap_and_force_are_conjugate(film, journal, figure):
     rng = np.random.default_rng(2)
     pressure = rng.uniform(0, 1e6, len(film.parameters.grid.nodes))
     rate = rng.uniform(-1e-3, 1e-3, journal.size)
@@ -106,7 +106,8 @@ def test_gap_and_force_are_conjugate(film, journal):
     opening = journal.film_gap(np.zeros(journal.size), rate, 0.0).thickness_rate
     values = film.assembly.at_points(pressure)[0]
     power = R**2 * np.sum(film.assembly.area * values * opening)
-    assert journal.load[1:] @ pressure @ rate == pytest.approx(power, rel=1e-12)
+    error = abs(journal.load[1:] @ pressure @ rate / power - 1)
+    figure("rotor", "power of the pressure, on gap and on coordinates", error, most=1e-12)
 
 
 def test_tilting_moments_of_a_pressure(film, journal):
@@ -207,11 +208,11 @@ def balance_of(rotor, end, tolerance):
     return balance.error
 
 
-def test_energy_balance_closes_with_the_tolerance(film):
+def test_energy_balance_closes_with_the_tolerance(film, figure):
     rotor = shaft_in_housing(film)
     # A force that is there at once is the hardest start: order 2 is tolerance^(2/3).
     loose, tight = (balance_of(rotor, 5e-4, tolerance) for tolerance in (1e-4, 1e-6))
-    assert tight < 3e-3
+    figure("rotor", "energy balance from a sudden force", tight, most=3e-3, unit="%")
     assert tight < loose / 8
 
 

@@ -139,7 +139,7 @@ def test_any_film_tiles_the_bore(around, along, grading, start, family, triangul
 
 
 @pytest.mark.parametrize("structure_family", ["triangle", "serendipity"])
-def test_mortar_resultants_converge_at_twice_the_projection_order(structure_family):
+def test_mortar_resultants_converge_at_twice_the_projection_order(structure_family, figure):
     errors = []
     for level in (1, 2, 4):
         structure = mesh(structure_family, 8 * level, 2 * level)
@@ -159,7 +159,8 @@ def test_mortar_resultants_converge_at_twice_the_projection_order(structure_fami
     # Pressure and normal are each projected to third order. The crooked triangles of one level
     # are not those of the next, so the rate is taken over both.
     rate = 0.5 * np.log2(errors[0] / errors[2])
-    assert np.all(rate > 5.5), (errors, rate)
+    name = "mortar transfer of resultants, observed order"
+    figure("part and reduction", name, rate.min(), least=5.5)
     assert np.max(errors[-1]) < 1e-6
 
 

@@ -1,0 +1,97 @@
+# # What accuracy costs
+#
+# Which reduction method, and how many modes? A study runs one machine with each of them, measures
+# the curves of peak pressure and thinnest film against those of the full interface, and puts run
+# time beside the error. `fenics-ehd study slider-crank` is the large one; this is the smallest
+# that still says something: four methods over the first degrees of a revolution. Run it with
+#
+#     python demos/study.py [FOLDER]
+#
+# A second call with the same folder runs nothing that is there already.
+
+# +
+import sys
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from fenics_ehd.study.folder import StudyFolder
+from fenics_ehd.study.plan import Study, make_study
+from fenics_ehd.study.run import run_study
+from fenics_ehd.study.scope import Scope
+from fenics_ehd.study.variants import film, full, m1, m2, m3, m4, steps
+from fenics_ehd.sweeps.pool import open_pool
+
+# -
+
+# ## What to run
+#
+# A variant is a name and the settings that make it: M1 and M2 get as many modes as M3 has
+# vibration and residual modes together. The reference keeps the response to every nodal pressure,
+# never the method that is judged, and takes finer steps. Its own errors are measured too: with
+# other steps, another film mesh, fewer vibration modes. Nothing below them means anything.
+#
+# The rod is a coarse one, 10 x 3 cells around the bore. Its film mesh is some percent off in
+# pressure, but all methods share that, and they are only compared with one another.
+
+SCOPE = Scope(
+    start=2e-4,
+    settings={
+        "rod.geometry.bore_cells_around": 10,
+        "rod.geometry.bore_cells_along": 3,
+        "mechanism.revolutions": 0.06,
+        "reduction.estimate_error": False,
+        **steps(1e-4, 3),
+    },
+    methods=(m1(22), m2(22), m3("pc2", "lowest-frequency", 16), m4(6)),
+    tolerances=(),
+    stepped=(),
+    meshes=(),
+    meshed=(),
+    finest_steps=steps(1e-5, 3),
+    reference=full(6),
+    reference_steps=steps(1e-5, 3),
+    step_check=steps(1e-4, 3),
+    film_check=film(20, 5),
+    basis_check=(full(2), steps(1e-4, 3)),
+)
+
+
+def plan() -> Study:
+    """The study of the paper's slider-crank with this scope."""
+    return make_study("slider-crank", scope=SCOPE)
+
+
+# ## Run it
+#
+# Bodies first, each that differs once, then the runs, over as many processes as wanted. Every run
+# has its folder in `FOLDER/runs`, and `FOLDER/table.csv` is written again whenever one ends.
+
+
+def run(folder: Path, workers: int = 1) -> list[dict[str, Any]]:
+    """Rows of the table."""
+    study = plan()
+    with open_pool(MPI.COMM_WORLD, workers) as pool, StudyFolder(folder, study) as place:
+        return run_study(study, place, pool)
+
+
+# ## Read it
+#
+# With the same number of modes M3 comes several times nearer to the full interface than M1 and
+# M2, and M4 needs nine of them to be as near as the steps allow.
+
+
+def main(folder: str | Path = "results/demo-study") -> dict[str, dict[str, Any]]:
+    """Run, and print errors beside times."""
+    rows = {row["run"]: row for row in run(Path(folder)) if row["group"] == "methods"}
+    print(f"{'':28}{'modes':>6}{'pressure':>10}{'film':>9}{'reduction':>11}{'run':>8}")
+    for name, row in rows.items():
+        errors = f"{row['pressure_error_max']:10.2%}{row['film_error_max']:9.2%}"
+        times = f"{row['offline_s']:9.1f} s{row['online_s']:6.1f} s"
+        print(f"{name:28}{row['coordinates']:6}{errors}{times}")
+    return rows
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

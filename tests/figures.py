@@ -1,0 +1,53 @@
+"""Numbers that a test both asserts and lends to the validation page of the documentation.
+
+``pytest --figures=FILE tests`` runs the tests with such numbers alone and writes them to FILE,
+if all pass; `make figures` does that for ``docs/validation.json``.
+"""
+
+import json
+from pathlib import Path
+
+import pytest
+
+RECORDED = pytest.StashKey[list]()
+
+
+def pytest_addoption(parser):
+    parser.addoption("--figures", metavar="FILE", help="run the tests with figures, write them")
+
+
+def pytest_configure(config):
+    config.stash[RECORDED] = []
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--figures"):
+        chosen = [item for item in items if "figure" in item.fixturenames]
+        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+        items[:] = chosen
+
+
+def pytest_sessionfinish(session, exitstatus):
+    path = session.config.getoption("--figures")
+    if path and exitstatus == 0:
+        from fenics_ehd.output import versions
+
+        document = {"versions": versions(), "figures": session.config.stash[RECORDED]}
+        Path(path).write_text(json.dumps(document, indent=1) + "\n")
+
+
+@pytest.fixture
+def figure(request):
+    """``figure(group, name, value, most=..., unit=...)`` asserts the limit; or `least`."""
+
+    def check(group, name, value, *, most=None, least=None, unit=""):
+        if least is None:
+            assert value <= most, f"{name}: {value:g}, at most {most:g}"
+        else:
+            assert value >= least, f"{name}: {value:g}, at least {least:g}"
+        entry = {"group": group, "name": name, "value": float(value), "unit": unit}
+        entry |= {"most": most} if least is None else {"least": least}
+        test = request.node.nodeid
+        request.config.stash[RECORDED].append(entry | {"test": test[test.find("test_") :]})
+
+    return check

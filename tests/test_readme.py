@@ -1,0 +1,140 @@
+"""Every command and snippet of README, tutorial and scene guide does what the text says.
+
+A section runs in the folder that its document's earlier sections left behind, as a reader would.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+#: Lines that are not run, by their beginning, and why.
+EXEMPT = {
+    "make demo": "installs Debian packages and makes the environment that this test runs in",
+    "make test": "runs this test",
+    "docker ": "needs a Docker engine; .ci/image builds and runs the same image",
+    ". .venv/bin/activate": "this test's environment is active",
+}
+
+#: Sections of more than a few seconds. What is fast must not need what they leave behind.
+SLOW = {
+    ("README.md", "What it does"),
+    *(
+        ("docs/tutorial.md", title)
+        for title in (
+            "A machine",
+            "Your own machine",
+            "Which method, how many modes",
+            "Many runs",
+            "From Python",
+        )
+    ),
+    ("docs/own-scene.md", "Settings"),
+    ("docs/own-scene.md", "Another machine"),
+}
+
+
+@dataclass(frozen=True)
+class Section:
+    """Part of a document under one heading, with the language and text of its code blocks."""
+
+    document: str
+    title: str
+    blocks: tuple[tuple[str, str], ...]
+
+
+def sections(document):
+    """Sections that have code in them, in blocks that name its language."""
+    title, blocks = "", {}
+    # Blocks first: a comment in them looks like a heading.
+    pattern = r"^```(\w+)\n(.*?)^```$|^#+ ([^\n]+)$"
+    for match in re.finditer(
+        pattern, (ROOT / document).read_text(), flags=re.MULTILINE | re.DOTALL
+    ):
+        language, text, heading = match.groups()
+        if heading:
+            title = heading
+        else:
+            blocks.setdefault(title, []).append((language, text))
+    return [Section(document, title, tuple(found)) for title, found in blocks.items()]
+
+
+DOCUMENTS = ("README.md", "docs/tutorial.md", "docs/own-scene.md")
+
+ALL = [part for document in DOCUMENTS for part in sections(document)]
+
+
+def runnable(script):
+    """The script without its exempt lines."""
+    lines = script.splitlines(keepends=True)
+    return "".join(line for line in lines if not line.startswith(tuple(EXEMPT)))
+
+
+def cases():
+    for part in ALL:
+        slow = (part.document, part.title) in SLOW
+        marks = [pytest.mark.slow] if slow else []
+        yield pytest.param(part, marks=marks, id=f"{part.document}: {part.title}")
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """One folder for each document."""
+    return {part.document: tmp_path_factory.mktemp("reader") for part in ALL}
+
+
+@pytest.mark.parametrize("part", cases())
+def test_code_runs_as_it_is_printed(part, folders):
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for language, text in part.blocks:
+        command = {
+            "sh": ["bash", "-euo", "pipefail", "-c", runnable(text)],
+            "python": [sys.executable, "-c", text],
+            "text": ["true"],  # printed by the program, see the next test
+        }[language]
+        result = subprocess.run(
+            command,
+            cwd=folders[part.document],
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+            timeout=1800,
+        )
+        assert result.returncode == 0, f"{text}\n{result.stderr}"
+
+
+def test_bad_value_is_answered_as_printed(tmp_path):
+    printed = [text for part in ALL for language, text in part.blocks if language == "text"]
+    scene = 'scene = "slider-crank"\n[bearing]\nclearance = -10e-6\n'
+    (tmp_path / "press.toml").write_text(scene)
+    command = [sys.executable, "-m", "fenics_ehd.cli", "run", "press.toml"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert [result.stderr] == printed
+
+
+def test_no_block_is_overlooked():
+    for document in DOCUMENTS:
+        fences = len(re.findall(r"^```", (ROOT / document).read_text(), flags=re.MULTILINE))
+        found = sum(len(part.blocks) for part in ALL if part.document == document)
+        assert fences == 2 * found, document
+
+
+def test_nothing_is_exempt_or_slow_without_need():
+    lines = [line for part in ALL for _, text in part.blocks for line in text.splitlines()]
+    for beginning in EXEMPT:
+        assert any(line.startswith(beginning) for line in lines), beginning
+    assert {(part.document, part.title) for part in ALL} >= SLOW
+
+
+def test_a_stranger_reads_it_in_a_minute():
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) < 90
+    for name in re.findall(r"\]\((?!http)([^)#]+)", text):
+        assert (ROOT / name).exists(), name

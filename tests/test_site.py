@@ -1,0 +1,111 @@
+"""What the documentation site is generated from: drawings, figures of the tests, demos."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawings import draw_all
+from drawings.gap import CLEARANCE, DIRECTION, RATIO, ends_of_gap
+from drawings.rod import CRANK, PHI, ROD, rod_motion
+from drawings.sketch import point
+from light_cells import markdown
+
+TESTS = Path(__file__).parent
+DOCS = TESTS.parent / "docs"
+
+
+def test_drawings_are_the_same_at_every_build(tmp_path):
+    for name in ("first", "second"):
+        draw_all(tmp_path / name)
+    for path in (tmp_path / "first").iterdir():
+        assert path.read_bytes() == (tmp_path / "second" / path.name).read_bytes(), path.name
+
+
+def test_drawn_gap_ends_on_the_drawn_shaft():
+    # The gap is the program's; with another sign of e or of n it would miss the circle.
+    e = point(CLEARANCE * RATIO, DIRECTION)
+    inner, outer = ends_of_gap(e)
+    assert np.hypot(*(inner - e)) == pytest.approx(1 - CLEARANCE, rel=1e-12)
+    assert np.hypot(*outer) > 1
+
+
+def test_drawn_rod_ends_on_the_line_of_the_piston():
+    pin = point(CRANK, PHI) + point(ROD, rod_motion())
+    assert pin[1] == pytest.approx(0.0, abs=1e-12)
+    assert pin[0] > 0
+
+
+def figure_tests():
+    """Test functions that ask for the fixture, as file::function."""
+    for path in TESTS.glob("test_*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+                if "figure" in {argument.arg for argument in node.args.args}:
+                    yield f"{path.name}::{node.name}"
+
+
+def test_validation_page_shows_the_figures_of_the_tests_that_there_are():
+    # Refresh with: make figures
+    figures = json.loads((DOCS / "validation.json").read_text())["figures"]
+    assert {figure["test"].partition("[")[0] for figure in figures} == set(figure_tests())
+    for figure in figures:
+        if "most" in figure:
+            assert figure["value"] <= figure["most"], figure
+        else:
+            assert figure["value"] >= figure["least"], figure
+    groups = {figure["group"] for figure in figures}
+    page = (DOCS / "validation.md").read_text()
+    assert all(f"```{{validation-figures}} {group}\n" in page for group in groups)
+
+
+def test_a_figure_beyond_its_limit_fails(request):
+    figure = request.getfixturevalue("figure")  # not as an argument: it is none of the page's
+    with pytest.raises(AssertionError, match="too much: 2, at most 1"):
+        figure("film", "too much", 2.0, most=1.0)
+    with pytest.raises(AssertionError, match="too little: 1, at least 2"):
+        figure("film", "too little", 1.0, least=2.0)
+
+
+SOURCE = """# # A title
+#
+# Some text.
+
+# +
+import sys
+
+import numpy
+# -
+
+# More text.
+
+
+def main():
+    # a comment inside
+    return 1
+"""
+
+PAGE = """# A title
+
+Some text.
+
+```python
+import sys
+
+import numpy
+```
+
+More text.
+
+```python
+def main():
+    # a comment inside
+    return 1
+```"""
+
+
+def test_demos_become_pages():
+    assert markdown(SOURCE) == PAGE
+    names = {path.stem for path in (TESTS.parent / "demos").glob("*.py")}
+    assert names == {path.stem for path in (DOCS / "demos").glob("*.md")} - {"index"}
