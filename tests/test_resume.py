@@ -21,7 +21,7 @@ from fenics_ehd.reduction import save_body
 
 ROOT = Path(__file__).resolve().parents[1]
 
-SCENE = "[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-6\n"
+SCENE = "[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-8\n"
 
 
 def call(*arguments):
@@ -50,6 +50,8 @@ def start(arguments):
     return subprocess.Popen(
         [sys.executable, "-m", "fenics_ehd.cli", *map(str, arguments)],
         env={**os.environ, "PYTHONPATH": path},
+        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         stderr=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
     )
