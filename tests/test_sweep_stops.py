@@ -1,5 +1,6 @@
 """Sweeps that end before their end."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -34,6 +35,17 @@ def test_worker_that_dies_costs_its_own_task_only():
         answers = dict(outcomes(pool, square_or_die, range(6), lambda: None))
     assert isinstance(answers.pop(3), WorkerDiedError)
     assert answers == {0: 0, 1: 1, 2: 4, 4: 16, 5: 25}
+
+
+def test_all_processes_are_known_from_the_first_task_on():
+    # One that is not would neither be spared Ctrl-C nor be ended with the others.
+    with ProcessPool(3) as pool:
+        pool.submit(abs, -1).result()
+        first = set(multiprocessing.active_children())
+        assert len(first) == 3
+        for number in range(6):
+            pool.submit(abs, number).result()
+        assert set(multiprocessing.active_children()) == first
 
 
 def start(*arguments):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -30,7 +32,7 @@ def progress_bar(end: float, *, ends_in: bool = True) -> tqdm:
 def record(
     directory: Path,
     history: HistoryWriter,
-    bar: tqdm,
+    bar: AbstractContextManager[Any],
     simulate: Callable[[Callable[[], None]], str],
     summarise: Callable[[str], dict[str, object]],
 ) -> dict[str, object]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any, Protocol
 
 import numpy as np
@@ -56,6 +56,7 @@ class Totals:
     basis_error: float = float("nan")
     energy_error: float = 0.0
     wall_time: float = 0.0
+    processor_time: float = 0.0
     rejections: dict[str, int] = field(default_factory=dict)
 
     def add(self, row: Mapping[str, Any], step: Step) -> None:
@@ -87,6 +88,7 @@ class Totals:
             "rejected_because": self.rejections,
             "newton_iterations": self.newton_iterations,
             "film_solves": self.film_solves,
+            "processor_time_s": self.processor_time,
         }
 
 
@@ -202,6 +204,7 @@ def march(
     """
     solve = CoupledSteps(machine)
     before, began = run.totals.film_solves, perf_counter() - run.totals.wall_time
+    busy_before = process_time() - run.totals.processor_time
     n = machine.journal.coordinates
     while run.integrator.time < end:
         step, run.integrator = advance(machine, run.integrator, end, control, solve)
@@ -225,6 +228,7 @@ def march(
         totals.basis_error, totals.energy_error = run.estimate.largest, run.balance.error
         totals.film_solves = before + solve.solves
         totals.wall_time = perf_counter() - began
+        totals.processor_time = process_time() - busy_before
         if watchers.record is not None:
             fields = {"coordinates": step.x[:n], "rates": step.rate[:n], "pressure_Pa": pressure}
             if machine.journal.compliance is not None:

@@ -60,7 +60,7 @@ def make_plan(scene: str, assignments: Sequence[str]) -> Plan:
     if size > MOST_CASES:
         raise SettingsError(f"the sweep has {size} cases, at most {MOST_CASES}: give fewer values")
     cases = tuple(_cases(base, axes))
-    return Plan(base.scene, tuple(axes), cases, _identity(base, axes))
+    return Plan(base.scene, tuple(axes), cases, settings_identity(base, axes))
 
 
 def _axes(cls: type, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]]:
@@ -130,8 +130,8 @@ def body_name(settings: Any) -> str | None:
     return hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _identity(base: Any, axes: Mapping[str, tuple[Any, ...]]) -> dict[str, str]:
-    """Settings as text by key, the swept ones with all their values."""
+def settings_identity(base: Any, axes: Mapping[str, tuple[Any, ...]]) -> dict[str, str]:
+    """What results depend on: settings as text by key, the swept ones with all their values."""
     identity = {"scene": base.scene, "version": __version__}
     for section, table in attrs.asdict(base, filter=lambda a, _: a.name != "scene").items():
         identity |= {f"{section}.{name}": _described(value) for name, value in table.items()}

@@ -187,7 +187,8 @@ class ProcessPool:
         )
         former = set(multiprocessing.active_children())
         with _interrupt_blocked():
-            executor.submit(os.getpid)  # starts all of them
+            for _ in range(self.width):  # each task starts a process as long as none is idle
+                executor.submit(os.getpid)
         self._processes = set(multiprocessing.active_children()) - former
         return executor
 

@@ -43,11 +43,11 @@ def run_sweep(
         progress(outcome.status)
 
     pending = [case for case in plan.cases if not table.complete(case)]
-    bodies = _body_tasks(pending, table.directory / "bodies")
+    bodies = body_tasks(pending, table.directory / "bodies")
     failures = {
         task.name: outcome
         for task, answer in outcomes(pool, reduce_body, bodies.values(), check)
-        if (outcome := _recorded(answer)).status != "complete"
+        if (outcome := recorded(answer)).status != "complete"
     }
     tasks = []
     for case in pending:
@@ -58,10 +58,10 @@ def run_sweep(
             folder = table.directory / "runs" / f"{case.number:04d}" if keep else None
             tasks.append(CaseTask(case, body, folder))
     for task, answer in outcomes(pool, run_case, tasks, check):
-        end(task.case, _recorded(answer))
+        end(task.case, recorded(answer))
 
 
-def _body_tasks(cases: Iterable[Case], directory: Path) -> dict[str, BodyTask]:
+def body_tasks(cases: Iterable[Case], directory: Path) -> dict[str, BodyTask]:
     """One task for each distinct body, by its name."""
     tasks: dict[str, BodyTask] = {}
     for case in cases:
@@ -70,5 +70,6 @@ def _body_tasks(cases: Iterable[Case], directory: Path) -> dict[str, BodyTask]:
     return tasks
 
 
-def _recorded(answer: Outcome | WorkerDiedError) -> Outcome:
+def recorded(answer: Outcome | WorkerDiedError) -> Outcome:
+    """Outcome of a task whose worker may have died."""
     return failed(answer) if isinstance(answer, WorkerDiedError) else answer

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import fcntl
 import io
 import json
 import math
@@ -12,11 +11,12 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 from fenics_ehd.errors import InputError
 from fenics_ehd.output import require_writable, write_whole
-from fenics_ehd.sweeps.errors import OtherSweepError, SweepInUseError
+from fenics_ehd.sweeps.errors import OtherSweepError
+from fenics_ehd.sweeps.lock import locked
 from fenics_ehd.sweeps.plan import Case, Plan
 from fenics_ehd.sweeps.values import as_text
 
@@ -74,7 +74,7 @@ class SweepTable:
         if resume and not self.path.is_file():
             raise InputError(f"--resume: {self.path} does not exist, there is nothing to resume")
         self.directory.mkdir(parents=True, exist_ok=True)
-        self._file = self._locked()
+        self._file = locked(self.path)
         try:
             if overwrite:
                 self._clear()
@@ -82,18 +82,6 @@ class SweepTable:
         except BaseException:
             self._file.close()
             raise
-
-    def _locked(self) -> BinaryIO:
-        """The file, held by this process as long as it is open."""
-        file = open(self.path, "a+b")
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
-            raise SweepInUseError(f"{self.path}: another process is adding rows") from None
-        except OSError:
-            pass  # a file system without locks
-        return file
 
     def _clear(self) -> None:
         """Forget rows and histories; reduced bodies are named by what they are and stay."""

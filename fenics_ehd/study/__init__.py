@@ -1,0 +1,1 @@
+"""Error against run time: every reduction method against the full interface."""

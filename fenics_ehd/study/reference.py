@@ -1,0 +1,66 @@
+"""``reference.json``: what all runs are measured against, and how good that is itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.residual_modes import RANK_TOLERANCE
+from fenics_ehd.study.compare import Comparison
+from fenics_ehd.study.plan import REFERENCE, Study
+from fenics_ehd.study.table import film_cells
+
+#: Names of `Errors.relative`.
+ERRORS = ("pressure_max", "pressure_l2", "film_max", "film_l2")
+
+
+def describe_reference(
+    study: Study, comparison: Comparison, body: Callable[[str], ReducedBody]
+) -> dict[str, object]:
+    """Method, basis, steps and own errors of the reference.
+
+    Parameters
+    ----------
+    study, comparison
+        The study and its errors so far.
+    body
+        Reduced body by name.
+    """
+    run = study.runs[REFERENCE]
+    settings = run.case.settings
+    outcome = comparison.outcome(REFERENCE)
+    found: dict[str, object] = {
+        "run": REFERENCE,
+        "method": settings.reduction.method,
+        "status": outcome.status if outcome else "not run",
+        "tolerance": settings.time.tolerance,
+        "order": settings.time.order,
+        "errors_count_from_s": study.start,
+    }
+    if comparison.complete(REFERENCE):
+        reduced = body(run.body)
+        found |= {"film_cells": film_cells(settings, reduced), **_basis(reduced)}
+    return found | {kind: _own_error(study, comparison, kind) for kind in ("step", "film", "basis")}
+
+
+def _basis(body: ReducedBody) -> dict[str, object]:
+    """Coordinates, and the static columns that were left out with the reason."""
+    dropped = int(body.accuracy.get("static_dropped", 0.0))
+    reason = f"they depend on the others to {RANK_TOLERANCE:g} of the largest strain energy"
+    return {
+        "coordinates": body.modes,
+        "pressure_columns": len(body.pressure_nodes),
+        "dropped_columns": dropped,
+        "dropped_because": reason if dropped else "",
+    }
+
+
+def _own_error(study: Study, comparison: Comparison, kind: str) -> dict[str, Any]:
+    check = study.checks[kind]
+    errors = comparison.errors(check.run, check.against)
+    if errors is None:
+        missing = comparison.why_not(check.run, check.against)
+        return dict.fromkeys(ERRORS) | {"why": missing}
+    about = {"run": check.run, "against": check.against, "how": check.meaning}
+    return errors.relative() | about

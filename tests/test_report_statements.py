@@ -1,0 +1,167 @@
+"""What a report says of the paper's statements, on studies whose answer is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_cases import m1, m2, m3, run, study, write_bodies, write_history, write_study
+
+from fenics_ehd.report import comparisons, statements_slider_crank
+from fenics_ehd.report import slider_crank_checks as crank
+from fenics_ehd.report import statements_rotor as rotor
+from fenics_ehd.report.statement import FAILS, HOLDS, NOT_RUN, OPEN, PARTLY, MissingRunsError
+
+ALL = (*statements_slider_crank.STATEMENTS, *rotor.STATEMENTS)
+
+UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
+LITERAL = {"selection": "smallest-eigenvalue"}
+
+
+@pytest.mark.parametrize("scene", ["slider-crank", "rotor"])
+def test_a_study_without_runs_says_not_run_of_every_statement(scene, tmp_path):
+    empty = study(scene=scene, directory=tmp_path)
+    findings = [statement.judge(empty) for statement in ALL]
+    assert {finding.verdict for finding in findings} == {NOT_RUN}
+    assert all(finding.measured for finding in findings)
+
+
+def test_sections_and_selection_rule_are_all_there():
+    places = " ".join(statement.place for statement in ALL)
+    for place in ("fig. 5", "fig. 6", "fig. 7", "fig. 8", "fig. 10", "fig. 11", "(31)-(32)"):
+        assert place in places
+    assert {statement.place for statement in ALL} >= {"4.2", "5.2", "6"}
+
+
+@pytest.mark.parametrize(
+    ("check", "runs", "verdict"),
+    [
+        (crank.rich_reference, [m3(60, 0.03, 0.04, **UNIT)], HOLDS),
+        (crank.rich_reference, [m3(61, 0.03, 0.08, **UNIT)], FAILS),
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.2, 0.2), m2(37, 0.1, 0.1)], HOLDS),
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.2, 0.1), m2(37, 0.1, 0.2)], PARTLY),
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.1, 0.1), m2(37, 0.2, 0.2)], FAILS),
+        # Other numbers of coordinates are not compared.
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.1, 0.1), m2(67, 0.2, 0.2)], NOT_RUN),
+        (crank.literal_selection, [m3(31), m3(31, 0.5, 0.2, **LITERAL)], FAILS),
+        (crank.literal_selection, [m3(31), m3(31, 0.01, 0.01, **LITERAL)], HOLDS),
+        (crank.literal_selection, [m3(31)], NOT_RUN),
+        # No run of M2 is as good: only a bound is known, and it must be four.
+        (crank.quarter_of_m2, [m3(31), m2(67)], OPEN),
+        (crank.quarter_of_m2, [m3(31), m2(170)], HOLDS),
+        (crank.quarter_of_m2, [m3(31), m2(67, 0.01, 0.01)], FAILS),
+        (crank.quarter_of_m2, [m3(31), m2(67), m2(170, 0.01, 0.01)], HOLDS),
+        (crank.one_shape_is_not_enough, [m3(31), m3(31, 0.1, 0.2, pressure_set="pc2-long")], HOLDS),
+        (crank.one_shape_is_not_enough, [m3(31), m3(31, pressure_set="pc2-short")], FAILS),
+        # More modes of both kinds would not be a fair comparison.
+        (crank.one_shape_is_not_enough, [m3(80), m3(31, 0.1, 0.2, pressure_set="pc2-long")],
+         NOT_RUN),
+        (crank.m3_fastest, [m1(37, online_s=9.0), m3(31, online_s=5.0)], HOLDS),
+        (crank.m3_fastest, [m1(37, online_s=4.0), m3(31, online_s=5.0)], FAILS),
+        (crank.m3_fastest, [m1(37, 0.001, 0.002, online_s=9.0), m3(31, online_s=5.0)], FAILS),
+        (crank.best_at_every_size, [m1(37), m2(37), m3(31)], HOLDS),
+        (crank.best_at_every_size, [m1(37), m2(37), m3(31, 0.15, 0.02)], PARTLY),
+    ],
+)  # fmt: skip
+def test_verdict_follows_from_the_table(check, runs, verdict, tmp_path):
+    try:
+        found = check(study(*runs, directory=tmp_path)).verdict
+    except MissingRunsError:
+        found = NOT_RUN
+    assert found == verdict
+
+
+def test_a_selection_that_could_not_run_is_told_and_fails(tmp_path):
+    failed = replace(m3(31, **LITERAL), status="failed: StepSizeError: 1e-13 s")
+    finding = crank.literal_selection(study(m3(31), failed, directory=tmp_path))
+    assert finding.verdict == FAILS
+    assert "StepSizeError" in finding.measured
+
+
+@pytest.mark.parametrize(
+    ("rival", "verdict"), [(m1(127, 0.2, 0.2), HOLDS), (m1(37, 0.04, 0.04), FAILS),
+                           (m1(127, 0.04, 0.04), HOLDS), (m1(37, 0.2, 0.2), OPEN)]
+)  # fmt: skip
+def test_many_modes_are_twice_those_of_m3(rival, verdict, tmp_path):
+    found = comparisons.many_modes(study(rival, m3(31), directory=tmp_path), "m1")
+    assert found.verdict == verdict
+
+
+def test_errors_below_the_reference_s_own_are_told_as_its_own(tmp_path):
+    tiny = m3(60, 1e-5, 1e-5, **UNIT)
+    told = crank.rich_reference(study(tiny, directory=tmp_path)).measured
+    assert "≤ 0.1 % / ≤ 0.2 %" in told
+
+
+@pytest.mark.parametrize(("falling", "verdict"), [(True, HOLDS), (False, PARTLY)])
+def test_plateau_is_seen_in_the_reference(falling, verdict, tmp_path):
+    folder = study(directory=tmp_path)
+    write_history(folder, "reference", falling=falling)
+    assert crank.plateau(folder).verdict == verdict
+    assert crank.peak_at_the_axis(folder).verdict == HOLDS
+
+
+def test_flank_behind_the_peak_gets_flatter(tmp_path):
+    folder = study(directory=tmp_path)
+    write_history(folder, "reference")
+    finding = crank.smoother_flank(folder)
+    # exp(-(angle / width)^2) is one half at width sqrt(ln 2); the profile's width is 0.4 rad at
+    # 6 ms and 0.6 at 8 ms.
+    width = np.degrees(np.sqrt(np.log(2)) * np.array([0.4, 0.6]))
+    told = [float(word) for word in finding.measured.replace(",", "").split() if "." in word]
+    np.testing.assert_allclose(told, width, atol=1.0)
+    assert finding.verdict == HOLDS
+
+
+@pytest.mark.parametrize(("above", "verdict"), [(0.05, HOLDS), (-0.05, FAILS), (5e-4, FAILS)])
+def test_too_stiff_is_too_high_a_pressure_at_high_loads(above, verdict, tmp_path):
+    folder = study(m1(37), directory=tmp_path)
+    write_history(folder, "reference", steps=400)
+    write_history(folder, "m1-37", above=above)
+    assert crank.m1_stiff(folder).verdict == verdict
+
+
+def test_vibration_modes_do_not_depend_on_the_residual_ones(tmp_path):
+    write_bodies(tmp_path)
+    finding = crank.independent_numbers(study(directory=tmp_path))
+    assert finding.verdict == HOLDS
+    assert "6 vibration modes" in finding.measured
+
+
+@pytest.mark.parametrize(("tilt", "verdict"), [(0.0, FAILS), (0.5, HOLDS)])
+def test_a_tilted_shaft_makes_the_pressure_unsymmetric(tilt, verdict, tmp_path):
+    folder = study(scene="rotor", directory=tmp_path)
+    write_history(folder, "reference", tilt=tilt)
+    assert rotor.unsymmetric(folder).verdict == verdict
+
+
+def rotor_runs(size, m3_error):
+    m1_run, m2_run = m1(size - 2, 0.3, 0.3), m2(size - 2, 0.2, 0.2)
+    errors = {"pressure_error_max": m3_error, "film_error_max": m3_error}
+    m3_run = run(f"m3-{size}", coordinates=size, residual_modes=size - 10, **UNIT, **errors)
+    return [m1_run, m2_run, m3_run]
+
+
+@pytest.mark.parametrize(
+    ("error", "best", "small"), [(0.05, HOLDS, HOLDS), (0.15, HOLDS, FAILS), (0.4, FAILS, FAILS)]
+)
+def test_methods_of_the_rotor_are_compared_with_as_many_modes(error, best, small, tmp_path):
+    runs = [*rotor_runs(30, error), *rotor_runs(50, error)]
+    folder = study(*runs, scene="rotor", directory=tmp_path)
+    assert comparisons.m3_best(folder, (30, 50)).verdict == best
+    assert rotor.small_for_m3(folder).verdict == small
+    assert comparisons.m1_worst(folder, 30).verdict == (HOLDS if error < 0.3 else PARTLY)
+
+
+def test_pressure_shapes_are_compared_with_unit_pressures(tmp_path):
+    shapes = run("shapes", pressure_set="pc2", residual_modes=20, pressure_error_max=0.5,
+                 film_error_max=0.5, coordinates=30)  # fmt: skip
+    folder = study(shapes, *rotor_runs(30, 0.05), scene="rotor", directory=tmp_path)
+    assert rotor.shapes_fail(folder).verdict == HOLDS
+
+
+def test_errors_are_larger_where_the_pressure_is_high(tmp_path):
+    folder = write_study(tmp_path, rotor_runs(30, 0.05), scene="rotor")
+    write_history(folder, "reference")
+    for name in ("m1-28", "m2-28", "m3-30"):
+        write_history(folder, name, above=0.1)
+    assert rotor.large_where_high(folder).verdict == HOLDS
