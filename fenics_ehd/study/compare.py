@@ -71,7 +71,7 @@ class Comparison:
     def own_error(self, kind: str) -> Errors | None:
         """One of the reference's own errors."""
         check = self._study.checks[kind]
-        return self.errors(check.run, check.against)
+        return self.errors(check.run, REFERENCE)
 
     def floor(self, row: Row) -> tuple[float | None, float | None]:
         """Errors of pressure and film below which this row's mean nothing; None: unknown.

@@ -60,10 +60,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Check:
-    """One of the reference's own errors: a run, the run it is compared with, and what it means."""
+    """One of the reference's own errors: the run that shows it, and what is different there."""
 
     run: str
-    against: str
     meaning: str
 
 
@@ -156,8 +155,8 @@ def make_study(scene: str, *, quick: bool = False, scope: Scope | None = None) -
         *_film_rows(runs, scope),
     ]
     checks = _checks(runs, scope)
-    compared = {check.run: check.against for check in checks.values()}
-    rows = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, to) for run, to in compared.items()), *rows]
+    others = dict.fromkeys(check.run for check in checks.values())
+    rows = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others), *rows]
     return Study(kind, quick, base, scope.start, runs.found, tuple(rows), checks)
 
 
@@ -220,7 +219,7 @@ def _checks(runs: _Runs, scope: Scope) -> dict[str, Check]:
     for kind, (basis, other) in changed.items():
         run = runs.add(f"reference-{kind}", basis, fine, other)
         words = _words(other if basis is reference else {**basis, **other})
-        checks[kind] = Check(run, REFERENCE, f"with {words}")
+        checks[kind] = Check(run, f"with {words}")
     return {"step": checks["basis"]} | checks
 
 

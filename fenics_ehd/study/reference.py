@@ -58,9 +58,9 @@ def _basis(body: ReducedBody) -> dict[str, object]:
 
 def _own_error(study: Study, comparison: Comparison, kind: str) -> dict[str, Any]:
     check = study.checks[kind]
-    errors = comparison.errors(check.run, check.against)
+    errors = comparison.own_error(kind)
     if errors is None:
-        missing = comparison.why_not(check.run, check.against)
+        missing = comparison.why_not(check.run, REFERENCE)
         return dict.fromkeys(ERRORS) | {"why": missing}
-    about = {"run": check.run, "against": check.against, "how": check.meaning}
+    about = {"run": check.run, "against": REFERENCE, "how": check.meaning}
     return errors.relative() | about
