@@ -1,12 +1,10 @@
 """Runs that stop and go on: killed at any moment, the result is that of an undisturbed run."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -18,8 +16,6 @@ from fenics_ehd.cli import main
 from fenics_ehd.errors import InputError
 from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
 from fenics_ehd.reduction import save_body
-
-ROOT = Path(__file__).resolve().parents[1]
 
 SCENE = "[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-8\n"
 
@@ -46,10 +42,8 @@ def command(folder, name, every=0):
 
 
 def start(arguments):
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.Popen(
         [sys.executable, "-m", "fenics_ehd.cli", *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": path},
         # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         stderr=subprocess.DEVNULL,
@@ -64,15 +58,15 @@ def rows_in(folder):
         return 0
 
 
-def kill_after(process, folder, rows):
-    """Kill a process without notice as soon as its history has so many rows."""
+def stop_after(process, folder, rows, how):
+    """Send a signal as soon as the history has so many rows; returns the exit status."""
     deadline = time.monotonic() + 120
     while rows_in(folder) < rows and process.poll() is None:
         assert time.monotonic() < deadline
         time.sleep(1e-3)
-    assert process.poll() is None, "the run was over before it was killed"
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    assert process.poll() is None, f"the run was over before the signal: {process.returncode}"
+    process.send_signal(how)
+    return process.wait(timeout=60)
 
 
 def assert_same_results(one, other):
@@ -91,7 +85,7 @@ def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
     folder = prepared / f"killed_{every}"
     process = start(command(prepared, folder.name, every))
     for rows in (15, 45):
-        kill_after(process, folder, rows)
+        stop_after(process, folder, rows, signal.SIGKILL)
         before = (folder / "history.csv").read_bytes()
         assert not (folder / "summary.json").exists()
         # What was written can be read, and stays.
@@ -110,10 +104,7 @@ def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
 def test_an_interrupted_run_goes_on_to_the_same_result(prepared):
     folder = prepared / "interrupted"
     process = start(command(prepared, folder.name, 1000))
-    while rows_in(folder) < 20:
-        time.sleep(1e-3)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=60) == 130
+    assert stop_after(process, folder, 20, signal.SIGINT) == 130
     assert json.loads((folder / "summary.json").read_text())["status"] == "interrupted"
     # Its last step, whatever the interval.
     steps = load_checkpoint(folder / CHECKPOINT)["memory"]["totals"]["steps"]
