@@ -390,11 +390,10 @@ def monitored_run(tmp_path, reduction, *options):
     """Summary of a run from the command line, and the SNES solves that PETSc announced."""
     scene = tmp_path / "scene.toml"
     scene.write_text(f"[mechanism]\nrevolutions = 0.005\n{reduction}")
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run(
         [sys.executable, "-m", "fenics_ehd.cli", "run", str(scene), "--json", "--no-plots",
          "-o", str(tmp_path / "out"), *options],
-        env={**os.environ, "PYTHONPATH": path, "PETSC_OPTIONS": "-film_snes_monitor"},
+        env={**os.environ, "PETSC_OPTIONS": "-film_snes_monitor"},
         cwd=tmp_path, capture_output=True, text=True, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
