@@ -8,6 +8,11 @@ import time
 from fenics_ehd.output import read_history
 
 
+def heed_interrupt():
+    """For a new process: a shell's background job, as a test run may be, ignores SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def interrupted_run(command, directory, seconds=240):
     """Start a run, interrupt it after 20 steps; what it leaves behind is checked, then returned.
 
@@ -17,8 +22,7 @@ def interrupted_run(command, directory, seconds=240):
         [*command, "-o", str(directory)],
         stderr=subprocess.PIPE,
         text=True,
-        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=heed_interrupt,
     )
     history = directory / "history.csv"
     deadline = time.monotonic() + seconds

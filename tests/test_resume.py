@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from hand_made_rod import Joint, make_body
+from interrupt_case import heed_interrupt
 
 from fenics_ehd.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from fenics_ehd.cli import main
@@ -44,8 +45,7 @@ def command(folder, name, every=0):
 def start(arguments):
     return subprocess.Popen(
         [sys.executable, "-m", "fenics_ehd.cli", *map(str, arguments)],
-        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=heed_interrupt,
         stderr=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
     )

@@ -11,6 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from interrupt_case import heed_interrupt
 from study_cases import COARSE, TINY, TOO_MANY, run_tiny
 from sweep_cases import COMMAND, exit_of
 
@@ -323,8 +324,7 @@ def test_interrupted_study_goes_on(tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=heed_interrupt,
     )
     deadline = time.monotonic() + 120
     while len(list(folder.glob("runs/*/summary.json"))) < 4 and process.poll() is None:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from interrupt_case import heed_interrupt
 from sweep_cases import (
     COMMAND,
     MANY,
@@ -54,8 +55,7 @@ def start(*arguments):
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell's background job, as a test run may be, hands down that SIGINT is ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=heed_interrupt,
     )
 
 
