@@ -17,7 +17,7 @@ from report_cases import m1, m2, m3, m4, run, write_bodies, write_history, write
 
 from fenics_ehd.cli import main
 from fenics_ehd.errors import InputError
-from fenics_ehd.report import accuracy, cost, style, write_report
+from fenics_ehd.report import accuracy, cost, style, tables, write_report
 from fenics_ehd.report.extremes import find_extremes, read_extremes
 from fenics_ehd.report.hull import lower_left
 from fenics_ehd.report.pictures import Pictures
@@ -280,3 +280,15 @@ def test_the_table_of_extremes_is_read_from_its_page():
     found = read_extremes(page, "here")
     assert found.table.rows == (("a | b", "PASS"),)
     assert found.summary == "1 row."
+
+
+def test_properties_of_each_call_have_a_row_of_their_own():
+    calls = [{"workers": 2, "runs": 14}, {"workers": 1, "runs": 3}]
+    found = tables.properties_table("machine", {"cpu": "fast", "calls": calls})
+    assert found.rows == (
+        ("cpu", "fast"),
+        ("calls 1.workers", "2"),
+        ("calls 1.runs", "14"),
+        ("calls 2.workers", "1"),
+        ("calls 2.runs", "3"),
+    )

@@ -230,6 +230,9 @@ def test_only_what_changed_or_is_missing_runs_again(again):
     ran = {task.run.name for task in pool.tasks if isinstance(task, RunTask)}
     assert ran == {"rigid", name}
     assert rows_of(rows, "methods")[name]["tolerance"] == 2e-4
+    calls = json.loads((again / "study.json").read_text())["calls"]
+    # Those two, and the one that failed is tried again.
+    assert [each["runs"] for each in calls] == [len(study.runs), 3]
 
 
 def test_a_failed_reference_leaves_rows_without_errors(studied, tmp_path):

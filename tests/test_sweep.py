@@ -64,9 +64,23 @@ def test_failures_are_rows(swept):
 
 def test_folder_has_one_body_and_the_histories(swept):
     assert len(list((swept / "bodies").iterdir())) == 1
-    assert sorted(path.name for path in (swept / "runs").iterdir()) == ["0001", "0003"]
+    histories = sorted(path.parent.name for path in swept.glob("runs/*/history.h5"))
+    assert histories == ["0001", "0003"]
     names = {path.name for path in (swept / "runs" / "0003").iterdir()}
-    assert names == {"history.csv", "history.h5", "summary.json"}
+    assert names == {"history.csv", "history.h5", "summary.json", "scene.toml", "body.h5"}
+
+
+def test_kept_case_is_a_run_to_animate_and_to_repeat(swept, tmp_path, capfd):
+    kept = swept / "runs" / "0003"
+    picture = tmp_path / "moving.gif"
+    status, _, errors = exit_of(capfd, "animate", kept, "--frames", 3, "-o", picture)
+    assert status == 0, errors
+    assert picture.stat().st_size > 1000
+    status, _, errors = exit_of(
+        capfd, "run", kept / "scene.toml", "--body", kept / "body.h5", "-o", tmp_path, "--no-plots"
+    )
+    assert status == 0, errors
+    assert (tmp_path / "history.csv").read_text() == (kept / "history.csv").read_text()
 
 
 def test_row_is_that_of_a_run_on_its_own(swept, tmp_path, capfd):

@@ -155,6 +155,8 @@ def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, str]]:
     for name, value in values.items():
         if isinstance(value, Mapping):
             rows += _flat(value, f"{before}{name}.")
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            rows += _flat({f"{name} {i}": each for i, each in enumerate(value, start=1)}, before)
         else:
             rows.append((f"{before}{name}".replace("_", " "), _plain(value)))
     return rows

@@ -49,6 +49,7 @@ class StudyFolder:
         self._lock = locked(self.path / "study.lock")
         if overwrite:
             shutil.rmtree(self.path / "runs", ignore_errors=True)
+            (self.path / "study.json").unlink(missing_ok=True)
 
     def _require_same_scene(self, study: Study) -> None:
         path = self.path / "study.json"

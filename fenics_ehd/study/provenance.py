@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 from datetime import UTC, datetime
@@ -18,23 +19,35 @@ from fenics_ehd.study.plan import Study
 CLOCK = "processor time of one core with one thread, compilation left out"
 
 
-def describe_study(study: Study, workers: int) -> dict[str, object]:
-    """Scene, settings, versions, machine, and how many runs disturb each other."""
+def describe_study(study: Study) -> dict[str, object]:
+    """Scene, settings, versions and machine."""
     with interrupt_kept():  # Gmsh may be imported for its version
         found = versions(installed=True)
     return {
         "scene": study.scene,
         "quick": study.quick,
         "version": __version__,
-        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "machine": machine(),
-        "workers": workers,
         "clock": CLOCK,
         "errors_count_from_s": study.start,
         "runs": len(study.runs),
         "versions": found,
         "settings": attrs.asdict(study.settings),
     }
+
+
+def call(workers: int, runs: int) -> dict[str, object]:
+    """One call of the program: when, how many runs it had to make, how many at a time."""
+    date = datetime.now(UTC).strftime("%Y-%m-%d")
+    return {"date": date, "version": __version__, "workers": workers, "runs": runs}
+
+
+def former_calls(path: Path) -> list[dict[str, object]]:
+    """Calls that an earlier ``study.json`` tells of, some of whose runs may have stayed."""
+    try:
+        return list(json.loads(path.read_text())["calls"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 def machine() -> dict[str, object]:

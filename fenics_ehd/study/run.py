@@ -11,7 +11,7 @@ from fenics_ehd.study.compare import Comparison
 from fenics_ehd.study.cost import reduction_cost, run_cost
 from fenics_ehd.study.folder import StudyFolder, store_outcome
 from fenics_ehd.study.plan import REFERENCE, Study, StudyRun
-from fenics_ehd.study.provenance import describe_study
+from fenics_ehd.study.provenance import call, describe_study, former_calls
 from fenics_ehd.study.reference import describe_reference
 from fenics_ehd.study.table import TableRows, write_table
 from fenics_ehd.study.work import RunTask, run_study_case
@@ -84,7 +84,10 @@ def run_study(
         Rows of the table.
     """
     work = work_left(study, folder)
-    folder.write("study.json", describe_study(study, pool.width))
+    calls = former_calls(folder.path / "study.json")
+    if work.runs:
+        calls.append(call(pool.width, len(work.runs)))
+    folder.write("study.json", describe_study(study) | {"calls": calls})
     comparison = Comparison(study, folder)
     pending = {run.name for run in work.runs}
     for run in study.runs.values():

@@ -6,6 +6,7 @@ carries its arrays.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -15,10 +16,12 @@ from typing import Any, TypeVar
 
 from mpi4py import MPI
 
+from fenics_ehd.commands.machine_run import BODY_NAME, SCENE_NAME
 from fenics_ehd.commands.recording import record
 from fenics_ehd.errors import BodyFileError
-from fenics_ehd.output import HistoryWriter
+from fenics_ehd.output import HistoryWriter, write_whole
 from fenics_ehd.reduction import ReducedBody, load_body, save_body
+from fenics_ehd.settings import to_toml
 from fenics_ehd.sweeps.errors import one_line
 from fenics_ehd.sweeps.plan import Case
 from fenics_ehd.sweeps.scenes import SCENES, Run
@@ -102,9 +105,21 @@ def _run(task: CaseTask, body: ReducedBody | None) -> dict[str, object]:
     seconds = float(body.provenance[SECONDS]) if body else 0.0
     run = SCENES[task.case.settings.scene].prepare(task.case.settings, body, seconds)
     if task.directory is not None:
+        _leave_scene(task, task.directory)
         return _run_with_history(run, task.directory)
     run.simulate(None)
     return run.summarise(run.verdict())
+
+
+def _leave_scene(task: CaseTask, directory: Path) -> None:
+    """Scene and body beside the history, for pictures of the machine and another run of it."""
+    directory.mkdir(parents=True, exist_ok=True)
+    write_whole(directory / SCENE_NAME, to_toml(task.case.settings))
+    if task.body is not None:
+        body = directory / BODY_NAME
+        body.unlink(missing_ok=True)
+        # A link, not a copy: many runs share a body.
+        body.symlink_to(os.path.relpath(task.body, directory))
 
 
 def _run_with_history(run: Run, directory: Path) -> dict[str, object]:
