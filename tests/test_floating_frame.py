@@ -71,7 +71,7 @@ class Motion:
     def angle(self, slopes=None):
         n = self.xi.shape[1]
         slopes = np.zeros((3, n)) if slopes is None else slopes
-        return RodAngle(*self.theta, *slopes, angle_curvature=np.zeros((n, n)))
+        return RodAngle(*self.theta, *slopes, curvature=lambda: np.zeros((n, n)))
 
 
 @st.composite

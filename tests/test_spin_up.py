@@ -49,7 +49,7 @@ class TurnedRod:
         n = len(x) + 2
         angle, speed, turning = angle_of(time)
         none = np.zeros(n)
-        frame = RodAngle(angle, speed, turning, none, none, none, np.zeros((n, n)))
+        frame = RodAngle(angle, speed, turning, none, none, none, lambda: np.zeros((n, n)))
         state = tuple(np.concatenate([np.zeros(2), values]) for values in (x, rate, acceleration))
         rest = CrankMotion(np.zeros(2), np.zeros(2), np.zeros(2), 0.0)
         forces = inertia_forces(self.body.inertia, rest, frame, state, shifts)

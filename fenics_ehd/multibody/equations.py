@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,13 +23,10 @@ class Equations:
     ----------
     residual
         shape (n,).
-    slope
-        Its derivative along the coordinates, rates and accelerations following with the
-        factors of the time integration formula, pressures held, shape (n, n).
-    coupling
-        Force of unit nodal pressures, minus its derivative along them, shape (n, nodes).
     shaft_rate, shaft_rate_slope
         Speed of the shaft relative to the bore [rad/s] and its derivative, shape (n,).
+    linearise
+        Makes `slope` and `coupling`, which most evaluations of a step do without.
     state
         What the mechanism knows about the instant, for output.
     shear
@@ -37,12 +35,32 @@ class Equations:
     """
 
     residual: np.ndarray
-    slope: np.ndarray
-    coupling: np.ndarray
     shaft_rate: float
     shaft_rate_slope: np.ndarray
+    linearise: Callable[[], tuple[np.ndarray, np.ndarray]]
     state: Any
     shear: Callable[[FilmState], np.ndarray] | None = None
+
+    @cached_property
+    def _derivatives(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.linearise()
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Derivative of the residual along the coordinates, shape (n, n).
+
+        Rates and accelerations follow with the factors of the time integration formula,
+        pressures are held.
+        """
+        return self._derivatives[0]
+
+    @property
+    def coupling(self) -> np.ndarray:
+        """Force of unit nodal pressures, minus the residual's derivative along them.
+
+        Shape (n, nodes).
+        """
+        return self._derivatives[1]
 
 
 class LubricatedJoint(Protocol):

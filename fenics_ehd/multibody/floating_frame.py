@@ -13,7 +13,9 @@ of xi; its field in B is zero, its generalised force ``C1_phi . A f`` with the r
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -25,12 +27,33 @@ from fenics_ehd.reduction.body import InertiaIntegrals
 
 @dataclass(frozen=True, eq=False)
 class InertiaForces:
-    """Generalised inertia forces on ``xi`` and ``theta`` and their total derivatives along xi."""
+    """Generalised inertia forces on ``xi`` and ``theta``.
+
+    Attributes
+    ----------
+    on_xi, on_theta
+        shape (n,), and a number.
+    linearise
+        Makes their slopes.
+    """
 
     on_xi: np.ndarray
     on_theta: float
-    on_xi_slope: np.ndarray
-    on_theta_slope: np.ndarray
+    linearise: Callable[[], tuple[np.ndarray, np.ndarray]]
+
+    @cached_property
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.linearise()
+
+    @property
+    def on_xi_slope(self) -> np.ndarray:
+        """Total derivative of `on_xi` along xi, shape (n, n)."""
+        return self._slopes[0]
+
+    @property
+    def on_theta_slope(self) -> np.ndarray:
+        """Total derivative of `on_theta` along xi, shape (n,)."""
+        return self._slopes[1]
 
 
 def with_point_mass(inertia: InertiaIntegrals, point: np.ndarray, mass: float) -> InertiaIntegrals:
@@ -68,55 +91,64 @@ def inertia_forces(
         ``d xi' / d xi`` and ``d xi'' / d xi`` of the time integration formula.
     """
     xi, xi_rate, xi_acceleration = state
-    alpha, beta = shifts
     m, g, c = inertia.mass, inertia.spin, inertia.centrifugal
+    rate, acceleration = angle.rate, angle.acceleration
     s = np.concatenate([[1.0], xi])
     s_rate = np.concatenate([[0.0], xi_rate])
     carried = rotation(angle.angle).T @ crank.acceleration
     a = np.concatenate([[0.0], xi_acceleration])
     a[1:3] += carried
-    # d(A^T C1'')/d theta = -S A^T C1''
-    a_slope = np.zeros((len(s), len(xi)))
-    a_slope[1:] = beta * np.eye(len(xi))
-    a_slope[1:3] += np.outer([carried[1], -carried[0]], angle.angle_slope)
-    if crank.along is not None:
-        a_slope[1:3, -1] += rotation(angle.angle).T @ crank.along.acceleration
-    rate, acceleration = angle.rate, angle.acceleration
 
-    g_s, g_rate, c_s = g @ s, g @ s_rate, c @ s
-    on_s = m @ a + 2 * rate * g_rate + acceleration * g_s - rate**2 * c_s
-    on_s_slope = (
-        m @ a_slope
-        + (2 * rate * alpha + acceleration) * g[:, 1:]
-        - rate**2 * c[:, 1:]
-        + np.outer(2 * g_rate - 2 * rate * c_s, angle.rate_slope)
-        + np.outer(g_s, angle.acceleration_slope)
-    )
     # (S B)^T M B = -G
-    c_rate = c @ s_rate
-    on_theta = -s @ g @ a + 2 * rate * (s @ c_rate) + acceleration * (s @ c_s)
-    on_theta_slope = (
-        -(g @ a)[1:]
-        - (s @ g) @ a_slope
-        + 2 * rate * (c_rate[1:] + alpha * c_s[1:])
-        + 2 * acceleration * c_s[1:]
-        + 2 * (s @ c_rate) * angle.rate_slope
-        + (s @ c_s) * angle.acceleration_slope
-    )
+    g_s, g_rate, g_a = g @ s, g @ s_rate, g @ a
+    c_s, c_rate = c @ s, c @ s_rate
+    on_s = m @ a + 2 * rate * g_rate + acceleration * g_s - rate**2 * c_s
+    on_theta = -s @ g_a + 2 * rate * (s @ c_rate) + acceleration * (s @ c_s)
     if crank.along is not None:
-        on_s[-1], on_s_slope[-1] = _on_crank(on_s[1:3], on_s_slope[1:3], crank.along, angle)
-    return InertiaForces(on_s[1:], float(on_theta), on_s_slope[1:], on_theta_slope)
+        on_s[-1] = _arm(crank.along, angle) @ on_s[1:3]
+
+    def slopes() -> tuple[np.ndarray, np.ndarray]:
+        alpha, beta = shifts
+        # d(A^T C1'')/d theta = -S A^T C1''
+        a_slope = np.zeros((len(s), len(xi)))
+        a_slope[1:] = beta * np.eye(len(xi))
+        a_slope[1:3] += np.outer([carried[1], -carried[0]], angle.angle_slope)
+        if crank.along is not None:
+            a_slope[1:3, -1] += rotation(angle.angle).T @ crank.along.acceleration
+        on_s_slope = (
+            m @ a_slope
+            + (2 * rate * alpha + acceleration) * g[:, 1:]
+            - rate**2 * c[:, 1:]
+            + np.outer(2 * g_rate - 2 * rate * c_s, angle.rate_slope)
+            + np.outer(g_s, angle.acceleration_slope)
+        )
+        on_theta_slope = (
+            -g_a[1:]
+            - (s @ g) @ a_slope
+            + 2 * rate * (c_rate[1:] + alpha * c_s[1:])
+            + 2 * acceleration * c_s[1:]
+            + 2 * (s @ c_rate) * angle.rate_slope
+            + (s @ c_s) * angle.acceleration_slope
+        )
+        if crank.along is not None:
+            on_s_slope[-1] = _arm(crank.along, angle) @ on_s_slope[1:3]
+            on_s_slope[-1] += on_s[1:3] @ _arm_slope(crank.along, angle)
+        return on_s_slope[1:], on_theta_slope
+
+    return InertiaForces(on_s[1:], float(on_theta), slopes)
 
 
-def _on_crank(
-    resultant: np.ndarray, resultant_slope: np.ndarray, along: AngleSlopes, angle: RodAngle
-) -> tuple[float, np.ndarray]:
-    """Generalised force on the crank's angle, and its slope, of a resultant in the rod's frame."""
-    back = rotation(angle.angle).T
-    arm = back @ along.position
-    arm_slope = np.outer([arm[1], -arm[0]], angle.angle_slope)
-    arm_slope[:, -1] += back @ along.curvature
-    return float(arm @ resultant), arm @ resultant_slope + resultant @ arm_slope
+def _arm(along: AngleSlopes, angle: RodAngle) -> np.ndarray:
+    """What a resultant in the rod's frame does on the crank's angle, shape (2,) [m]."""
+    return rotation(angle.angle).T @ along.position
+
+
+def _arm_slope(along: AngleSlopes, angle: RodAngle) -> np.ndarray:
+    """Derivative of `_arm` along xi, shape (2, n)."""
+    arm = _arm(along, angle)
+    slope = np.outer([arm[1], -arm[0]], angle.angle_slope)
+    slope[:, -1] += rotation(angle.angle).T @ along.curvature
+    return slope
 
 
 def kinetic_energy(

@@ -13,7 +13,9 @@ crank's angle is free it is the last of ``xi``; C1 then depends on it, and p doe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -33,8 +35,8 @@ class RodAngle:
     angle_slope, rate_slope, acceleration_slope
         Derivatives along ``xi`` when ``xi'`` and ``xi''`` follow it with the
         factors of the time integration formula, shape (n,).
-    angle_curvature
-        Second derivative of theta with respect to ``xi``, shape (n, n).
+    curvature
+        Makes `angle_curvature`.
     """
 
     angle: float
@@ -43,7 +45,12 @@ class RodAngle:
     angle_slope: np.ndarray
     rate_slope: np.ndarray
     acceleration_slope: np.ndarray
-    angle_curvature: np.ndarray
+    curvature: Callable[[], np.ndarray]
+
+    @cached_property
+    def angle_curvature(self) -> np.ndarray:
+        """Second derivative of theta with respect to ``xi``, shape (n, n)."""
+        return self.curvature()
 
 
 def rod_angle(
@@ -90,13 +97,11 @@ def rod_angle(
     if along is not None:
         slope[-1] -= along.position[1] / x
     x_slope = x_xi - y * slope
-    curvature = -(np.outer(x_xi, slope) + np.outer(slope, x_slope)) / x
 
     x_rate, y_rate = x_xi @ xi_rate, y_xi @ xi_rate
     rate = -(crank.velocity[1] + y_rate) / x
     rate_slope = -(x_rate * slope + alpha * y_xi + rate * x_slope) / x
     if along is not None:
-        curvature[-1, -1] -= along.curvature[1] / x
         rate_slope[-1] -= along.velocity[1] / x
 
     x_rate_slope = alpha * x_xi - y_rate * slope
@@ -116,4 +121,11 @@ def rod_angle(
     if along is not None:
         # The arm's height is that of C1, negative.
         acceleration_slope[-1] -= (along.acceleration[1] + rate**2 * along.position[1]) / x
+
+    def curvature() -> np.ndarray:
+        result = -(np.outer(x_xi, slope) + np.outer(slope, x_slope)) / x
+        if along is not None:
+            result[-1, -1] -= along.curvature[1] / x
+        return result
+
     return RodAngle(theta, rate, acceleration, slope, rate_slope, acceleration_slope, curvature)

@@ -55,10 +55,9 @@ class Rotor:
         load = self.journal.load[1:]
         return Equations(
             residual=self.dry.residual(time, xi, rate, acceleration) - load @ pressure,
-            slope=self.dry.derivative(shifts),
-            coupling=load,
             shaft_rate=self.speed,
             shaft_rate_slope=np.zeros(len(xi)),
+            linearise=lambda: (self.dry.derivative(shifts), load),
             state=RotorState(time),
         )
 

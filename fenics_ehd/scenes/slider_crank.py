@@ -132,31 +132,38 @@ class SliderCrank:
         crank = self._motion(time, state, shifts)
         angle = rod_angle(crank, self._pin, *state, shifts)
         inertia = inertia_forces(self._inertia, crank, angle, state, shifts)
-        journal, coupling, shear = self.journal, self.journal.load[1:], None
-        on_theta, on_theta_slope = inertia.on_theta, inertia.on_theta_slope
+        journal, shear = self.journal, None
+        on_theta, s = inertia.on_theta, np.concatenate([[1.0], xi])
         shaft_rate_slope = -angle.rate_slope
         if crank.along is not None:
             shaft_rate_slope[-1] += crank.along.speed
+        # With shear, its moment and that of the pressure are together minus the shaft's torque.
+        moment = np.zeros(len(s))
         if self._shears:
             shear = partial(self._shear, crank, angle)
         else:
-            # With shear, its moment and that of the pressure are together minus the shaft's torque.
-            s = np.concatenate([[1.0], xi])
             moment = journal.spin_load @ pressure
             on_theta -= s @ moment
-            on_theta_slope = on_theta_slope - moment[1:]
-            coupling = coupling + np.outer(angle.angle_slope, s @ journal.spin_load)
         elastic = self._stiffness @ xi + self._damping @ rate
         residual = inertia.on_xi - journal.load[1:] @ pressure + elastic
         residual += angle.angle_slope * on_theta
-        slope = inertia.on_xi_slope + self._stiffness + shifts[0] * self._damping
-        slope += np.outer(angle.angle_slope, on_theta_slope) + on_theta * angle.angle_curvature
-        for forces, derivatives in self._applied(crank, angle, xi):
+        applied = list(self._applied(crank, angle, xi))
+        for forces, _ in applied:
             residual -= forces
-            slope -= derivatives
-        shaft_rate = crank.speed - angle.rate
-        known = MechanismState(crank, angle)
-        return Equations(residual, slope, coupling, shaft_rate, shaft_rate_slope, known, shear)
+
+        def linearise() -> tuple[np.ndarray, np.ndarray]:
+            slope = inertia.on_xi_slope + self._stiffness + shifts[0] * self._damping
+            slope += np.outer(angle.angle_slope, inertia.on_theta_slope - moment[1:])
+            slope += on_theta * angle.angle_curvature
+            for _, derivatives in applied:
+                slope -= derivatives
+            if self._shears:
+                return slope, journal.load[1:]
+            spun = np.outer(angle.angle_slope, s @ journal.spin_load)
+            return slope, journal.load[1:] + spun
+
+        shaft_rate, known = crank.speed - angle.rate, MechanismState(crank, angle)
+        return Equations(residual, shaft_rate, shaft_rate_slope, linearise, known, shear)
 
     def _shear(self, crank: CrankMotion, angle: RodAngle, state: FilmState) -> np.ndarray:
         """See `Equations.shear`; the shaft turns by ``phi - theta`` in the bore."""
