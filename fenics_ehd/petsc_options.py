@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
+from fenics_ehd.errors import SolverError
+
 if TYPE_CHECKING:
     from slepc4py import SLEPc
 
@@ -76,6 +78,11 @@ def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None
         Solver, set up.
     right, solution
         Dense matrices of the same layout.
+
+    Raises
+    ------
+    SolverError
+        The iteration did not converge for one of the columns.
     """
     if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
         ksp.pc.getFactorMatrix().matSolve(right, solution)
@@ -84,4 +91,9 @@ def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None
     for column in range(right.size[1]):
         given.array = right.getDenseArray()[:, column]
         ksp.solve(given, unknown)
+        if ksp.getConvergedReason() < 0:
+            raise SolverError(
+                f"no convergence in {ksp.getIterationNumber()} iterations (reason "
+                f"{ksp.getConvergedReason()}): see -{ksp.getOptionsPrefix()}ksp_monitor"
+            )
         solution.getDenseArray()[:, column] = unknown.array

@@ -37,6 +37,7 @@ from fenics_ehd.reduction import (
     two_step_craig_bampton,
 )
 from fenics_ehd.reduction.eigenmodes import lowest_modes
+from fenics_ehd.reduction.linear_solver import LinearSolver
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes.rod import build_structure
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
@@ -924,6 +925,30 @@ def test_an_iteration_on_an_indefinite_stiffness_is_named():
     indefinite = as_structure(with_a_negative_eigenvalue(part("free")))
     with pytest.raises(SolverError, match=r"no convergence in .* iterations"):
         load_dependent(indefinite, 4, 6, solver="iterative")
+
+
+@pytest.mark.mpi
+def test_a_load_whose_iteration_ends_early_is_found_among_those_that_converge():
+    structure = as_structure(part("clamped"))
+    rows = structure.stiffness.local_size[0]
+    first = structure.stiffness.getOwnershipRange()[0]
+    loads = np.zeros((rows, 2), order="F")
+    loads[:, 0] = np.cos(np.arange(first, first + rows))
+    options = PETSc.Options("few_")
+    options["ksp_max_it"] = 3
+    try:
+        solver = LinearSolver(
+            structure.stiffness.copy(),
+            direct=False,
+            near_kernel=np.zeros((rows, 0)),
+            kernel=False,
+            options_prefix="few_",
+        )
+    finally:
+        options.delValue("ksp_max_it")
+    # The last column, of zeros, converges at once.
+    with pytest.raises(SolverError, match="no convergence in 3 iterations"):
+        solver.solve(loads)
 
 
 @pytest.mark.mpi

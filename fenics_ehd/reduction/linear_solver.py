@@ -89,7 +89,6 @@ class LinearSolver:
         kernel: bool,
         options_prefix: str,
     ):
-        self._prefix = options_prefix
         self._comm = matrix.comm
         if not direct:
             _describe_kernel(matrix, near_kernel, kernel)
@@ -131,20 +130,15 @@ class LinearSolver:
                     f"({str(error).splitlines()[-1]}): is it singular?"
                 ) from None
         else:
-            solve_columns(self._ksp, rhs, response)
-            self._check_convergence()
+            try:
+                solve_columns(self._ksp, rhs, response)
+            except SolverError as error:
+                raise SolverError(
+                    f"the stiffness matrix: {error}, or choose solver = 'direct'"
+                ) from None
         for matrix in (rhs, response):
             matrix.destroy()
         return result
-
-    def _check_convergence(self) -> None:
-        reason = self._ksp.getConvergedReason()
-        if reason < 0:
-            raise SolverError(
-                f"the stiffness matrix: no convergence in {self._ksp.getIterationNumber()} "
-                f"iterations (reason {reason}): see -{self._prefix}ksp_monitor, or choose "
-                "solver = 'direct'"
-            )
 
 
 def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -> None:
