@@ -928,6 +928,27 @@ def test_an_iteration_on_an_indefinite_stiffness_is_named():
 
 
 @pytest.mark.mpi
+def test_factors_on_disk_give_the_body_of_those_in_memory(monkeypatch, tmp_path):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    written = []
+    solve = LinearSolver.solve
+
+    def watched(solver, loads):
+        written.append(sum(path.stat().st_size for path in tmp_path.iterdir()))
+        return solve(solver, loads)
+
+    monkeypatch.setattr(LinearSolver, "solve", watched)
+    body = load_dependent(as_structure(part("free")), 4, 6)
+    assert max(written) == 0
+    monkeypatch.setattr(linear_solver, "IN_CORE_LIMIT", 100)
+    other = load_dependent(as_structure(part("free")), 4, 6)
+    assert max(written) > 0
+    assert other.frequencies == pytest.approx(body.frequencies, rel=1e-9)
+    flexibility = body.basis_flexibility()
+    assert other.basis_flexibility() == pytest.approx(flexibility, abs=1e-10 * flexibility.max())
+
+
+@pytest.mark.mpi
 def test_a_load_whose_iteration_ends_early_is_found_among_those_that_converge():
     structure = as_structure(part("clamped"))
     rows = structure.stiffness.local_size[0]

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
 import numpy as np
 from petsc4py import PETSc
 
 from fenics_ehd.errors import SettingsError, SolverError
 from fenics_ehd.petsc_options import configured, destroy_with, solve_columns
+from fenics_ehd.reduction.column_store import scratch_folder
 from fenics_ehd.reduction.distributed import dense_matrix
 
 SOLVERS = ("auto", "direct", "iterative")
 
-#: Degrees of freedom above which ``"auto"`` iterates: factors of parts as thick as they are wide
-#: outgrow 16 GB there (measured: 1.1 GB at 134 000, growing as N^1.4).
-DIRECT_LIMIT = 700_000
+#: Degrees of freedom above which factors go to disk: those of parts as thick as they are wide
+#: outgrow 16 GB with the matrices there (measured: 1.1 GB at 134 000, 15.6 GB at 1 081 000).
+IN_CORE_LIMIT = 700_000
+
+#: Degrees of freedom above which ``"auto"`` iterates: factors of 40 GB and more.
+DIRECT_LIMIT = 2_000_000
 
 DIRECT_OPTIONS = {
     "ksp_type": "preonly",
@@ -22,6 +30,15 @@ DIRECT_OPTIONS = {
     # Right-hand sides that MUMPS takes at once.
     "mat_mumps_icntl_27": 64,
 }
+
+#: Read from the disk once forward and once back in every solve.
+OUT_OF_CORE = {"mat_mumps_icntl_22": 1}
+
+#: INFOG(1) of MUMPS.
+NO_ROOM_ON_DISK = -90
+
+#: Where MUMPS writes factors; it would take ``/tmp``.
+FACTORS_FOLDER = "MUMPS_OOC_TMPDIR"
 
 #: Smoothed aggregation on the rigid motions of the part; conjugate gradients to a residual between
 #: what round-off leaves of a smooth load (1e-9 of it at 70 000 degrees of freedom) and the check of
@@ -55,6 +72,24 @@ def is_direct(solver: str, size: int) -> bool:
     if solver not in SOLVERS:
         raise SettingsError(f"solver {solver!r} is not one of {', '.join(SOLVERS)}")
     return solver == "direct" or (solver == "auto" and size <= DIRECT_LIMIT)
+
+
+def _options(direct: bool, size: int) -> Mapping[str, object]:
+    if not direct:
+        return ITERATIVE_OPTIONS
+    return DIRECT_OPTIONS | OUT_OF_CORE if size > IN_CORE_LIMIT else DIRECT_OPTIONS
+
+
+@contextmanager
+def _factors_on_disk() -> Iterator[None]:
+    """Where temporary bases go too, unless MUMPS was told a folder of its own."""
+    given = FACTORS_FOLDER in os.environ
+    os.environ.setdefault(FACTORS_FOLDER, scratch_folder())
+    try:
+        yield
+    finally:
+        if not given:
+            del os.environ[FACTORS_FOLDER]
 
 
 class LinearSolver:
@@ -95,8 +130,9 @@ class LinearSolver:
         self._ksp = ksp = PETSc.KSP().create(matrix.comm)
         ksp.setOperators(matrix)
         destroy_with(self, ksp)
+        options = _options(direct, matrix.size[0])
         try:
-            with configured(ksp, options_prefix, DIRECT_OPTIONS if direct else ITERATIVE_OPTIONS):
+            with configured(ksp, options_prefix, options), _factors_on_disk():
                 ksp.setUp()
         except PETSc.Error as error:
             raise SolverError(
@@ -107,8 +143,8 @@ class LinearSolver:
         if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
             # The factors need neither the solver around them nor, what counts, the matrix.
             self._factor = ksp.pc.getFactorMatrix()
-            _check_pivots(self._factor, ksp.pc.getFactorSolverType())
             destroy_with(self, self._factor)
+            _check_factors(self._factor, ksp.pc.getFactorSolverType(), options_prefix)
             ksp.destroy()
 
     def solve(self, loads: np.ndarray) -> np.ndarray:
@@ -160,9 +196,21 @@ def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -
         matrix.setNullSpace(space)
 
 
-def _check_pivots(factor: PETSc.Mat, package: str) -> None:
-    """Raise if MUMPS met a negative pivot; other packages refuse it themselves."""
-    negative = factor.getMumpsInfog(12) if package == "mumps" else 0
+def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None:
+    """Raise if MUMPS failed or met a negative pivot; other packages say so themselves."""
+    if package != "mumps":
+        return
+    failure, detail, negative = (factor.getMumpsInfog(i) for i in (1, 2, 12))
+    if failure == NO_ROOM_ON_DISK:
+        raise SolverError(
+            f"the factors of the stiffness matrix do not fit in "
+            f"{os.environ.get(FACTORS_FOLDER, scratch_folder())}: set TMPDIR to a larger folder"
+        )
+    if failure < 0:
+        raise SolverError(
+            f"the stiffness matrix cannot be factorised (MUMPS: INFOG(1) = {failure}, INFOG(2) = "
+            f"{detail}): see -{options_prefix}mat_mumps_icntl_4 2, or choose solver = 'iterative'"
+        )
     if negative:
         raise SolverError(
             f"the stiffness matrix has {negative} negative pivots: it is not positive "
