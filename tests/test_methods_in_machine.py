@@ -1,13 +1,14 @@
 """The reduced bodies of all methods in the slider-crank."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import attrs
 import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from fenics_ehd.errors import InputError, SettingsError
+from fenics_ehd.errors import InputError, SettingsError, StepSizeError
 from fenics_ehd.multibody.neglected_inertia import neglected_inertia
 from fenics_ehd.reduction import (
     craig_bampton,
@@ -20,6 +21,7 @@ from fenics_ehd.reduction.craig_bampton import centre_constraints
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.projection import Basis, gram_matrices, project
 from fenics_ehd.reduction.rigid_motion import rigid_fields
+from fenics_ehd.scenes import transient
 from fenics_ehd.scenes.rod import reduce_rod, reduce_structure
 from fenics_ehd.scenes.run import Totals, simulate
 from fenics_ehd.scenes.slider_crank_settings import Reduction, SliderCrankSettings
@@ -166,3 +168,18 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
     assert totals.basis_error > 0.3 * film * reference[2].min()
     truncated, _ = run(replace(body, residual=None, missing_flexibility=np.zeros((0, 0))), 0.3)
     assert max(difference(truncated, reference)) > 0.1
+
+
+@pytest.mark.parametrize(("patterns", "advised"), [(6, True), (200, False)])
+def test_few_residual_patterns_are_named_where_no_step_is_short_enough(
+    patterns, advised, monkeypatch
+):
+    def give_up(*_):
+        raise StepSizeError("the step fell to 1e-13 s")
+
+    monkeypatch.setattr(transient, "advance", give_up)
+    journal = SimpleNamespace(compliance=SimpleNamespace(patterns=np.zeros((patterns, 3))))
+    machine = SimpleNamespace(journal=journal)
+    with pytest.raises(StepSizeError, match=r"^the step fell to 1e-13 s") as caught:
+        transient._advanced(machine, None, 1.0, None, None)
+    assert ("lower reduction.residual_truncation" in str(caught.value)) is advised

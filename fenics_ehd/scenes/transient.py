@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fenics_ehd.errors import FilmTooThinError
+from fenics_ehd.errors import FilmTooThinError, StepSizeError
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl, advance
 from fenics_ehd.multibody.coupled import CoupledState, CoupledSteps, PressureMemory
@@ -20,6 +20,9 @@ from fenics_ehd.reduction import ReducedBody
 
 #: Takes the history row and the fields of a step.
 Record = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
+
+#: Residual patterns of M4 so few that they may be why no step is short enough.
+FEW_PATTERNS = 30
 
 #: Largest energy balance error of a run that may be trusted.
 ENERGY_LIMIT = 0.05
@@ -207,7 +210,7 @@ def march(
     busy_before = process_time() - run.totals.processor_time
     n = machine.journal.coordinates
     while run.integrator.time < end:
-        step, run.integrator = advance(machine, run.integrator, end, control, solve)
+        step, run.integrator = _advanced(machine, run.integrator, end, control, solve)
         powers = machine.powers(step.x, step.rate, step.auxiliary)
         run.balance.add(step.time, powers)
         pressure = machine.journal.bore.structure_pressure(step.auxiliary.film.pressure)
@@ -239,6 +242,22 @@ def march(
         if watchers.progress is not None:
             watchers.progress(totals, step)
         check_film(row["min_film_thickness_m"], step.time, smallest_film)
+
+
+def _advanced(
+    machine: Machine, state: IntegratorState, end: float, control: StepControl, solve: CoupledSteps
+) -> tuple[Step, IntegratorState]:
+    """One step, see `advance`; where there is none, what a truncated body has to do with it."""
+    try:
+        return advance(machine, state, end, control, solve)
+    except StepSizeError as error:
+        compliance = machine.journal.compliance
+        if compliance is None or len(compliance.patterns) > FEW_PATTERNS:
+            raise
+        raise StepSizeError(
+            f"{error}; or lower reduction.residual_truncation: a bore that yields in "
+            f"{len(compliance.patterns)} patterns only resists a short step more than the oil"
+        ) from error.__cause__
 
 
 def common_columns(machine: Machine, step: Step) -> dict[str, Any]:
