@@ -106,10 +106,8 @@ def _dampings() -> Iterator[Case]:
         settings = changed(whole, reduction__residual_truncation=truncation)
         claims = same_as(few, limit, whole), tighter(0.03), energy(ENERGY)
         yield Case(f"zeta 0, M4 truncated at {truncation:g}", settings, claims)
-    text = (
-        "six patterns resist a step of 1e-8 s 1e5 times as much as oil: no partition is found; {}"
-    )
-    none = Claim(text, 0.0, lambda _s, _t, run: run.totals.time, "reached")
+    few = "six patterns resist a step of 1e-8 s 1e5 times as much as oil: no partition is found; {}"
+    none = Claim(few, 0.0, lambda _s, _t, run: run.totals.time, "reached")
     settings = changed(whole, reduction__residual_truncation=0.3)
     yield Case("zeta 0, M4 truncated at 0.3", settings, (none,), StepSizeError)
     full = scene("full", 0.2)
