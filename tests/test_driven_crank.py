@@ -24,6 +24,8 @@ from hand_made_rod import (
     pressure_work,
     some_state,
 )
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from test_coupled_steps import dense, film_of, with_residual
@@ -443,6 +445,35 @@ def test_tables_repeat_with_two_or_four_strokes(tmp_path, first, period):
         assert along == pytest.approx(-np.degrees(wave) * np.sin(wave * degrees), abs=1e-4)
         once_more = force(np.radians(degrees + 360))[0]
         assert (abs(once_more - value) < 1e-9) == (period == 360)
+
+
+#: Of the tutorial: an ignition in few rows, beside which a spline falls to -4.7 kN.
+IGNITION = [0, 20, 60, 180, 300, 360], [8000, 20000, 8000, 500, 600, 8000]
+
+
+@given(st.lists(st.integers(-9, 9), min_size=3, max_size=9), st.sampled_from([360, 720]))
+def test_curves_through_tables_do_not_overshoot_the_rows(tmp_path_factory, values, period):
+    path = tmp_path_factory.mktemp("table") / "gas.csv"
+    angles = np.linspace(0, period, len(values) + 1)
+    rows = np.array([*values, values[0]], dtype=float)
+    path.write_text(table(angles, rows))
+    force = read_angle_table(path, "mechanism.gas_force", "force_N")
+    fine = np.array([force(np.radians(a)) for a in np.linspace(0, period, 12 * len(values) + 1)])
+    for before, after, curve in zip(rows[:-1], rows[1:], fine[:-1, 0].reshape(-1, 12), strict=True):
+        assert curve.max() <= max(before, after) + 1e-9
+        assert curve.min() >= min(before, after) - 1e-9
+
+
+def test_an_ignition_in_few_rows_does_not_suck(tmp_path):
+    path = tmp_path / "gas.csv"
+    path.write_text(table(*IGNITION))
+    force = read_angle_table(path, "mechanism.gas_force", "force_N")
+    fine = np.array([force(np.radians(angle)) for angle in np.linspace(0, 360, 721)])
+    assert fine[:, 0].min() == pytest.approx(500)
+    assert fine[:, 0].max() == pytest.approx(20000)
+    step = np.radians(0.5)
+    differences = np.diff(fine[:, 0]) / step
+    assert np.abs(np.diff(differences)).max() < 0.2 * np.abs(differences).max()
 
 
 GOOD = table([0, 90, 180, 270, 360], [1, 2, 3, 2, 1])

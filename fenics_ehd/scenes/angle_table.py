@@ -7,8 +7,11 @@
     720,120
 
 Angles ascend from any first one and span one period, 360 or 720 degrees; the last value is the
-first. In between a periodic cubic spline is laid, smooth enough for Newton's method and for the
-error estimate of the time integration.
+first. In between lies a periodic cubic spline whose slopes are limited (F. N. Fritsch and R. E.
+Carlson, SIAM J. Numer. Anal. 17, 1980), so that it never leaves the range of the rows beside it:
+the spline itself swings below zero beside an ignition that a few rows describe. Close rows of
+something smooth leave all slopes but those at extremes as they are. The slope is continuous, as
+Newton's method wants it.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.scenes.csv_rows import finite_number, numbered_rows
@@ -52,13 +55,34 @@ class AngleTable:
         return float(self.angles[-1] - self.angles[0])
 
     @cached_property
-    def _spline(self) -> CubicSpline:
+    def _curve(self) -> CubicHermiteSpline:
         closed = np.append(self.values[:-1], self.values[0])  # SciPy forgives no round-off
-        return CubicSpline(self.angles, closed, bc_type="periodic")
+        slopes = CubicSpline(self.angles, closed, bc_type="periodic")(self.angles, 1)
+        return CubicHermiteSpline(
+            self.angles, closed, limited(slopes, np.diff(closed) / np.diff(self.angles))
+        )
 
     def __call__(self, angle: float) -> tuple[float, float]:
         """Value and derivative at any angle [rad], the latter per rad."""
-        return float(self._spline(angle)), float(self._spline(angle, 1))
+        phase = self.angles[0] + (angle - self.angles[0]) % self.period
+        return float(self._curve(phase)), float(self._curve(phase, 1))
+
+
+def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
+    """Slopes at the rows of a closed table with which a cubic curve stays between them.
+
+    Parameters
+    ----------
+    slopes
+        Wanted, the last one that of the first, shape (n,).
+    chords
+        Between one row and the next, shape (n - 1,).
+    """
+    before, after = np.append(chords[-1], chords), np.append(chords, chords[0])
+    largest = 3.0 * np.minimum(np.abs(before), np.abs(after))
+    # At an extreme, and where the spline falls although the rows rise.
+    turns = (before * after <= 0) | (slopes * after <= 0)
+    return np.where(turns, 0.0, np.clip(slopes, -largest, largest))
 
 
 def read_angle_table(path: str | Path, key: str, column: str) -> AngleTable:
