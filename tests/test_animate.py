@@ -260,6 +260,37 @@ def test_command_reduces_the_part_again_and_writes_a_gif(crank_run, capsys):
     assert not list(crank_run.directory.glob("*.part*"))
 
 
+@pytest.mark.parametrize("rate", [20, 24, 30, 40, 45, 50])
+def test_a_gif_lasts_as_long_as_its_frames_a_second_say(rate, tmp_path):
+    figure = animation.plt.figure(figsize=(0.4, 0.4))
+    count, shades = 12, np.linspace(0, 1, 12)
+
+    def show(frame):
+        figure.patch.set_facecolor(str(shades[frame]))
+
+    animation._write_gif(figure, show, count, tmp_path / "a.gif", rate, lambda: None)
+    animation.plt.close(figure)
+    with Image.open(tmp_path / "a.gif") as picture:
+        delays = []
+        for frame in range(picture.n_frames):
+            picture.seek(frame)
+            delays.append(picture.info["duration"])
+    # Whole hundredths of a second are all that a GIF knows.
+    assert sum(delays) == pytest.approx(1000 * count / rate, abs=5)
+
+
+@pytest.mark.parametrize("low", [-0.011, 0.0, 0.1, -0.122])
+def test_a_bore_is_drawn_wherever_it_lies(low):
+    around, along = np.meshgrid(np.linspace(0, 2 * np.pi, 20, endpoint=False), np.linspace(0, 1, 5))
+    height = low + 0.022 * along
+    nodes = np.stack([0.0225 * np.cos(around), 0.0225 * np.sin(around), height], -1).reshape(-1, 3)
+    values = along.reshape(1, -1)
+    film = animation_film.film_frames(nodes, values, nodes, values, 17e-6)
+    for raster in (film.pressure, film.gap):
+        np.testing.assert_allclose(raster[0, :, 0], np.linspace(0, 1, len(film.height)), atol=1e-8)
+        assert np.isfinite(raster).all()
+
+
 @pytest.fixture
 def stopped(crank_run, tmp_path):
     """A folder as kill -9 leaves it, its body made elsewhere, so that nothing is reduced again."""

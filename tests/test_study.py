@@ -19,12 +19,16 @@ from fenics_ehd.errors import InputError, SettingsError
 from fenics_ehd.output import read_history
 from fenics_ehd.reduction import load_body
 from fenics_ehd.settings import to_toml
+from fenics_ehd.study import folder as study_folder
 from fenics_ehd.study.curves import Reference, RunCurves
+from fenics_ehd.study.errors_file import errors_path, read_errors
+from fenics_ehd.study.film_check import finer
 from fenics_ehd.study.folder import StudyFolder
 from fenics_ehd.study.plan import REFERENCE, identity, make_study
+from fenics_ehd.study.run import run_study
 from fenics_ehd.study.scope import SCOPES
 from fenics_ehd.study.table import COLUMNS, ERRORS, read_table
-from fenics_ehd.study.variants import m4, steps
+from fenics_ehd.study.variants import film, m4, steps
 from fenics_ehd.study.work import RunTask
 from fenics_ehd.sweeps.errors import SweepInUseError
 from fenics_ehd.sweeps.keys import with_values
@@ -258,8 +262,10 @@ def test_folder_of_another_scene_or_process_is_refused(studied, tmp_path):
         StudyFolder(directory, study)
 
 
-def test_a_scene_that_ends_before_errors_count_is_refused():
-    scope = replace(TINY, start=1e-3)
+@pytest.mark.parametrize("start", [1e-3, 2e-4])
+def test_a_scene_that_ends_before_enough_errors_count_is_refused(start):
+    # The second one leaves 5e-5 s, less than its largest step of 7e-5 s.
+    scope = replace(TINY, start=start)
     with pytest.raises(SettingsError, match=r"mechanism.revolutions = 0.02 ends at 0.000251 s"):
         make_study("slider-crank", scope=scope)
 
@@ -272,6 +278,216 @@ def test_lost_bodies_and_histories_are_made_again(again):
     assert [task.run.name for task in pool.tasks if isinstance(task, RunTask)] == ["rigid"]
     assert len(list(again.glob("bodies/*.h5"))) == 6
     assert rows_of(rows, "methods")["rigid"]["film_error_max"] > 0
+
+
+def ran(pool):
+    return {task.run.name for task in pool.tasks if isinstance(task, RunTask)}
+
+
+def shorten(path, share):
+    """Cut a file off, as a full disk or a lost machine leaves it."""
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+
+
+def cut_history(folder):
+    """Both files of a history to four steps: each can be read."""
+    lines = (folder / "history.csv").read_text().splitlines(keepends=True)
+    (folder / "history.csv").write_text("".join(lines[:5]))
+    with h5py.File(folder / "history.h5", "r+") as file:
+        for name in ("coordinates", "rates", "pressure_Pa"):
+            file[name].resize(4, axis=0)
+
+
+def test_damaged_runs_and_bodies_are_made_again(studied, again):
+    _, study, rows = studied
+    runs = again / "runs"
+    (runs / "rigid" / "history.h5").unlink()
+    shorten(runs / "m3-pc1-largest-eigenvalue-20" / "history.h5", 0.5)
+    shorten(runs / "m4-6-1e-04" / "history.csv", 0.5)
+    cut_history(runs / "m1-10")
+    shorten(again / "bodies" / f"{study.runs['rigid'].body}.h5", 0.9)
+    shorten(again / "bodies" / f"{study.runs[REFERENCE].body}.h5", 0.9)
+    _, pool, repeated = run_tiny(again)
+    assert ran(pool) == {"rigid", "m3-pc1-largest-eigenvalue-20", "m4-6-1e-04", "m1-10"}
+    assert [row["status"] for row in repeated] == [row["status"] for row in rows]
+    for row, before in zip(repeated, rows, strict=True):
+        assert row["film_error_max"] == pytest.approx(before["film_error_max"], rel=1e-3)
+
+
+def test_damage_that_shows_in_the_comparison_is_a_row(again, monkeypatch):
+    # As if the files were lost while the study goes on, after they were looked at.
+    monkeypatch.setattr(study_folder, "_whole", lambda directory, outcome: True)
+    (again / "runs" / "rigid" / "history.h5").unlink()
+    _, _, rows = run_tiny(again)
+    methods = rows_of(rows, "methods")
+    assert methods["rigid"]["status"].startswith("failed: InputError")
+    assert methods["rigid"]["film_error_max"] is None
+    assert methods["m1-10"]["film_error_max"] > 0
+    assert read_table(again / "table.csv") == rows
+    monkeypatch.undo()
+    _, pool, rows = run_tiny(again)
+    assert ran(pool) == {"rigid"}
+    assert rows_of(rows, "methods")["rigid"]["film_error_max"] > 0
+
+
+def test_a_damaged_reference_is_the_one_that_failed(again, monkeypatch):
+    monkeypatch.setattr(study_folder, "_whole", lambda directory, outcome: True)
+    cut_history(again / "runs" / REFERENCE)
+    study = make_study("slider-crank", scope=TINY)
+    _, _, rows = run_tiny(again)
+    failed = {row["run"] for row in rows if row["status"] != "complete"}
+    assert failed == {REFERENCE, TOO_MANY.name}
+    assert "fewer than two steps after 0.0001 s" in rows[0]["status"]
+    assert {row["film_error_max"] for row in rows if row["against"] == REFERENCE} == {None}
+    found = json.loads((again / "reference.json").read_text())
+    assert found["basis"]["why"].startswith("reference: failed: InputError")
+    with StudyFolder(again, study) as folder:
+        # What the next call of the program goes by.
+        assert folder.outcome(study.runs[REFERENCE]).status == rows[0]["status"]
+
+
+def test_errors_over_time_are_kept_beside_the_runs(studied, again):
+    directory, study, rows = studied
+    compared = [row for row in rows if row["film_error_max"] is not None]
+    paths = {
+        errors_path(Path("runs", row["run"]), against)
+        for row in compared
+        for against in filter(None, (row["against"], study.rows[rows.index(row)].own))
+        if against != row["run"]
+    }
+    assert {path.relative_to(directory) for path in directory.glob("runs/*/errors-*")} == paths
+    for row in compared:
+        folder = directory / "runs" / row["run"]
+        found = read_errors(errors_path(folder, row["against"]))
+        steps_of = read_history(folder)["time_s"]
+        np.testing.assert_array_equal(found["time_s"], steps_of[steps_of >= study.start])
+        for name in ("pressure_error", "film_error"):
+            assert np.abs(found[name]).max() == row[f"{name}_max"]
+    path = errors_path(again / "runs" / "rigid", REFERENCE)
+    before = path.read_bytes()
+    path.with_name("errors-gone.npz").write_bytes(before)
+    shorten(path, 0.5)
+    with pytest.raises(InputError, match="not the errors of a run"):
+        read_errors(path)
+    run_tiny(again)
+    assert path.read_bytes() == before
+    assert not path.with_name("errors-gone.npz").exists()
+
+
+class Interrupted:
+    """A pool that is interrupted before anything is done."""
+
+    width = 1
+
+    def submit(self, function, task):
+        raise KeyboardInterrupt
+
+
+def test_tables_are_those_of_the_study_from_the_beginning(studied, again):
+    _, study, rows = studied
+    shutil.rmtree(again / "runs" / "rigid")
+    with StudyFolder(again, study) as folder, pytest.raises(KeyboardInterrupt):
+        run_study(study, folder, Interrupted())
+    found = read_table(again / "table.csv")
+    assert [(row["run"], row["group"]) for row in found] == [(r["run"], r["group"]) for r in rows]
+    missing = {row["run"]: row for row in found if row["status"] == "not run"}
+    assert set(missing) == {"rigid", TOO_MANY.name}
+    assert missing["rigid"]["method"] == "rigid"
+    assert missing["rigid"]["steps"] is None
+    assert found[1] == rows[1]
+
+
+def test_overwriting_forgets_tables_and_report_too(studied, again):
+    study = studied[1]
+    (again / "figures").mkdir()
+    for name in ("report.html", "report.md", "statements.csv", "figures/a.png"):
+        (again / name).write_text("of the former study")
+    with StudyFolder(again, study, overwrite=True) as folder:
+        assert {path.name for path in again.iterdir()} == {"bodies", "study.lock"}
+        with pytest.raises(KeyboardInterrupt):
+            run_study(study, folder, Interrupted())
+    assert {row["status"] for row in read_table(again / "table.csv")} == {"not run"}
+    assert json.loads((again / "reference.json").read_text())["status"] == "not run"
+
+
+def test_overwriting_leaves_figures_of_something_else_alone(studied, tmp_path):
+    (tmp_path / "figures").mkdir()
+    with StudyFolder(tmp_path, studied[1], overwrite=True):
+        assert (tmp_path / "figures").exists()
+
+
+@pytest.mark.parametrize(
+    ("values", "cells"),
+    [
+        ({}, (30, 7)),
+        ({"film.cells": (12, 3)}, (30, 7)),
+        ({"film.cells": (30, 7)}, (45, 11)),
+        ({"film.cells": (60, 15)}, (90, 23)),
+        ({"rod.geometry": {"bore_cells_around": 40}}, (60, 8)),
+        ({"rod.geometry": {"bore_cells_around": 40}, "rod.cells": "tet"}, (30, 7)),
+    ],
+)
+def test_film_mesh_is_checked_by_a_finer_one(values, cells, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(to_toml(with_values(make_study("slider-crank").settings, values)))
+    study = make_study(str(path), quick=True)
+    check = study.checks["film"]
+    assert study.runs[check.run].case.settings.film.cells == cells
+    assert f"film.cells = {cells}" in check.meaning
+
+
+@pytest.mark.parametrize("scene_quick", SCOPES)
+def test_checks_of_the_scopes_are_finer_already(scene_quick):
+    study = make_study(scene_quick[0], quick=scene_quick[1])
+    asked = SCOPES[scene_quick].film_check["film.cells"]
+    assert finer(asked, (20, 5))
+    assert study.runs[study.checks["film"].run].case.settings.film.cells == asked
+
+
+def test_between_steps_a_curve_of_maxima_has_an_error_that_is_estimated(studied):
+    directory, study, _ = studied
+    reference = curves_of(directory, study, REFERENCE, Reference)
+    assert reference.interpolation_error(study.start) == 0
+    exact = reference._pressures
+    finest = curves_of(directory, study, "m3-pc1-largest-eigenvalue-20-film-40x8", Reference)
+    assert finest.interpolation_error(study.start) > 0
+    # A curve of which each third step is known, and all that is between.
+    few = curves_of(directory, study, REFERENCE, Reference)
+    few._nodal = False
+    few.times, few.pressure = few.times[::3], few.pressure[::3]
+    inside = (reference.times >= study.start) & (reference.times <= few.times[-1])
+    times = reference.times[inside]
+    true = np.abs(few._pressures(times)[:, 0] - exact(times).max(axis=1)).max()
+    true /= few.pressure[few.times >= study.start].max()
+    assert true <= few.interpolation_error(study.start) <= 30 * true
+
+
+def test_film_of_other_cells_than_the_bore_has_a_floor_for_its_interpolation(tmp_path):
+    scope = replace(
+        TINY,
+        settings={**TINY.settings, "film.cells": (12, 3)},
+        methods=(m4(6),),
+        stepped=(),
+        meshed=(),
+        film_check=film(12, 3) | steps(1e-4),
+    )
+    _, _, rows = run_tiny(tmp_path, make_study("slider-crank", scope=scope))
+    found = json.loads((tmp_path / "reference.json").read_text())
+    assert found["film"]["how"].startswith("with film.cells = (18, 5)")
+    between = found["pressure_interpolation_error"]
+    assert 0 < between < 0.05
+    row = rows_of(rows, "methods")["m4-6-1e-04"]
+    own = max(found[kind]["pressure_max"] for kind in ("step", "basis"))
+    assert row["pressure_floor"] == max(between, own)
+
+
+def test_a_film_check_that_is_not_finer_shows_nothing(studied, again):
+    study = studied[1]
+    check = replace(study.checks["film"], run=study.checks["basis"].run)
+    run_tiny(again, replace(study, checks=study.checks | {"film": check}))
+    found = json.loads((again / "reference.json").read_text())["film"]
+    assert found["film_max"] is None
+    assert found["why"] == "reference-basis: its film of 10x2 cells is not finer than 10x2"
 
 
 def test_table_of_something_else_is_refused(tmp_path):
@@ -298,7 +514,7 @@ def test_bad_input_is_one_line(arguments, message, tmp_path, capfd):
 
 def short_scene(directory, **time):
     """A coarse rod over a small part of a revolution, as a scene file."""
-    values = {"mechanism.revolutions": 0.03, "rod.geometry": COARSE}
+    values = {"mechanism.revolutions": 0.03, "rod.geometry": COARSE, "time.largest_step": 2.5}
     settings = make_study("slider-crank").settings
     values |= {f"time.{name}": value for name, value in time.items()}
     path = directory / "scene.toml"

@@ -85,8 +85,9 @@ def _run(plan: Study, folder: StudyFolder, pool: Pool) -> list[dict[str, Any]]:
     from fenics_ehd.interrupt import interrupt_between_steps
     from fenics_ehd.study.run import run_study, work_left
 
-    with _bar(work_left(plan, folder).cost) as ended, interrupt_between_steps() as check:
-        return run_study(plan, folder, pool, check=check, progress=ended)
+    work = work_left(plan, folder)
+    with _bar(work.cost) as ended, interrupt_between_steps() as check:
+        return run_study(plan, folder, pool, check=check, progress=ended, work=work)
 
 
 @contextmanager

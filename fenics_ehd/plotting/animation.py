@@ -182,7 +182,14 @@ def _write_gif(
             progress()
 
     first, *others = frames()
-    first.save(path, save_all=True, append_images=others, duration=round(1000 / rate), loop=0)
+    delays = _delays(count, rate)
+    first.save(path, save_all=True, append_images=others, duration=delays, loop=0)
+
+
+def _delays(count: int, rate: int) -> list[int]:
+    """Milliseconds that each frame stands: a GIF counts in hundredths of a second."""
+    ends = np.round(100 / rate * np.arange(count + 1)).astype(int)
+    return (10 * np.diff(ends)).tolist()
 
 
 def _with_white(palette: Image.Image) -> Image.Image:

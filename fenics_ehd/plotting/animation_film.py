@@ -93,8 +93,10 @@ def _raster(
     turns = np.concatenate([around - 2 * np.pi, around, around + 2 * np.pi])
     places = np.column_stack([radius * turns, np.tile(nodes[:, 2], 3)])
     found = LinearNDInterpolator(Delaunay(places), np.tile(values.T, (3, 1)))
+    low, high = nodes[:, 2].min(), nodes[:, 2].max()
+    middle = 0.5 * (low + high)
     # On the very edge of the nodes, round-off may put a point outside.
-    inside = np.clip(height, nodes[:, 2].min(), nodes[:, 2].max()) * (1 - 1e-9)
+    inside = middle + (np.clip(height, low, high) - middle) * (1 - 1e-9)
     grid = np.meshgrid(radius * angle, inside)
     return np.moveaxis(found(*grid), -1, 0)
 

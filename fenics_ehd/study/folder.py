@@ -9,15 +9,24 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from fenics_ehd.errors import InputError
-from fenics_ehd.history_file import CSV_NAME
+from fenics_ehd.errors import BodyFileError, InputError
+from fenics_ehd.history_file import read_fields, read_history
 from fenics_ehd.output import require_writable, to_json, write_whole
+from fenics_ehd.reduction import load_body
+from fenics_ehd.study.errors_file import errors_path
 from fenics_ehd.study.plan import Study, StudyRun
 from fenics_ehd.sweeps.lock import locked
 from fenics_ehd.sweeps.work import Outcome
 
 #: Beside the files of an ordinary run: what came of it, and of which settings.
 OUTCOME = "outcome.json"
+
+#: What a study and its report leave in its folder, beside runs and reduced bodies.
+TABLES = ("table.csv", "reference.json", "statements.csv", "report.html", "report.md")
+FIGURES = "figures"
+
+#: What a comparison reads of a run's fields; the second ones not every body has.
+FIELDS, MORE_FIELDS = ("coordinates", "rates", "pressure_Pa"), ("quasi_static",)
 
 
 class StudyFolder:
@@ -30,7 +39,7 @@ class StudyFolder:
     study
         What it is for.
     overwrite
-        Forget all runs and tables; reduced bodies are named by what they are and stay.
+        Forget all runs, tables and the report; reduced bodies are named by what they are and stay.
 
     Raises
     ------
@@ -48,8 +57,21 @@ class StudyFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         self._lock = locked(self.path / "study.lock")
         if overwrite:
-            shutil.rmtree(self.path / "runs", ignore_errors=True)
-            (self.path / "study.json").unlink(missing_ok=True)
+            self._forget()
+
+    def _forget(self) -> None:
+        shutil.rmtree(self.path / "runs", ignore_errors=True)
+        if (self.path / "study.json").exists():  # else the figures are not of a study
+            shutil.rmtree(self.path / FIGURES, ignore_errors=True)
+        # The one that makes the folder a study last, in case this is interrupted.
+        for name in (*TABLES, "study.json"):
+            (self.path / name).unlink(missing_ok=True)
+
+    def forget_errors(self, run: str = "*") -> None:
+        """Remove what is kept of the errors of a run, and of others relative to it; of all."""
+        for pattern in (errors_path(Path(run), "*"), errors_path(Path("*"), run)):
+            for path in (self.path / "runs").glob(str(pattern)):
+                path.unlink(missing_ok=True)
 
     def _require_same_scene(self, study: Study) -> None:
         path = self.path / "study.json"
@@ -73,14 +95,26 @@ class StudyFolder:
         """File of a reduced body."""
         return self.path / "bodies" / f"{name}.h5"
 
+    def has_body(self, name: str) -> bool:
+        """Whether there is such a reduced body, and its file can be read."""
+        try:
+            load_body(self.body(name))
+        except BodyFileError:
+            return False
+        return True
+
     def outcome(self, run: StudyRun) -> Outcome | None:
-        """What came of a run; None: it did not run, or with other settings or another version."""
+        """What came of a run; None: it did not run, with other settings or version, or is damaged.
+
+        The history of a run that is complete must have all its steps, in both of its files.
+        """
         try:
             found = json.loads((self.run(run.name) / OUTCOME).read_text())
-            whole = (self.run(run.name) / CSV_NAME).exists() or found["status"] != "complete"
-            if found["identity"] == run.identity and whole:
-                return Outcome(found["status"], found["figures"])
-        except (OSError, ValueError, KeyError, TypeError):
+            outcome = Outcome(found["status"], found["figures"])
+            known = found["identity"] == run.identity
+            if known and (outcome.status != "complete" or _whole(self.run(run.name), outcome)):
+                return outcome
+        except (OSError, ValueError, KeyError, TypeError, InputError):
             pass
         return None
 
@@ -98,6 +132,13 @@ class StudyFolder:
         trace: TracebackType | None,
     ) -> None:
         self._lock.close()
+
+
+def _whole(directory: Path, outcome: Outcome) -> bool:
+    """Whether the history of a complete run has all its steps."""
+    fields = read_fields(directory, FIELDS) | read_fields(directory, MORE_FIELDS, optional=True)
+    found = {len(values) for values in (read_history(directory)["time_s"], *fields.values())}
+    return found == {outcome.figures["steps"]}
 
 
 def store_outcome(directory: Path, identity: str, outcome: Outcome) -> None:

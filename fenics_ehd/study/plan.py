@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.study.film_check import film_check
 from fenics_ehd.study.scope import SCOPES, Scope
 from fenics_ehd.study.variants import Variant
 from fenics_ehd.sweeps.keys import with_values
@@ -18,6 +19,9 @@ from fenics_ehd.sweeps.scenes import read_settings
 
 #: Name of the run that all methods are measured against.
 REFERENCE = "reference"
+
+#: Largest steps that must fit between the start of errors and the end: three steps at least.
+LEAST_STEPS = 2
 
 #: Groups of rows, in the order of the table.
 METHODS, TOLERANCE, FILM, OWN = "methods", "tolerance", "film", "reference"
@@ -154,7 +158,7 @@ def make_study(scene: str, *, quick: bool = False, scope: Scope | None = None) -
         *_tolerance_rows(runs, scope, base.time),
         *_film_rows(runs, scope),
     ]
-    checks = _checks(runs, scope)
+    checks = _checks(runs, scope, film_check(scope.film_check, base))
     others = dict.fromkeys(check.run for check in checks.values())
     rows = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others), *rows]
     return Study(kind, quick, base, scope.start, runs.found, tuple(rows), checks)
@@ -167,9 +171,11 @@ def _require_long_enough(settings: Any, start: float) -> None:
         mechanism = settings.mechanism
         key, turns, speed = "mechanism.revolutions", mechanism.revolutions, mechanism.crank_speed
     end = 2 * math.pi * turns / speed
-    if not end > start:
+    step = math.radians(settings.time.largest_step) / speed
+    if not end >= start + LEAST_STEPS * step:
         raise SettingsError(
-            f"{key} = {turns:g} ends at {end:.3g} s, errors count from {start:g} s: simulate more"
+            f"{key} = {turns:g} ends at {end:.3g} s, errors count from {start:g} s, a step may "
+            f"take {step:.3g} s: simulate more"
         )
 
 
@@ -209,10 +215,10 @@ def _meshed(variant: Variant, cells: tuple[int, int]) -> Variant:
     return variant.but(f"film-{around}x{along}", {"film.cells": cells})
 
 
-def _checks(runs: _Runs, scope: Scope) -> dict[str, Check]:
+def _checks(runs: _Runs, scope: Scope, film: Mapping[str, Any]) -> dict[str, Check]:
     reference, fine = scope.reference.values, scope.reference_steps
     variant, values = scope.basis_check
-    changed = {"film": (reference, scope.film_check), "basis": (variant.values, values)}
+    changed = {"film": (reference, film), "basis": (variant.values, values)}
     if scope.step_check is not None:
         changed = {"step": (reference, scope.step_check)} | changed
     checks = {}

@@ -41,11 +41,12 @@ class Work:
 def work_left(study: Study, folder: StudyFolder) -> Work:
     """Runs that are not complete, the reference and the longest first, and bodies they need.
 
-    A body that complete runs lack is among them: errors of the gap need it.
+    A body that complete runs lack is among them, or whose file is damaged: errors need it.
     """
     runs = [run for run in study.runs.values() if not _complete(folder.outcome(run))]
     runs.sort(key=lambda run: (run.name != REFERENCE, -run_cost(run.case.settings)))
-    lacking = [run for run in study.runs.values() if not folder.body(run.body).exists()]
+    there = {name for name in {r.body for r in study.runs.values()} if folder.has_body(name)}
+    lacking = [run for run in study.runs.values() if run.body not in there]
     tasks = body_tasks((run.case for run in [*runs, *lacking]), folder.path / "bodies")
     return Work(tasks, tuple(runs))
 
@@ -61,11 +62,13 @@ def run_study(
     *,
     check: Callable[[], None] = lambda: None,
     progress: Progress = lambda cost, status: None,
+    work: Work | None = None,
 ) -> list[dict[str, Any]]:
     """Run what is missing and write ``study.json``, ``reference.json`` and ``table.csv``.
 
-    A run that fails is a row with its reason and ends nothing. The table is written again
-    whenever a run ends.
+    A run that fails is a row with its reason and ends nothing; so does one whose files cannot be
+    compared. The table has a row for every run from the beginning, and is written again whenever
+    one ends.
 
     Parameters
     ----------
@@ -77,34 +80,57 @@ def run_study(
         Called a few times a second; may raise `KeyboardInterrupt`.
     progress
         Told of every task that ended.
+    work
+        What `work_left` said, where it was asked already.
 
     Returns
     -------
     list of dict
         Rows of the table.
     """
-    work = work_left(study, folder)
+    work = work or work_left(study, folder)
+    folder.forget_errors()
+    comparison = Comparison(study, folder)
+    rows = TableRows(comparison)
+    pending = {run.name for run in work.runs}
+    kept = [run for run in study.runs.values() if run.name not in pending]
+    # Runs whose body is still to be reduced cannot be compared before that.
+    for run in kept:
+        if run.body not in work.bodies:
+            comparison.add(run.name, folder.outcome(run))
+    comparison.compare(check)
+    _write_study(study, folder, pool, work)
+    _write(study, folder, comparison, rows)
+    failures = _reduce(work, pool, check, progress)
+    for run in kept:
+        if run.body in work.bodies:
+            comparison.add(run.name, folder.outcome(run))
+    for run, outcome in _outcomes(work, failures, folder, pool, check):
+        comparison.add(run.name, outcome)
+        progress(run_cost(run.case.settings), outcome.status)
+        _write(study, folder, comparison, rows)
+    return _write(study, folder, comparison, rows)
+
+
+def _write_study(study: Study, folder: StudyFolder, pool: Pool, work: Work) -> None:
+    """``study.json``, with this call of the program if it has runs to make."""
     calls = former_calls(folder.path / "study.json")
     if work.runs:
         calls.append(call(pool.width, len(work.runs)))
     folder.write("study.json", describe_study(study) | {"calls": calls})
-    comparison = Comparison(study, folder)
-    pending = {run.name for run in work.runs}
-    for run in study.runs.values():
-        if run.name not in pending:
-            comparison.add(run.name, folder.outcome(run))
-    rows = TableRows(folder, comparison)
+
+
+def _reduce(
+    work: Work, pool: Pool, check: Callable[[], None], progress: Progress
+) -> dict[str, Outcome]:
+    """Reduce bodies; those that failed by name."""
     failures = {}
     for body, answer in outcomes(pool, reduce_body, _longest_first(work.bodies.values()), check):
         outcome = recorded(answer)
         progress(reduction_cost(body.settings), outcome.status)
         if outcome.status != "complete":
             failures[body.name] = outcome
-    for run, outcome in _outcomes(work, failures, folder, pool, check):
-        comparison.add(run.name, outcome)
-        progress(run_cost(run.case.settings), outcome.status)
-        _write(study, folder, comparison, rows)
-    return _write(study, folder, comparison, rows)
+    return failures
 
 
 def _outcomes(
@@ -135,12 +161,10 @@ def _longest_first(tasks: Iterable[BodyTask]) -> list[BodyTask]:
 def _write(
     study: Study, folder: StudyFolder, comparison: Comparison, rows: TableRows
 ) -> list[dict[str, Any]]:
-    """Tables of all runs that ended so far."""
-    found = [
-        rows.row(row, study.runs[row.run])
-        for row in study.rows
-        if comparison.outcome(row.run) is not None
-    ]
+    """Tables of all runs, as far as they ended."""
+    # First, for a run that turns out damaged may be one of any row.
+    comparison.compare()
+    found = [rows.row(row, study.runs[row.run]) for row in study.rows]
     write_table(Path(folder.path, "table.csv"), found)
-    folder.write("reference.json", describe_reference(study, comparison, rows.body))
+    folder.write("reference.json", describe_reference(study, comparison))
     return found

@@ -35,7 +35,8 @@ class Scope:
     reference, reference_steps
         What all are measured against, the full interface, and its steps.
     step_check, film_check
-        Settings that replace those of the reference for its own step and film error.
+        Settings that replace those of the reference for its own step and film error. A film mesh
+        that is not finer than the scene's is replaced by one that is.
         Without a `step_check` the other steps of `basis_check` show the sum of both errors.
     basis_check
         The reference's part with another basis, and its settings.

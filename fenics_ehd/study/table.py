@@ -7,16 +7,13 @@ import io
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from fenics_ehd.errors import InputError
 from fenics_ehd.film.layout import film_layout
 from fenics_ehd.output import write_whole
-from fenics_ehd.reduction import ReducedBody, load_body
+from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.film_mesh import DEFAULT_CELLS
 from fenics_ehd.scenes.part import METHOD_KEYS
 from fenics_ehd.study.plan import Row, StudyRun
@@ -26,7 +23,6 @@ from fenics_ehd.sweeps.work import PROCESSOR_SECONDS
 if TYPE_CHECKING:
     from fenics_ehd.study.compare import Comparison
     from fenics_ehd.study.curves import Errors
-    from fenics_ehd.study.folder import StudyFolder
 
 #: Columns of settings, of errors, and of figures of the run.
 ABOUT = (
@@ -91,13 +87,17 @@ TEXTS = (
 )
 
 
+def cells_of(settings: Any, body: ReducedBody) -> tuple[int, ...]:
+    """Cells of a run's film, around and along."""
+    if settings.film.cells:
+        return tuple(settings.film.cells)
+    unstructured = body.pressure_family == "triangle"
+    return DEFAULT_CELLS if unstructured else film_layout(body.pressure_nodes)[0]
+
+
 def film_cells(settings: Any, body: ReducedBody) -> str:
     """Cells around and along, ``"20x5"``."""
-    cells = settings.film.cells
-    if not cells:
-        unstructured = body.pressure_family == "triangle"
-        cells = DEFAULT_CELLS if unstructured else film_layout(body.pressure_nodes)[0]
-    return "x".join(map(str, cells))
+    return "x".join(map(str, cells_of(settings, body)))
 
 
 class TableRows:
@@ -105,32 +105,31 @@ class TableRows:
 
     Parameters
     ----------
-    folder, comparison
+    comparison
         Its results.
     """
 
-    def __init__(self, folder: StudyFolder, comparison: Comparison):
-        self._folder, self._comparison = folder, comparison
-        self._bodies: dict[str, ReducedBody] = {}
+    def __init__(self, comparison: Comparison):
+        self._comparison = comparison
 
     def row(self, row: Row, run: StudyRun) -> dict[str, Any]:
-        """One row; what is not known is None."""
+        """One row; what is not known is None, of a run that has not ended all but its settings."""
         outcome = self._comparison.outcome(run.name)
         values: dict[str, Any] = dict.fromkeys(COLUMNS)
         values |= {"run": run.name, "group": row.group, "against": row.against or None}
         values |= _settings(run) | {"body": run.body}
         values["status"] = outcome.status if outcome else "not run"
-        if outcome is None or not self._comparison.complete(run.name):
+        body = self._comparison.body(run.name)
+        if outcome is None or body is None:
             return values
-        body = self.body(run.body)
         values |= {
             "film_cells": film_cells(run.case.settings, body),
             "coordinates": body.modes,
             "highest_frequency_Hz": float(body.frequencies.max(initial=0.0)),
-            "offline_s": float(body.provenance[PROCESSOR_SECONDS]),
-            "online_s": outcome.figures["processor_time_s"],
+            "offline_s": float(body.provenance.get(PROCESSOR_SECONDS, math.nan)),
+            "online_s": outcome.figures.get("processor_time_s"),
         }
-        values |= {column: outcome.figures[name] for column, name in FIGURES.items()}
+        values |= {column: outcome.figures.get(name) for column, name in FIGURES.items()}
         values["estimated_gap_error_m"] = self._comparison.estimate(run.name)
         errors = self._comparison.errors(run.name, row.against) if row.against else None
         values |= zip(ERRORS, _relative(errors), strict=True)
@@ -139,13 +138,6 @@ class TableRows:
         values |= zip(OWN, _relative(own), strict=True)
         values |= zip(FLOORS, self._comparison.floor(row), strict=True)
         return {name: _known(value) for name, value in values.items()}
-
-    def body(self, name: str) -> ReducedBody:
-        """Reduced body by name, without the flexibility that it misses."""
-        if name not in self._bodies:
-            body = load_body(self._folder.body(name))
-            self._bodies[name] = replace(body, missing_flexibility=np.zeros((0, 0)))
-        return self._bodies[name]
 
 
 def _settings(run: StudyRun) -> dict[str, Any]:
