@@ -14,11 +14,12 @@ from interrupt_case import heed_interrupt
 
 from fenics_ehd.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from fenics_ehd.cli import main
+from fenics_ehd.commands.scenes import read_scene
 from fenics_ehd.errors import InputError
 from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
 from fenics_ehd.reduction import save_body
 
-SCENE = "[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-8\n"
+SCENE = 'scene = "slider-crank"\n[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-8\n'
 
 
 def call(*arguments):
@@ -128,6 +129,37 @@ def test_what_cannot_go_on_is_refused(prepared, tmp_path, capsys):
     (tmp_path / CHECKPOINT).write_bytes(b"no HDF5")
     assert call("run", "--resume", tmp_path) == 2
     assert "checkpoint.h5" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [("scene.toml", "tolerance = 1e-08", "tolerance = 1e-07"), ("gas.csv", "0,80", "0,90")],
+)
+def test_another_scene_or_table_is_refused(name, before, after, prepared, tmp_path, capsys):
+    (tmp_path / "gas.csv").write_text("angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n")
+    scene = SCENE.replace("revolutions = 0.03", 'revolutions = 0.005\ngas_force = "gas.csv"')
+    (tmp_path / "mine.toml").write_text(scene)
+    body, run = prepared / "rod.h5", tmp_path / "run"
+    arguments = ("--body", body, "--no-plots", "-o", run)
+    assert call("run", tmp_path / "mine.toml", *arguments) == 0
+    assert call("run", "--resume", run, "--no-plots") == 0
+    capsys.readouterr()
+    changed = run / name if name == "scene.toml" else tmp_path / name
+    assert before in changed.read_text()
+    changed.write_text(changed.read_text().replace(before, after))
+    assert call("run", "--resume", run, "--no-plots") == 2
+    assert f"{name} changed since the run began" in capsys.readouterr().err
+
+
+def test_the_scene_that_is_left_is_the_one_that_ran(tmp_path):
+    reduced = ("--method", "m1", "--modes", "3", "-o", tmp_path / "rod.h5")
+    assert call("reduce", "conrod", *reduced) == 0
+    (tmp_path / "mine.toml").write_text(SCENE.replace("1e-8", "1e-4").replace("0.03", "0.002"))
+    body, run = tmp_path / "rod.h5", tmp_path / "run"
+    arguments = ("--body", body, "--no-plots", "-o", run)
+    assert call("run", tmp_path / "mine.toml", *arguments) == 0
+    settings = read_scene(str(run / "scene.toml"))[0]
+    assert (settings.reduction.method, settings.reduction.modes) == ("m1", 3)
 
 
 def test_a_checkpoint_returns_what_it_was_given(tmp_path):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import attrs
 import click
 import numpy as np
 
@@ -73,15 +75,24 @@ def run_machine(
         Seconds between checkpoints.
     former
         Checkpoint to go on from.
+
+    Raises
+    ------
+    InputError
+        Scene or tables are not those of the former run.
     """
     from fenics_ehd.results import bore_constants
     from fenics_ehd.scenes.transient import Totals, verdict
 
+    scene = fingerprints(_recorded(job))
+    if former is not None:
+        _require_same_scene(former, scene, job.directory)
     totals = Totals()
     bar = progress_bar(job.end)
     rows = None if former is None else int(former["rows"])
     history = HistoryWriter(job.directory, bore_constants(job.body), resumed=rows)
-    checkpoints = Checkpoints(history, interval, {"reduction_seconds": job.reduction_seconds})
+    figures = {"reduction_seconds": job.reduction_seconds, "scene": scene}
+    checkpoints = Checkpoints(history, interval, figures)
     latest: list[Progress] = []
 
     def store(run: Progress) -> None:
@@ -123,10 +134,51 @@ def run_machine(
     return record(job.directory, history, bar, run, summarise)
 
 
+def fingerprints(settings: Any) -> dict[str, str]:
+    """What a run depends on beside its body: a digest of the scene and of each table it names."""
+    found = {SCENE_NAME: _digest(to_toml(settings).encode())}
+    for path in _files(attrs.asdict(settings)):
+        # A name in HDF5 has no slash.
+        found[path.name] = _digest(path.read_bytes())
+    return found
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _files(tables: Mapping[str, Any]) -> Iterator[Path]:
+    for value in tables.values():
+        if isinstance(value, Mapping):
+            yield from _files(value)
+        elif isinstance(value, str) and value.endswith(".csv") and Path(value).is_file():
+            yield Path(value)
+
+
+def _require_same_scene(
+    former: Mapping[str, Any], scene: Mapping[str, str], directory: Path
+) -> None:
+    stored = former.get("scene", scene)
+    changed = [name for name in {**stored, **scene} if stored.get(name) != scene.get(name)]
+    if changed:
+        raise InputError(
+            f"{directory}: {', '.join(sorted(changed))} changed since the run began: put back what "
+            "it was, or run the scene anew"
+        )
+
+
 def store_scene(job: MachineRun) -> None:
     """Scene and body of a run, for `former_run`."""
-    write_whole(job.directory / SCENE_NAME, to_toml(job.settings))
+    write_whole(job.directory / SCENE_NAME, to_toml(_recorded(job)))
     save_body(job.body, job.directory / BODY_NAME)
+
+
+def _recorded(job: MachineRun) -> Any:
+    """The scene as it is run: a body from a file has a part and a reduction of its own."""
+    from fenics_ehd.scenes.part import as_made
+
+    section = "housing" if job.settings.scene == "rotor" else "rod"
+    return as_made(job.settings, section, job.body)
 
 
 def former_run(directory: str | Path) -> tuple[Path, ReducedBody, dict[str, Any]]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
 
+import attrs
 import numpy as np
 
 from fenics_ehd.errors import SettingsError
@@ -110,6 +111,13 @@ def reduce_part(
     assert columns is not None
     body = replace(body, columns=None, provenance={**body.provenance, **provenance})
     return ReducedPart(body, structure, columns, perf_counter() - start)
+
+
+def checked(structure: Structure, check: Callable[[Structure], None] | None) -> Structure:
+    """The structure, if it passes."""
+    if check is not None:
+        check(structure)
+    return structure
 
 
 def reduce_structure(structure: Structure, reduction: Reduction) -> ReducedBody:
@@ -217,3 +225,33 @@ def check_origin(
                 f"the body was made with {name} = {made.get(name, 'default')}, the scene says "
                 f"{asked.get(name, 'default')}: reduce the {section} again or take the key out"
             )
+
+
+def as_made(settings: Any, section: str, body: ReducedBody) -> Any:
+    """Settings of a scene with the part and the reduction that a body was made with.
+
+    A scene takes a body of any method; one that was not made from a scene leaves it as it is.
+
+    Parameters
+    ----------
+    settings
+        Of the scene.
+    section
+        Of the part, ``"rod"``.
+    body
+        From a file, or just reduced.
+    """
+    made = body.provenance
+    if not {"model", "method"} <= set(made):
+        return settings
+
+    def taken(values: Any, names: Iterable[str]) -> Any:
+        known = {n: type(getattr(values, n))(made[n]) for n in names if n in made}
+        return attrs.evolve(values, **known)
+
+    geometry = {n.removeprefix("geometry."): float(v) for n, v in made.items() if "geometry." in n}
+    part = getattr(settings, section)
+    names = ("element", "cells", "youngs_modulus", "poissons_ratio", "density")
+    part = attrs.evolve(taken(part, [n for n in names if hasattr(part, n)]), geometry=geometry)
+    reduction = taken(settings.reduction, ("method", *METHOD_KEYS.get(made["method"], ())))
+    return attrs.evolve(settings, **{section: part, "reduction": reduction})
