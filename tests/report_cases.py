@@ -10,7 +10,8 @@ from foreign_parts import ring
 from fenics_ehd.film import uniform_grid
 from fenics_ehd.history_file import HistoryWriter
 from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility, save_body
-from fenics_ehd.report.study_data import Study, StudyRun, read_study
+from fenics_ehd.report.reading import read_study
+from fenics_ehd.report.study_data import Study, StudyRun
 
 END = {"slider-crank": 0.0125, "rotor": 0.0105}
 ERRORS = {"pressure_error_max": 0.01, "pressure_error_l2": 0.005, "film_error_max": 0.02,
@@ -33,7 +34,8 @@ def run(name, **values):
 
 def m1(modes, pressure=0.2, film=0.2, **values):
     errors = {"pressure_error_max": pressure, "film_error_max": film}
-    return run(f"m1-{modes}", **({"method": "m1", "coordinates": modes + 2} | errors | values))
+    return run(f"m1-{modes}", **({"method": "m1", "vibration_modes": modes,
+                                "coordinates": modes + 2} | errors | values))  # fmt: skip
 
 
 def m2(modes, pressure=0.1, film=0.1, **values):
@@ -43,7 +45,7 @@ def m2(modes, pressure=0.1, film=0.1, **values):
 def m3(modes, pressure=0.01, film=0.02, **values):
     """The slider-crank's default of M3 unless said otherwise."""
     usual = {"pressure_set": "pc2", "selection": "lowest-frequency", "residual_modes": modes,
-             "coordinates": modes + 8, "pressure_error_max": pressure,
+             "vibration_modes": 6, "coordinates": modes + 8, "pressure_error_max": pressure,
              "film_error_max": film}  # fmt: skip
     merged = usual | values
     return run(f"m3-{merged['pressure_set']}-{merged['selection']}-{modes}", **merged)
@@ -54,9 +56,15 @@ def m4(pressure=1e-3, film=2e-3, **values):
     return run("m4", **({"method": "m4", "coordinates": 9} | errors | values))
 
 
-def study(*runs, scene="slider-crank", directory=None, **info):
-    return Study(directory, {"scene": scene, **info}, {"step": {"pressure_max": 1e-3,
-                 "film_max": 2e-3}}, runs)  # fmt: skip
+def without_end(row, status="not run"):
+    """A planned run of which there are no figures."""
+    names = ("coordinates", "pressure_error_max", "film_error_max", "online_s")
+    return replace(row, status=status, **dict.fromkeys(names, float("nan")))
+
+
+def study(*runs, scene="slider-crank", directory=None, status="complete", **info):
+    reference = {"status": status, "step": {"pressure_max": 1e-3, "film_max": 2e-3}}
+    return Study(directory, {"scene": scene, **info}, reference, runs)
 
 
 def write_study(directory, rows, scene="slider-crank", reference=None, **info):
@@ -65,7 +73,8 @@ def write_study(directory, rows, scene="slider-crank", reference=None, **info):
     (directory / "study.json").write_text(json.dumps({"scene": scene, "version": "0", **info}))
     own = dict(zip(("pressure_max", "pressure_l2", "film_max", "film_l2"),
                    (1e-3, 5e-4, 2e-3, 1e-3), strict=True))  # fmt: skip
-    found = {"method": "full", "tolerance": 1e-8, "order": 3, "step": own | {"how": "other steps"},
+    found = {"method": "full", "status": "complete", "tolerance": 1e-8, "order": 3,
+             "step": own | {"how": "other steps"},
              "basis": {"pressure_max": None, "why": "full-6: not run"}}  # fmt: skip
     (directory / "reference.json").write_text(json.dumps(reference or found))
     names = [field.name for field in fields(StudyRun)]
@@ -99,11 +108,13 @@ def profile(nodes, time, tilt=0.0):
     return np.exp(-((angle / width) ** 2)) * axial * (1 + tilt * height / np.ptp(height))
 
 
-def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True, steps=200):
+def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True, steps=200,
+                  end=np.inf):  # fmt: skip
     """History of a run whose pressure is this share of the peak above, its film this thicker."""
     nodes = uniform_grid(0.0225, 0.022, (20, 5)).nodes
     with HistoryWriter(study.folder(name), {"pressure_nodes_m": nodes}) as history:
-        for time in times(study.scene, steps):
+        moments = times(study.scene, steps)
+        for time in moments[moments <= end]:
             exact = peak_pressure(time)
             pressure = exact + above * peak_pressure(7e-3) * (exact > 0.75 * peak_pressure(7e-3))
             film = film_thickness(time if falling else 7e-3) * (1 + thicker)

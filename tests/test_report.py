@@ -6,6 +6,7 @@ import itertools
 import json
 import re
 import tomllib
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path, PurePath
 
@@ -13,16 +14,28 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from report_cases import m1, m2, m3, m4, run, write_bodies, write_history, write_study
+from report_cases import (
+    m1,
+    m2,
+    m3,
+    m4,
+    run,
+    without_end,
+    write_bodies,
+    write_history,
+    write_study,
+)
 
 from fenics_ehd.cli import main
 from fenics_ehd.errors import InputError
 from fenics_ehd.report import accuracy, cost, style, tables, write_report
 from fenics_ehd.report.extremes import find_extremes, read_extremes
 from fenics_ehd.report.hull import lower_left
+from fenics_ehd.report.paper_machine import machine_remark, other_settings
 from fenics_ehd.report.pictures import Pictures
+from fenics_ehd.report.reading import read_study
 from fenics_ehd.report.statement import percent
-from fenics_ehd.report.study_data import QUANTITIES, read_study
+from fenics_ehd.report.study_data import QUANTITIES
 
 UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
 STEPS = [(1e-3, 0.04), (1e-4, 0.04 / 10 ** (2 / 3)), (1e-5, 0.04 / 100 ** (2 / 3))]
@@ -39,6 +52,7 @@ RUNS = [
     m4(1e-5, 1e-5, online_s=4.0),
     run("m3-failed", status="failed: StepSizeError: a step below 1e-13 s | given up",
         pressure_set="pc2", selection="largest-eigenvalue"),
+    replace(without_end(m4()), run="m4-20"),
     *[m4(error, error, group="tolerance", tolerance=tolerance, own_pressure_error_max=error,
          own_film_error_max=error) for tolerance, error in STEPS],
     *[m3(31, error, error, group="film", film_cells=cells)
@@ -50,7 +64,8 @@ RUNS = [
 def folder(tmp_path_factory):
     """A whole study with its report."""
     directory = tmp_path_factory.mktemp("study")
-    study = write_study(directory, RUNS, runs=20, machine={"cpu": "some <processor>"},
+    planned = len({row.run for row in RUNS})
+    study = write_study(directory, RUNS, runs=planned, machine={"cpu": "some <processor>"},
                         settings={"film": {"cells": [20, 5]}}, quick=True)  # fmt: skip
     for name, above in (("reference", 0.0), ("m1-37", 0.2), ("m2-37", 0.1), ("m4", 0.001),
                         ("m3-pc2-lowest-frequency-31", 0.01)):  # fmt: skip
@@ -129,9 +144,10 @@ def test_statements_are_a_table_of_their_own(folder):
 
 
 def test_nothing_is_drawn_below_the_reference_s_own_error(folder, tmp_path, monkeypatch):
-    lowest = {}
+    lowest, signs = {}, {}
 
     def look(figure, _folder, name):
+        signs[name] = [{line.get_marker() for line in axes.lines} for axes in figure.axes]
         for axes in figure.axes:
             if axes.get_yscale() == "log":
                 drawn = [line.get_ydata() for line in axes.lines if line.get_label() != "slope 2/3"]
@@ -146,8 +162,10 @@ def test_nothing_is_drawn_below_the_reference_s_own_error(folder, tmp_path, monk
     accuracy.draw_tolerances(study, tmp_path, "tolerance")
     accuracy.draw_film_meshes(study, tmp_path, "mesh")
     floors = [min(r.floor(quantity) for r in study.group("methods")) for quantity in QUANTITIES]
-    # M4 lies below and is drawn at the floor itself.
+    # M4 lies below and is drawn at the floor itself, by a sign that says so.
     np.testing.assert_allclose(lowest["time"], floors)
+    assert [style.BOUND in drawn for drawn in signs["time"]] == [True, True]
+    assert not any(style.BOUND in drawn for drawn in signs["mesh"])
     assert np.all(np.array(lowest["tolerance"]) >= floors)
     assert np.all(np.array(lowest["mesh"]) >= floors)
 
@@ -205,11 +223,18 @@ def test_the_last_row_of_a_killed_writer_does_no_harm(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"), [({}, "study.json is missing"), ({"study.json": "{"}, "cannot be read"),
                            ({"study.json": "{}", "table.csv": "a,b\n1,2\n"}, "no column"),
-                           ({"study.json": '{"scene": "swing"}'}, "scene = swing")]
+                           ({"study.json": '{"scene": "swing"}'}, "scene = swing"),
+                           ({"study.json": '{"scene": ["rotor"]}'}, "scene = ['rotor']"),
+                           ({"study.json": '{"runs": null}'}, "runs = None is no whole number"),
+                           ({"study.json": '{"errors_count_from_s": "x"}'}, "'x' is no number"),
+                           ({"study.json": '{"settings": 3}'}, "settings = 3"),
+                           ({"study.json": "{}", "reference.json": '{"step": {"film_max": "x"}}'},
+                            "step.film_max = 'x' is no number"),
+                           ({"study.json": "{}", "table.csv": b"run,\xff\n"}, "cannot be read")]
 )  # fmt: skip
 def test_what_is_no_study_is_refused_in_one_line(content, words, tmp_path, capfd):
     for name, text in content.items():
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(SystemExit) as end:
         main(["report", str(tmp_path)])
     complaint = capfd.readouterr().err.strip()
@@ -224,6 +249,47 @@ def test_a_cell_that_is_no_number_is_named(tmp_path):
     table.write_text(table.read_text().replace(",500", ",many"))
     with pytest.raises(InputError, match="steps = 'many' of run m1-37"):
         read_study(tmp_path)
+
+
+def test_runs_to_come_are_counted_and_told(folder):
+    text = (folder / "report.md").read_text()
+    assert "1 of 10 are still to come" in " ".join(text.split())
+    assert re.search(r"\| m4-20 \|.*\| not run \|", text)
+
+
+def test_a_machine_that_is_not_the_paper_s_is_told(tmp_path):
+    settings = {"mechanism": {"crank_speed": 100.0, "crank_length": 0.048},
+                "rod": {"geometry": {"big_end_wall": 0.013}}, "film": {"cells": [9, 3]},
+                "time": {"tolerance": 1e-3}, "reduction": {"method": "m1"}}  # fmt: skip
+    study = write_study(tmp_path, [], settings=settings)
+    assert other_settings(study) == {
+        "mechanism.crank_speed": 100.0,
+        "rod.geometry.big_end_wall": 0.013,
+    }
+    write_report(tmp_path)
+    remark = "Not the paper's machine, which the statements are about: mechanism.crank_speed = 100,"
+    assert remark in " ".join((tmp_path / "report.md").read_text().split())
+    assert machine_remark(write_study(tmp_path, [])) == ""
+
+
+def test_a_floor_that_is_known_in_part_is_used_and_told(tmp_path):
+    nan = float("nan")
+    study = write_study(tmp_path, [m4(1e-5, 1e-5, pressure_floor=nan, film_floor=nan)])
+    assert [study.runs[0].visible_error(q) for q in QUANTITIES] == [1e-3, 2e-3]
+    assert "by its basis is not known" in tables.floor_remark(study)
+
+
+def test_the_true_gap_of_the_reference_bounds_what_a_run_can_be_seen_to_have(tmp_path):
+    errors = {"": float("nan"), "-step": 1e-9, "-basis": 3e-9, "-film": 5e-8}
+    rows = [m3(31), run("other", group="reference", film_cells="30x7", true_gap_error_m=6e-8)]
+    rows += [
+        run(f"reference{kind}", group="reference", true_gap_error_m=error)
+        for kind, error in errors.items()
+    ]
+    study = write_study(tmp_path, rows)
+    study = replace(study, reference={**study.reference, "film": {"run": "reference-film"}})
+    assert accuracy.gap_floor(study) == 3e-9
+    assert accuracy.gap_floor(replace(study, runs=(m3(31),))) == pytest.approx(2e-3 * 2.5e-6)
 
 
 POINT = st.tuples(st.integers(0, 20), st.integers(0, 20), st.integers())

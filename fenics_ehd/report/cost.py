@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from fenics_ehd.report.hull import lower_left
 from fenics_ehd.report.study_data import NORMS, QUANTITIES, Quantity, Study, StudyRun
 from fenics_ehd.report.style import (
+    BOUND,
+    BOUND_LABEL,
     draw_floor,
     family,
     legend_below,
@@ -89,19 +91,32 @@ def _draw_families(
 ) -> None:
     """Runs at the study's step tolerance, those of a method joined from few modes to many."""
     for label, members in families(runs).items():
-        axes.plot(
-            [cost.of(run) for run in members],
-            [run.visible_error(quantity, norm) for run in members],
-            label=label,
-            **(line_style(members[0]) | {"linewidth": 1.2}),
-        )
+        style = line_style(members[0]) | {"linewidth": 1.2}
+        points = [(cost.of(run), run.visible_error(quantity, norm)) for run in members]
+        seen = [i for i, run in enumerate(members) if not run.bounded(quantity, norm)]
+        axes.plot(*zip(*points, strict=True), label=label, markevery=seen, **style)
+        _draw_bounds(axes, members, cost, quantity, norm)
+
+
+def _draw_bounds(
+    axes: Axes, runs: Sequence[StudyRun], cost: Cost, quantity: Quantity, norm: str
+) -> None:
+    """Signs of runs of which only a bound is known: they stand on the edge of the grey band."""
+    for run in runs:
+        if run.bounded(quantity, norm):
+            colour = line_style(run)["color"]
+            axes.plot(cost.of(run), run.visible_error(quantity, norm), BOUND, color=colour,
+                      label=BOUND_LABEL)  # fmt: skip
 
 
 def _draw_tolerances(
     axes: Axes, runs: Sequence[StudyRun], cost: Cost, quantity: Quantity, norm: str
 ) -> None:
     """The same methods at other step tolerances, as small signs."""
+    _draw_bounds(axes, runs, cost, quantity, norm)
     for run in runs:
+        if run.bounded(quantity, norm):
+            continue
         style = line_style(run) | SMALL
         axes.plot(cost.of(run), run.visible_error(quantity, norm), zorder=1.5, **style)
     if runs:

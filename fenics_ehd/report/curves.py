@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import NullLocator
 
 from fenics_ehd.report.study_data import FILM, QUANTITIES, Quantity, Study, StudyRun
 from fenics_ehd.report.style import (
@@ -19,6 +20,7 @@ from fenics_ehd.report.style import (
     family,
     legend_below,
     save,
+    shade,
     two_panels,
 )
 
@@ -69,7 +71,7 @@ def draw_methods(
             axes.plot(
                 1e3 * history["time_s"],
                 quantity.factor * history[quantity.column],
-                color=COLOURS.get(run.method, "0.4"),
+                color=_shade(run, [run for run, _ in drawn]),
                 linestyle=_dashes([run for run, _ in drawn], number),
                 label=f"{family(run)}, {run.coordinates:.0f} coordinates",
             )
@@ -89,6 +91,13 @@ def _dashes(runs: Sequence[StudyRun], number: int) -> Any:
     if len({run.coordinates for run in runs}) < len(runs):
         return SELECTIONS.get(runs[number].selection, ("", "-"))[1]
     return LINES[max(len(LINES) - len(runs), 0) + number] if number < len(LINES) else "-"
+
+
+def _shade(run: StudyRun, runs: Sequence[StudyRun]) -> Any:
+    """Colour of the method, of several runs the later, the darker: dashes lie on each other."""
+    colour = COLOURS.get(run.method, "0.4")
+    same = [other for other in runs if other.method == run.method]
+    return shade(colour, same.index(run) / (len(same) - 1)) if len(same) > 1 else colour
 
 
 def _draw_reference(axes: Axes, reference: History, quantity: Quantity) -> None:
@@ -122,7 +131,7 @@ def _finish(axes: Axes, quantity: Quantity, reference: History, study: Study) ->
 
 def draw_errors(study: Study, runs: Sequence[StudyRun], folder: Path, name: str) -> bool:
     """Relative errors of some runs over time, none inside the reference's own error."""
-    reference = study.history(REFERENCE_RUN)
+    reference = study.history(REFERENCE_RUN) if study.judged else None
     drawn = _with_histories(study, runs)
     if reference is None or not drawn:
         return False
@@ -132,10 +141,11 @@ def draw_errors(study: Study, runs: Sequence[StudyRun], folder: Path, name: str)
         if floor > 0:
             axes.axhspan(-100 * floor, 100 * floor, color=FLOOR, linewidth=0, label=FLOOR_LABEL)
         for run, history in drawn:
-            counted = history["time_s"] >= study.start
+            time = history["time_s"]
+            counted = (time >= study.start) & (time <= reference["time_s"][-1])
             error = error_curve(history, reference, quantity)
             axes.plot(
-                1e3 * history["time_s"][counted],
+                1e3 * time[counted],
                 100 * np.where(np.abs(error) < floor, np.nan, error)[counted],
                 color=COLOURS.get(run.method, "0.4"),
                 linestyle=SELECTIONS.get(run.selection, ("", "-"))[1],
@@ -143,8 +153,22 @@ def draw_errors(study: Study, runs: Sequence[StudyRun], folder: Path, name: str)
             )
         axes.axhline(0, color="0.3", linewidth=0.8)
         of = "of the film" if quantity is FILM else "of the reference's peak"
+        _spread_small_errors(axes, 100 * floor)
         axes.set(xlabel="time [ms]", ylabel=f"error of {quantity.title}\n[% {of}]")
         axes.set_xlim(1e3 * study.start, 1e3 * reference["time_s"][-1])
     legend_below(figure)
     save(figure, folder, name)
     return True
+
+
+def _spread_small_errors(axes: Axes, floor: float) -> None:
+    """Logarithmic on both sides of the band of errors [%] that mean nothing."""
+    if floor > 0:
+        largest = max(map(abs, axes.get_ylim()))
+        axes.set_yscale("symlog", linthresh=floor, linscale=0.4)
+        decades = [10.0**n for n in range(-9, 4) if floor <= 10.0**n <= largest]
+        ticks = [*(-value for value in reversed(decades)), 0.0, *decades]
+        low, high = axes.get_ylim()
+        axes.set_yticks([tick for tick in ticks if low <= tick <= high])
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.yaxis.set_minor_locator(NullLocator())

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from scipy.interpolate import CubicSpline
 
 from fenics_ehd.reduction import ReducedBody
@@ -24,7 +25,7 @@ HEIGHT = 1.75
 COLUMNS, DEFLECTION = 6, 0.32
 
 
-#: Circles of the bore that are drawn, by their place, and their lines.
+#: Circles of the bore that are drawn, by their place along z, and their lines.
 RINGS: dict[str, dict[str, Any]] = {
     "lower edge": {"linewidth": 0.9, "linestyle": ":"},
     "upper edge": {"linewidth": 0.9, "linestyle": "--"},
@@ -147,6 +148,9 @@ def draw_mode_shapes(study: Study, folder: Path, name: str) -> bool:
         axes_row[0].set_title(row.title, loc="left", fontsize=10, fontweight="bold")
         for i, note in enumerate(row.notes):
             _draw_shape(axes_row[i], nodes, row.displacements[:, :, i], row.colour, note)
+    rings = [Line2D([], [], color="0.3", label=ring, **style) for ring, style in RINGS.items()]
+    figure.legend(handles=rings, loc="upper right", ncols=len(rings), frameon=False,
+                  borderaxespad=0.1)  # fmt: skip
     save(figure, folder, name)
     return True
 

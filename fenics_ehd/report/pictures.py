@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fenics_ehd.report import accuracy, cost
-from fenics_ehd.report.comparisons import default_m3
+from fenics_ehd.report.comparisons import scene_m3
 from fenics_ehd.report.curves import draw_errors, draw_methods, spread
 from fenics_ehd.report.document import Picture
 from fenics_ehd.report.mode_shapes import draw_mode_shapes
+from fenics_ehd.report.needed import near
 from fenics_ehd.report.pressure_map import draw_pressure
 from fenics_ehd.report.slider_crank_checks import RICH
-from fenics_ehd.report.statement import near
 from fenics_ehd.report.study_data import Study, StudyRun
 
 #: Most curves in one panel beside the reference.
@@ -43,18 +43,23 @@ class Pictures:
 
     def cost(self) -> list[Picture]:
         """Error against time and against the number of coordinates."""
+        bound = (
+            "A triangle pointing down on the edge of the grey band: the error is no larger than "
+            "this, the reference cannot tell how small."
+        )
         figures = (
             ("error_against_time", cost.ONLINE, "max",
              "Error against processor time of the time integration. Curves join runs of one "
              "method from few coordinates to many, at the study's step tolerance; the hull tells "
-             "method, coordinates and tolerance."),
+             f"method, coordinates and tolerance. {bound}"),
             ("mean_error_against_time", cost.ONLINE, "l2",
-             "The same with the L2 norm of the errors over the revolution."),
+             f"The same with the L2 norm of the errors over the revolution. {bound}"),
             ("error_against_reduction_time", cost.OFFLINE, "max",
-             "Error against processor time of the reduction, which is paid once for a part."),
+             "Error against processor time of the reduction, which is paid once for a part. "
+             f"{bound}"),
             ("error_against_modes", cost.COORDINATES, "max",
              "Error against the number of elastic coordinates. What M4 keeps without "
-             "coordinates is not counted."),
+             f"coordinates is not counted. {bound}"),
         )  # fmt: skip
         return [
             picture
@@ -76,7 +81,8 @@ class Pictures:
         for size, name in SIZES[self._study.scene]:
             caption = (
                 f"{_paper(name)}Errors over time of the methods with about {size} coordinates; "
-                "positive: above the reference. Inside the grey band nothing is drawn."
+                "positive: above the reference. Logarithmic on both sides of the grey band, the "
+                "reference's own error, inside of which no value is drawn."
             )
             drawn = draw_errors(self._study, self._of_size(size), self._folder, name)
             pictures += self._picture(drawn, name, caption)
@@ -99,13 +105,14 @@ class Pictures:
         ]
         best = sorted(rich, key=lambda run: run.worst_error)[:1]
         selections = study.pick(method="m3", pressure_set="pc2", residual_modes=31)
+        default_m3 = study.pick(**scene_m3(study))
         return [
             ("figure_5", best, "Figure 5 of the paper: the reference, here the full interface, "
              "and the paper's, M3 with unit pressures and 60 residual modes (61 here, where run "
              "so)."),
             ("figure_6", spread(study.pick(method="m1"), MOST), "Figure 6 of the paper: M1."),
             ("figure_7", spread(study.pick(method="m2"), MOST), "Figure 7 of the paper: M2."),
-            ("figure_8", spread(default_m3(study), MOST), "Figure 8 of the paper: M3 with long and "
+            ("figure_8", spread(default_m3, MOST), "Figure 8 of the paper: M3 with long and "
              "short bearing shapes."),
             ("selections", selections, "M3 with 31 residual modes by each selection; the "
              "smallest eigenvalues are the paper's (31)-(32) to the letter."),
@@ -115,18 +122,20 @@ class Pictures:
         """One run of each method with about so many coordinates, and M4 with its own."""
         study = self._study
         m4 = sorted(study.pick(method="m4"), key=lambda run: run.worst_error)[:1]
-        kinds = (study.pick(method="m1"), study.pick(method="m2"), default_m3(study))
+        kinds = (study.pick(method="m1"), study.pick(method="m2"), study.pick(**scene_m3(study)))
         return [run for kind in kinds for run in near(kind, size)[:1]] + m4
 
     def accuracy(self) -> list[Picture]:
         """Errors against the settings of a run."""
         tolerances = accuracy.draw_tolerances(self._study, self._folder, "error_against_tolerance")
         meshes = accuracy.draw_film_meshes(self._study, self._folder, "error_against_film_mesh")
+        finest = accuracy.finest_mesh(self._study)
         return [
             *self._picture(tolerances, "error_against_tolerance",
                            "Error of the steps against the tolerance asked for."),
             *self._picture(meshes, "error_against_film_mesh",
-                           "Error of the film mesh, against the finest one that was run."),
+                           f"Error of the film mesh, against the finest one, {finest} cells "
+                           "(around x along)."),
         ]  # fmt: skip
 
     def estimates(self) -> list[Picture]:
@@ -146,9 +155,11 @@ class Pictures:
             *self._picture(shapes, "mode_shapes",
                            "First modes of each method on the bore, rigid motion of the bore taken "
                            "out, deflection exaggerated to a third of the radius: mid-width thick, "
-                           "edges dashed and dotted."),
+                           "upper edge (largest z) dashed, lower edge dotted."),
             *self._picture(pressure, "pressure",
-                           "Film pressure of the reference on the unwrapped bore."),
+                           "Film pressure of the reference on the unwrapped bore. The cross is the "
+                           "node with the highest pressure; the colours are a smooth surface "
+                           "through the nodes, whose own top may lie between them."),
         ]  # fmt: skip
 
 

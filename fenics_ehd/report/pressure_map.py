@@ -88,9 +88,8 @@ def draw_pressure(study: Study, folder: Path, name: str) -> bool:
         image = axes.contourf(np.degrees(angle), 1e3 * height, sampled, levels, cmap="YlOrRd")
         peak = nodal.argmax()
         axes.plot(np.degrees(fields.angle[peak]), 1e3 * heights[peak], "k+", markersize=9)
-        axes.set_title(
-            f"{moment}: {1e3 * time:.3f} ms, peak {nodal[peak]:.1f} MPa (cross)", fontsize=10
-        )
+        told = f"nodal maximum {nodal[peak]:.1f} MPa (cross)"
+        axes.set_title(f"{moment}: {1e3 * time:.3f} ms, {told}", fontsize=10)
         axes.set(ylabel="z [mm]", xlim=(-180, 180), xticks=np.arange(-180, 181, 45))
     panels[-1].set_xlabel("angle on the bore from the part's x axis, in direction of rotation [°]")
     ticks = [levels[0], *levels[2::2]]

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
 import numpy as np
 
-from fenics_ehd.report.curves import REFERENCE_RUN, History, error_curve
-from fenics_ehd.report.study_data import PRESSURE, QUANTITIES, Quantity, Study, StudyRun
+from fenics_ehd.report.curves import error_curve
+from fenics_ehd.report.needed import MissingRunsError, history_of, reference_history
+from fenics_ehd.report.study_data import (
+    NOT_ENDED,
+    PRESSURE,
+    QUANTITIES,
+    Quantity,
+    Study,
+    StudyRun,
+)
 from fenics_ehd.report.style import family
-
-T = TypeVar("T")
 
 HOLDS, FAILS, PARTLY, OPEN, NOT_RUN = (
     "holds",
     "does not hold",
     "holds in part",
     "undecided",
-    "not run",
+    NOT_ENDED,
 )
 
 #: A curve is followed well when its largest error is at most this.
@@ -28,13 +33,6 @@ WELL = 0.05
 
 #: Loads are high where the reference's peak pressure exceeds this share of its largest.
 HIGH_LOAD = 0.75
-
-#: Numbers of coordinates this close count as equal.
-EQUAL_COORDINATES = 0.1
-
-
-class MissingRunsError(LookupError):
-    """The study does not hold, or not yet, what a statement is judged by."""
 
 
 @dataclass(frozen=True)
@@ -79,47 +77,6 @@ class Statement:
             return Finding(f"needs {error}", NOT_RUN)
 
 
-def need(found: Sequence[T], what: str) -> list[T]:
-    """What was found.
-
-    Raises
-    ------
-    MissingRunsError
-        Nothing was.
-    """
-    if not found:
-        raise MissingRunsError(what)
-    return list(found)
-
-
-def runs_of(study: Study, what: str, **wanted: Any) -> list[StudyRun]:
-    """Runs of the comparison of methods with these values, by coordinates, at least one."""
-    return need(study.pick(**wanted), what)
-
-
-def near(runs: Iterable[StudyRun], coordinates: float) -> list[StudyRun]:
-    """Runs with about this many coordinates, the nearest first."""
-    distance = {run: abs(run.coordinates / coordinates - 1) for run in runs}
-    close = [run for run, value in distance.items() if value <= EQUAL_COORDINATES]
-    return sorted(close, key=lambda run: (distance[run], run.run))
-
-
-def reference_history(study: Study) -> History:
-    """History of the reference, or `MissingRunsError`."""
-    history = study.history(REFERENCE_RUN)
-    if history is None:
-        raise MissingRunsError("the reference")
-    return history
-
-
-def history_of(study: Study, run: StudyRun) -> History:
-    """History of a run, or `MissingRunsError`."""
-    history = study.history(run.run)
-    if history is None:
-        raise MissingRunsError(f"the history of {run.run}")
-    return history
-
-
 def high_load_excess(study: Study, run: StudyRun) -> float:
     """Mean error of the peak pressure where loads are high, of the largest pressure; + is above.
 
@@ -148,8 +105,8 @@ def errors(run: StudyRun) -> str:
 
 def bounded(run: StudyRun, quantity: Quantity, norm: str = "max") -> str:
     """One error; where the reference's own is larger, that one as an upper limit."""
-    value, floor = run.error(quantity, norm), run.floor(quantity, norm)
-    return f"≤ {percent(floor)}" if value < floor else percent(value)
+    words = percent(run.visible_error(quantity, norm))
+    return f"≤ {words}" if run.bounded(quantity, norm) else words
 
 
 def told(run: StudyRun) -> str:
@@ -162,7 +119,16 @@ def listed(runs: Iterable[StudyRun]) -> str:
     return ", ".join(f"{run.coordinates:.0f} coordinates {errors(run)}" for run in runs)
 
 
-def verdict(truths: Iterable[bool]) -> str:
-    """Whether all, some or none of several cases are as stated."""
+def verdict(truths: Iterable[bool | None]) -> str:
+    """Whether all, some or none of several cases are as stated; None: that cannot be told."""
     values = list(truths)
-    return HOLDS if all(values) else PARTLY if any(values) else FAILS
+    if all(values):
+        return HOLDS
+    if any(values):
+        return PARTLY
+    return OPEN if None in values else FAILS
+
+
+def clearly(truth: bool, difference: float, error: float) -> bool | None:
+    """A comparison, unless the difference is no larger than the error of what is compared."""
+    return truth if abs(difference) > error else None

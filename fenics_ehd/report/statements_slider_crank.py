@@ -15,13 +15,11 @@ from fenics_ehd.report.slider_crank_checks import (
     m2_stiff,
     m3_fastest,
     one_shape_is_not_enough,
-    peak_at_the_axis,
-    plateau,
     quarter_of_m2,
     rich_reference,
-    smoother_flank,
     time_grows,
 )
+from fenics_ehd.report.slider_crank_curves import peak_at_the_axis, plateau, smoother_flank
 from fenics_ehd.report.statement import WELL, Finding, Statement
 from fenics_ehd.report.study_data import Study
 
@@ -102,7 +100,7 @@ STATEMENTS = (
     _statement(
         "4.2",
         "M3 takes less time than M1 and M2 for the same accuracy",
-        "for each run of theirs a run of M3 that is no worse and faster",
+        "for each run of theirs a run of M3 that is no worse and faster, by 30 % at least",
         m3_fastest,
     ),
     _statement("6", "M2 follows the interface better than M1", _SMALLER, m2_ahead_of_m1),

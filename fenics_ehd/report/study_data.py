@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fenics_ehd.errors import BodyFileError, InputError
+from fenics_ehd.errors import (
+    BodyFileError,
+    CavitationError,
+    FilmTooThinError,
+    GapClosedError,
+    InputError,
+    StepSizeError,
+)
 from fenics_ehd.history_file import read_history
 from fenics_ehd.reduction import ReducedBody, load_body
 from fenics_ehd.scenes.rotor_settings import RotorSettings
@@ -22,11 +27,20 @@ from fenics_ehd.scenes.slider_crank_settings import Reduction, SliderCrankSettin
 #: Norms of the error of a curve: largest over the revolution, L2 over the revolution.
 NORMS = {"max": "largest", "l2": "L2"}
 
+#: Errors of the reference below which those of runs on its film mesh mean nothing.
+LIMITING = ("step", "basis")
+
 #: Kinds of scene that are studied.
 SETTINGS: dict[str, Any] = {"slider-crank": SliderCrankSettings, "rotor": RotorSettings}
 
-#: Groups of runs that are compared with the reference itself.
-COMPARED = ("methods", "tolerance")
+#: Status of a run that has not ended.
+NOT_ENDED = "not run"
+
+#: Ends of a run that tell something about its model: it could not be integrated to the end.
+BREAKDOWNS = tuple(
+    f"failed: {kind.__name__}"
+    for kind in (StepSizeError, GapClosedError, FilmTooThinError, CavitationError)
+)
 
 
 @dataclass(frozen=True)
@@ -99,12 +113,23 @@ class StudyRun:
         """Whether its figures count."""
         return self.status == "complete"
 
+    @property
+    def broke_down(self) -> bool:
+        """Whether steps or film came to an end: that is a result, a full disk is none."""
+        return self.status.startswith(BREAKDOWNS)
+
+    @property
+    def modes(self) -> float:
+        """Modes that were asked for, nan where the table does not tell."""
+        residual = self.residual_modes if math.isfinite(self.residual_modes) else 0.0
+        return self.vibration_modes + residual
+
     def error(self, quantity: Quantity, norm: str = "max") -> float:
         """Relative error of a curve against the reference, as measured."""
         return float(getattr(self, f"{quantity.key}_error_{norm}"))
 
     def floor(self, quantity: Quantity, norm: str = "max") -> float:
-        """Error of the reference itself; 0 where it is not known."""
+        """Error of the reference itself, as far as it is known."""
         name = f"{quantity.key}_floor" + ("_l2" if norm == "l2" else "")
         value = float(getattr(self, name))
         return value if math.isfinite(value) else 0.0
@@ -116,6 +141,10 @@ class StudyRun:
     def visible_error(self, quantity: Quantity, norm: str = "max") -> float:
         """Error that may be shown: none below the reference's own."""
         return max(self.error(quantity, norm), self.floor(quantity, norm))
+
+    def bounded(self, quantity: Quantity, norm: str = "max") -> bool:
+        """Whether only a bound of the error is known, the reference's own."""
+        return self.error(quantity, norm) < self.floor(quantity, norm)
 
     @property
     def worst_error(self) -> float:
@@ -158,19 +187,34 @@ class Study:
         """Measured runs of some groups."""
         return [run for run in self.runs if run.group in names and run.measured]
 
-    def pick(self, group: str = "methods", **wanted: Any) -> list[StudyRun]:
-        """Measured runs of a group with these values, by coordinates."""
-        chosen = [
+    def planned(self, group: str = "methods", **wanted: Any) -> list[StudyRun]:
+        """Runs of a group with these values, whatever came of them."""
+        return [
             run
-            for run in self.group(group)
-            if all(getattr(run, name) == value for name, value in wanted.items())
+            for run in self.runs
+            if run.group == group
+            and all(getattr(run, name) == value for name, value in wanted.items())
         ]
+
+    def pick(self, group: str = "methods", **wanted: Any) -> list[StudyRun]:
+        """The measured ones of them, by coordinates: what a figure shows."""
+        chosen = [run for run in self.planned(group, **wanted) if run.measured]
         return sorted(chosen, key=lambda run: run.coordinates)
+
+    @property
+    def unnamed(self) -> int:
+        """Planned runs that the table of an older version has no row for yet."""
+        return max(int(self.info.get("runs", 0)) - len({run.run for run in self.runs}), 0)
 
     @cached_property
     def bodies(self) -> tuple[ReducedBody, ...]:
-        """Reduced bodies, few coordinates first; a broken file is left out."""
+        """Reduced bodies of these runs, few coordinates first; a broken file is left out.
+
+        A folder may hold bodies of an earlier study as well: those that no row names.
+        """
+        named = {run.body for run in self.runs} - {""}
         paths = sorted(self.directory.glob("bodies/*.h5"))
+        paths = [path for path in paths if path.stem in named or not named]
         bodies = []
         for path in paths or sorted(self.directory.glob("runs/*/body.h5")):
             try:
@@ -184,11 +228,24 @@ class Study:
         """Time from which on errors count [s]."""
         return float(self.info.get("errors_count_from_s", 0.0))
 
+    @property
+    def judged(self) -> bool:
+        """Whether there is a reference that came to its end."""
+        return self.reference.get("status") == "complete"
+
+    @property
+    def unknown_floors(self) -> list[str]:
+        """Which of the reference's own errors that limit a comparison were not taken."""
+        return [kind for kind in LIMITING if any(self._own(kind, q) is None for q in QUANTITIES)]
+
     def own_error(self, kind: str, quantity: Quantity) -> float:
         """One of the reference's own largest errors, 0 where it is not known."""
+        return self._own(kind, quantity) or 0.0
+
+    def _own(self, kind: str, quantity: Quantity) -> float | None:
         entry = self.reference.get(kind)
         value = entry.get(f"{quantity.key}_max") if isinstance(entry, Mapping) else None
-        return float(value) if value is not None else 0.0
+        return None if value is None else float(value)
 
     def folder(self, run: str) -> Path:
         """Results of a run."""
@@ -213,80 +270,3 @@ def default_reduction(scene: str) -> Reduction:
     """What a scene's part is reduced by when nothing is said."""
     reduction: Reduction = SETTINGS[scene]().reduction
     return reduction
-
-
-def read_study(directory: str | Path) -> Study:
-    """Read a study folder.
-
-    Raises
-    ------
-    InputError
-        The folder holds no study, or a file of it cannot be read.
-    """
-    folder = Path(directory)
-    info = _read_json(folder / "study.json")
-    if info is None:
-        raise InputError(f"{folder}: not a study, study.json is missing: run fenics-ehd study")
-    scene = info.get("scene", "slider-crank")
-    if scene not in SETTINGS:
-        raise InputError(f"{folder / 'study.json'}: scene = {scene}, not {' or '.join(SETTINGS)}")
-    reference = _read_json(folder / "reference.json") or {}
-    mean_floors = _mean_floors(reference)
-    runs = tuple(
-        replace(run, **mean_floors) if run.group in COMPARED else run
-        for run in _read_table(folder / "table.csv")
-    )
-    return Study(folder, info, reference, runs)
-
-
-def _mean_floors(reference: Mapping[str, Any]) -> dict[str, Any]:
-    """L2 errors of the reference's steps and basis, the larger one of the two for each curve."""
-    found: dict[str, Any] = {}
-    for quantity in QUANTITIES:
-        own = [reference.get(kind) or {} for kind in ("step", "basis")]
-        values = [entry.get(f"{quantity.key}_l2") for entry in own]
-        known = [float(value) for value in values if value is not None]
-        found[f"{quantity.key}_floor_l2"] = max(known, default=math.nan)
-    return found
-
-
-def _read_json(path: Path) -> dict[str, Any] | None:
-    if not path.is_file():
-        return None
-    try:
-        values = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    if not isinstance(values, dict):
-        raise InputError(f"{path}: holds no object")
-    return values
-
-
-def _read_table(path: Path) -> tuple[StudyRun, ...]:
-    """Rows of a table; the last one of a writer that was killed may be unfinished."""
-    if not path.is_file():
-        return ()
-    with open(path, newline="") as file:
-        header, *rows = list(csv.reader(file)) or [[]]
-    missing = {"run", "group", "method", "status"} - set(header)
-    if missing:
-        raise InputError(f"{path}: not the table of a study, no column {', '.join(missing)}")
-    whole = [row for row in rows if len(row) == len(header)]
-    return tuple(_run(dict(zip(header, row, strict=True)), path) for row in whole)
-
-
-def _run(cells: Mapping[str, str], path: Path) -> StudyRun:
-    lower = {name.lower(): cell for name, cell in cells.items()}
-    values: dict[str, Any] = {}
-    for field in fields(StudyRun):
-        cell = lower.get(field.name, "")
-        if field.type == "str":
-            values[field.name] = cell
-            continue
-        try:
-            values[field.name] = float(cell) if cell else math.nan
-        except ValueError:
-            raise InputError(
-                f"{path}: {field.name} = {cell!r} of run {cells['run']} is no number"
-            ) from None
-    return StudyRun(**values)

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
@@ -28,7 +30,10 @@ COLOURS = {"m1": "#DDAA33", "m2": "#BB5566", "m3": "#004488", "m4": "#000000"}
 MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
 
 #: Of M3, by pressure set; how a marker is filled tells the selection.
-PRESSURE_MARKERS = {"pc1": "v", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
+PRESSURE_MARKERS = {"pc1": "p", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
+
+#: An error of which only a bound is known, and what the legend says.
+BOUND, BOUND_LABEL = "v", "at most this, where the reference cannot tell"
 FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
 
 #: Truncation of M4 that goes without saying.
@@ -50,6 +55,9 @@ SELECTIONS = {
     "every-column": ("every column", "-."),
     "proper-orthogonal": ("proper orthogonal", (0, (5, 1, 1, 1, 1, 1))),
 }
+
+#: How far lines of one colour go towards white and black.
+LIGHTER, DARKER = 0.35, 0.55
 
 #: Width of a figure [inches], columns of its legend.
 WIDTH, LEGEND_COLUMNS = 10.5, 3
@@ -106,6 +114,13 @@ def line_style(run: StudyRun) -> dict[str, Any]:
     elif truncated(run):
         style["fillstyle"] = "none" if run.residual_truncation >= COARSE else "bottom"
     return style
+
+
+def shade(colour: str, share: float) -> tuple[float, ...]:
+    """A colour from light, 0, to dark, 1."""
+    rgb = np.array(to_rgb(colour))
+    light, dark = rgb + LIGHTER * (1 - rgb), (1 - DARKER) * rgb
+    return tuple(float(value) for value in light + share * (dark - light))
 
 
 def percent_axis(axes: Axes, label: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from fenics_ehd.report.document import Table
 from fenics_ehd.report.statement import Statement, bounded, percent
-from fenics_ehd.report.study_data import NORMS, QUANTITIES, Study, StudyRun
+from fenics_ehd.report.study_data import LIMITING, NORMS, QUANTITIES, Study, StudyRun
 from fenics_ehd.report.style import family
 
 #: Errors that the table of costs asks for.
@@ -94,6 +94,20 @@ def reference_name(study: Study) -> str:
     if found.get("tolerance") is None or name == "not there yet":
         return name
     return f"{name} at tolerance {found['tolerance']:g}, order {found.get('order', '?')}"
+
+
+def floor_remark(study: Study) -> str:
+    """Below what no error is shown, and what of it is not known."""
+    unknown = [REFERENCE_ERRORS[kind] for kind in study.unknown_floors]
+    if not unknown:
+        return (
+            "No error below the reference's own, by its steps and its basis, is shown: grey bands "
+            "are that error."
+        )
+    missing = f"The reference's own error by its {' and '.join(unknown)} is not known"
+    if len(unknown) == len(LIMITING):
+        return f"{missing}: small errors may mean nothing, and none is held back."
+    return f"{missing}: grey bands, below which nothing is shown, are the other part of it alone."
 
 
 def film_mesh_remark(study: Study) -> str:

@@ -8,10 +8,12 @@ from fenics_ehd.output import require_writable, write_whole
 from fenics_ehd.report import statements_rotor, statements_slider_crank, tables
 from fenics_ehd.report.document import Block, Document, Section, Text
 from fenics_ehd.report.extremes import find_extremes
+from fenics_ehd.report.paper_machine import machine_remark
 from fenics_ehd.report.pictures import Pictures
+from fenics_ehd.report.reading import read_study
 from fenics_ehd.report.render import to_html, to_markdown
 from fenics_ehd.report.statement import NOT_RUN
-from fenics_ehd.report.study_data import Study, read_study
+from fenics_ehd.report.study_data import Study
 from fenics_ehd.report.style import house_style
 
 #: Files in a study's folder.
@@ -78,8 +80,7 @@ def _costs(study: Study, pictures: Pictures) -> tuple[Block, ...]:
     intro = (
         f"{_progress(study)} Errors are those of two curves over time, peak pressure (relative to "
         "the reference's highest) and minimum film thickness (relative to the film at that time). "
-        f"The reference is {tables.reference_name(study)}. No error below the reference's own, by "
-        "its steps and its basis, is shown: grey bands are that error. "
+        f"The reference is {tables.reference_name(study)}. {tables.floor_remark(study)} "
         f"{tables.film_mesh_remark(study)}"
     )
     return (Text(intro), *_some(tables.cost_table(study)), *pictures.cost())
@@ -116,10 +117,12 @@ def _paper(study: Study) -> tuple[Block, ...]:
         "for mechanical systems with elastohydrodynamic lubricated revolute joints, in our words. "
         "The rule by which we call one true stands beside it."
     )
+    remark = machine_remark(study)
     own = [statement for statement in STATEMENTS if statement.scene == study.scene]
     others = [statement for statement in STATEMENTS if statement.scene != study.scene]
     return (
         Text(intro),
+        *((Text(remark),) if remark else ()),
         tables.statement_table(study, own),
         Text("What the other example tells:"),
         tables.statement_table(study, others, folded=True),
