@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -188,13 +187,13 @@ def _part_again(settings: Any, body: ReducedBody) -> Any:
 
     from fenics_ehd.paraview import gather_part
     from fenics_ehd.scenes import housing, rod
+    from fenics_ehd.scenes.part import as_made
 
     rotor = settings.scene == "rotor"
     origin = housing.origin if rotor else rod.origin
     reduce = housing.reduce_housing if rotor else rod.reduce_rod
     made = dict(body.provenance)
-    if "method" in made:
-        settings = _as_made(settings, "housing" if rotor else "rod", made)
+    settings = as_made(settings, "housing" if rotor else "rod", body)
     if any(made.get(name) != value for name, value in origin(settings).items()):
         return None
     click.echo("reducing the part again for the displacement of all its nodes", err=True)
@@ -202,21 +201,3 @@ def _part_again(settings: Any, body: ReducedBody) -> Any:
     quick = attrs.evolve(settings.reduction, estimate_error=False)
     again = reduce(attrs.evolve(settings, reduction=quick), MPI.COMM_SELF)
     return gather_part(again.structure, replace(again.body, residual=body.residual), again.columns)
-
-
-def _as_made(settings: Any, section: str, made: Mapping[str, str]) -> Any:
-    """Settings with part and reduction of a body's provenance: `run --body` takes any method."""
-    import attrs
-
-    from fenics_ehd.scenes.part import METHOD_KEYS
-
-    def taken(values: Any, names: Iterable[str]) -> Any:
-        known = {n: type(getattr(values, n))(made[n]) for n in names if n in made}
-        return attrs.evolve(values, **known)
-
-    part = getattr(settings, section)
-    geometry = {n.removeprefix("geometry."): float(v) for n, v in made.items() if "geometry." in n}
-    names = ("element", "cells", "youngs_modulus", "poissons_ratio", "density")
-    part = attrs.evolve(taken(part, [n for n in names if hasattr(part, n)]), geometry=geometry)
-    reduction = taken(settings.reduction, ("method", *METHOD_KEYS.get(made["method"], ())))
-    return attrs.evolve(settings, **{section: part, "reduction": reduction})
