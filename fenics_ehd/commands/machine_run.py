@@ -131,7 +131,12 @@ def run_machine(
     def summarise(status: str) -> dict[str, object]:
         return job.summarise(job.settings, job.body, totals, status, job.reduction_seconds)
 
-    return record(job.directory, history, bar, run, summarise)
+    try:
+        return record(job.directory, history, bar, run, summarise)
+    except KeyboardInterrupt:
+        if latest:
+            click.echo(f"go on with: fenics-ehd run --resume {job.directory}", err=True)
+        raise
 
 
 def fingerprints(settings: Any) -> dict[str, str]:
@@ -209,17 +214,22 @@ def conclude(job: MachineRun, summary: Mapping[str, Any], plots: bool, as_json: 
         from fenics_ehd.plotting.history import plot_machine
 
         plot_machine(f"{job.body.method.upper()}, {job.body.modes} modes", job.directory)
-    click.echo(to_json(summary) if as_json else report(summary, job.directory))
+    text = to_json(summary) if as_json else report(summary, job.directory)
+    shown = ", in pictures min_film_thickness.png, max_pressure.png and others"
+    click.echo(text + (shown if plots and not as_json else ""))
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
 
 
-def _estimate_line(estimate: float, film: float) -> str:
+def _estimate_line(estimate: float, film: float, modes: int) -> str:
     """What a basis misses [m], compared with the thinnest film [m]."""
     if not np.isfinite(estimate):
         return "  basis error estimate    not computed"
     line = f"  basis error estimate    {estimate * 1e6:9.4f} um  of gap"
-    return f"{line}, not small against the film: take more modes" if estimate > 0.2 * film else line
+    if estimate <= 0.2 * film:
+        return line
+    more = "take more modes" if modes else "the part bends, take a method with modes"
+    return f"{line}, not small against the film: {more}"
 
 
 def report(summary: Mapping[str, Any], directory: Path) -> str:
@@ -237,7 +247,9 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
         f"at {summary['max_pressure_time_s'] * 1e3:.3f} ms",
         f"  minimum film thickness  {summary['min_film_thickness_m'] * 1e6:9.4f} um  "
         f"at {summary['min_film_thickness_time_s'] * 1e3:.3f} ms",
-        _estimate_line(summary["basis_error_estimate_m"], summary["min_film_thickness_m"]),
+        _estimate_line(
+            summary["basis_error_estimate_m"], summary["min_film_thickness_m"], summary["modes"]
+        ),
         f"  energy balance error    {summary['energy_balance_error']:9.1e}",
         f"  time: reduction {summary['reduction_time_s']:.2f} s, "
         f"integration {summary['wall_time_s']:.2f} s",
