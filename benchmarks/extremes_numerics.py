@@ -81,8 +81,8 @@ def _tolerances() -> Iterator[Case]:
 def _long_and_back() -> Iterator[Case]:
     settings = scene("rigid", 50.0, time__tolerance=1e-3)
     short = scene("rigid", 2.0, time__tolerance=1e-3 / 30)
-    lost = energy(0.03)
-    text = f"{lost.text}: 50 times the 5e-4 of one revolution"
+    lost = energy(0.05)
+    text = f"{lost.text}: 50 times the 9e-4 of one revolution"
     claims = (
         periodic(0.05, 50),
         ends_as("film of tolerance / 30 after 2 revolutions to {}", 0.05, short),
