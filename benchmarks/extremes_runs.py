@@ -154,12 +154,14 @@ class Workshop:
 
     def nested(self, settings: SliderCrankSettings) -> Run:
         """The same scene with the film solved within every evaluation, by Newton's method."""
-        machine = build_mechanism(settings, self.body(settings))
+        body = self.body(settings)
+        machine = build_mechanism(settings, body)
         end = simulated_time(settings)
         nested, start = NestedFilm(machine), initial_state(settings, machine)
+        control = step_control(settings, end, body)
         rows: list[dict] = []
         began = process_time()
-        for step in integrate(nested, (0.0, end), *start, step_control(settings, end)):
+        for step in integrate(nested, (0.0, end), *start, control):
             row = {
                 "time_s": step.time,
                 "max_pressure_Pa": step.auxiliary.film.pressure.max(),

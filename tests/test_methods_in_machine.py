@@ -15,6 +15,7 @@ from fenics_ehd.reduction import (
     full_interface,
     load_dependent,
     residual_flexibility,
+    rigid,
     two_step_craig_bampton,
 )
 from fenics_ehd.reduction.craig_bampton import centre_constraints
@@ -23,8 +24,9 @@ from fenics_ehd.reduction.projection import Basis, gram_matrices, project
 from fenics_ehd.reduction.rigid_motion import rigid_fields
 from fenics_ehd.scenes import transient
 from fenics_ehd.scenes.rod import reduce_rod, reduce_structure
-from fenics_ehd.scenes.run import Totals, simulate
+from fenics_ehd.scenes.run import Totals, simulate, step_control
 from fenics_ehd.scenes.slider_crank_settings import Reduction, SliderCrankSettings
+from fenics_ehd.settings import build
 
 #: The first film build-up from no pressure at all is compared from here on [s].
 START = 2e-4
@@ -183,3 +185,21 @@ def test_few_residual_patterns_are_named_where_no_step_is_short_enough(
     with pytest.raises(StepSizeError, match=r"^the step fell to 1e-13 s") as caught:
         transient._advanced(machine, None, 1.0, None, None)
     assert ("lower reduction.residual_truncation" in str(caught.value)) is advised
+
+
+@pytest.mark.parametrize(
+    ("damping_time", "order", "taken"), [(1e-4, 3, 3), (1e-6, 3, 2), (0.0, 3, 2), (0.0, 1, 1)]
+)
+def test_a_formula_that_feeds_undamped_modes_is_not_taken(
+    rod_structure, damping_time, order, taken
+):
+    body = load_dependent(rod_structure, 6, 4, estimate_error=False)
+    settings = build(
+        SliderCrankSettings, {"rod": {"damping_time": damping_time}, "time": {"order": order}}
+    )
+    assert step_control(settings, 1e-3, body).order == taken
+
+
+def test_a_rigid_rod_has_no_modes_to_feed(rod_structure):
+    settings = build(SliderCrankSettings, {"rod": {"damping_time": 0.0}})
+    assert step_control(settings, 1e-3, rigid(rod_structure, estimate_error=False)).order == 3
