@@ -54,6 +54,10 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
     try:
         with h5py.File(path, "r") as file:
             return _read(file)
+    except FileNotFoundError:
+        folder = Path(path).parent
+        missing = "no such folder" if not folder.is_dir() else f"it has no {Path(path).name}"
+        raise InputError(f"{folder}: no checkpoint to go on from, {missing}") from None
     except OSError as error:
         reason = error.strerror or str(error).splitlines()[0]
         raise InputError(f"{path}: no checkpoint to go on from ({reason})") from None

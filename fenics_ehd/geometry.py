@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import signal
 import threading
 from collections.abc import Mapping
@@ -26,6 +27,9 @@ _TRIANGLE_6 = 9
 
 #: Cells that can be asked for, by their short names.
 CELLS = {"hex": "hexahedron", "tet": "tetrahedron"}
+
+#: How Gmsh begins the names of what it puts beside a model's own parameters.
+_GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 
 #: Parameter of a model that can be meshed with either.
 _SWITCH = "tetrahedra"
@@ -69,7 +73,8 @@ def _parameter_names(path: Path) -> dict[str, str]:
     gmsh.clear()
     # Values survive in ONELAB, so those of a former model would override this one's.
     gmsh.onelab.clear()
-    return {name.rsplit("/", 1)[-1]: name for name in names}
+    own = [name for name in names if not name.startswith(_GMSH_OWN)]
+    return {name.rsplit("/", 1)[-1]: name for name in own}
 
 
 def _initialize_gmsh() -> None:
@@ -87,9 +92,10 @@ def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[s
     names = {} if path.suffix == ".msh" else _parameter_names(path)
     for key, value in parameters.items():
         if key not in names:
-            raise MeshError(
-                f"model {path.name} has no parameter {key!r}; it has {', '.join(names)}"
-            )
+            close = difflib.get_close_matches(key, names, n=2, cutoff=0.55)
+            meant = f"did you mean {' or '.join(close)}? " if close else ""
+            has = f"it has {', '.join(names)}" if names else "it has none"
+            raise MeshError(f"model {path.name} has no parameter {key!r}: {meant}{has}")
         gmsh.onelab.setNumber(names[key], [float(value)])
     if _SWITCH in names and _SWITCH not in parameters:
         gmsh.onelab.setNumber(names[_SWITCH], [float(cells == "tet")])

@@ -257,9 +257,19 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
             raise ValueError("no steps")
         if header[:3] != FIRST_COLUMNS:
             raise ValueError("not its columns")
+    except FileNotFoundError:
+        raise InputError(_no_results(path)) from None
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a history of a run ({error})") from None
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: not a history of a run ({reason})") from None
     return dict(zip(header, columns, strict=True))
+
+
+def _no_results(path: Path) -> str:
+    """What a missing file of a run means."""
+    if path.parent.is_dir():
+        return f"{path.parent}: not a results folder, it has no {path.name}"
+    return f"{path.parent}: no such folder"
 
 
 def read_fields(
@@ -277,6 +287,8 @@ def read_fields(
         # As a reader beside a writer: also the file of a run that goes on, or was killed.
         with h5py.File(path, "r", libver="latest", swmr=True) as file:
             return {name: np.array(file[name]) for name in names if name in file or not optional}
+    except FileNotFoundError:
+        raise InputError(_no_results(path)) from None
     except (OSError, KeyError) as error:
         reason = str(error).splitlines()[0].strip("'\"")
         raise InputError(f"{path}: not a history of a run ({reason})") from None

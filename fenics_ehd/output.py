@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module, metadata
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import h5py
 import numpy as np
@@ -49,6 +50,13 @@ def require_writable(path: str | Path) -> None:
         raise InputError(f"output {path}: {existing} is not a folder")
     if not os.access(existing, os.W_OK):
         raise InputError(f"output {path}: no permission to write to {existing}")
+    if existing.is_dir():
+        try:
+            # Permission is not all: a file system may be read-only, full or no real one.
+            with TemporaryFile(dir=existing):
+                pass
+        except OSError as error:
+            raise InputError(f"output {path}: {existing}: {error.strerror}") from None
 
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import operator
+import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import attrs
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.key_hints import key_hint, setting_names
 
 T = TypeVar("T", bound=attrs.AttrsInstance)
 
@@ -24,19 +25,29 @@ def number(
     above: float | None = None,
     least: float | None = None,
     below: float | None = None,
+    example: str = "",
 ) -> Any:
-    """Real number with limits: `above` and `below` exclusive, `least` inclusive."""
+    """Real number with limits: `above` and `below` exclusive, `least` inclusive.
+
+    A value too large, perhaps in another unit, is told the unit and the `example`.
+    """
+    unit = re.search(r"\[([^];-]+)\]", help_text)
+    measured = f" in {unit[1]}" if unit else ""
+    hints = {"below": f":{measured}, {example}" if example else ""}
 
     def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         if not isinstance(value, float) or not abs(value) < float("inf"):
-            raise SettingsError(f"{attribute.name} = {value!r} must be a finite number")
+            bare = f"{measured}, without unit or quotes" if isinstance(value, str) else ""
+            raise SettingsError(f"{attribute.name} = {value!r} must be a finite number{bare}")
         for limit, words, holds in (
             (above, "above", operator.gt),
             (least, "at least", operator.ge),
             (below, "below", operator.lt),
         ):
             if limit is not None and not holds(value, limit):
-                raise SettingsError(f"{attribute.name} = {value!r} must be {words} {limit:g}")
+                raise SettingsError(
+                    f"{attribute.name} = {value!r} must be {words} {limit:g}{hints.get(words, '')}"
+                )
 
     return attrs.field(
         default=default,
@@ -58,16 +69,32 @@ def count(default: int, help_text: str, least: int = 0, most: int | None = None)
     return attrs.field(default=default, validator=check, metadata={"help": help_text})
 
 
-def counts(default: tuple[int, ...], help_text: str, *, optional: bool = False) -> Any:
-    """Two whole numbers above 0, as cells in two directions; an empty list where `optional`."""
+def counts(
+    default: tuple[int, ...],
+    help_text: str,
+    *,
+    least: tuple[int, int],
+    most: int,
+    optional: bool = False,
+) -> Any:
+    """Two whole numbers, as cells in two directions; an empty list where `optional`.
+
+    Each has its `least`, and `most` is the limit of their product.
+    """
 
     def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
+        given = f"{attribute.name} = {list(value)!r}"
+        if optional and not value:
+            return
         whole = all(isinstance(n, int) and not isinstance(n, bool) and n > 0 for n in value)
-        if not whole or not (len(value) == 2 or (optional and not value)):
+        if not whole or len(value) != 2:
             raise SettingsError(
-                f"{attribute.name} = {list(value)!r} must be two whole numbers above 0"
-                + (", or empty" if optional else "")
+                f"{given} must be two whole numbers above 0" + (", or empty" if optional else "")
             )
+        if any(n < fewest for n, fewest in zip(value, least, strict=True)):
+            raise SettingsError(f"{given} must be at least {list(least)}: fewer are too coarse")
+        if value[0] * value[1] > most:
+            raise SettingsError(f"{given}: {value[0] * value[1]} cells, at most {most} are allowed")
 
     def as_tuple(value: Any) -> Any:
         return tuple(value) if isinstance(value, (list, tuple)) else (value,)
@@ -162,8 +189,21 @@ def _as_float(value: Any) -> Any:
         return float("inf")
 
 
-def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
+def build(
+    cls: type[T], table: Mapping[str, Any], path: str = "", names: Iterable[str] | None = None
+) -> T:
     """Settings object from nested tables.
+
+    Parameters
+    ----------
+    cls
+        Settings class.
+    table
+        Values by key, those of a section in a table of their own.
+    path
+        Sections above, ``"rod."`` for instance.
+    names
+        Every key there is, to find the one that is meant; None: those of `cls`.
 
     Raises
     ------
@@ -173,14 +213,13 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
     if not isinstance(table, Mapping):
         raise SettingsError(f"{path.rstrip('.')} = {table!r} must be a table")
     known = {a.name: a for a in attrs.fields(cls)}
+    names = list(setting_names(cls, path) if names is None else names)
     values = {}
     for key, value in table.items():
         if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {path}{close[0]}?" if close else f"known: {', '.join(known)}"
-            raise SettingsError(f"unknown key {path}{key}: {hint}")
+            raise SettingsError(f"unknown key {path}{key}: {key_hint(names, f'{path}{key}')}")
         nested = known[key].metadata.get("section")
-        values[key] = build(nested, value, f"{path}{key}.") if nested else value
+        values[key] = build(nested, value, f"{path}{key}.", names) if nested else value
         if known[key].metadata.get("table") and not isinstance(value, Mapping):
             raise SettingsError(f"{path}{key} = {value!r} must be a table")
     try:

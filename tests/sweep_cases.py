@@ -15,6 +15,7 @@ from fenics_ehd.sweeps.work import CaseTask
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
 SLIDER_CRANK = """
+scene = "slider-crank"
 [mechanism]
 revolutions = 0.002
 [reduction]

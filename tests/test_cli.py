@@ -16,8 +16,11 @@ from fenics_ehd.reduction import BasisFile
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
+KIND = 'scene = "slider-crank"\n'
+
 # A rigid rod over the first degrees of crank angle: everything but the many modes.
 SHORT = """
+scene = "slider-crank"
 [mechanism]
 revolutions = 0.02
 [reduction]
@@ -120,7 +123,7 @@ def test_run_writes_everything_it_promises(scene, tmp_path):
 
 
 def test_run_from_body_file_equals_run_from_mesh(body, tmp_path):
-    short = "[mechanism]\nrevolutions = 0.02\n[time]\ntolerance = 1e-3\n"
+    short = SHORT.replace('[reduction]\nmethod = "rigid"\nestimate_error = false\n', "")
     whole, online = tmp_path / "whole.toml", tmp_path / "online.toml"
     online.write_text(short)
     whole.write_text(short + "[reduction]\nresidual_modes = 4\n")
@@ -144,7 +147,7 @@ def test_run_from_body_file_equals_run_from_mesh(body, tmp_path):
 
 def test_body_that_contradicts_the_scene_is_refused(body, tmp_path):
     path = tmp_path / "other.toml"
-    path.write_text("[rod]\nyoungs_modulus = 200e9\n")
+    path.write_text(f"{KIND}[rod]\nyoungs_modulus = 200e9\n")
     result = call("run", path, "--body", body, "-o", tmp_path / "out")
     assert result.returncode == 2
     assert "youngs_modulus = 210000000000.0" in result.stderr
@@ -187,7 +190,7 @@ Physical Surface("pin", 3) = {s[1]};
         ("[rod]\nmodel = 'absent.geo'", "absent.geo"),
         ("[rod]\nmodel = 'no_bore.geo'", "'bore'"),
         ("[rod]\nmodel = 'nonsense.geo'", "nonsense.geo"),
-        ("[rod.geometry]\nbig_end_wal = 0.01", "big_end_wal"),
+        ("[rod.geometry]\nbig_end_wal = 0.01", "did you mean big_end_wall"),
         ("[rod.geometry]\nbore_cells_around = 15", "multiple of 10"),
         ("[rod.geometry]\nbore_cells_along = 2.5", "2.5"),
         ("[reduction]\nresidual_modes = 81", "residual_modes 81"),
@@ -199,7 +202,7 @@ Physical Surface("pin", 3) = {s[1]};
 )
 def test_bad_scene_exits_2_with_one_line(text, named, tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text(text)
+    path.write_text(KIND + text)
     (tmp_path / "no_bore.geo").write_text(MESH_WITHOUT_BORE)
     (tmp_path / "nonsense.geo").write_text("this is no Gmsh model")
     result = call("run", path, "-o", tmp_path / "out")

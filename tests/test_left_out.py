@@ -50,7 +50,7 @@ def modules_after(*arguments):
 def test_a_run_imports_what_its_scene_needs(tmp_path):
     save_body(make_body(Joint()), tmp_path / "rod.h5")
     (tmp_path / "scene.toml").write_text(
-        "[mechanism]\nrevolutions = 0.001\n[time]\ntolerance = 1e-3\n"
+        'scene = "slider-crank"\n[mechanism]\nrevolutions = 0.001\n[time]\ntolerance = 1e-3\n'
     )
     loaded = modules_after(
         "run", tmp_path / "scene.toml", "--body", tmp_path / "rod.h5", "--no-plots",

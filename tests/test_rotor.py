@@ -26,7 +26,13 @@ from fenics_ehd.multibody.dry_system import DrySystem
 from fenics_ehd.multibody.energy import EnergyBalance
 from fenics_ehd.multibody.shaft_journal import ShaftJournal
 from fenics_ehd.scenes.rotor import Rotor
-from fenics_ehd.scenes.rotor_run import build_mechanism, build_rotor, rotor_system, simulate
+from fenics_ehd.scenes.rotor_run import (
+    build_mechanism,
+    build_rotor,
+    check_before_reduction,
+    rotor_system,
+    simulate,
+)
 from fenics_ehd.scenes.rotor_settings import Force, RotorSettings, Shaft, Time
 from fenics_ehd.scenes.transient import Totals
 from fenics_ehd.settings import build
@@ -300,12 +306,39 @@ def test_a_ramp_begins_gently():
         ({"shaft": {"modes": 7}}, "shaft.modes = 7 must be even"),
         ({"shaft": {"modes": 20, "elements": 3}}, "at most 16"),
         ({"bearing": {"clearance": 2e-3}}, "bearing.clearance = 0.002"),
+        ({"shaft": {"diameter": 0.05}}, "shaft.diameter = 0.05 m must be that of the bore, 0.045"),
+        ({"shaft": {"diameter": 0.0444}}, "0.045 m, within 1 %"),
         ({"time": {"smallest_step": 1e-5}}, "time.smallest_step = 1e-05"),
     ],
 )
 def test_scenes_that_cannot_be_built_are_named(scene_film, tables, message):
     with pytest.raises(SettingsError, match=message):
         simulate(build(RotorSettings, tables), held_body(scene_film), Totals())
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"shaft": {"diameter": 45}}, "shaft.diameter = 45.0 must be below 10: in m, 0.025 for"),
+        ({"shaft": {"length": 1000}}, "shaft.length = 1000.0 must be below 100: in m"),
+        ({"bearing": {"clearance": 17}}, "bearing.clearance = 17.0 must be below 0.005: in m"),
+        ({"shaft": {"clearance": 17e-6}}, "did you mean bearing.clearance?"),
+    ],
+)
+def test_lengths_in_millimetres_are_refused(tables, message):
+    with pytest.raises(SettingsError) as caught:
+        build(RotorSettings, tables)
+    assert message in str(caught.value)
+
+
+def test_what_needs_no_housing_is_refused_before_its_reduction():
+    check_before_reduction(RotorSettings())
+    for tables, message in (
+        ({"shaft": {"modes": 7}}, "shaft.modes = 7"),
+        ({"time": {"smallest_step": 1e-5}}, "time.smallest_step = 1e-05"),
+    ):
+        with pytest.raises(SettingsError, match=message):
+            check_before_reduction(build(RotorSettings, tables))
 
 
 def test_a_free_body_is_no_housing(scene_film):

@@ -11,6 +11,7 @@ from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
 from fenics_ehd.scenes import slider_crank_settings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.scenes.thin_film import check_thin_film
 from fenics_ehd.settings import build, read_toml, to_toml
 
 
@@ -59,6 +60,23 @@ def test_printed_settings_read_back_to_twelve_digits(clearance, modes, geometry)
         ({"reduction": {"residual_modes": 3.5}}, "reduction.residual_modes = 3.5 must be a whole"),
         ({"reduction": {"estimate_error": 1}}, "reduction.estimate_error = 1 must be true or"),
         ({"time": {"order": 6}}, "time.order = 6 must be a whole number, at least 1 and at most 3"),
+        (
+            {"bearing": {"clearance": "30 um"}},
+            "bearing.clearance = '30 um' must be a finite number in m, without unit or quotes",
+        ),
+        ({"bearing": {"clearance": 30}}, "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
+        ({"mechanism": {"crank_length": 48}}, "mechanism.crank_length = 48.0 must be below 5: in"),
+        ({"mechanism": {"clearance": 30e-6}}, "did you mean bearing.clearance?"),
+        ({"clearance": 30e-6}, "unknown key clearance: did you mean bearing.clearance?"),
+        ({"bearing": {"frobnicate": 1}}, "known: bearing.clearance, bearing.viscosity"),
+        ({"film": {"cells": [3, 1]}}, "film.cells = [3, 1] must be at least [8, 2]"),
+        ({"film": {"cells": [8, 1]}}, "film.cells = [8, 1] must be at least [8, 2]"),
+        ({"film": {"cells": [20]}}, "film.cells = [20] must be two whole numbers above 0, or em"),
+        ({"film": {"cells": [20, -5]}}, "film.cells = [20, -5] must be two whole numbers"),
+        (
+            {"film": {"cells": [1000, 1000]}},
+            "film.cells = [1000, 1000]: 1000000 cells, at most 200000 are allowed",
+        ),
         ({"scene": "rotor"}, "scene = 'rotor' must be one of slider-crank"),
     ],
 )
@@ -67,6 +85,26 @@ def test_bad_value_is_named_with_its_limit(tables, message):
         build(SliderCrankSettings, tables)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_limits_of_cells_are_inside():
+    for cells in ([], [8, 2], [500, 400]):
+        assert build(SliderCrankSettings, {"film": {"cells": cells}}).film.cells == tuple(cells)
+
+
+@pytest.mark.parametrize(
+    ("clearance", "radius", "message"),
+    [
+        (2e-3, 0.025, "clearance = 0.002 m must be below 0.05 of the bore radius 0.025 m: the"),
+        (25e-6, 4.0, "2.5e-05 m must be at least 1e-05 of the bore radius 4 m: lengths are in me"),
+    ],
+)
+def test_clearance_is_a_small_part_of_the_radius_and_not_none_of_it(clearance, radius, message):
+    with pytest.raises(SettingsError) as caught:
+        check_thin_film(clearance, radius)
+    assert message in str(caught.value)
+    check_thin_film(25e-6, 0.025)
+    check_thin_film(0.0225e-5, 0.0225)
 
 
 def test_choices_are_those_of_the_reduction_and_the_elements():

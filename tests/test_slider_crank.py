@@ -389,7 +389,7 @@ def test_every_step_is_solved_by_reduced_space_newton(monkeypatch):
 def monitored_run(tmp_path, reduction, *options):
     """Summary of a run from the command line, and the SNES solves that PETSc announced."""
     scene = tmp_path / "scene.toml"
-    scene.write_text(f"[mechanism]\nrevolutions = 0.005\n{reduction}")
+    scene.write_text(f'scene = "slider-crank"\n[mechanism]\nrevolutions = 0.005\n{reduction}')
     done = subprocess.run(
         [sys.executable, "-m", "fenics_ehd.cli", "run", str(scene), "--json", "--no-plots",
          "-o", str(tmp_path / "out"), *options],

@@ -112,7 +112,7 @@ def test_key_with_or_without_its_section(name, key):
     [
         ("clearence", "unknown key clearence: did you mean bearing.clearance?"),
         ("bearing.clearence", "did you mean bearing.clearance?"),
-        ("film.clearance", "unknown key film.clearance"),
+        ("film.clearance", "unknown key film.clearance: did you mean bearing.clearance?"),
         ("brearing.clearance", "did you mean bearing.clearance?"),
         ("cells", "key cells is ambiguous: rod.cells or film.cells"),
         ("frobnicate", "known: mechanism.crank_length"),
@@ -153,7 +153,7 @@ def test_one_body_for_equal_bodies(scene, assignment, bodies):
 
 
 def test_every_bad_value_is_named_before_anything_runs(scene, tmp_path, capfd):
-    values = given_values(["clearance=-1,0", "viscosity=0.01,water", "film.cells=[4];[4,2]"])
+    values = given_values(["clearance=-1,0", "viscosity=0.01,water", "film.cells=[4];[8,2]"])
     status, _, errors = exit_of(capfd, "sweep", scene, *values, "-o", tmp_path / "out")
     assert status == 2
     line = errors.splitlines()[-1]
@@ -178,6 +178,8 @@ def test_every_bad_value_is_named_before_anything_runs(scene, tmp_path, capfd):
         (["slider-crank", "--set", "clearance=1", "--set", "bearing.clearance=2"], "given twice"),
         (["slider-crank", "--set", "rod.model=absent.geo"], "absent.geo"),
         (["slider-crank", "--set", "viscosity=1:2:9999", "--set", "order=1,2"], "19998 cases"),
+        (["slider-crank", "--set", "clearance=10:20:3"], "3 of 3 cases cannot run: bearing.clear"),
+        (["slider-crank", "--set", "film.cells=[1000,1000]"], "1000000 cells, at most 200000"),
         (["slider-crank", "--set", "order=1", "--resume"], "nothing to resume"),
         (["slider-crank", "--set", "order=1", "--resume", "--overwrite"], "exclude each other"),
     ],

@@ -21,7 +21,17 @@ MOST_CELLS = 100_000
 
 #: Clearance over radius for which lubrication theory, which drops terms of that order, is meant.
 LARGEST_CLEARANCE_RATIO = 0.1
-SMALLEST_CLEARANCE_RATIO = 1e-8
+#: Bearings have 100 times this: below, a length is given in another unit than metres.
+SMALLEST_CLEARANCE_RATIO = 1e-5
+#: Rounding of a ratio that is meant to be a limit itself.
+ROUNDING = 1e-9
+
+#: Largest radius and width, largest clearance [m].
+LARGEST_LENGTH, LARGEST_CLEARANCE = 5.0, 5e-3
+
+
+def _metres(default: float, help_text: str) -> Any:
+    return number(default, help_text, above=0, below=LARGEST_LENGTH, example="0.025 for 25 mm")
 
 
 def _pair(help_text: str) -> Any:
@@ -57,9 +67,11 @@ class BearingSettings:
     rotation, z along the axis so that the shaft turns in the positive sense about it.
     """
 
-    radius: float = number(0.0225, "of the bore [m]", above=0)
-    clearance: float = number(17e-6, "radial clearance [m]", above=0)
-    width: float = number(0.022, "of the bearing [m]", above=0)
+    radius: float = _metres(0.0225, "of the bore [m]")
+    clearance: float = number(
+        17e-6, "radial clearance [m]", above=0, below=LARGEST_CLEARANCE, example="30e-6 for 30 um"
+    )
+    width: float = _metres(0.022, "of the bearing [m]")
     viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
     speed: float = number(500.0, "of the shaft [rad/s]")
     bore_speed: float = number(0.0, "of the bore [rad/s]")
@@ -83,10 +95,12 @@ class BearingSettings:
                 f"cells = {self.cells_around}x{self.cells_along}: at most {MOST_CELLS} are allowed"
             )
         ratio = self.clearance / self.radius
-        if not SMALLEST_CLEARANCE_RATIO <= ratio <= LARGEST_CLEARANCE_RATIO:
+        smallest = (1 - ROUNDING) * SMALLEST_CLEARANCE_RATIO
+        if not smallest <= ratio <= LARGEST_CLEARANCE_RATIO:
             raise SettingsError(
                 f"clearance = {self.clearance:g} m must lie between {SMALLEST_CLEARANCE_RATIO:g} "
-                f"and {LARGEST_CLEARANCE_RATIO:g} of radius = {self.radius:g} m"
+                f"and {LARGEST_CLEARANCE_RATIO:g} of radius = {self.radius:g} m: lengths "
+                "are in metres"
             )
         # At this slope one end touches when the middle is centred.
         limit = 2 * self.clearance / self.width

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from mpi4py import MPI
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, versions
-from fenics_ehd.reduction import ReducedBody, load_body
+from fenics_ehd.reduction import ReducedBody, Structure, load_body
 from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.settings import build
 
@@ -47,6 +48,8 @@ def run_rotor(
     as_json: bool,
 ) -> None:
     """``fenics-ehd run`` for this scene; checkpoints every `interval` seconds."""
+    from fenics_ehd.scenes.rotor_run import check_before_reduction, check_structure
+
     settings = read_settings(scene, tables)
     if body_file and method:
         raise SettingsError("--body and --method exclude each other: the body has its method")
@@ -55,6 +58,7 @@ def run_rotor(
     if body_file and frames:
         raise SettingsError("--vtk needs the housing's mesh, not in --body: drop --body")
     require_writable(directory)
+    check_before_reduction(settings)
     part = None
     if body_file:
         from fenics_ehd.scenes.housing import check_origin
@@ -62,7 +66,7 @@ def run_rotor(
         body, seconds = load_body(body_file), 0.0
         check_origin(body, settings, tables)
     else:
-        housing = reduce_with_notice(settings)
+        housing = reduce_with_notice(settings, partial(check_structure, settings))
         body, seconds = housing.body, housing.seconds
         if frames:
             from fenics_ehd.paraview import gather_part
@@ -81,7 +85,9 @@ def run_rotor(
         conclude(job, summary, plots, as_json)
 
 
-def reduce_with_notice(settings: RotorSettings) -> ReducedPart:
+def reduce_with_notice(
+    settings: RotorSettings, check: Callable[[Structure], None] | None = None
+) -> ReducedPart:
     """Reduce the housing on all ranks and say so: the first time, forms are compiled."""
     from fenics_ehd.scenes.housing import reduce_housing
 
@@ -89,7 +95,7 @@ def reduce_with_notice(settings: RotorSettings) -> ReducedPart:
         click.echo(
             "reducing the housing (forms are compiled once, in about half a minute)", err=True
         )
-    return reduce_housing(settings)
+    return reduce_housing(settings, check=check)
 
 
 def resume_rotor(

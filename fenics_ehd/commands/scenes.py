@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import click
 from mpi4py import MPI
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.output import (
-    require_writable,
-    to_json,
-    versions,
+from fenics_ehd.commands.scene_kinds import (
+    LOADED_JOURNAL,
+    ROTOR,
+    SCENE_KEY,
+    SLIDER_CRANK,
+    read_tables,
+    scene_tables,
+    tables_of,
 )
-from fenics_ehd.reduction import ReducedBody, load_body
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.output import require_writable, to_json, versions
+from fenics_ehd.reduction import ReducedBody, Structure, load_body
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.settings import build, read_toml
+from fenics_ehd.settings import build
 
 if TYPE_CHECKING:  # slow to import, and not every command needs them
     from fenics_ehd.commands.machine_run import MachineRun
@@ -27,18 +34,26 @@ if TYPE_CHECKING:  # slow to import, and not every command needs them
 
 
 def read_scene(scene: str) -> tuple[SliderCrankSettings, dict]:
-    """Settings of a scene given by name or TOML file, and the tables as written."""
-    if scene == "slider-crank":
+    """Settings of a slider-crank given by name or TOML file, and the tables as written.
+
+    The file may leave out which scene it is: who calls this has a slider-crank in mind.
+
+    Raises
+    ------
+    SettingsError
+        The file cannot be read, is another scene, or holds a key or value that cannot be used.
+    """
+    if scene == SLIDER_CRANK:
         return SliderCrankSettings(), {}
-    if Path(scene).suffix != ".toml":
-        raise SettingsError(
-            f"scene {scene!r}: not slider-crank, rotor, loaded-journal or a .toml file"
-        )
-    tables = read_toml(scene)
+    tables = read_tables(scene)
+    kind = tables.get(SCENE_KEY, SLIDER_CRANK)
+    if kind != SLIDER_CRANK:
+        raise SettingsError(f"{scene}: scene = {kind!r} must be {SLIDER_CRANK} here")
     try:
         settings = build(SliderCrankSettings, tables)
     except SettingsError as error:
-        raise SettingsError(f"{scene}: {error}") from None
+        assumed = "" if SCENE_KEY in tables else f" (scene is missing, {SLIDER_CRANK} assumed)"
+        raise SettingsError(f"{scene}: {error}{assumed}") from None
     return _beside(settings, Path(scene).parent), tables
 
 
@@ -59,16 +74,6 @@ def _table_beside(name: str, folder: Path) -> str:
     return name if name == "none" else str((folder / name).absolute())
 
 
-def tables_of(scene: str, kind: str) -> dict | None:
-    """Tables of a scene of this kind given by name or file, None for another kind of scene."""
-    if scene == kind:
-        return {}
-    if Path(scene).suffix != ".toml":
-        return None
-    tables = read_toml(scene)
-    return tables if tables.get("scene") == kind else None
-
-
 def run_scene(
     scene: str,
     body_file: str | None,
@@ -81,28 +86,45 @@ def run_scene(
 ) -> None:
     """``fenics-ehd run``; checkpoints every `interval` seconds."""
     target = Path(directory or Path("results") / Path(scene).stem)
-    journal_tables = tables_of(scene, "loaded-journal")
-    if journal_tables is not None:
+    kind, tables = scene_tables(scene)
+    if kind == LOADED_JOURNAL:
         from fenics_ehd.commands.loaded_journal import read_settings, run_loaded_journal
 
         if body_file or method or frames:
             raise SettingsError("--body, --method, --vtk: not for loaded-journal, which is rigid")
-        run_loaded_journal(read_settings(scene, journal_tables), target, plots, as_json)
+        run_loaded_journal(read_settings(scene, tables), target, plots, as_json)
         return
-    rotor_tables = tables_of(scene, "rotor")
-    if rotor_tables is not None:
+    if kind == ROTOR:
         from fenics_ehd.commands.rotor import run_rotor
 
-        run_rotor(scene, rotor_tables, target, body_file, method, plots, frames, interval, as_json)
+        run_rotor(scene, tables, target, body_file, method, plots, frames, interval, as_json)
         return
-    settings, tables = read_scene(scene)
+    _run_slider_crank(scene, tables, target, body_file, method, plots, frames, interval, as_json)
+
+
+def _run_slider_crank(
+    scene: str,
+    tables: Mapping[str, Any],
+    directory: Path,
+    body_file: str | None,
+    method: str | None,
+    plots: bool,
+    frames: int | None,
+    interval: float,
+    as_json: bool,
+) -> None:
+    """``fenics-ehd run`` for this scene."""
+    from fenics_ehd.scenes.run import check_before_reduction, check_structure
+
+    settings, _ = read_scene(scene)
     if body_file and method:
         raise SettingsError("--body and --method exclude each other: the body has its method")
     if body_file and frames:
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
     if method:
         settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
-    require_writable(target)
+    require_writable(directory)
+    check_before_reduction(settings)
     part, seconds = None, 0.0
     if body_file:
         from fenics_ehd.scenes.rod import check_origin
@@ -110,29 +132,31 @@ def run_scene(
         body = load_body(body_file)
         check_origin(body, settings, tables)
     else:
-        rod = reduce_with_notice(settings)
+        rod = reduce_with_notice(settings, partial(check_structure, settings))
         body, seconds = rod.body, rod.seconds
         part = _gather(rod) if frames else None
     # The time integration is serial: other ranks have done their share.
     if MPI.COMM_WORLD.rank == 0:
         from fenics_ehd.commands.machine_run import conclude, run_machine
 
-        job = _job(settings, body, seconds, target)
+        job = _job(settings, body, seconds, directory)
         summary = run_machine(job, interval)
         if part is not None and frames is not None:
             from fenics_ehd.results import write_run_series
 
-            write_run_series(settings, body, part, target, frames)
+            write_run_series(settings, body, part, directory, frames)
         conclude(job, summary, plots, as_json)
 
 
-def reduce_with_notice(settings: SliderCrankSettings) -> ReducedPart:
+def reduce_with_notice(
+    settings: SliderCrankSettings, check: Callable[[Structure], None] | None = None
+) -> ReducedPart:
     """Reduce the rod on all ranks and say so: the first time, forms are compiled."""
     from fenics_ehd.scenes.rod import reduce_rod
 
     if MPI.COMM_WORLD.rank == 0:
         click.echo("reducing the rod (forms are compiled once, in about half a minute)", err=True)
-    return reduce_rod(settings)
+    return reduce_rod(settings, check=check)
 
 
 def _gather(rod: ReducedPart) -> PartFields | None:

@@ -127,6 +127,8 @@ def load_body(path: str | Path) -> ReducedBody:
                 accuracy={k: float(v) for k, v in file["accuracy"].attrs.items()},
                 provenance={k: str(v) for k, v in file["provenance"].attrs.items()},
             )
+    except FileNotFoundError:
+        raise BodyFileError(f"body file {path}: no such file") from None
     except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise BodyFileError(f"body file {path}: {str(error).splitlines()[0]}") from error
     for defect in defects(body):

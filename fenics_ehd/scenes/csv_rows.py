@@ -18,7 +18,7 @@ def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
     Raises
     ------
     SettingsError
-        The file cannot be read.
+        The file cannot be read, or separates its entries by something else than commas.
     """
     try:
         text = Path(path).read_text()
@@ -26,11 +26,17 @@ def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
         raise SettingsError(f"{where}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise SettingsError(f"{where}: not a text file") from None
-    return [
-        (number, [entry.strip() for entry in next(csv.reader([line]))])
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    rows = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if ";" in line or "\t" in line:
+            raise SettingsError(
+                f"{where}, line {number}, has {line.strip()!r}: separate by commas, decimals with "
+                "a point"
+            )
+        rows.append((number, [entry.strip() for entry in next(csv.reader([line]))]))
+    return rows
 
 
 def finite_number(where: str, entry: str) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from mpi4py import MPI
@@ -55,8 +55,21 @@ def reduce_held(structure: Structure, reduction: Reduction) -> ReducedBody:
     return replace(body, frame="clamped") if reduction.method == "rigid" else body
 
 
-def reduce_housing(settings: RotorSettings, comm: MPI.Comm = MPI.COMM_WORLD) -> ReducedPart:
+def reduce_housing(
+    settings: RotorSettings,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    check: Callable[[Structure], None] | None = None,
+) -> ReducedPart:
     """Mesh, assemble and reduce the housing.
+
+    Parameters
+    ----------
+    settings
+        The scene.
+    comm
+        Ranks that share the work.
+    check
+        Called with the structure before its reduction, on every rank, to refuse it.
 
     Raises
     ------
@@ -64,7 +77,7 @@ def reduce_housing(settings: RotorSettings, comm: MPI.Comm = MPI.COMM_WORLD) -> 
         From the mesh, the settings and the solvers.
     """
     return part.reduce_part(
-        lambda: build_structure(settings, comm),
+        lambda: part.checked(build_structure(settings, comm), check),
         lambda structure: reduce_held(structure, settings.reduction),
         origin(settings),
     )

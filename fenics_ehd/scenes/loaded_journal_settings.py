@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.settings import choice, count, counts, number, rows, section, text
+from fenics_ehd.scenes.sizes import film_cells, metres, radial_clearance
+from fenics_ehd.settings import choice, count, number, rows, section, text
 
 ELEMENTS = ("lagrange", "serendipity", "bilinear")
 CAVITATION = ("reynolds", "mass-conserving")
@@ -15,9 +16,9 @@ INTERPOLATIONS = ("cubic", "linear")
 class Bearing:
     """Round shaft in a round bore, both rigid and parallel."""
 
-    radius: float = number(0.025, "of the bore [m]", above=0)
-    width: float = number(0.02, "[m]", above=0)
-    clearance: float = number(25e-6, "radial clearance [m]", above=0)
+    radius: float = metres(0.025, "of the bore [m]")
+    width: float = metres(0.02, "[m]")
+    clearance: float = radial_clearance(25e-6)
     viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
     shaft_speed: float = number(300.0, "in the frame of the load, + from x to y [rad/s]")
     bore_speed: float = number(0.0, "of the bearing in the frame of the load [rad/s]")
@@ -34,7 +35,7 @@ class Bearing:
 class Film:
     """Film mesh and cavitation condition."""
 
-    cells: tuple[int, ...] = counts((40, 8), "cells around and along")
+    cells: tuple[int, ...] = film_cells((40, 8), "cells around and along")
     element: str = choice(
         "lagrange", ELEMENTS, "9-node (lagrange), 8-node (serendipity) or bilinear"
     )

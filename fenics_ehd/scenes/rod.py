@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
+import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.reduction import ReducedBody, Structure
@@ -11,7 +12,17 @@ from fenics_ehd.scenes import part
 from fenics_ehd.scenes.part import ReducedPart, model_file, pressure_family, reduce_structure
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 
-__all__ = ["build_structure", "check_origin", "origin", "reduce_rod", "reduce_structure"]
+__all__ = [
+    "build_structure",
+    "check_origin",
+    "origin",
+    "reduce_rod",
+    "reduce_structure",
+    "rod_length",
+]
+
+#: Boundary point of the piston.
+PIN = "pin"
 
 
 def build_structure(settings: SliderCrankSettings, comm: MPI.Comm) -> Structure:
@@ -36,8 +47,29 @@ def build_structure(settings: SliderCrankSettings, comm: MPI.Comm) -> Structure:
     )
 
 
-def reduce_rod(settings: SliderCrankSettings, comm: MPI.Comm = MPI.COMM_WORLD) -> ReducedPart:
+def rod_length(structure: Structure) -> float:
+    """Distance of the pin from the bore's axis [m]; collective."""
+    # The share of a unit force that a node takes is its weight in the mean position.
+    weights = structure.attachments[PIN][0].array.reshape(-1, 3)[:, 0]
+    centre = structure.comm.allreduce(weights @ structure.coordinates)
+    return float(np.hypot(*centre[:2]))
+
+
+def reduce_rod(
+    settings: SliderCrankSettings,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    check: Callable[[Structure], None] | None = None,
+) -> ReducedPart:
     """Mesh, assemble and reduce the rod.
+
+    Parameters
+    ----------
+    settings
+        The scene.
+    comm
+        Ranks that share the work.
+    check
+        Called with the structure before its reduction, on every rank, to refuse it.
 
     Raises
     ------
@@ -45,7 +77,7 @@ def reduce_rod(settings: SliderCrankSettings, comm: MPI.Comm = MPI.COMM_WORLD) -
         From the mesh, the settings and the solvers.
     """
     return part.reduce_part(
-        lambda: build_structure(settings, comm),
+        lambda: part.checked(build_structure(settings, comm), check),
         lambda structure: reduce_structure(structure, settings.reduction),
         origin(settings),
     )

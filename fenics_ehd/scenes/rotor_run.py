@@ -15,13 +15,16 @@ from fenics_ehd.multibody.dry_system import DrySystem, no_force
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.rotor import ModalRotor, RotatingForce
 from fenics_ehd.multibody.shaft_journal import ShaftJournal
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction import ReducedBody, Structure
 from fenics_ehd.scenes.film_mesh import film_mesh
 from fenics_ehd.scenes.rotor import Rotor
 from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.step_sizes import step_sizes
 from fenics_ehd.scenes.thin_film import check_thin_film
 from fenics_ehd.scenes.transient import Progress, Record, Totals, Watchers, march
+
+#: Largest difference of shaft and bore, share of the bore's radius: the film has one radius.
+FIT = 0.01
 
 
 def build_rotor(settings: RotorSettings) -> ModalRotor:
@@ -70,7 +73,8 @@ def build_mechanism(settings: RotorSettings, body: ReducedBody) -> Rotor:
     Raises
     ------
     SettingsError
-        The body is not clamped, the film not thin, or the modes of the shaft do not exist.
+        The body is not clamped, the film not thin, the shaft not that of the bore, or its modes
+        do not exist.
     InterfaceMismatchError
         The body's bore is not meshed as a film mesh is.
     """
@@ -79,7 +83,7 @@ def build_mechanism(settings: RotorSettings, body: ReducedBody) -> Rotor:
             f"the body's frame is {body.frame}: a housing must be held when it is reduced"
         )
     bearing = settings.bearing
-    check_thin_film(bearing.clearance, body.bore_radius)
+    check_sizes(settings, body.bore_radius)
     rotor = build_rotor(settings)
     film = Film(
         FilmParameters(
@@ -94,6 +98,40 @@ def build_mechanism(settings: RotorSettings, body: ReducedBody) -> Rotor:
     journal = ShaftJournal(body, film, shaft, settings.film.transfer, damping_time)
     dry = rotor_system(settings, rotor).beside(housing_system(body, damping_time))
     return Rotor(dry, journal, settings.shaft.speed)
+
+
+def check_sizes(settings: RotorSettings, bore_radius: float) -> None:
+    """Refuse a shaft and a clearance that are not the bore's [m].
+
+    Raises
+    ------
+    SettingsError
+        Naming both sizes.
+    """
+    check_thin_film(settings.bearing.clearance, bore_radius)
+    diameter = settings.shaft.diameter
+    if not abs(0.5 * diameter - bore_radius) <= FIT * bore_radius:
+        raise SettingsError(
+            f"shaft.diameter = {diameter:g} m must be that of the bore, {2 * bore_radius:g} m, "
+            f"within {100 * FIT:g} %: change it or housing.geometry"
+        )
+
+
+def check_structure(settings: RotorSettings, structure: Structure) -> None:
+    """`check_sizes` for a housing that is meshed and not yet reduced."""
+    check_sizes(settings, structure.lubricated_bore.radius)
+
+
+def check_before_reduction(settings: RotorSettings) -> None:
+    """Refuse at once what needs no reduced housing to be seen.
+
+    Raises
+    ------
+    SettingsError
+        As `build_rotor` and `step_control`.
+    """
+    build_rotor(settings)
+    step_control(settings, simulated_time(settings))
 
 
 def step_control(settings: RotorSettings, end: float) -> StepControl:

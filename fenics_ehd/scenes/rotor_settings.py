@@ -5,6 +5,7 @@ from __future__ import annotations
 import attrs
 
 from fenics_ehd.scenes import slider_crank_settings as rod
+from fenics_ehd.scenes.sizes import LARGEST_LENGTH, metres, radial_clearance
 from fenics_ehd.settings import choice, count, number, numbers, section, text
 
 
@@ -12,8 +13,10 @@ from fenics_ehd.settings import choice, count, number, numbers, section, text
 class Shaft:
     """Round shaft of Bernoulli beam elements on two end springs, turning at constant speed."""
 
-    length: float = number(1.0, "[m]", above=0)
-    diameter: float = number(0.045, "[m]", above=0)
+    length: float = metres(1.0, "[m]", below=100)
+    diameter: float = metres(
+        0.045, "that of the housing's bore, within 1 % [m]", below=2 * LARGEST_LENGTH
+    )
     speed: float = number(600.0, "angular speed [rad/s]", above=0)
     youngs_modulus: float = number(210e9, "[Pa]", above=0)
     density: float = number(7446.0, "[kg/m3]", above=0)
@@ -48,7 +51,7 @@ class Bearing:
     """Bearing around the shaft; radius and width are those of the housing's bore."""
 
     position: float = number(0.5, "of its mid-width, share of the shaft's length", above=0, below=1)
-    clearance: float = number(17e-6, "radial clearance [m]", above=0)
+    clearance: float = radial_clearance(17e-6)
     viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1

@@ -12,12 +12,13 @@ from fenics_ehd.errors import SettingsError
 from fenics_ehd.film import Film, FilmParameters, Lubricant
 from fenics_ehd.multibody.bdf import Step, StepControl
 from fenics_ehd.multibody.energy import Powers
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction import ReducedBody, Structure
 from fenics_ehd.scenes.drive import build_crank, build_gas_force
 from fenics_ehd.scenes.film_mesh import film_mesh
+from fenics_ehd.scenes.rod import rod_length
 from fenics_ehd.scenes.slider_crank import SliderCrank
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.scenes.step_sizes import step_sizes
+from fenics_ehd.scenes.step_sizes import step_sizes, with_stable_order
 from fenics_ehd.scenes.thin_film import check_thin_film
 from fenics_ehd.scenes.transient import Progress, Record, Totals, Watchers, march, verdict
 
@@ -38,15 +39,9 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
     mechanism, bearing = settings.mechanism, settings.bearing
     if "pin" not in body.points:
         raise SettingsError("the body has no boundary point 'pin' for the piston")
-    rod_length = float(np.hypot(*body.points["pin"][:2, 0]))
-    if not mechanism.crank_length < rod_length:
-        raise SettingsError(
-            f"mechanism.crank_length = {mechanism.crank_length:g} m must be below the rod's "
-            f"length of {rod_length:g} m, or the crank cannot turn"
-        )
     if body.frame == "clamped":
         raise SettingsError("the body was clamped when it was reduced, a rod must be free")
-    check_thin_film(bearing.clearance, body.bore_radius)
+    check_sizes(settings, float(np.hypot(*body.points["pin"][:2, 0])), body.bore_radius)
     parameters = FilmParameters(
         film_mesh(settings.film, body),
         bearing.clearance,
@@ -65,9 +60,59 @@ def build_mechanism(settings: SliderCrankSettings, body: ReducedBody) -> SliderC
     )
 
 
-def step_control(settings: SliderCrankSettings, end: float) -> StepControl:
-    """See `step_sizes`."""
-    return step_sizes(settings.time, settings.mechanism.crank_speed, end)
+def check_sizes(settings: SliderCrankSettings, reach: float, bore_radius: float) -> None:
+    """Refuse a crank too long for the rod and a clearance that is none of the bore's.
+
+    Parameters
+    ----------
+    settings
+        The scene.
+    reach
+        Length of the rod, from the bore's axis to the pin [m].
+    bore_radius
+        [m].
+
+    Raises
+    ------
+    SettingsError
+        Naming both sizes.
+    """
+    length = settings.mechanism.crank_length
+    if not length < reach:
+        raise SettingsError(
+            f"mechanism.crank_length = {length:g} m must be below the rod's length of "
+            f"{reach:g} m, or the crank cannot turn"
+        )
+    check_thin_film(settings.bearing.clearance, bore_radius)
+
+
+def check_structure(settings: SliderCrankSettings, structure: Structure) -> None:
+    """`check_sizes` for a rod that is meshed and not yet reduced; collective."""
+    check_sizes(settings, rod_length(structure), structure.lubricated_bore.radius)
+
+
+def check_before_reduction(settings: SliderCrankSettings) -> None:
+    """Refuse at once what needs no reduced rod to be seen, tables of torque and gas force as well.
+
+    Raises
+    ------
+    SettingsError
+        As `step_control`, `starting_eccentricity` and those who read the tables.
+    """
+    step_control(settings, simulated_time(settings))
+    starting_eccentricity(settings)
+    build_crank(settings.mechanism)
+    build_gas_force(settings.mechanism)
+
+
+def step_control(
+    settings: SliderCrankSettings, end: float, body: ReducedBody | None = None
+) -> StepControl:
+    """See `step_sizes`; with a body, of an order that its modes bear."""
+    control = step_sizes(settings.time, settings.mechanism.crank_speed, end)
+    if body is None:
+        return control
+    return with_stable_order(control, body.frequencies, settings.rod.damping_time)
 
 
 def simulated_time(settings: SliderCrankSettings) -> float:
@@ -75,10 +120,8 @@ def simulated_time(settings: SliderCrankSettings) -> float:
     return settings.mechanism.revolutions * 2 * np.pi / settings.mechanism.crank_speed
 
 
-def initial_state(
-    settings: SliderCrankSettings, machine: SliderCrank
-) -> tuple[np.ndarray, np.ndarray]:
-    """State and rate at time zero.
+def starting_eccentricity(settings: SliderCrankSettings) -> np.ndarray:
+    """Of the shaft in its bore, share of the clearance, shape (2,).
 
     Raises
     ------
@@ -92,9 +135,23 @@ def initial_state(
             f"start.eccentricity_x, _y = {eccentricity[0]:g}, {eccentricity[1]:g} lie on the "
             "bore or beyond: their length must be below 1"
         )
+    return eccentricity
+
+
+def initial_state(
+    settings: SliderCrankSettings, machine: SliderCrank
+) -> tuple[np.ndarray, np.ndarray]:
+    """State and rate at time zero.
+
+    Raises
+    ------
+    SettingsError
+        From `starting_eccentricity`.
+    """
+    start = settings.start
     x, rate = np.zeros(machine.size), np.zeros(machine.size)
     # Coordinates are those of the bore relative to the shaft.
-    x[:2] = -settings.bearing.clearance * eccentricity
+    x[:2] = -settings.bearing.clearance * starting_eccentricity(settings)
     rate[:2] = -start.velocity_x, -start.velocity_y
     return x, rate
 
@@ -139,7 +196,7 @@ def simulate(
         The film fell below ``bearing.smallest_film``, after that step was recorded.
     """
     end = simulated_time(settings)
-    control = step_control(settings, end)
+    control = step_control(settings, end, body)
     machine = build_mechanism(settings, body)
     start = initial_state(settings, machine)
     powers = machine.initial_powers(*start)

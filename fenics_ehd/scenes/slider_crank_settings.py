@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.settings import choice, count, counts, flag, number, numbers, section, text
+from fenics_ehd.scenes.sizes import film_cells, metres, radial_clearance
+from fenics_ehd.settings import choice, count, flag, number, numbers, section, text
 
 ELEMENTS = ("serendipity", "lagrange")
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
@@ -27,7 +28,7 @@ SELECTIONS = (
 class Mechanism:
     """Crank at constant speed or under a torque, piston on a line."""
 
-    crank_length: float = number(0.048, "crank radius [m]", above=0)
+    crank_length: float = metres(0.048, "crank radius [m]")
     crank_speed: float = number(
         500.0, "angular speed of the crank, under a torque that at the start [rad/s]", above=0
     )
@@ -57,7 +58,7 @@ class Mechanism:
 class Bearing:
     """Big-end bearing; radius and width are those of the rod's bore."""
 
-    clearance: float = number(17e-6, "radial clearance [m]", above=0)
+    clearance: float = radial_clearance(17e-6)
     viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
@@ -108,7 +109,7 @@ class Film:
     element: str = choice(
         "lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node (serendipity) or bilinear"
     )
-    cells: tuple[int, ...] = counts(
+    cells: tuple[int, ...] = film_cells(
         (), "cells around and along, [20, 5] say; empty: those of the bore", optional=True
     )
     transfer: str = choice(
@@ -142,7 +143,7 @@ class Time:
     )
     order: int = count(
         3,
-        "of the backward differentiation formula, 1 to 3; 3 feeds modes without damping",
+        "of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping",
         least=1,
         most=3,
     )

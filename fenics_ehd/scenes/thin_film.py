@@ -7,17 +7,24 @@ from fenics_ehd.errors import SettingsError
 #: Largest clearance over bore radius; the film's equations neglect terms of that order.
 THIN_FILM = 0.05
 
+#: Smallest clearance over bore radius; bearings have 100 times that, so that a smaller one is a
+#: radius in millimetres or a clearance that nobody can make.
+SMALLEST_RATIO = 1e-5
+
+#: Rounding of a ratio that is meant to be the limit itself.
+_ROUNDING = 1e-9
+
 
 def check_thin_film(clearance: float, radius: float) -> None:
-    """Refuse a clearance that is no small part of the bore's radius [m].
+    """Refuse a clearance that is no small part of the bore's radius [m], or hardly any.
 
     Raises
     ------
     SettingsError
         Naming both.
     """
+    both = f"bearing.clearance = {clearance:g} m must be {{}} of the bore radius {radius:g} m"
     if not clearance < THIN_FILM * radius:
-        raise SettingsError(
-            f"bearing.clearance = {clearance:g} m must be below {THIN_FILM:g} of the bore radius "
-            f"{radius:g} m: the film is taken as thin"
-        )
+        raise SettingsError(f"{both.format(f'below {THIN_FILM:g}')}: the film is taken as thin")
+    if clearance < SMALLEST_RATIO * (1 - _ROUNDING) * radius:
+        raise SettingsError(f"{both.format(f'at least {SMALLEST_RATIO:g}')}: lengths are in metres")

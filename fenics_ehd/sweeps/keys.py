@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from typing import Any
 
 import attrs
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.key_hints import key_hint, setting_names
 from fenics_ehd.settings import build
 
 
 def known_keys(cls: type) -> dict[str, attrs.Attribute]:
     """Every ``section.key`` of a scene's settings, with its attribute."""
-    return {
-        f"{section.name}.{attribute.name}": attribute
-        for section in attrs.fields(cls)
-        if "section" in section.metadata
-        for attribute in attrs.fields(section.metadata["section"])
-    }
+    return {name: found for name, found in setting_names(cls).items() if "." in name}
 
 
 def resolve_key(cls: type, name: str) -> str:
@@ -37,23 +32,12 @@ def resolve_key(cls: type, name: str) -> str:
         return name
     found = [name] if name in known else [k for k in known if k.split(".")[1] == name]
     if not found:
-        raise SettingsError(f"unknown key {name}: {_hint(known, name)}")
+        raise SettingsError(f"unknown key {name}: {key_hint(known, name)}")
     if len(found) > 1:
         raise SettingsError(f"key {name} is ambiguous: {' or '.join(found)}")
     if found[0] in tables:
         raise SettingsError(f"key {name} is a table: write {found[0]}.NAME for a name in it")
     return found[0]
-
-
-def _hint(known: Mapping[str, attrs.Attribute], name: str) -> str:
-    """Keys that are meant perhaps: those of the section, if there is such a section."""
-    section, _, bare = name.rpartition(".")
-    if any(key.startswith(f"{section}.") for key in known):
-        close = difflib.get_close_matches(name, known, n=1)
-    else:
-        words = difflib.get_close_matches(bare, [key.split(".")[1] for key in known], n=1)
-        close = [key for key in known if key.split(".")[1] in words]
-    return f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(known)}"
 
 
 def value_like(cls: type, key: str) -> object:

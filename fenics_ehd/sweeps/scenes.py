@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.commands.scenes import read_scene, tables_of
+from fenics_ehd.commands.scenes import read_scene, scene_tables
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.part import ReducedPart
 
@@ -153,10 +153,8 @@ def read_settings(scene: str) -> Any:
     Raises
     ------
     SettingsError
-        The file cannot be read, or holds a key or a value that cannot be used.
+        The file cannot be read, does not say its kind, or holds a key or a value that cannot be
+        used.
     """
-    for name, kind in SCENES.items():
-        tables = tables_of(scene, name)
-        if tables is not None:
-            return kind.read(scene, tables)
-    return read_scene(scene)[0]  # a file that does not say its kind is a slider-crank's
+    kind, tables = scene_tables(scene)
+    return SCENES[kind].read(scene, tables)
