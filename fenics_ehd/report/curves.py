@@ -23,6 +23,9 @@ from fenics_ehd.report.style import (
     shade,
     two_panels,
 )
+from fenics_ehd.study.errors_file import FILM as FILM_ERROR
+from fenics_ehd.study.errors_file import PRESSURE as PRESSURE_ERROR
+from fenics_ehd.study.errors_file import TIME, errors_path, read_errors
 
 #: Run that every other one is compared with.
 REFERENCE_RUN = "reference"
@@ -141,12 +144,10 @@ def draw_errors(study: Study, runs: Sequence[StudyRun], folder: Path, name: str)
         if floor > 0:
             axes.axhspan(-100 * floor, 100 * floor, color=FLOOR, linewidth=0, label=FLOOR_LABEL)
         for run, history in drawn:
-            time = history["time_s"]
-            counted = (time >= study.start) & (time <= reference["time_s"][-1])
-            error = error_curve(history, reference, quantity)
+            time, error = _errors_over_time(study, run, history, reference, quantity)
             axes.plot(
-                1e3 * time[counted],
-                100 * np.where(np.abs(error) < floor, np.nan, error)[counted],
+                1e3 * time,
+                100 * np.where(np.abs(error) < floor, np.nan, error),
                 color=COLOURS.get(run.method, "0.4"),
                 linestyle=SELECTIONS.get(run.selection, ("", "-"))[1],
                 label=f"{family(run)}, {run.coordinates:.0f} coordinates",
@@ -159,6 +160,19 @@ def draw_errors(study: Study, runs: Sequence[StudyRun], folder: Path, name: str)
     legend_below(figure)
     save(figure, folder, name)
     return True
+
+
+def _errors_over_time(
+    study: Study, run: StudyRun, history: History, reference: History, quantity: Quantity
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and errors while they count: the exact ones, where the study left them."""
+    path = errors_path(study.folder(run.run), REFERENCE_RUN)
+    if path.exists():
+        found = read_errors(path)
+        return found[TIME], found[FILM_ERROR if quantity is FILM else PRESSURE_ERROR]
+    time = history["time_s"]
+    counted = (time >= study.start) & (time <= reference["time_s"][-1])
+    return time[counted], error_curve(history, reference, quantity)[counted]
 
 
 def _spread_small_errors(axes: Axes, floor: float) -> None:
