@@ -80,6 +80,13 @@ def test_run_writes_everything_it_promises(scene_file, tmp_path, capfd):
     assert (tmp_path / "pictures" / "orbit.svg").exists()
 
 
+def test_scene_that_a_run_leaves_is_that_run(scene_file, tmp_path, capfd):
+    first, again = tmp_path / "first", tmp_path / "elsewhere" / "again"
+    assert exit_of(capfd, "run", scene_file, "-o", first, "--no-plots")[0] == 0
+    assert exit_of(capfd, "run", first / "scene.toml", "-o", again, "--no-plots")[0] == 0
+    assert (again / "history.csv").read_text() == (first / "history.csv").read_text()
+
+
 def test_init_prints_the_scene():
     result = call("init", "loaded-journal")
     assert result.returncode == 0, result.stderr

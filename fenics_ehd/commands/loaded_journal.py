@@ -10,6 +10,7 @@ import attrs
 import click
 from mpi4py import MPI
 
+from fenics_ehd.commands.machine_run import SCENE_NAME
 from fenics_ehd.commands.recording import progress_bar, record
 from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.output import (
@@ -18,11 +19,12 @@ from fenics_ehd.output import (
     require_writable,
     to_json,
     versions,
+    write_whole,
 )
 from fenics_ehd.scenes.loaded_journal import BUILT_IN_LOAD, build_journal, build_load
 from fenics_ehd.scenes.loaded_journal_run import OrbitTotals, simulate, verdict
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-from fenics_ehd.settings import build
+from fenics_ehd.settings import build, to_toml
 
 
 def read_settings(scene: str, tables: Mapping[str, Any]) -> LoadedJournalSettings:
@@ -35,7 +37,7 @@ def read_settings(scene: str, tables: Mapping[str, Any]) -> LoadedJournalSetting
     if settings.load.file == BUILT_IN_LOAD or file.is_absolute():
         return settings
     return attrs.evolve(
-        settings, load=attrs.evolve(settings.load, file=str(Path(scene).parent / file))
+        settings, load=attrs.evolve(settings.load, file=str((Path(scene).parent / file).absolute()))
     )
 
 
@@ -75,6 +77,8 @@ def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, obj
             bar.update(1e3 * totals.cycle_time - bar.n)
             check()
 
+        directory.mkdir(parents=True, exist_ok=True)
+        write_whole(directory / SCENE_NAME, to_toml(settings))
         simulate(settings, totals, history.add, progress, journal, load)
         return verdict(settings, totals)
 
