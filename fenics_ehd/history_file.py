@@ -286,6 +286,10 @@ def read_fields(
     try:
         # As a reader beside a writer: also the file of a run that goes on, or was killed.
         with h5py.File(path, "r", libver="latest", swmr=True) as file:
+            # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
+            whole, found = file.id.get_filesize(), path.stat().st_size
+            if found < whole:
+                raise OSError(f"it ends after {found} of {whole} bytes")
             return {name: np.array(file[name]) for name in names if name in file or not optional}
     except FileNotFoundError:
         raise InputError(_no_results(path)) from None

@@ -225,3 +225,11 @@ def test_a_run_ends_where_its_film_is_thinner_than_told(prepared, capsys):
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["status"].startswith("failed: the film is")
     assert summary["steps"] == len(film)
+
+
+def test_a_history_that_was_cut_off_is_not_read(prepared, tmp_path):
+    content = (prepared / "whole" / "history.h5").read_bytes()
+    for share in (0.3, 0.6, 0.99):
+        (tmp_path / "history.h5").write_bytes(content[: int(share * len(content))])
+        with pytest.raises(InputError, match=r"history.h5: not a history of a run"):
+            read_fields(tmp_path, ("coordinates",))
