@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.lengths import SMALLEST_RATIO, metres, radial_clearance, too_narrow
 from fenics_ehd.settings import choice, count, flag, number
 
 ELEMENTS = ("lagrange", "bilinear", "serendipity")
@@ -21,17 +22,6 @@ MOST_CELLS = 100_000
 
 #: Clearance over radius for which lubrication theory, which drops terms of that order, is meant.
 LARGEST_CLEARANCE_RATIO = 0.1
-#: Bearings have 100 times this: below, a length is given in another unit than metres.
-SMALLEST_CLEARANCE_RATIO = 1e-5
-#: Rounding of a ratio that is meant to be a limit itself.
-ROUNDING = 1e-9
-
-#: Largest radius and width, largest clearance [m].
-LARGEST_LENGTH, LARGEST_CLEARANCE = 5.0, 5e-3
-
-
-def _metres(default: float, help_text: str) -> Any:
-    return number(default, help_text, above=0, below=LARGEST_LENGTH, example="0.025 for 25 mm")
 
 
 def _pair(help_text: str) -> Any:
@@ -67,11 +57,9 @@ class BearingSettings:
     rotation, z along the axis so that the shaft turns in the positive sense about it.
     """
 
-    radius: float = _metres(0.0225, "of the bore [m]")
-    clearance: float = number(
-        17e-6, "radial clearance [m]", above=0, below=LARGEST_CLEARANCE, example="30e-6 for 30 um"
-    )
-    width: float = _metres(0.022, "of the bearing [m]")
+    radius: float = metres(0.0225, "of the bore [m]")
+    clearance: float = radial_clearance(17e-6)
+    width: float = metres(0.022, "of the bearing [m]")
     viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
     speed: float = number(500.0, "of the shaft [rad/s]")
     bore_speed: float = number(0.0, "of the bore [rad/s]")
@@ -94,11 +82,10 @@ class BearingSettings:
             raise SettingsError(
                 f"cells = {self.cells_around}x{self.cells_along}: at most {MOST_CELLS} are allowed"
             )
-        ratio = self.clearance / self.radius
-        smallest = (1 - ROUNDING) * SMALLEST_CLEARANCE_RATIO
-        if not smallest <= ratio <= LARGEST_CLEARANCE_RATIO:
+        wide = self.clearance / self.radius > LARGEST_CLEARANCE_RATIO
+        if wide or too_narrow(self.clearance, self.radius):
             raise SettingsError(
-                f"clearance = {self.clearance:g} m must lie between {SMALLEST_CLEARANCE_RATIO:g} "
+                f"clearance = {self.clearance:g} m must lie between {SMALLEST_RATIO:g} "
                 f"and {LARGEST_CLEARANCE_RATIO:g} of radius = {self.radius:g} m: lengths "
                 "are in metres"
             )

@@ -193,7 +193,7 @@ def _part_again(settings: Any, body: ReducedBody) -> Any:
     origin = housing.origin if rotor else rod.origin
     reduce = housing.reduce_housing if rotor else rod.reduce_rod
     made = dict(body.provenance)
-    settings = as_made(settings, "housing" if rotor else "rod", body)
+    settings = as_made(settings, body)
     if any(made.get(name) != value for name, value in origin(settings).items()):
         return None
     click.echo("reducing the part again for the displacement of all its nodes", err=True)

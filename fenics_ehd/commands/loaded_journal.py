@@ -10,7 +10,7 @@ import attrs
 import click
 from mpi4py import MPI
 
-from fenics_ehd.commands.machine_run import SCENE_NAME
+from fenics_ehd.commands.machine_run import leave_scene
 from fenics_ehd.commands.recording import progress_bar, record
 from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.output import (
@@ -19,12 +19,11 @@ from fenics_ehd.output import (
     require_writable,
     to_json,
     versions,
-    write_whole,
 )
 from fenics_ehd.scenes.loaded_journal import BUILT_IN_LOAD, build_journal, build_load
 from fenics_ehd.scenes.loaded_journal_run import OrbitTotals, simulate, verdict
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-from fenics_ehd.settings import build, to_toml
+from fenics_ehd.settings import build
 
 
 def read_settings(scene: str, tables: Mapping[str, Any]) -> LoadedJournalSettings:
@@ -77,8 +76,7 @@ def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, obj
             bar.update(1e3 * totals.cycle_time - bar.n)
             check()
 
-        directory.mkdir(parents=True, exist_ok=True)
-        write_whole(directory / SCENE_NAME, to_toml(settings))
+        leave_scene(settings, directory)
         simulate(settings, totals, history.add, progress, journal, load)
         return verdict(settings, totals)
 

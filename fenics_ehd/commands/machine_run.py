@@ -14,7 +14,7 @@ import numpy as np
 
 from fenics_ehd.checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from fenics_ehd.commands.recording import progress_bar, record
-from fenics_ehd.errors import InputError, VerificationError
+from fenics_ehd.errors import InputError, SettingsError, VerificationError
 from fenics_ehd.history_file import HistoryWriter
 from fenics_ehd.output import to_json, write_whole
 from fenics_ehd.reduction import ReducedBody, load_body, save_body
@@ -172,9 +172,15 @@ def _require_same_scene(
         )
 
 
+def leave_scene(settings: Any, directory: Path) -> None:
+    """Leave the scene beside the results of its run."""
+    directory.mkdir(parents=True, exist_ok=True)
+    write_whole(directory / SCENE_NAME, to_toml(settings))
+
+
 def store_scene(job: MachineRun) -> None:
     """Scene and body of a run, for `former_run`."""
-    write_whole(job.directory / SCENE_NAME, to_toml(_recorded(job)))
+    leave_scene(_recorded(job), job.directory)
     save_body(job.body, job.directory / BODY_NAME)
 
 
@@ -182,8 +188,7 @@ def _recorded(job: MachineRun) -> Any:
     """The scene as it is run: a body from a file has a part and a reduction of its own."""
     from fenics_ehd.scenes.part import as_made
 
-    section = "housing" if job.settings.scene == "rotor" else "rod"
-    return as_made(job.settings, section, job.body)
+    return as_made(job.settings, job.body)
 
 
 def former_run(directory: str | Path) -> tuple[Path, ReducedBody, dict[str, Any]]:
@@ -200,6 +205,21 @@ def former_run(directory: str | Path) -> tuple[Path, ReducedBody, dict[str, Any]
     if not scene.is_file():
         raise InputError(f"{scene}: missing, the run cannot go on")
     return scene, load_body(folder / BODY_NAME), checkpoint
+
+
+def with_method(settings: Any, method: str | None, body_file: str | None) -> Any:
+    """Settings of a scene with the method of ``--method``.
+
+    Raises
+    ------
+    SettingsError
+        A body is given, too.
+    """
+    if body_file and method:
+        raise SettingsError("--body and --method exclude each other: the body has its method")
+    if not method:
+        return settings
+    return attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
 
 
 def conclude(job: MachineRun, summary: Mapping[str, Any], plots: bool, as_json: bool) -> None:

@@ -48,13 +48,10 @@ def run_rotor(
     as_json: bool,
 ) -> None:
     """``fenics-ehd run`` for this scene; checkpoints every `interval` seconds."""
+    from fenics_ehd.commands.machine_run import with_method
     from fenics_ehd.scenes.rotor_run import check_before_reduction, check_structure
 
-    settings = read_settings(scene, tables)
-    if body_file and method:
-        raise SettingsError("--body and --method exclude each other: the body has its method")
-    if method:
-        settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
+    settings = with_method(read_settings(scene, tables), method, body_file)
     if body_file and frames:
         raise SettingsError("--vtk needs the housing's mesh, not in --body: drop --body")
     require_writable(directory)

@@ -114,15 +114,12 @@ def _run_slider_crank(
     as_json: bool,
 ) -> None:
     """``fenics-ehd run`` for this scene."""
+    from fenics_ehd.commands.machine_run import with_method
     from fenics_ehd.scenes.run import check_before_reduction, check_structure
 
-    settings, _ = read_scene(scene)
-    if body_file and method:
-        raise SettingsError("--body and --method exclude each other: the body has its method")
+    settings = with_method(read_scene(scene)[0], method, body_file)
     if body_file and frames:
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
-    if method:
-        settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
     require_writable(directory)
     check_before_reduction(settings)
     part, seconds = None, 0.0

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from typing import Any
 
 import attrs
 
+from fenics_ehd.report.nested import flat
 from fenics_ehd.report.study_data import SETTINGS, Study
 
 #: How a machine is computed, which a study varies; the rest is the machine.
@@ -24,10 +24,10 @@ def other_settings(study: Study) -> dict[str, Any]:
 
     Those that an older or newer version knows alone are left out.
     """
-    usual = dict(_flat(attrs.asdict(SETTINGS[study.scene]())))
+    usual = dict(flat(attrs.asdict(SETTINGS[study.scene]())))
     return {
         key: value
-        for key, value in _flat(study.info.get("settings") or {})
+        for key, value in flat(study.info.get("settings") or {})
         if (key in PHYSICAL or not key.startswith(COMPUTED))
         and (SIZES in key or value != usual.get(key, value))
     }
@@ -39,14 +39,6 @@ def machine_remark(study: Study) -> str:
     if not differing:
         return ""
     return f"Not the paper's machine, which the statements are about: {', '.join(differing)}."
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{before}{name}.")
-        else:
-            yield f"{before}{name}", list(value) if isinstance(value, tuple) else value
 
 
 def _plain(value: Any) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from fenics_ehd.report.document import Table
+from fenics_ehd.report.nested import flat
 from fenics_ehd.report.statement import Statement, bounded, percent
 from fenics_ehd.report.study_data import LIMITING, NORMS, QUANTITIES, Study, StudyRun
 from fenics_ehd.report.style import family
@@ -161,19 +162,8 @@ def statement_table(
 
 def properties_table(title: str, values: Mapping[str, Any], *, folded: bool = False) -> Table:
     """Names and values, nested ones with a dot."""
-    return Table(("", title), tuple(_flat(values)), words=2, folded=folded)
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, str]]:
-    rows: list[tuple[str, str]] = []
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            rows += _flat(value, f"{before}{name}.")
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            rows += _flat({f"{name} {i}": each for i, each in enumerate(value, start=1)}, before)
-        else:
-            rows.append((f"{before}{name}".replace("_", " "), _plain(value)))
-    return rows
+    rows = tuple((name.replace("_", " "), _plain(value)) for name, value in flat(values))
+    return Table(("", title), rows, words=2, folded=folded)
 
 
 def _plain(value: Any) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.scenes.sizes import film_cells, metres, radial_clearance
+from fenics_ehd.lengths import metres, radial_clearance
+from fenics_ehd.scenes.sizes import film_cells
 from fenics_ehd.settings import choice, count, number, rows, section, text
 
 ELEMENTS = ("lagrange", "serendipity", "bilinear")

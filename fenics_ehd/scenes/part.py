@@ -102,22 +102,21 @@ def reduce_part(
     build: Callable[[], Structure],
     reduce: Callable[[Structure], ReducedBody],
     provenance: Mapping[str, str],
+    check: Callable[[Structure], None] | None = None,
 ) -> ReducedPart:
-    """Build a structure, reduce it with its basis kept, and note what it was made from."""
+    """Build a structure, reduce it with its basis kept, and note what it was made from.
+
+    `check` may refuse the structure before it is reduced.
+    """
     start = perf_counter()
     structure = build()
+    if check is not None:
+        check(structure)
     body = reduce(structure)
     columns = body.columns
     assert columns is not None
     body = replace(body, columns=None, provenance={**body.provenance, **provenance})
     return ReducedPart(body, structure, columns, perf_counter() - start)
-
-
-def checked(structure: Structure, check: Callable[[Structure], None] | None) -> Structure:
-    """The structure, if it passes."""
-    if check is not None:
-        check(structure)
-    return structure
 
 
 def reduce_structure(structure: Structure, reduction: Reduction) -> ReducedBody:
@@ -227,7 +226,7 @@ def check_origin(
             )
 
 
-def as_made(settings: Any, section: str, body: ReducedBody) -> Any:
+def as_made(settings: Any, body: ReducedBody) -> Any:
     """Settings of a scene with the part and the reduction that a body was made with.
 
     A scene takes a body of any method; one that was not made from a scene leaves it as it is.
@@ -236,12 +235,10 @@ def as_made(settings: Any, section: str, body: ReducedBody) -> Any:
     ----------
     settings
         Of the scene.
-    section
-        Of the part, ``"rod"``.
     body
         From a file, or just reduced.
     """
-    made = body.provenance
+    made, section = body.provenance, "housing" if settings.scene == "rotor" else "rod"
     if not {"model", "method"} <= set(made):
         return settings
 

@@ -77,9 +77,10 @@ def reduce_rod(
         From the mesh, the settings and the solvers.
     """
     return part.reduce_part(
-        lambda: part.checked(build_structure(settings, comm), check),
+        lambda: build_structure(settings, comm),
         lambda structure: reduce_structure(structure, settings.reduction),
         origin(settings),
+        check,
     )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import attrs
 
+from fenics_ehd.lengths import LARGEST_LENGTH, metres, radial_clearance
 from fenics_ehd.scenes import slider_crank_settings as rod
-from fenics_ehd.scenes.sizes import LARGEST_LENGTH, metres, radial_clearance
 from fenics_ehd.settings import choice, count, number, numbers, section, text
 
 

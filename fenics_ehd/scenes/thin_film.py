@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.lengths import SMALLEST_RATIO, too_narrow
 
 #: Largest clearance over bore radius; the film's equations neglect terms of that order.
 THIN_FILM = 0.05
-
-#: Smallest clearance over bore radius; bearings have 100 times that, so that a smaller one is a
-#: radius in millimetres or a clearance that nobody can make.
-SMALLEST_RATIO = 1e-5
-
-#: Rounding of a ratio that is meant to be the limit itself.
-_ROUNDING = 1e-9
 
 
 def check_thin_film(clearance: float, radius: float) -> None:
@@ -26,5 +20,5 @@ def check_thin_film(clearance: float, radius: float) -> None:
     both = f"bearing.clearance = {clearance:g} m must be {{}} of the bore radius {radius:g} m"
     if not clearance < THIN_FILM * radius:
         raise SettingsError(f"{both.format(f'below {THIN_FILM:g}')}: the film is taken as thin")
-    if clearance < SMALLEST_RATIO * (1 - _ROUNDING) * radius:
+    if too_narrow(clearance, radius):
         raise SettingsError(f"{both.format(f'at least {SMALLEST_RATIO:g}')}: lengths are in metres")

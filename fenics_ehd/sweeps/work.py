@@ -16,12 +16,11 @@ from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-from fenics_ehd.commands.machine_run import BODY_NAME, SCENE_NAME
+from fenics_ehd.commands.machine_run import BODY_NAME, leave_scene
 from fenics_ehd.commands.recording import record
 from fenics_ehd.errors import BodyFileError
-from fenics_ehd.output import HistoryWriter, write_whole
+from fenics_ehd.output import HistoryWriter
 from fenics_ehd.reduction import ReducedBody, load_body, save_body
-from fenics_ehd.settings import to_toml
 from fenics_ehd.sweeps.errors import one_line
 from fenics_ehd.sweeps.plan import Case
 from fenics_ehd.sweeps.scenes import SCENES, Run
@@ -113,8 +112,7 @@ def _run(task: CaseTask, body: ReducedBody | None) -> dict[str, object]:
 
 def _leave_scene(task: CaseTask, directory: Path) -> None:
     """Scene and body beside the history, for pictures of the machine and another run of it."""
-    directory.mkdir(parents=True, exist_ok=True)
-    write_whole(directory / SCENE_NAME, to_toml(task.case.settings))
+    leave_scene(task.case.settings, directory)
     if task.body is not None:
         body = directory / BODY_NAME
         body.unlink(missing_ok=True)
