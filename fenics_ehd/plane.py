@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 
@@ -10,5 +12,5 @@ def rotation(angle: float) -> np.ndarray:
 
     It also takes components in a frame turned by that angle to the frame at rest.
     """
-    cosine, sine = np.cos(angle), np.sin(angle)
+    cosine, sine = math.cos(angle), math.sin(angle)
     return np.array([[cosine, -sine], [sine, cosine]])

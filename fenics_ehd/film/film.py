@@ -233,9 +233,13 @@ class Film:
         numpy.ndarray
             shape (n, nodes) [m^2]: integrals of shape function times displacement.
         """
-        flat = directions.reshape(-1, directions.shape[-1])
-        ones = np.ones(self.assembly.area.shape)
-        return self.parameters.grid.radius**2 * self.assembly.source_vectors(ones, flat).T
+        return (self.pressure_areas.T @ directions.reshape(-1, directions.shape[-1])).T
+
+    @cached_property
+    def pressure_areas(self) -> sparse.csr_matrix:
+        """Force of unit nodal pressures by Gauss point, shape (c * q, nodes) [m^2]."""
+        elements = self.assembly.source_elements(np.ones(self.assembly.area.shape))
+        return (self.parameters.grid.radius**2 * self.assembly.gather(elements).T).tocsr()
 
     def linear_system(self, gap: Gap) -> tuple[sparse.csr_matrix, np.ndarray]:
         """``A`` (scipy CSR, free nodes) and ``b`` of (11), dimensionless, of a constant oil."""

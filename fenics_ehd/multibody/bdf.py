@@ -240,7 +240,8 @@ def advance(
             error = state.error_share(formula, order, time) * distance
         step = _next_step(step, error, order, control)
         if error <= control.tolerance:
-            rates = asked.rates(attempt.x)
+            rate = attempt.rate if attempt.rate is not None else asked.rates(attempt.x)[0]
+            rates = rate, asked.acceleration(rate)
             new = Step(time, attempt.x, *rates, watched, attempt.auxiliary, iterations, rejected)
             return new, state.after(new, step, attempt.memory, control.order + 2)
         failure = attempt.failure or "error above tolerance"

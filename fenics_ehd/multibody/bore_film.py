@@ -9,6 +9,7 @@ are the film's own, or by the paper's mortar (14) and the body's load matrix.
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 from fenics_ehd.errors import InterfaceMismatchError
 from fenics_ehd.film import Film, FilmGrid
@@ -66,6 +67,13 @@ class BoreFilm:
     outward, tangential
         Components of the fields but the first at the Gauss points, shape
         (cells, points, f - 1).
+    normal
+        Outward displacement at the Gauss points of displacements of the bore nodes, sparse,
+        shape (g, 3 m).
+    watched_normal
+        The same where the gap is watched, shape (w, 3 m).
+    projected
+        Mortar from the film's nodal pressures to the bore's, None where there is none.
     watched
         Outward component at Gauss points and film nodes, where the gap is
         watched, shape (w, f - 1).
@@ -95,7 +103,7 @@ class BoreFilm:
         spin = np.zeros_like(fields)
         spin[:, 0], spin[:, 1] = -fields[:, 1], fields[:, 0]
         angle, height = film.points.angle.ravel(), film.points.height.ravel()
-        normal = outward_displacement(surface, angle, height)
+        normal = self.normal = outward_displacement(surface, angle, height)
         flat, spin = (x.reshape(3 * m, -1) for x in (fields, spin))
         shape = (*film.points.angle.shape, -1)
         outward = normal @ flat
@@ -104,13 +112,15 @@ class BoreFilm:
         self.outward = outward[:, 1:].reshape(shape)
         self.tangential = -turned[:, 1:].reshape(shape)
         nodes = outward_displacement(surface, *grid.node_positions.T)
+        self.watched_normal = sparse.vstack([normal, nodes]).tocsr()
         self.watched = np.vstack([outward, nodes @ flat])[:, 1:]
         self._order = match(body.pressure_nodes, grid.nodes)
         self._mortar = self._mortar_of(body, grid) if self._order is None else None
         self.load = film.load(outward.reshape(shape))
         self.spin_load = film.load(turned.reshape(shape))
+        self.projected: np.ndarray | None = None
         if transfer == "mortar" and self._mortar is not None:
-            matrix = self._mortar.matrix()
+            matrix = self.projected = self._mortar.matrix()
             self.load, self.spin_load = (x @ matrix for x in load_projections(body))
         self._check_load(body, film)
 

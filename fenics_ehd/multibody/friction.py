@@ -20,12 +20,12 @@ difference is c / R of the pressure's, as these terms are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from fenics_ehd.film import FilmState
+from fenics_ehd.film import Film, FilmState
 from fenics_ehd.film.shear import film_fields
-from fenics_ehd.multibody.journal import Journal
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,24 +41,38 @@ class FilmFriction:
         positive sense; its opposite turns the rod.
     sheared
         ``int theta eta U^2 / h dA`` [W].
+    filled
+        Share theta of the width that is sheared, at the Gauss points.
     """
 
     on_xi: np.ndarray
     torque: float
     sheared: float
+    filled: np.ndarray
 
     def forces(self, turning: np.ndarray) -> np.ndarray:
         """On all coordinates, with which the shaft turns in the bore by `turning`, shape (n,)."""
         return self.on_xi + self.torque * turning
 
 
-def film_friction(journal: Journal, state: FilmState) -> FilmFriction:
-    """Friction of a film whose gap is that of the journal."""
+class ShearedFilm(Protocol):
+    """A film and the velocities of its surfaces, as the joint has them."""
+
+    film: Film
+    mean_velocity: np.ndarray
+    sliding_velocity: np.ndarray
+
+
+def film_friction(
+    journal: ShearedFilm, state: FilmState, filled: np.ndarray | None = None
+) -> FilmFriction:
+    """Friction of a film whose gap is that of the journal; None: filled as the state says."""
     film, gap = journal.film, state.gap
     p = film.parameters
     fields = film_fields(film, state)
     area = p.grid.radius**2 * film.assembly.area
-    couette = area * fields.filled * fields.viscosity * gap.sliding_velocity / gap.thickness
+    filled = fields.filled if filled is None else filled
+    couette = area * filled * fields.viscosity * gap.sliding_velocity / gap.thickness
     driven = area * gap.thickness * fields.slope_around
     # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding.
     on_xi = -driven.ravel() @ journal.mean_velocity - couette.ravel() @ journal.sliding_velocity
@@ -67,4 +81,5 @@ def film_friction(journal: Journal, state: FilmState) -> FilmFriction:
         on_xi,
         float(-shaft_radius * (couette.sum() + 0.5 * driven.sum())),
         float(np.sum(couette * gap.sliding_velocity)),
+        filled,
     )

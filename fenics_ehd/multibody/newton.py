@@ -48,6 +48,10 @@ class ImplicitStep:
         rate = self.shift * x + self.past_x
         return rate, self.shift * rate + self.past_rate
 
+    def acceleration(self, rate: np.ndarray) -> np.ndarray:
+        """``x''`` for a rate at the end of the step."""
+        return self.shift * rate + self.past_rate
+
     @property
     def shifts(self) -> tuple[float, float]:
         """``d x' / d x`` and ``d x'' / d x``."""
@@ -58,7 +62,8 @@ class ImplicitStep:
 class Attempt:
     """Outcome of the solution of one step; `failure` says why there is none.
 
-    `auxiliary` is for whoever looks at the step, `memory` for the solution of the next.
+    `auxiliary` is for whoever looks at the step, `memory` for the solution of the next. `rate`
+    is given where it is not the formula's of x.
     """
 
     iterations: int
@@ -67,6 +72,7 @@ class Attempt:
     auxiliary: Any = None
     memory: Any = None
     cause: Exception | None = None
+    rate: np.ndarray | None = None
 
 
 #: Solves a step with the memory of the one before, None for the first.

@@ -1,0 +1,173 @@
+"""Forces and torques on markers, each with exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fenics_ehd.multibody.marker import ANGLE
+from fenics_ehd.multibody.relation import Load
+
+
+class Force(Protocol):
+    """What acts on the bodies of a mechanism."""
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """Whose values and rates it depends on or acts on."""
+
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+        """Force on the values of markers of these sizes, at their values and rates."""
+
+
+#: A number over time or over an angle, with its derivative.
+Table = Callable[[float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class PointForce:
+    """Force along a line at rest, as large as a table says.
+
+    Attributes
+    ----------
+    point
+        Marker it acts on.
+    direction
+        In the frame at rest, any length.
+    size
+        Over time [s], or over the angle of `angle_of` [rad]: [N].
+    angle_of
+        Body whose angle the table is over; empty: over time.
+    """
+
+    point: str
+    direction: tuple[float, float]
+    size: Table
+    angle_of: str = ""
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """See `Force`."""
+        return (self.point, self.angle_of) if self.angle_of else (self.point,)
+
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+        """See `Force`."""
+        along = np.array(self.direction) / np.hypot(*self.direction)
+        value = np.zeros(len(u))
+        if not self.angle_of:
+            value[:2] = self.size(time)[0] * along
+            return Load(value)
+        turning = sizes[0] + ANGLE
+        size, derivative = self.size(float(u[turning]))
+        position = np.zeros((len(u),) * 2)
+        value[:2], position[:2, turning] = size * along, derivative * along
+        return Load(value, position)
+
+
+@dataclass(frozen=True)
+class Torque:
+    """Torque on a body, in the sense of its angle.
+
+    Attributes
+    ----------
+    body
+        Marker.
+    size
+        Over time [s] or over the body's own angle [rad]: [N m]; None: none.
+    over_angle
+        Which of the two.
+    damping, speed
+        ``damping (speed - angle')`` is added [N m s/rad], [rad/s].
+    """
+
+    body: str
+    size: Table | None = None
+    over_angle: bool = False
+    damping: float = 0.0
+    speed: float = 0.0
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """See `Force`."""
+        return (self.body,)
+
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+        """See `Force`."""
+        value, position, rate = np.zeros(len(u)), np.zeros((len(u),) * 2), np.zeros((len(u),) * 2)
+        torque, derivative = (0.0, 0.0)
+        if self.size is not None:
+            torque, derivative = self.size(float(u[ANGLE]) if self.over_angle else time)
+        value[ANGLE] = torque + self.damping * (self.speed - rates[ANGLE])
+        position[ANGLE, ANGLE] = derivative if self.over_angle else 0.0
+        rate[ANGLE, ANGLE] = -self.damping
+        return Load(value, position, rate)
+
+
+@dataclass(frozen=True)
+class RotatingForce:
+    """Force that turns at a constant speed, along x at time zero.
+
+    Attributes
+    ----------
+    point
+        Marker it acts on.
+    amplitude, speed
+        [N], [rad/s].
+    ramp
+        Time over which it grows, as a cosine does from its minimum to its maximum [s]; 0: there
+        from the beginning.
+    """
+
+    point: str
+    amplitude: float
+    speed: float
+    ramp: float = 0.0
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """See `Force`."""
+        return (self.point,)
+
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+        """See `Force`."""
+        share = 1.0
+        if time < self.ramp:
+            share = 0.5 * (1 - np.cos(np.pi * time / self.ramp))
+        angle, value = self.speed * time, np.zeros(len(u))
+        value[:2] = share * self.amplitude * np.array([np.cos(angle), np.sin(angle)])
+        return Load(value)
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """Spring and damper between two points, the same in all directions of the plane.
+
+    Attributes
+    ----------
+    first, second
+        Markers.
+    stiffness, damping
+        [N/m], [N s/m].
+    """
+
+    first: str
+    second: str
+    stiffness: float
+    damping: float = 0.0
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """See `Force`."""
+        return self.first, self.second
+
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+        """See `Force`."""
+        apart = np.zeros((2, len(u)))
+        for place in range(2):
+            apart[place, place], apart[place, sizes[0] + place] = 1.0, -1.0
+        form = apart.T @ apart
+        position, rate = -self.stiffness * form, -self.damping * form
+        return Load(position @ u + rate @ rates, position, rate)

@@ -1,0 +1,153 @@
+"""Inertia of a body in a planar floating frame, with exact derivatives.
+
+A material point lies at ``x + A(theta) p`` with ``p = B s``, ``s = (1, 0, 0, q)`` and B the
+fields of `InertiaIntegrals`. In the body's frame its acceleration is
+
+    p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
+
+relative, Coriolis, Euler and centrifugal terms, complete, because p is affine in q.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_ehd.plane import rotation
+from fenics_ehd.reduction.body import InertiaIntegrals
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of forces along coordinates, their rates and accelerations, (n, n) each."""
+
+    position: np.ndarray
+    rate: np.ndarray
+    acceleration: np.ndarray
+
+
+class FrameInertia:
+    """Inertia forces on ``(x, y, theta, q)`` at one instant.
+
+    Parameters
+    ----------
+    integrals
+        Of the body.
+    coordinates, rates, accelerations
+        shape (3 + n,); gravity is taken from the accelerations of x and y.
+
+    Attributes
+    ----------
+    forces
+        Generalised inertia forces, shape (3 + n,).
+    """
+
+    def __init__(
+        self,
+        integrals: InertiaIntegrals,
+        coordinates: np.ndarray,
+        rates: np.ndarray,
+        accelerations: np.ndarray,
+    ):
+        self._integrals, self._frame_rates = integrals, rates[:3]
+        self._turn = turn = rotation(coordinates[2])
+        self._omega, self._alpha = omega, alpha = rates[2], accelerations[2]
+        # s, s' and p'' + A^T x'' in the fields of the integrals.
+        s, rate, acceleration = coordinates.copy(), rates.copy(), accelerations.copy()
+        s[:3], rate[:3], acceleration[0] = (1.0, 0.0, 0.0), 0.0, 0.0
+        acceleration[1:3] = accelerations[:2] @ turn
+        self._fields = s, rate, acceleration
+        swung = 2 * omega * rate + alpha * s
+        on_fields = integrals.mass @ acceleration + integrals.spin @ swung
+        on_fields -= omega**2 * (integrals.centrifugal @ s)
+        self._on_frame = on_fields[1:3].copy()
+        self.forces = on_fields
+        self.forces[:2] = turn @ self._on_frame
+        # (S B)^T M B = -G
+        self.forces[2] = s @ (integrals.centrifugal @ swung - integrals.spin @ acceleration)
+
+    def derivatives(self) -> Derivatives:
+        """Of `forces`."""
+        s, rate, acceleration = self._fields
+        omega, alpha = self._omega, self._alpha
+        m, g, c = self._integrals.mass, self._integrals.spin, self._integrals.centrifugal
+        g_s, c_s = g @ s, c @ s
+        g_rate, c_rate = g @ rate, c @ rate
+        n = len(s)
+        # Places (theta, x, y, q), x and y in the body's frame.
+        parts = np.zeros((3, n, n))
+        position, by_rate, by_acceleration = parts
+        by_acceleration[:] = m
+        by_acceleration[:, 0] = by_acceleration[0] = g_s
+        by_acceleration[0, 0] = s @ c_s
+        by_rate[:, 3:] = 2 * omega * g[:, 3:]
+        by_rate[0, 3:] = 2 * omega * c_s[3:]
+        by_rate[:, 0] = 2 * (g_rate - omega * c_s)
+        by_rate[0, 0] = 2 * (s @ c_rate)
+        position[:, 3:] = alpha * g[:, 3:] - omega**2 * c[:, 3:]
+        position[0, 3:] = (2 * (omega * c_rate + alpha * c_s) - g @ acceleration)[3:]
+        # d(A^T x'')/d theta = -S A^T x''
+        position[:, 0] = acceleration[2] * m[:, 1] - acceleration[1] * m[:, 2]
+        position[1:3, 0] += -self._on_frame[1], self._on_frame[0]
+        position[0, 0] = g_s[1] * acceleration[2] - g_s[2] * acceleration[1]
+        # To (x, y, theta, q), x and y at rest.
+        parts[:, :3] = np.concatenate([self._turn @ parts[:, 1:3], parts[:, :1]], axis=1)
+        parts[:, :, :3] = parts[:, :, [1, 2, 0]]
+        by_acceleration[:, :2] = by_acceleration[:, :2] @ self._turn.T
+        return Derivatives(position, by_rate, by_acceleration)
+
+    @property
+    def kinetic_energy(self) -> float:
+        """[J]."""
+        s, rate, _ = self._fields
+        velocity = rate.copy()
+        velocity[1:3] = self._frame_rates[:2] @ self._turn
+        omega, i = self._omega, self._integrals
+        return float(
+            0.5 * velocity @ i.mass @ velocity
+            + omega * velocity @ (i.spin @ s)
+            + 0.5 * omega**2 * s @ i.centrifugal @ s
+        )
+
+
+def rigid_integrals(mass: float, inertia: float, centre: np.ndarray) -> InertiaIntegrals:
+    """Integrals of a body without elastic coordinates.
+
+    Parameters
+    ----------
+    mass, inertia
+        [kg], [kg m^2] about the centre of mass.
+    centre
+        Centre of mass from the body's origin, shape (2,) [m].
+    """
+    x, y = centre
+    m = np.diag([inertia + mass * (x * x + y * y), mass, mass])
+    m[0, 1:] = m[1:, 0] = mass * x, mass * y
+    spin = mass * np.array([[0.0, y, -x], [-y, 0.0, -1.0], [x, 1.0, 0.0]])
+    return InertiaIntegrals(m, spin, m.copy())
+
+
+def with_total(
+    integrals: InertiaIntegrals,
+    mass: float | None,
+    inertia: float | None,
+    centre: np.ndarray | None,
+) -> InertiaIntegrals:
+    """Integrals with another total mass, inertia and centre; None keeps what is there.
+
+    Only the rigid part changes, by what a rigid body fixed to the frame would add.
+    """
+    own = integrals.total_mass, integrals.polar_inertia, integrals.centre_of_mass
+    present = rigid_integrals(*own)
+    wanted = rigid_integrals(
+        own[0] if mass is None else mass,
+        own[1] if inertia is None else inertia,
+        own[2] if centre is None else centre,
+    )
+    parts = {}
+    for name in ("mass", "spin", "centrifugal"):
+        matrix = getattr(integrals, name).copy()
+        matrix[:3, :3] += getattr(wanted, name) - getattr(present, name)
+        parts[name] = matrix
+    return replace(integrals, **parts)

@@ -1,0 +1,236 @@
+"""A lubricated joint: the journal of one body in the bore of another.
+
+Its own coordinates are the eccentricity e of the journal in the bore's frame and, where the
+journal's body offers it, the tilt psi. Constraints tie them to the bodies,
+
+    x_bore + A(theta) e - x_journal = 0,    A(theta) psi - psi_journal = 0,
+
+and their multipliers are the film's force. Positions are never subtracted to get the gap: the
+error of the large motion would be a false squeeze velocity as large as the true one.
+
+With the bore's elastic displacement ``u = Psi q`` at its undeformed place, to leading order in
+c / R,
+
+    h = c - n . (e + z (psi_y, -psi_x)) + n . u.
+
+Forces are the integrals of the same fields times the pressure: gap and force are conjugate. They
+act at the journal's centre on both bodies; the torque about it is that of the oil's shear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from fenics_ehd.film import Film
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.multibody.bore_film import BoreFilm
+from fenics_ehd.multibody.marker import ANGLE, TILT
+from fenics_ehd.multibody.relation import Geometry
+from fenics_ehd.plane import rotation
+from fenics_ehd.reduction.body import ReducedBody
+
+
+@dataclass(frozen=True, eq=False)
+class LubricatedJoint:
+    """What the joint is made of.
+
+    Attributes
+    ----------
+    journal, bore
+        Markers; the point of a flexible body's own bore is ``bore``.
+    film
+        Film on the bore.
+    transfer
+        How pressures reach a bore whose mesh the film's does not match, see `BoreFilm`.
+    friction
+        Whether the oil's shear acts on the bodies.
+    eccentricity, eccentricity_rate
+        At the start, in the bore's frame [m], [m/s].
+    smallest_film
+        Film thickness at which a run ends, share of the clearance.
+    """
+
+    journal: str
+    bore: str
+    film: Film
+    transfer: str = "conservative"
+    friction: bool = False
+    eccentricity: tuple[float, float] = (0.0, 0.0)
+    eccentricity_rate: tuple[float, float] = (0.0, 0.0)
+    smallest_film: float = 0.01
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """See `Joint`."""
+        return self.bore, self.journal
+
+
+@dataclass(frozen=True)
+class Eccentric:
+    """The joint's constraints, a `Joint`.
+
+    Attributes
+    ----------
+    bore, journal
+        Markers.
+    tilting
+        Whether the journal tilts.
+    """
+
+    bore: str
+    journal: str
+    tilting: bool
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """See `Joint`."""
+        return self.bore, self.journal
+
+    @property
+    def own(self) -> int:
+        """See `Joint`."""
+        return 4 if self.tilting else 2
+
+    @property
+    def rows(self) -> int:
+        """See `Joint`."""
+        return self.own
+
+    def geometry(self, u: np.ndarray, sizes: tuple[int, ...]) -> Geometry:
+        """See `Joint`."""
+        other, k = sizes[0], len(u)
+        own = sum(sizes)
+        jacobian, curvature = np.zeros((self.rows, k)), np.zeros((self.rows, k, k))
+        turn = rotation(u[ANGLE])
+        for row in range(0, self.rows, 2):
+            rows, place = slice(row, row + 2), slice(own + row, own + row + 2)
+            seen = turn @ u[place]
+            spun = np.array([-seen[1], seen[0]])
+            jacobian[rows, ANGLE], jacobian[rows, place] = spun, turn
+            curvature[rows, ANGLE, ANGLE] = -seen
+            turned = np.stack([-turn[1], turn[0]])
+            curvature[rows, ANGLE, place] = curvature[rows, place, ANGLE] = turned
+        value = turn @ u[own : own + 2] + u[:2] - u[other : other + 2]
+        jacobian[0, 0] = jacobian[1, 1] = 1.0
+        jacobian[0, other] = jacobian[1, other + 1] = -1.0
+        if self.tilting:
+            tilt = slice(other + TILT.start, other + TILT.stop)
+            value = np.append(value, turn @ u[own + 2 : own + 4] - u[tilt])
+            jacobian[2:, tilt] = -np.eye(2)
+        return Geometry(value, jacobian, curvature)
+
+    def imposed(self, time: float) -> None:
+        """See `Joint`."""
+
+
+class JointFilm:
+    """Linear maps between a joint's film and ``xi = (e, psi, q)``: n coordinates.
+
+    Parameters
+    ----------
+    joint
+        With its film.
+    part
+        The reduced body whose bore it is, None for a rigid bore.
+    tilting
+        Whether the journal tilts.
+
+    Attributes
+    ----------
+    film
+        See `LubricatedJoint`.
+    thickness, mean_velocity, sliding_velocity
+        Change of the gap and, per rate, of the two velocities of `Gap` for unit coordinates, at
+        the g Gauss points, shape (g, n).
+    watched
+        Change of the gap at Gauss points and nodes, shape (w, n).
+    load
+        Generalised forces of nodal pressures on xi, shape (n, nodes).
+    bore
+        The flexible bore, None for a rigid one.
+    """
+
+    def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
+        film = self.film = joint.film
+        p = film.parameters
+        self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
+        self.friction, self.own = joint.friction, 4 if tilting else 2
+        self.bore = None if part is None else BoreFilm(part, film, joint.transfer)
+        inside = film.points.angle.ravel(), film.points.height.ravel()
+        nodes = p.grid.node_positions
+        outward, around = _journal_fields(*inside, self.own)
+        thickness, mean, sliding = [-outward], [0.5 * around], [around]
+        watched = np.vstack([outward, _journal_fields(nodes[:, 0], nodes[:, 1], self.own)[0]])
+        gap, shape = [-watched], (*film.points.angle.shape, -1)
+        load = [-film.load(outward.reshape(shape))]
+        if self.bore is not None and part is not None:
+            modes = slice(2, 2 + part.modes)
+            elastic, tangential = (
+                x[..., modes].reshape(-1, part.modes)
+                for x in (self.bore.outward, self.bore.tangential)
+            )
+            carried = _mean_translation(film, elastic, tangential)
+            thickness.append(elastic)
+            # As seen from the bore's mean place, which carries the frame of the film.
+            mean.append(0.5 * tangential - carried)
+            sliding.append(-tangential)
+            gap.append(self.bore.watched[:, modes])
+            load[0][:2] = -self.bore.load[1:3]
+            load.append(self.bore.load[3 : 3 + part.modes])
+        self.thickness, self.mean_velocity, self.sliding_velocity, self.watched = (
+            np.ascontiguousarray(np.hstack(parts)) for parts in (thickness, mean, sliding, gap)
+        )
+        self.load = np.vstack(load)
+
+    @property
+    def size(self) -> int:
+        """Number n of coordinates."""
+        return self.thickness.shape[1]
+
+    @cached_property
+    def reading(self) -> sparse.csr_matrix:
+        """Outward displacement at the Gauss points of the bore nodes' displacement, (g, 3 m)."""
+        assert self.bore is not None
+        return self.bore.normal
+
+    def gap(self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float) -> Gap:
+        """Gap and velocities at the Gauss points, residual patterns left out.
+
+        Parameters
+        ----------
+        xi, xi_rate
+            shape (n,).
+        shaft_rate
+            Speed of the journal relative to the bore [rad/s].
+        """
+        speed = self.shaft_radius * shaft_rate
+        shape = self.film.points.angle.shape
+        return Gap(
+            (self.clearance + self.thickness @ xi).reshape(shape),
+            (self.thickness @ xi_rate).reshape(shape),
+            (0.5 * speed + self.mean_velocity @ xi_rate).reshape(shape),
+            (speed + self.sliding_velocity @ xi_rate).reshape(shape),
+        )
+
+
+def _journal_fields(
+    angle: np.ndarray, height: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Components of the journal's motion for ``e_x, e_y, psi_x, psi_y``, outward and around."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    outward = np.stack([cosine, sine, -height * sine, height * cosine], axis=-1)
+    around = np.stack([-sine, cosine, -height * cosine, -height * sine], axis=-1)
+    return outward[:, :count], around[:, :count]
+
+
+def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
+    """Tangential component of every field's mean over the bore, at the Gauss points."""
+    cosine, sine = (x.ravel()[:, None] for x in film.points.normal)
+    area = film.assembly.area.ravel() / film.assembly.area.sum()
+    x = area @ (cosine * outward - sine * tangential)
+    y = area @ (sine * outward + cosine * tangential)
+    return cosine * y - sine * x

@@ -1,0 +1,380 @@
+"""Coordinates and equations of motion of a mechanism, the films' forces left out.
+
+Coordinates z are those of the bodies, then each lubricated joint's own. With constraints g and
+multipliers l on position and m on velocity level (Gear, Gupta and Leimkuhler 1985),
+
+    z' = v + W G^T m,   F(z, v, v') + G^T l = Q(z, v, t),   g(z, t) = 0,   G v + g_t = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.multibody.body import FINE_WEIGHT, Body
+from fenics_ehd.multibody.inertia_forces import Derivatives
+from fenics_ehd.multibody.joints import AngleDrive, Joint
+from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
+from fenics_ehd.multibody.marker import Marker
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.planar_body import FlexibleBody, ground
+from fenics_ehd.multibody.relation import Applied, Constraint, Layout, Values
+
+
+@dataclass(frozen=True, eq=False)
+class FilmPlace:
+    """A lubricated joint's film and where its coordinates are.
+
+    Attributes
+    ----------
+    name, joint, film
+        See there.
+    xi
+        Places of ``(e, psi, q)`` in z, shape (n,).
+    rows
+        Places of the joint's constraints in g.
+    journal_angle, bore_angle
+        Places of the bodies' angles in z, None for one that cannot turn.
+    bore_body
+        Name of the body that has the bore.
+    """
+
+    name: str
+    joint: LubricatedJoint
+    film: JointFilm
+    xi: np.ndarray
+    rows: slice
+    journal_angle: int | None
+    bore_angle: int | None
+    bore_body: str
+
+    def shaft_rate(self, rates: np.ndarray) -> float:
+        """Speed of the journal relative to the bore [rad/s]."""
+        ahead = 0.0 if self.journal_angle is None else rates[self.journal_angle]
+        return float(ahead - (0.0 if self.bore_angle is None else rates[self.bore_angle]))
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A constraint of the mechanism."""
+
+    name: str
+    joint: Joint
+    rows: slice
+    layout: Layout
+
+
+class System:
+    """Layout of a mechanism; see `Instant` for its equations.
+
+    Attributes
+    ----------
+    mechanism
+        What it is of.
+    n, m
+        Numbers of coordinates and constraints.
+    bodies
+        Places of every body's coordinates in z, by name.
+    films
+        Lubricated joints.
+    weights
+        Diagonal of W, shape (n,).
+    """
+
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
+        # By name: results do not depend on the order in which things are listed.
+        self._bodies = {name: bodies[name] for name in sorted(bodies)}
+        self._at_rest: dict[str, Marker] = {}
+        self.bodies: dict[str, slice] = {}
+        self.n = 0
+        for name, body in self._bodies.items():
+            self.bodies[name] = slice(self.n, self.n + body.size)
+            self.n += body.size
+        self.m = 0
+        self.films: list[FilmPlace] = []
+        self.constraints: list[Place] = []
+        weights = [body.weights for body in self._bodies.values()]
+        for name in sorted(mechanism.joints):
+            joint = mechanism.joints[name]
+            if isinstance(joint, LubricatedJoint):
+                film = self._film(name, joint)
+                self.films.append(film)
+                self._constrain(name, Eccentric(joint.bore, joint.journal, film.film.own == 4))
+                weights.append(np.full(film.film.own, FINE_WEIGHT))
+            else:
+                self._constrain(name, joint)
+        for name in sorted(mechanism.drives):
+            self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
+        self.weights = np.concatenate(weights)
+        self.forces = [
+            (force, self._layout(force.markers))
+            for force in (mechanism.forces[name] for name in sorted(mechanism.forces))
+        ]
+        self.lift = -np.array(mechanism.gravity)
+
+    def _constrain(self, name: str, joint: Joint) -> None:
+        own = slice(self.n, self.n + joint.own)
+        rows = slice(self.m, self.m + joint.rows)
+        self.constraints.append(Place(name, joint, rows, self._layout(joint.markers, own)))
+        self.n, self.m = self.n + joint.own, self.m + joint.rows
+
+    def _layout(self, markers: tuple[str, ...], own: slice = slice(0, 0)) -> Layout:
+        """Of markers and own coordinates."""
+        sizes, columns, places, column = [], [], [], 0
+        for marker in markers:
+            name, body, point = self._named(marker)
+            size = len(body.marker(point, body.start).values)
+            sizes.append(size)
+            columns.append(slice(column, column + size))
+            places.append(self.bodies[name])
+            column += size
+        columns.append(slice(column, column + own.stop - own.start))
+        return Layout(markers, tuple(sizes), tuple(columns), (*places, own))
+
+    def _film(self, name: str, joint: LubricatedJoint) -> FilmPlace:
+        (bore_name, bore, point), (_, journal, _) = (
+            self._named(joint.bore),
+            self._named(joint.journal),
+        )
+        part = bore.reduced if isinstance(bore, FlexibleBody) and point == "bore" else None
+        tilting = len(journal.marker(self._named(joint.journal)[2], journal.start).values) == 5
+        film = JointFilm(joint, part, tilting)
+        last = self.bodies[bore_name].stop
+        elastic = np.arange(last - film.size + film.own, last)
+        return FilmPlace(
+            name,
+            joint,
+            film,
+            np.concatenate([np.arange(self.n, self.n + film.own), elastic]),
+            slice(self.m, self.m + film.own),
+            self._angle(joint.journal),
+            self._angle(joint.bore),
+            bore_name,
+        )
+
+    def _named(self, marker: str) -> tuple[str, Body, str]:
+        """Body and point of a marker.
+
+        Raises
+        ------
+        SettingsError
+            There is no such body or point.
+        """
+        name, _, point = marker.partition(".")
+        if name not in self._bodies:
+            raise SettingsError(f"{marker!r}: no body {name}, there are {', '.join(self._bodies)}")
+        body = self._bodies[name]
+        if point and point not in body.points():
+            known = ", ".join(body.points()) or "none but its origin"
+            raise SettingsError(
+                f"{marker!r}: body {name} has no point {point}, its points: {known}"
+            )
+        return name, body, point
+
+    def _angle(self, marker: str) -> int | None:
+        name, body, _ = self._named(marker)
+        return None if body.angle is None else self.bodies[name].start + body.angle
+
+    def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
+        """Places, body and its share of some arrays over z, body by body."""
+        for name, body in self._bodies.items():
+            places = self.bodies[name]
+            if body.size:
+                yield places, body, [value[places] for value in values]
+
+    def marker(self, marker: str, z: np.ndarray) -> Marker:
+        """A marker at given coordinates."""
+        if marker in self._at_rest:
+            return self._at_rest[marker]
+        name, body, point = self._named(marker)
+        found = body.marker(point, z[self.bodies[name]])
+        if not body.size:
+            self._at_rest[marker] = found
+        return found
+
+    def at(self, time: float, z: np.ndarray) -> Instant:
+        """The mechanism at given coordinates."""
+        return Instant(self, time, z)
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """Coordinates of the rough pose, shape (n,)."""
+        z = np.zeros(self.n)
+        for name, body in self._bodies.items():
+            z[self.bodies[name]] = body.start
+        for film in self.films:
+            z[film.xi[:2]] = film.joint.eccentricity
+        return z
+
+    @cached_property
+    def start_rates(self) -> np.ndarray:
+        """Their rates, shape (n,)."""
+        v = np.zeros(self.n)
+        for name, body in self._bodies.items():
+            v[self.bodies[name]] = body.start_rates
+        for film in self.films:
+            v[film.xi[:2]] = film.joint.eccentricity_rate
+        return v
+
+    def worst(self, rows: np.ndarray) -> tuple[str, float]:
+        """Name of the constraint with the largest of some values, shape (m,), and its size."""
+        row = int(np.argmax(np.abs(rows)))
+        place = next(p for p in self.constraints if p.rows.start <= row < p.rows.stop)
+        return place.name, float(np.abs(rows[row]))
+
+    @property
+    def least_damping(self) -> float:
+        """Smallest damping ratio of a mode of any body."""
+        return min((body.least_damping for body in self._bodies.values()), default=np.inf)
+
+    @cached_property
+    def error_measure(self) -> np.ndarray:
+        """Rows that make body coordinates dimensionless for the step control, shape (k, n)."""
+        rows = []
+        for name, body in self._bodies.items():
+            measure = body.error_measure()
+            wide = np.zeros((len(measure), self.n))
+            wide[:, self.bodies[name]] = measure
+            rows.append(wide)
+        return np.vstack(rows)
+
+
+class Instant:
+    """Markers and constraints of a system at given coordinates.
+
+    Attributes
+    ----------
+    jacobian, defect
+        G, shape (m, n), and g, shape (m,).
+    imposed_rate
+        What ``G v`` has to be: ``-g_t``, shape (m,).
+    """
+
+    def __init__(self, system: System, time: float, z: np.ndarray):
+        self.system, self.time, self.z = system, time, z
+        self._markers: dict[str, Marker] = {}
+        self.constraints: list[Constraint] = []
+        self.jacobian, self.defect = np.zeros((system.m, system.n)), np.empty(system.m)
+        self.imposed_rate = np.zeros(system.m)
+        for place in system.constraints:
+            values = self._values(place.layout)
+            geometry = place.joint.geometry(values.u, place.layout.sizes)
+            constraint = Constraint(place.rows, geometry, values, place.joint.imposed(time))
+            self.constraints.append(constraint)
+            constraint.add_jacobian(self.jacobian)
+            self.defect[place.rows] = constraint.defect
+            if constraint.imposed is not None:
+                self.imposed_rate[place.rows] = constraint.imposed.rate
+
+    def _values(self, layout: Layout) -> Values:
+        """Values of some markers and own coordinates."""
+        markers = []
+        for name in layout.markers:
+            if name not in self._markers:
+                self._markers[name] = self.system.marker(name, self.z)
+            markers.append(self._markers[name])
+        return Values(layout, markers, self.z)
+
+    def rate_defect(self, rates: np.ndarray) -> np.ndarray:
+        """``G v + g_t``, shape (m,)."""
+        return self.jacobian @ rates - self.imposed_rate
+
+    def applied(self, rates: np.ndarray) -> list[Applied]:
+        """All forces."""
+        found = []
+        for force, layout in self.system.forces:
+            values = self._values(layout)
+            load = force.load(self.time, values.u, values.rates(rates), layout.sizes)
+            found.append(Applied(load, values))
+        return found
+
+    def bend(self, multipliers: np.ndarray) -> np.ndarray:
+        """Derivative of ``G^T multipliers``, shape (n, n)."""
+        result = np.zeros((self.system.n,) * 2)
+        for constraint in self.constraints:
+            constraint.add_bend(result, multipliers)
+        return result
+
+    def motion(
+        self, rates: np.ndarray, accelerations: np.ndarray, multipliers: np.ndarray
+    ) -> Motion:
+        """Equations of motion."""
+        return Motion(self, rates, accelerations, multipliers)
+
+
+class Motion:
+    """Equations of motion of a system, the films' forces left out.
+
+    Attributes
+    ----------
+    instant, rates, accelerations, multipliers
+        What they are for: v and v', shape (n,), l, shape (m,).
+    residual
+        ``F + G^T l - Q``, shape (n,).
+    """
+
+    def __init__(
+        self,
+        instant: Instant,
+        rates: np.ndarray,
+        accelerations: np.ndarray,
+        multipliers: np.ndarray,
+    ):
+        self.instant, self.rates, self.accelerations = instant, rates, accelerations
+        self.multipliers = multipliers
+        self.applied = instant.applied(rates)
+        self.residual = multipliers @ instant.jacobian
+        for places, body, motion in self._bodies():
+            self.residual[places] += body.forces(*motion, lift=instant.system.lift)
+        for force in self.applied:
+            force.values.add_force(self.residual, -force.load.value)
+
+    def _bodies(self) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
+        instant = self.instant
+        return instant.system.each_body(instant.z, self.rates, self.accelerations)
+
+    def derivatives(self) -> Derivatives:
+        """Of the residual along z, v and v', shape (n, n) each."""
+        instant, n = self.instant, len(self.residual)
+        position, rate, acceleration = np.zeros((3, n, n))
+        for force in self.applied:
+            force.add_derivatives(position, rate, self.rates)
+        position, rate = instant.bend(self.multipliers) - position, -rate
+        for places, body, motion in self._bodies():
+            parts = body.derivatives(*motion, lift=instant.system.lift)
+            position[places, places] += parts.position
+            rate[places, places] += parts.rate
+            acceleration[places, places] += parts.acceleration
+        return Derivatives(position, rate, acceleration)
+
+    def carry(self) -> np.ndarray:
+        """Derivative of ``G v`` along z, shape (m, n)."""
+        result = np.zeros_like(self.instant.jacobian)
+        for constraint in self.instant.constraints:
+            constraint.add_carry(result, self.rates)
+        return result
+
+    @property
+    def drive_power(self) -> float:
+        """Power of what is imposed over time [W]."""
+        return float(-self.multipliers @ self.instant.imposed_rate)
+
+    @property
+    def applied_power(self) -> float:
+        """Power of all forces and of gravity [W]."""
+        system = self.instant.system
+        power = sum(force.power(self.rates) for force in self.applied)
+        if system.lift.any():
+            zero = np.zeros_like(self.rates)
+            none = np.zeros(2)
+            for _, body, (z, rates, rest) in system.each_body(self.instant.z, self.rates, zero):
+                weight = body.forces(z, rest, rest, lift=system.lift)
+                weight = weight - body.forces(z, rest, rest, lift=none)
+                power -= weight @ rates
+        return float(power)

@@ -1,0 +1,226 @@
+"""Mechanisms with lubricated joints against golden curves and independent answers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanism_cases import (
+    REVOLUTION,
+    deviation,
+    film,
+    flexible_slider_crank,
+    rigid_rod,
+    short_films,
+    slider_crank,
+)
+
+from fenics_ehd.errors import FilmTooThinError
+from fenics_ehd.film import Film, FilmParameters, Lubricant
+from fenics_ehd.film.layout import film_grid
+from fenics_ehd.multibody.forces import PointForce, RotatingForce
+from fenics_ehd.multibody.joints import Revolute, Speed
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody
+from fenics_ehd.multibody.shaft_body import ShaftBody
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.reduction import craig_bampton, residual_flexibility
+from fenics_ehd.scenes.loaded_journal import build_film, build_load
+from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+from fenics_ehd.scenes.rotor_run import build_rotor
+from fenics_ehd.scenes.rotor_settings import RotorSettings
+
+#: Of the golden curves at default tolerance, and steps that version 0.1 took.
+LARGEST_DEVIATION = 0.004
+
+
+def check_slider_crank(name, body, steps):
+    result = simulate(flexible_slider_crank(body), REVOLUTION)
+    found = deviation(name, result.time, result.joints["big_end"])
+    assert max(found.values()) < LARGEST_DEVIATION, found
+    assert len(result.time) <= 1.05 * steps
+    assert result.energy_balance_error < 3e-4
+
+
+def test_the_default_rod_gives_the_golden_curves(rod_body):
+    check_slider_crank("slider-crank-m3", rod_body, 246)
+
+
+@pytest.mark.slow
+def test_m1_gives_the_golden_curves(rod_structure):
+    check_slider_crank("slider-crank-m1", craig_bampton(rod_structure, 37), 248)
+
+
+@pytest.mark.slow
+def test_m4_gives_the_golden_curves(rod_structure):
+    check_slider_crank("slider-crank-m4", residual_flexibility(rod_structure, 6), 247)
+
+
+@pytest.mark.slow
+def test_the_rotor_gives_the_golden_curves(housing_structure):
+    body = residual_flexibility(housing_structure, 10)
+    settings = RotorSettings()
+    rotor = build_rotor(settings)
+    inertia = rotor.beam.shaft.polar_inertia + settings.disk.polar_inertia
+    shaft = ShaftBody(rotor, inertia, 1e-3, {"bearing": 0.5, "force": 0.75})
+    bore = Film(FilmParameters(film_grid(body.pressure_nodes), 17e-6, Lubricant(0.01), 600.0))
+    mechanism = Mechanism(
+        {"shaft": shaft, "housing": FlexibleBody(body)},
+        {"bearing": LubricatedJoint("shaft.bearing", "housing.bore", bore)},
+        {"shaft": Speed(600.0)},
+        {"unbalance": RotatingForce("shaft.force", 3600.0, 600.0, np.pi / 600)},
+    )
+    turn = 2 * np.pi / 600
+    result = simulate(mechanism, turn, order=2, first_step=1e-6)
+    found = deviation("rotor-m4", result.time, result.joints["bearing"])
+    assert max(found.values()) < 0.01, found
+    assert len(result.time) <= 1.05 * 307
+
+
+@pytest.mark.slow
+def test_a_massless_journal_gives_the_golden_orbit():
+    settings = LoadedJournalSettings()
+    load = build_load(settings)
+    forces = {
+        axis: PointForce(
+            "journal", tuple(np.eye(2)[place]), lambda t, place=place: (load(t)[place], 0.0)
+        )
+        for place, axis in enumerate("xy")
+    }
+    mechanism = Mechanism(
+        {"journal": RigidBody(0.0)},
+        {"bearing": LubricatedJoint("journal", "ground", build_film(settings, load.period))},
+        {"journal": Speed(300.0)},
+        forces,
+    )
+    largest = 0.02 * load.period
+    result = simulate(
+        mechanism, 2 * load.period, 5e-5, order=2, first_step=1e-6, largest_step=largest
+    )
+    last = result.time > load.period + 2e-4
+    joint = result.joints["bearing"]
+    late = replace(
+        joint,
+        max_pressure=joint.max_pressure[last],
+        min_film_thickness=joint.min_film_thickness[last],
+    )
+    found = deviation("loaded-journal", result.time[last] - load.period, late)
+    # The gap leaves out terms of clearance over radius, 1e-3.
+    assert found["pressure"] < LARGEST_DEVIATION
+    assert found["film"] < 0.005
+
+
+# --- Short bearings, whose answers another program gave (DESIGN, fact 6)
+
+
+def test_both_ends_of_a_rod_are_lubricated():
+    result = simulate(slider_crank(rigid_rod(), *short_films()), REVOLUTION, 1e-4, order=2)
+    thinnest = {name: j.min_film_thickness.min() for name, j in result.joints.items()}
+    assert thinnest["big_end"] == pytest.approx(3.482e-6, rel=0.01)
+    assert thinnest["gudgeon"] == pytest.approx(4.456e-6, rel=0.01)
+    joint = result.joints["gudgeon"]
+    assert result.time[joint.min_film_thickness.argmin()] == pytest.approx(9.73e-3, rel=0.01)
+
+
+def rotating_rotor(mains, width):
+    """A heavy crank that nothing but its main bearings carries, under a turning force."""
+    bearing = {
+        f"main_{i}": LubricatedJoint("rotor", "ground", film(22.5e-3, width, 17e-6, 10.0, (24, 4)))
+        for i in range(mains)
+    }
+    return Mechanism(
+        {"rotor": RigidBody(2.0, 1e-3)},
+        bearing,
+        {"rotor": Speed(500.0)},
+        {"load": RotatingForce("rotor", 600.0 * mains, 500.0, 2e-3)},
+    )
+
+
+def test_two_main_bearings_carry_what_one_carries_of_half_the_mass_and_force():
+    two = simulate(rotating_rotor(2, 2.2e-3), REVOLUTION, 1e-6, order=2)
+    single = rotating_rotor(1, 2.2e-3)
+    half = replace(single.bodies["rotor"], mass=1.0)
+    one = simulate(replace(single, bodies={"rotor": half}), REVOLUTION, 1e-6, order=2)
+    late = two.time > 1e-3
+    expected = np.interp(two.time[late], one.time, one.joints["main_0"].min_film_thickness)
+    for joint in two.joints.values():
+        assert joint.min_film_thickness[late] == pytest.approx(expected, rel=1e-3)
+
+
+def floating(friction):
+    """Two rigid bodies that float in the plane, tied by one film alone."""
+    oil = film(22.5e-3, 22e-3, 50e-6, 0.01, (20, 4))
+    return Mechanism(
+        {
+            "disk": RigidBody(0.5, 1e-3, speed=400.0, velocity=(0.3, 0.0)),
+            "ring": RigidBody(
+                0.7, 2e-3, {"bore": (0.05, 0.0)}, centre=(0.03, 0.01), position=(-0.05, 0.0),
+                velocity=(0.3, 0.0),
+            ),
+        },
+        {
+            "film": LubricatedJoint(
+                "disk", "ring.bore", oil, friction=friction, eccentricity=(1e-5, 2e-5)
+            )
+        },
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_what_floats_free_keeps_its_momentum(friction):
+    mechanism = floating(friction)
+    result = simulate(mechanism, 4e-3, 1e-6, order=2)
+    momenta = np.zeros((len(result.time), 3))
+    for name, body in mechanism.bodies.items():
+        x, y, angle = result.bodies[name].T
+        vx, vy, omega = result.body_rates[name].T
+        cosine, sine = np.cos(angle), np.sin(angle)
+        cx, cy = (
+            cosine * body.centre[0] - sine * body.centre[1],
+            (sine * body.centre[0] + cosine * body.centre[1]),
+        )
+        px, py = body.mass * (vx - omega * cy), body.mass * (vy + omega * cx)
+        spin = body.inertia * omega + (x + cx) * py - (y + cy) * px
+        momenta += np.stack([px, py, spin], axis=-1)
+    scale = np.array([1.0, 1.0, 0.05]) * np.abs(momenta[0]).max()
+    late = momenta[10:]
+    assert np.abs((late - late[0]) / scale).max() < 1e-6
+    if friction:
+        # Without it the film exchanges next to nothing.
+        assert result.energy_balance_error < 1e-3
+    turning = result.body_rates["disk"][:, 2]
+    assert (abs(turning[-1] - turning[0]) > 1e-3) == friction
+
+
+def test_the_order_of_the_list_does_not_matter():
+    mechanism = slider_crank(rigid_rod(), *short_films())
+    turned = replace(
+        mechanism,
+        bodies=dict(reversed(mechanism.bodies.items())),
+        joints=dict(reversed(mechanism.joints.items())),
+    )
+    a, b = (simulate(m, 0.1 * REVOLUTION, 1e-4) for m in (mechanism, turned))
+    assert a.time == pytest.approx(b.time, rel=1e-10)
+    for name, joint in a.joints.items():
+        other = b.joints[name]
+        assert joint.min_film_thickness == pytest.approx(other.min_film_thickness, rel=1e-10)
+
+
+def test_a_film_that_becomes_too_thin_ends_the_run_and_is_named():
+    with pytest.raises(FilmTooThinError, match=r"film of big_end .* below smallest_film"):
+        simulate(slider_crank(rigid_rod(), short_films()[0], smallest_film=0.9), REVOLUTION, 1e-3)
+
+
+def test_without_a_film_the_steps_follow_the_motion():
+    ideal = slider_crank(rigid_rod(), short_films()[0])
+    joints = {**ideal.joints, "big_end": Revolute("crank.pin", "rod")}
+    errors = []
+    for tolerance in (1e-4, 1e-6):
+        result = simulate(replace(ideal, joints=joints), REVOLUTION, tolerance, order=2)
+        turned = 500.0 * result.time
+        sine = 0.3 * np.sin(turned)
+        exact = 0.048 * np.cos(turned) + 0.16 * np.sqrt(1 - sine**2)
+        errors.append(np.abs(result.bodies["piston"][:, 0] - exact).max())
+    # On position level the joints hold to the tolerance of Newton's method, whatever the steps.
+    assert errors[0] < 1e-7
+    assert errors[1] < 1e-9

@@ -1,0 +1,190 @@
+"""Bodies, joints and forces: exact derivatives, textbook motion, what cannot be assembled."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.multibody.assembly import assemble
+from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
+from fenics_ehd.multibody.forces import PointForce, RotatingForce, SpringDamper, Torque
+from fenics_ehd.multibody.joints import Fixed, Revolute, Slider, Speed
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody, ground
+from fenics_ehd.multibody.rotor import ModalRotor
+from fenics_ehd.multibody.shaft_body import ShaftBody
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.system import System
+
+
+def wave(angle):
+    return np.sin(angle), np.cos(angle)
+
+
+def shaft_body():
+    beam = beam_plane(Shaft(1.0, 0.045, 210e9, 7446.0, 1.58e8, 6), [Disk(0.5, 0.8, 1e-3, 5e-4)])
+    return ShaftBody(ModalRotor.of(beam, 3), 2e-3, 1e-3, {"middle": 0.5, "end": 0.9})
+
+
+def everything(rod_body):
+    """A mechanism of every kind of body, joint, drive and force; it need not be possible."""
+    crank = RigidBody(1.0, 1e-3, {"pin": (0.05, 0.01)}, centre=(0.01, 0.002))
+    return Mechanism(
+        bodies={
+            "ground": ground({"hook": (0.1, 0.2)}),
+            "crank": crank,
+            "rod": FlexibleBody(rod_body, 1e-3),
+            "heavy": FlexibleBody(rod_body, 1e-3, mass=2.0, inertia=5e-3, centre=(0.07, 0.0)),
+            "piston": RigidBody(0.5, 2e-3),
+            "shaft": shaft_body(),
+        },
+        joints={
+            "main": Revolute("ground.hook", "crank"),
+            "big": Revolute("crank.pin", "rod.bore"),
+            "gudgeon": Revolute("rod.pin", "piston"),
+            "glued": Fixed("heavy.pin", "piston", 0.3),
+            "cylinder": Slider("crank", "piston", (1.0, 0.3), angle=0.1),
+            "slot": Slider("ground", "rod.pin", hold_rotation=False),
+        },
+        drives={"crank": Speed(500.0, 0.2), "shaft": Speed(600.0)},
+        forces={
+            "spring": SpringDamper("rod.pin", "ground.hook", 1e3, 10.0),
+            "motor": Torque("rod", wave, True, 0.1, 3.0),
+            "gas": PointForce("rod.pin", (1.0, 1.0), wave, "crank"),
+            "unbalance": RotatingForce("shaft.end", 10.0, 600.0, 0.2),
+        },
+        gravity=(0.3, -9.81),
+    )
+
+
+def differences(function, x, scale):
+    """Central differences with steps of `scale`, shape (..., n)."""
+    steps = scale * np.eye(len(x))
+    return np.stack([(function(x + h) - function(x - h)) / (2 * scale) for h in steps], axis=-1)
+
+
+@pytest.fixture(scope="module")
+def system(rod_body):
+    return System(everything(rod_body))
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=5, deadline=None)
+def test_every_derivative_is_exact(system, seed):
+    rng = np.random.default_rng(seed)
+    # Elastic coordinates are small, or their stiffness drowns the rest in round-off.
+    size = np.where(system.weights == 1.0, 1.0, 1e-6)
+    z, v, a = (rng.normal(size=system.n) * size for _ in range(3))
+    multipliers = rng.normal(size=system.m)
+
+    def residual(z, v, a):
+        return system.at(0.1, z).motion(v, a, multipliers).residual
+
+    instant = system.at(0.1, z)
+    motion = instant.motion(v, a, multipliers)
+    exact = motion.derivatives()
+    found = {
+        "position": (differences(lambda x: residual(x, v, a), z, 1e-6), exact.position),
+        "rate": (differences(lambda x: residual(z, x, a), v, 1e-6), exact.rate),
+        "acceleration": (differences(lambda x: residual(z, v, x), a, 1e-3), exact.acceleration),
+        "jacobian": (differences(lambda x: system.at(0.1, x).defect, z, 1e-6), instant.jacobian),
+        "carry": (differences(lambda x: system.at(0.1, x).rate_defect(v), z, 1e-6), motion.carry()),
+        "bend": (
+            differences(lambda x: multipliers @ system.at(0.1, x).jacobian, z, 1e-6),
+            instant.bend(multipliers),
+        ),
+    }
+    for name, (difference, derivative) in found.items():
+        # Row by row: forces on frames stand beside elastic ones that are 1e9 times as large.
+        largest = np.abs(difference).max(axis=1, keepdims=True)
+        error = np.abs(derivative - difference) / np.maximum(largest, 1e-3)
+        assert error.max() < 2e-6, name
+
+
+def test_a_pendulum_swings_as_its_differential_equation_says():
+    mass, inertia, length, gravity = 2.0, 0.01, 0.3, 9.81
+    rod = RigidBody(mass, inertia, centre=(length, 0.0), orientation=0.4)
+    mechanism = Mechanism(
+        {"rod": rod}, {"hinge": Revolute("ground", "rod")}, gravity=(0.0, -gravity)
+    )
+    result = simulate(mechanism, 2.0, 1e-7)
+    about_hinge = inertia + mass * length**2
+    exact = solve_ivp(
+        lambda t, y: [y[1], -mass * gravity * length * np.cos(y[0]) / about_hinge],
+        (0.0, 2.0), [0.4, 0.0], "DOP853", result.time, rtol=1e-11, atol=1e-12,
+    )  # fmt: skip
+    assert result.bodies["rod"][:, 2] == pytest.approx(exact.y[0], abs=3e-4)
+    assert result.energy_balance_error < 1e-4
+    # The hinge stays closed: positions are not only differentiated.
+    assert np.abs(result.bodies["rod"][:, :2]).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("bodies", "joints", "drives", "message"),
+    [
+        ({}, {"a": Revolute("ground", "wheel")}, {}, "no body wheel"),
+        ({}, {"a": Revolute("ground.hook", "rod")}, {}, "ground has no point hook"),
+        ({}, {"a": Revolute("rod.hook", "ground")}, {}, "rod has no point hook"),
+        ({}, {"a": Revolute("ground", "rod")}, {"wheel": Speed(1.0)}, "no body wheel"),
+        (
+            {},
+            {"a": Revolute("ground", "rod"), "b": Fixed("ground", "rod")},
+            {},
+            "repeats or contradicts",
+        ),
+        (
+            {
+                "far": ground({"hook": (0.3, 0.0)}),
+                "link": RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}, orientation=2.0),
+            },
+            {
+                "a": Revolute("ground", "rod"),
+                "b": Revolute("far.hook", "link"),
+                "c": Revolute("rod.tip", "link.tip"),
+            },
+            {},
+            "cannot be assembled",
+        ),
+        ({}, {"a": Revolute("ground", "ground")}, {}, "connects nothing that can move"),
+    ],
+)
+def test_what_cannot_be_assembled_is_named(bodies, joints, drives, message):
+    rod = RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)})
+    with pytest.raises(SettingsError, match=message):
+        assemble(System(Mechanism({"rod": rod, **bodies}, joints, drives)))
+
+
+def four_bar(**changes):
+    """Crank, coupler and rocker of a Grashof linkage, its links 0.1, 0.25, 0.2 and 0.25 m."""
+    links = {
+        name: RigidBody(1.0, 1e-3, {"tip": (length, 0.0)}, **changes.get(name, {}))
+        for name, length in (("crank", 0.1), ("coupler", 0.25), ("rocker", 0.2))
+    }
+    return Mechanism(
+        {**links, "ground": ground({"hook": (0.25, 0.0)})},
+        {
+            "left": Revolute("ground", "crank"),
+            "a": Revolute("crank.tip", "coupler"),
+            "b": Revolute("coupler.tip", "rocker.tip"),
+            "right": Revolute("ground.hook", "rocker"),
+        },
+        {"crank": Speed(10.0, np.pi / 2)},
+    )
+
+
+@pytest.mark.parametrize("above", [True, False])
+def test_a_loop_is_assembled_on_the_branch_that_the_rough_pose_says(above):
+    rough = {"orientation": np.pi / 2 if above else -np.pi / 2, "position": (0.25, 0.0)}
+    system = System(four_bar(rocker=rough))
+    z, v = assemble(system)
+    instant = system.at(0.0, z)
+    assert np.abs(instant.defect).max() < 1e-11
+    assert np.abs(instant.rate_defect(v)).max() < 1e-11
+    # The rocker's tip is where circles about its hinge and about the crank's tip meet.
+    _, _, angle = z[system.bodies["rocker"]]
+    tip = np.array([0.25, 0.0]) + 0.2 * np.array([np.cos(angle), np.sin(angle)])
+    assert np.hypot(*(tip - [0.0, 0.1])) == pytest.approx(0.25, abs=1e-11)
+    assert (np.cross([0.25, -0.1], tip - [0.0, 0.1]) > 0) == above
+    assert v[system.bodies["crank"]][2] == pytest.approx(10.0)
