@@ -12,7 +12,7 @@ from fenics_ehd.multibody.joints import Revolute, Slider, Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody
-from fenics_ehd.multibody.simulation import JointResult
+from fenics_ehd.multibody.result import JointResult
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0
 REVOLUTION = 2 * np.pi / SPEED

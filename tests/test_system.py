@@ -109,7 +109,7 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
     mechanism = Mechanism(
         {"rod": rod}, {"hinge": Revolute("ground", "rod")}, gravity=(0.0, -gravity)
     )
-    result = simulate(mechanism, 2.0, 1e-7)
+    result = simulate(mechanism, 2.0, tolerance=1e-7)
     about_hinge = inertia + mass * length**2
     exact = solve_ivp(
         lambda t, y: [y[1], -mass * gravity * length * np.cos(y[0]) / about_hinge],
