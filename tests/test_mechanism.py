@@ -21,7 +21,7 @@ from fenics_ehd.multibody.forces import PointForce, RotatingForce
 from fenics_ehd.multibody.joints import Revolute, Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody
+from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody, ground
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.multibody.simulation import simulate, simulate_periodic
 from fenics_ehd.reduction import craig_bampton, residual_flexibility
@@ -185,6 +185,92 @@ def test_what_floats_free_keeps_its_momentum(friction):
         assert result.energy_balance_error < 1e-3
     turning = result.body_rates["disk"][:, 2]
     assert (abs(turning[-1] - turning[0]) > 1e-3) == friction
+
+
+# --- A four-bar linkage, one joint lubricated, against the ideal one
+
+LINKS = {"crank": 0.05, "coupler": 0.15, "rocker": 0.12}
+MASSES = {"crank": 0.4, "coupler": 0.8, "rocker": 0.6}
+INERTIAS = {"crank": 1e-4, "coupler": 2e-3, "rocker": 1e-3}
+APART, TURNING = 0.14, 100.0
+
+
+def four_bar(clearance):
+    """Crank at constant speed; the oil's viscosity keeps the eccentricity ratio."""
+    links = {
+        name: RigidBody(
+            MASSES[name], INERTIAS[name], {"tip": (length, 0.0)}, centre=(length / 2, 0.0)
+        )
+        for name, length in LINKS.items()
+    }
+    rocker = replace(links["rocker"], position=(APART, 0.0), orientation=np.pi / 2)
+    oil = film(10e-3, 10e-3, clearance, 0.05 * (clearance / 20e-6) ** 2, (24, 4))
+    return Mechanism(
+        {**links, "rocker": rocker, "ground": ground({"hook": (APART, 0.0)})},
+        {
+            "left": Revolute("ground", "crank"),
+            "a": Revolute("crank.tip", "coupler"),
+            "b": LubricatedJoint("rocker.tip", "coupler.tip", oil),
+            "right": Revolute("ground.hook", "rocker"),
+        },
+        {"crank": Speed(TURNING)},
+    )
+
+
+def ideal_angles(time):
+    """Of coupler and rocker, the rocker's tip above the line of centres."""
+    turned = TURNING * time
+    x, y = LINKS["crank"] * np.cos(turned), LINKS["crank"] * np.sin(turned)
+    reach = np.hypot(APART - x, y)
+    cosine = (LINKS["coupler"] ** 2 + reach**2 - LINKS["rocker"] ** 2) / (
+        2 * LINKS["coupler"] * reach
+    )
+    coupler = np.arctan2(-y, APART - x) + np.arccos(cosine)
+    x, y = x + LINKS["coupler"] * np.cos(coupler), y + LINKS["coupler"] * np.sin(coupler)
+    return coupler, np.arctan2(y, x - APART)
+
+
+def ideal_force(time, step=1e-5):
+    """On the rocker in its joint with the coupler, from Newton's and Euler's laws, (2, steps)."""
+
+    def centres(time):
+        coupler, rocker = ideal_angles(time)
+        x, y = LINKS["crank"] * np.cos(TURNING * time), LINKS["crank"] * np.sin(TURNING * time)
+        half = {name: length / 2 for name, length in LINKS.items()}
+        return np.array([
+            x + half["coupler"] * np.cos(coupler), y + half["coupler"] * np.sin(coupler), coupler,
+            APART + half["rocker"] * np.cos(rocker), half["rocker"] * np.sin(rocker), rocker,
+        ])  # fmt: skip
+
+    acceleration = (centres(time + step) - 2 * centres(time) + centres(time - step)) / step**2
+    coupler, rocker = ideal_angles(time)
+    # Moments about the coupler's joint with the crank and about the rocker's hinge.
+    half = 0.5 * LINKS["coupler"]
+    arm = np.array([np.cos(coupler), np.sin(coupler)])
+    swung = INERTIAS["coupler"] * acceleration[2] + MASSES["coupler"] * half * (
+        arm[0] * acceleration[1] - arm[1] * acceleration[0]
+    )
+    other = np.array([np.cos(rocker), np.sin(rocker)])
+    held = INERTIAS["rocker"] + MASSES["rocker"] * (0.5 * LINKS["rocker"]) ** 2
+    torque = np.array([-swung / LINKS["coupler"], held * acceleration[5] / LINKS["rocker"]])
+    rows = np.array([[-arm[1], arm[0]], [-other[1], other[0]]])
+    return np.linalg.solve(np.moveaxis(rows, 2, 0), torque.T[:, :, None])[:, :, 0].T
+
+
+def test_a_lubricated_four_bar_approaches_the_ideal_one_with_the_clearance():
+    cycle = 2 * np.pi / TURNING
+    angles, forces = [], []
+    for clearance in (20e-6, 5e-6):
+        result = simulate(four_bar(clearance), 1.5 * cycle, order=2)
+        late = result.time > 0.5 * cycle
+        time = result.time[late]
+        angles.append(np.abs(result.bodies["rocker"][late, 2] - ideal_angles(time)[1]).max())
+        force = ideal_force(time)
+        missed = np.linalg.norm(result.joints["b"].force[late].T - force, axis=0).max()
+        forces.append(missed / np.linalg.norm(force, axis=0).max())
+    assert angles[0] / angles[1] == pytest.approx(4.0, rel=0.05)
+    assert forces[1] < 0.005
+    assert forces[1] < 0.5 * forces[0]
 
 
 def test_the_order_of_the_list_does_not_matter():

@@ -98,7 +98,7 @@ class Recorder:
         gaps = self._norm.film_gaps(step.watched)
         films = self._equations.system.films
         for place, film, gap in zip(films, state.films, gaps, strict=True):
-            force = -state.motion.multipliers[place.rows][:2]
+            force = state.motion.multipliers[place.rows][:2]
             yield film.pressure.max(), gap.min(), step.x[place.xi[:2]], force
 
     def result(self, cycles: int = 0, defect: float = float("nan")) -> Result:

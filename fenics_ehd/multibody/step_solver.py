@@ -251,7 +251,8 @@ class CoupledSteps:
 
     def function(self, x: np.ndarray) -> np.ndarray:
         """See `VariationalInequality`."""
-        self._point: Point = self.equations.evaluate(*self._split(x))
+        # PETSc writes to its array again; a point lasts.
+        self._point: Point = self.equations.evaluate(*self._split(x.copy()))
         return np.concatenate([*(film.defect for film in self._point.films), self._point.rest])
 
     def linearise(self, x: np.ndarray) -> None:
