@@ -7,13 +7,23 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-import h5py
 import numpy as np
 
 from fenics_ehd.errors import InputError
-from fenics_ehd.history_file import HistoryWriter, sync_path
+from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.sealed_file import named, open_sealed, read_tree, require_like, save_tree
 
 CHECKPOINT = "checkpoint.h5"
+FORMAT = "fenics_ehd checkpoint"
+FORMAT_VERSION = 1
+
+#: What every checkpoint holds; the rest is the machine's.
+PATTERN = {
+    "rows": 0,
+    "reduction_seconds": 0.0,
+    "scene": {},
+    "memory": {"totals": {"steps": 0}, "integrator": {}},
+}
 
 
 def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
@@ -26,21 +36,7 @@ def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
     tree
         Dictionaries of dictionaries, arrays, numbers and text.
     """
-    path = Path(path)
-    partial = path.with_suffix(".part")
-    with h5py.File(partial, "w") as file:
-        _write(file, tree)
-    sync_path(partial)
-    partial.replace(path)
-    sync_path(path.parent)
-
-
-def _write(group: h5py.Group, tree: Mapping[str, Any]) -> None:
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            _write(group.create_group(name), value)
-        else:
-            group[name] = value
+    save_tree(path, tree, FORMAT, FORMAT_VERSION)
 
 
 def load_checkpoint(path: str | Path) -> dict[str, Any]:
@@ -49,30 +45,38 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        There is no checkpoint, or the file is none.
+        There is no checkpoint, or the file is none, or it changed since it was written.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            return _read(file)
-    except FileNotFoundError:
-        folder = Path(path).parent
+    folder = Path(path).parent
+    if not Path(path).exists():
         missing = "no such folder" if not folder.is_dir() else f"it has no {Path(path).name}"
-        raise InputError(f"{folder}: no checkpoint to go on from, {missing}") from None
-    except OSError as error:
-        reason = error.strerror or str(error).splitlines()[0]
-        raise InputError(f"{path}: no checkpoint to go on from ({reason})") from None
+        raise InputError(f"{folder}: no checkpoint to go on from, {missing}")
+    with (
+        named(InputError, f"{path}: no checkpoint to go on from"),
+        open_sealed(path, FORMAT, FORMAT_VERSION, remedy="run the scene anew") as file,
+    ):
+        return read_tree(file)
 
 
-def _read(group: h5py.Group) -> dict[str, Any]:
-    tree: dict[str, Any] = {}
-    for name, item in group.items():
-        if isinstance(item, h5py.Group):
-            tree[name] = _read(item)
-            continue
-        value = item[()]
-        if isinstance(value, bytes):
-            value = value.decode()
-        tree[name] = value.item() if isinstance(value, np.generic) else value
+def load_progress(folder: Path) -> dict[str, Any]:
+    """The checkpoint of a run, which its history must reach.
+
+    Raises
+    ------
+    InputError
+        See `load_checkpoint`; or there is no history, or the state of the checkpoint is not in it.
+    """
+    tree = load_checkpoint(folder / CHECKPOINT)
+    with named(InputError, f"{folder / CHECKPOINT}: no checkpoint to go on from"):
+        require_like(tree, PATTERN)
+        rows, memory = tree["rows"], tree["memory"]
+        times, coordinates = read_history(folder), read_fields(folder, ("coordinates",))
+        found = [len(values) for values in (times["time_s"], coordinates["coordinates"])]
+        if not 0 < rows <= min(found):
+            raise ValueError(f"it counts {rows} steps, the history has {min(found)}: start anew")
+        row, x = coordinates["coordinates"][rows - 1], memory["integrator"]["x"][0]
+        if rows != memory["totals"]["steps"] or not np.array_equal(row, x[: len(row)]):
+            raise ValueError(f"it is not of step {rows} of the history: start anew")
     return tree
 
 

@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 
 from fenics_ehd.errors import InputError
+from fenics_ehd.sealed_file import require_file, require_numbers, sync_path
 
 #: Rows of the HDF5 datasets written between two flushes to disk.
 FLUSH_EVERY = 50
@@ -229,15 +230,6 @@ def _line(values: list[str]) -> bytes:
     return buffer.getvalue().encode()
 
 
-def sync_path(path: Path) -> None:
-    """Have the system write a file, or a folder's entries, to the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def read_history(directory: str | Path) -> dict[str, np.ndarray]:
     """Columns of ``history.csv`` by name.
 
@@ -284,15 +276,25 @@ def read_fields(
     """
     path = Path(directory) / FIELDS_NAME
     try:
+        require_file(path)
         # As a reader beside a writer: also the file of a run that goes on, or was killed.
         with h5py.File(path, "r", libver="latest", swmr=True) as file:
             # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
-            whole, found = file.id.get_filesize(), path.stat().st_size
-            if found < whole:
-                raise OSError(f"it ends after {found} of {whole} bytes")
-            return {name: np.array(file[name]) for name in names if name in file or not optional}
+            whole, size = file.id.get_filesize(), path.stat().st_size
+            if size < whole:
+                raise OSError(f"it ends after {size} of {whole} bytes")
+            found = {name: file[name] for name in names if name in file or not optional}
+            return {name: _finite(dataset) for name, dataset in found.items()}
     except FileNotFoundError:
         raise InputError(_no_results(path)) from None
-    except (OSError, KeyError) as error:
+    except (OSError, KeyError, ValueError) as error:
         reason = str(error).splitlines()[0].strip("'\"")
         raise InputError(f"{path}: not a history of a run ({reason})") from None
+
+
+def _finite(dataset: h5py.Dataset) -> np.ndarray:
+    require_numbers(dataset)
+    values = np.array(dataset)
+    if not values.ndim or not np.isfinite(values).all():
+        raise ValueError(f"{dataset.name} holds a value that is not finite, or no rows")
+    return values

@@ -1,10 +1,13 @@
 """Runs that stop and go on: killed at any moment, the result is that of an undisturbed run."""
 
 import json
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -17,7 +20,7 @@ from fenics_ehd.cli import main
 from fenics_ehd.commands.scenes import read_scene
 from fenics_ehd.errors import InputError
 from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
-from fenics_ehd.reduction import save_body
+from fenics_ehd.reduction import load_body, save_body
 
 SCENE = 'scene = "slider-crank"\n[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-8\n'
 
@@ -149,6 +152,75 @@ def test_another_scene_or_table_is_refused(name, before, after, prepared, tmp_pa
     changed.write_text(changed.read_text().replace(before, after))
     assert call("run", "--resume", run, "--no-plots") == 2
     assert f"{name} changed since the run began" in capsys.readouterr().err
+
+
+def changed_checkpoint(run, **changes):
+    """Write the checkpoint of a run again, keys of nested tables by dots, None for none."""
+    tree = load_checkpoint(run / CHECKPOINT)
+    for name, change in changes.items():
+        *groups, key = name.split("__")
+        table = tree
+        for group in groups:
+            table = table[group]
+        table[key] = change(table[key])
+        if table[key] is None:
+            del table[key]
+    save_checkpoint(run / CHECKPOINT, tree)
+
+
+def filled(value):
+    return lambda array: np.full_like(array, value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rows": lambda n: n // 2}, "it is not of step"),
+        ({"rows": lambda n: 10 * n}, "the history has"),
+        ({"rows": lambda n: 0}, "it counts 0 steps"),
+        ({"rows": lambda n: None}, "rows is missing"),
+        ({"scene": lambda t: None}, "scene is missing"),
+        ({"memory": lambda t: None}, "memory is missing"),
+        ({"memory__integrator": lambda t: None}, "memory/integrator is missing"),
+        ({"memory__integrator__rate": lambda x: None}, "integrator/rate is missing"),
+        ({"memory__integrator__rate": lambda x: x[:-1]}, "integrator/rate has 4 rows, times has 5"),
+        ({"memory__integrator__rate": lambda x: x[:, :-1]}, r"rate has shape \(5, 1\), not like"),
+        ({"memory__integrator__watched": filled(np.nan)}, "integrator/watched holds a value"),
+        ({"memory__integrator__times": lambda t: t[::-1]}, "integrator/times must descend from"),
+        (
+            {"memory__integrator__step": lambda s: float("nan")},
+            "integrator/step holds a value",
+        ),
+        ({"memory__integrator__step": lambda s: -s}, "integrator/step = .* must be positive"),
+        ({"memory__integrator__step": lambda s: "long"}, "integrator/step is of type <U4"),
+        ({"memory__integrator__x": lambda x: x[::-1]}, "it is not of step"),
+        ({"memory__pressures__times": lambda t: t[::-1]}, "pressures/times must descend from"),
+        ({"memory__totals__time": lambda t: t / 2}, "integrator/times must descend from"),
+        ({"memory__balance__work": lambda x: x[:-1]}, "balance/work has shape"),
+        ({"memory__estimate": lambda t: None}, "estimate is missing"),
+    ],
+)
+def test_a_checkpoint_that_cannot_be_is_refused(changes, message, prepared, tmp_path, capsys):
+    run = tmp_path / "run"
+    shutil.copytree(prepared / "whole", run)
+    changed_checkpoint(run, **changes)
+    assert call("run", "--resume", run, "--no-plots") == 2
+    error = capsys.readouterr().err
+    assert "Traceback" not in error
+    assert re.search(f"InputError: .*checkpoint.*{message}", error.splitlines()[-1])
+
+
+def test_another_body_is_refused(prepared, tmp_path, capsys):
+    run = tmp_path / "run"
+    shutil.copytree(prepared / "whole", run)
+    body = load_body(run / "body.h5")
+    shift = np.zeros((3, 3))
+    shift[0, 0] = 1e-6
+    save_body(replace(body, points={"pin": body.points["pin"] + shift}), run / "body.h5")
+    assert call("run", "--resume", run, "--no-plots") == 2
+    assert "body.h5 changed since the run began" in capsys.readouterr().err
+    save_body(body, run / "body.h5")
+    assert call("run", "--resume", run, "--no-plots") == 0
 
 
 def test_the_scene_that_is_left_is_the_one_that_ran(tmp_path):

@@ -12,12 +12,12 @@ import attrs
 import click
 import numpy as np
 
-from fenics_ehd.checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
+from fenics_ehd.checkpoint import Checkpoints, load_progress
 from fenics_ehd.commands.recording import progress_bar, record
 from fenics_ehd.errors import InputError, SettingsError, VerificationError
 from fenics_ehd.history_file import HistoryWriter
 from fenics_ehd.output import to_json, write_whole
-from fenics_ehd.reduction import ReducedBody, load_body, save_body
+from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.settings import to_toml
 
 if TYPE_CHECKING:  # slow to import, and not every command needs them
@@ -84,7 +84,7 @@ def run_machine(
     from fenics_ehd.results import bore_constants
     from fenics_ehd.scenes.transient import Totals, verdict
 
-    scene = fingerprints(_recorded(job))
+    scene = fingerprints(_recorded(job)) | {BODY_NAME: body_digest(job.body)}
     if former is not None:
         _require_same_scene(former, scene, job.directory)
     totals = Totals()
@@ -163,7 +163,7 @@ def _files(tables: Mapping[str, Any]) -> Iterator[Path]:
 def _require_same_scene(
     former: Mapping[str, Any], scene: Mapping[str, str], directory: Path
 ) -> None:
-    stored = former.get("scene", scene)
+    stored = former["scene"]
     changed = [name for name in {**stored, **scene} if stored.get(name) != scene.get(name)]
     if changed:
         raise InputError(
@@ -200,7 +200,7 @@ def former_run(directory: str | Path) -> tuple[Path, ReducedBody, dict[str, Any]
         The folder holds no such run.
     """
     folder = Path(directory)
-    checkpoint = load_checkpoint(folder / CHECKPOINT)
+    checkpoint = load_progress(folder)
     scene = folder / SCENE_NAME
     if not scene.is_file():
         raise InputError(f"{scene}: missing, the run cannot go on")
