@@ -41,11 +41,14 @@ def require_writable(path: str | Path) -> None:
     Raises
     ------
     InputError
-        Neither the path nor the nearest folder above it can be written to.
+        Neither the path nor the nearest folder above it can be written to, or the path is a
+        device or a pipe.
     """
     existing = Path(path).absolute()
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
+    if not (existing.is_dir() or existing.is_file()):
+        raise InputError(f"output {path}: {existing} is neither a file nor a folder")
     if existing != Path(path).absolute() and not existing.is_dir():
         raise InputError(f"output {path}: {existing} is not a folder")
     if not os.access(existing, os.W_OK):

@@ -1,5 +1,7 @@
 """What is refused before any work is done for it, each in one line."""
 
+import os
+
 import pytest
 from hand_made_rod import Joint, make_body
 from sweep_cases import LOADED_JOURNAL, exit_of, write_scene
@@ -178,3 +180,28 @@ def test_hint_prefers_the_same_word_then_the_same_section():
     assert key_hint(known, "bering") == "did you mean bearing?"
     assert key_hint(known, "rod.frobnicate") == "known: rod.cells"
     assert key_hint(known, "frobnicate") == "known: scene, bearing, rod, film"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-o", "x.npz", "--export", "npz"], "--export npz would write over x.npz of -o"),
+        (["-o", "x.h5", "--basis", "./x.h5"], "--basis would write over ./x.h5 of -o"),
+        (["-o", "/dev/full"], "output /dev/full: /dev/full is neither a file nor a folder"),
+        (["-o", "x.h5", "--basis", "/dev/null"], "/dev/null is neither a file nor a folder"),
+        (["-o", "folder.h5", "--export", "npz"], "--export npz would write a file folder.npz: it"),
+        (["-o", "here.h5", "--export", "mtx"], "--export mtx would write a folder here-mtx: it is"),
+    ],
+)
+def test_outputs_of_a_reduction(options, message, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.npz").mkdir()
+    (tmp_path / "here-mtx").write_text("mine")
+    assert message in refused(capfd, "reduce", "conrod", *options)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "here-mtx"]
+
+
+def test_a_pipe_for_a_body(tmp_path, scene, capfd):
+    os.mkfifo(tmp_path / "rod.h5")
+    arguments = ("run", scene(KIND), "--body", tmp_path / "rod.h5", "-o", tmp_path / "out")
+    assert "rod.h5: not a regular file" in refused(capfd, *arguments)

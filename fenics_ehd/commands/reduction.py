@@ -61,9 +61,8 @@ def reduce_part(
 ) -> None:
     """Reduce the part: every rank takes part, the first one writes the body."""
     targets = {form: _export_path(path, form) for form in exports}
-    for file in (path, basis_path, *targets.values()):
-        if file:
-            require_writable(file)
+    outputs = {"-o": path, "--basis": basis_path or ""}
+    _require_outputs(outputs | {f"--export {form}": file for form, file in targets.items()})
     settings = _part_settings(part, scene, cells)
     tables = {**attrs.asdict(settings.reduction), **options}
     reduction: Any = build(type(settings.reduction), tables, "reduction.")
@@ -113,6 +112,25 @@ def _export_path(path: str, form: str) -> str:
     """Beside the body's file, by its name: ``rod.h5`` to ``rod.npz``, ``rod-mtx``, ..."""
     endings = {"npz": ".npz", "mtx": "-mtx", "exudyn": "-exudyn.npz"}
     return str(Path(path).with_suffix("")) + endings[form]
+
+
+def _require_outputs(outputs: Mapping[str, str]) -> None:
+    """Refuse files that cannot be written, or that two options would write."""
+    taken: dict[Path, str] = {}
+    for option, file in outputs.items():
+        if not file:
+            continue
+        require_writable(file)
+        path = Path(file).resolve()
+        if path.exists() and path.is_dir() != (option == "--export mtx"):
+            wanted = "a file" if path.is_dir() else "a folder"
+            raise SettingsError(f"{option} would write {wanted} {shlex.quote(file)}: it is none")
+        if path in taken:
+            raise SettingsError(
+                f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose another "
+                "name for one of them"
+            )
+        taken[path] = option
 
 
 def _in_place(path: str, write: Any) -> None:
