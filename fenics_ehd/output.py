@@ -47,10 +47,10 @@ def require_writable(path: str | Path) -> None:
     existing = Path(path).absolute()
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
-    if not (existing.is_dir() or existing.is_file()):
-        raise InputError(f"output {path}: {existing} is neither a file nor a folder")
     if existing != Path(path).absolute() and not existing.is_dir():
         raise InputError(f"output {path}: {existing} is not a folder")
+    if not (existing.is_dir() or existing.is_file()):
+        raise InputError(f"output {path}: {existing} is neither a file nor a folder")
     if not os.access(existing, os.W_OK):
         raise InputError(f"output {path}: no permission to write to {existing}")
     if existing.is_dir():
