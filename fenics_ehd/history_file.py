@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from fenics_ehd.errors import InputError
-from fenics_ehd.sealed_file import require_file, require_numbers, sync_path
+from fenics_ehd.sealed_file import named, require_file, require_numbers, sync_path
 
 #: Rows of the HDF5 datasets written between two flushes to disk.
 FLUSH_EVERY = 50
@@ -240,6 +240,7 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
     """
     path = Path(directory) / CSV_NAME
     try:
+        require_file(path)
         with open(path, newline="") as file:
             header, *rows = list(csv.reader(file))
         # A run that was killed may have left its last row unfinished.
@@ -275,21 +276,27 @@ def read_fields(
         The directory holds no such file, or it lacks one of them.
     """
     path = Path(directory) / FIELDS_NAME
-    try:
-        require_file(path)
-        # As a reader beside a writer: also the file of a run that goes on, or was killed.
-        with h5py.File(path, "r", libver="latest", swmr=True) as file:
-            # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
-            whole, size = file.id.get_filesize(), path.stat().st_size
-            if size < whole:
-                raise OSError(f"it ends after {size} of {whole} bytes")
-            found = {name: file[name] for name in names if name in file or not optional}
-            return {name: _finite(dataset) for name, dataset in found.items()}
-    except FileNotFoundError:
-        raise InputError(_no_results(path)) from None
-    except (OSError, KeyError, ValueError) as error:
-        reason = str(error).splitlines()[0].strip("'\"")
-        raise InputError(f"{path}: not a history of a run ({reason})") from None
+    if not path.exists():
+        raise InputError(_no_results(path))
+    with named(InputError, f"{path}: not a history of a run"), _opened(path) as file:
+        # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
+        whole, size = file.id.get_filesize(), path.stat().st_size
+        if size < whole:
+            raise OSError(f"it ends after {size} of {whole} bytes")
+        found = {name: file[name] for name in names if name in file or not optional}
+        return {name: _finite(dataset) for name, dataset in found.items()}
+
+
+def _opened(path: Path) -> h5py.File:
+    """The file, as a reader beside a writer if it is of a run that goes on, or was killed.
+
+    Not without need: such a reader tries for minutes to read what is damaged.
+    """
+    require_file(path)
+    with open(path, "rb") as file:
+        # The superblock's consistency flags: open for writing.
+        marked = file.read(12)[11:] not in (b"", b"\0")
+    return h5py.File(path, "r", libver="latest", swmr=marked)
 
 
 def _finite(dataset: h5py.Dataset) -> np.ndarray:

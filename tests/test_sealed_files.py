@@ -1,6 +1,9 @@
 """Bodies, checkpoints, parts and bases that changed since they were written, or are impossible."""
 
+import errno
 import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import h5py
@@ -12,7 +15,7 @@ from mpi4py import MPI
 
 from fenics_ehd.checkpoint import load_checkpoint, save_checkpoint
 from fenics_ehd.errors import BodyFileError, InputError, StructureError
-from fenics_ehd.history_file import HistoryWriter, read_fields
+from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
 from fenics_ehd.reduction import (
     BasisFile,
     body_digest,
@@ -242,5 +245,45 @@ def test_a_history_of_other_contents_is_named(value, message, tmp_path):
     read_fields(tmp_path, ("x",))
     with h5py.File(tmp_path / "history.h5", "r+") as file:
         put("x", value)(file)
-    with pytest.raises(InputError, match=f"history.h5: not a history of a run .*{message}"):
+    with pytest.raises(InputError, match=f"history.h5: not a history of a run: .*{message}"):
         read_fields(tmp_path, ("x",))
+
+
+def test_a_damaged_history_is_not_waited_for(tmp_path):
+    """HDF5's reader beside a writer tries for minutes to read what is damaged."""
+    with HistoryWriter(tmp_path, {}) as writer:
+        row = {"time_s": 0.0, "max_pressure_Pa": 1.0, "min_film_thickness_m": 1.0}
+        writer.add(row, {"x": np.zeros(2)})
+    content = bytearray((tmp_path / "history.h5").read_bytes())
+    content[content.index(b"OHDR", 100) + 20] ^= 4
+    (tmp_path / "history.h5").write_bytes(content)
+    code = (
+        "import sys; from fenics_ehd.history_file import read_fields as r; r(sys.argv[1], ('x',))"
+    )
+    command = [sys.executable, "-c", code, tmp_path]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert "InputError: " in result.stderr.splitlines()[-1]
+    assert "checksum" in result.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("name", ["history.csv", "history.h5"])
+def test_a_pipe_for_a_history_is_not_waited_for(name, tmp_path):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match=f"{name}: not a history of a run.*not a regular file"):
+        read_history(tmp_path) if name == "history.csv" else read_fields(tmp_path, ("x",))
+
+
+@pytest.mark.parametrize("kind", ["body", "checkpoint"])
+def test_a_full_disk_keeps_the_former_file_and_leaves_no_other(kind, tmp_path, monkeypatch):
+    def fail(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "file.h5"
+    KINDS[kind][0](path)
+    former = path.read_bytes()
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fail)
+        with pytest.raises(OSError, match="No space left"):
+            KINDS[kind][0](path)
+    assert path.read_bytes() == former
+    assert [p.name for p in tmp_path.iterdir()] == ["file.h5"]
