@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import h5py
 import numpy as np
 
 from fenics_ehd.errors import InputError
 from fenics_ehd.history_file import HistoryWriter, sync_path
+from fenics_ehd.whole_file import whole_hdf5
+
+if TYPE_CHECKING:  # slow to import
+    from fenics_ehd.multibody.bdf import IntegratorState
 
 CHECKPOINT = "checkpoint.h5"
 
@@ -25,13 +30,15 @@ def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
         File.
     tree
         Dictionaries of dictionaries, arrays, numbers and text.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written; the former one stays.
     """
     path = Path(path)
-    partial = path.with_suffix(".part")
-    with h5py.File(partial, "w") as file:
+    with whole_hdf5(path) as file:
         _write(file, tree)
-    sync_path(partial)
-    partial.replace(path)
     sync_path(path.parent)
 
 
@@ -76,30 +83,49 @@ def _read(group: h5py.Group) -> dict[str, Any]:
     return tree
 
 
+class Stored(Protocol):
+    """A run that can be stored: frozen states, one after the other, and what goes with them."""
+
+    integrator: IntegratorState
+
+    def memory(self) -> dict[str, Any]:
+        """As nested dictionaries of arrays, numbers and text."""
+
+
 class Checkpoints:
-    """Stores a run every so often, after its history.
+    """Stores a run every so often, after its history, and where it ends.
 
     Parameters
     ----------
     history
         Of the run; it is put on the disk before each checkpoint, which counts its rows.
     interval
-        Seconds between two checkpoints.
+        Seconds between two checkpoints; the first one is due at once.
     figures
         Stored along with each.
     """
 
     def __init__(self, history: HistoryWriter, interval: float, figures: Mapping[str, Any]):
         self._history, self._interval, self._figures = history, interval, figures
-        self._last = monotonic()
+        self._last = -inf
+        self._run: Stored | None = None
 
-    def due(self) -> bool:
-        """Whether it is time for another one."""
-        return monotonic() - self._last >= self._interval
+    def follow(self, run: Stored) -> None:
+        """Account for a step whose row is in the history."""
+        self._run, self._state = run, run.integrator
+        if monotonic() - self._last >= self._interval:
+            self._save(run)
 
-    def save(self, memory: Mapping[str, Any]) -> None:
-        """Store a run now."""
+    def __enter__(self) -> Checkpoints:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # In the middle of a step, by a second Ctrl-C say, there is nothing to go on from.
+        if self._run is not None and self._run.integrator is self._state:
+            self._save(self._run)
+
+    def _save(self, run: Stored) -> None:
         self._history.sync()
-        tree = {**self._figures, "rows": self._history.rows, "memory": memory}
+        tree = {**self._figures, "rows": self._history.rows, "memory": run.memory()}
         save_checkpoint(self._history.directory / CHECKPOINT, tree)
         self._last = monotonic()

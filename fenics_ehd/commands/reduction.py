@@ -14,7 +14,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.commands import rotor
-from fenics_ehd.commands.scenes import read_scene, reduce_with_notice, tables_of
+from fenics_ehd.commands.scene_kinds import tables_of
+from fenics_ehd.commands.scenes import read_scene, reduce_with_notice
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, to_json, versions
 from fenics_ehd.reduction import (

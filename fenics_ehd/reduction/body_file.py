@@ -17,6 +17,7 @@ from fenics_ehd.reduction.body import (
     ReducedBody,
     ResidualFlexibility,
 )
+from fenics_ehd.whole_file import whole_hdf5
 
 FORMAT = "fenics_ehd reduced body"
 FORMAT_VERSION = 3
@@ -37,9 +38,7 @@ _ARRAYS = tuple(f.name for f in fields(ReducedBody) if f.type == "np.ndarray")
 
 def save_body(body: ReducedBody, path: str | Path) -> None:
     """Write a body; an existing file is replaced only once the new one is whole."""
-    path = Path(path)
-    partial = path.with_name(path.name + ".part")
-    with h5py.File(partial, "w") as file:
+    with whole_hdf5(Path(path)) as file:
         file.attrs.update(
             format=FORMAT,
             format_version=FORMAT_VERSION,
@@ -64,7 +63,6 @@ def save_body(body: ReducedBody, path: str | Path) -> None:
         _write_inventory(file.create_group("inventory"), body.inventory)
         file.create_group("accuracy").attrs.update(body.accuracy)
         file.create_group("provenance").attrs.update(body.provenance)
-    partial.replace(path)
 
 
 def _write_inventory(group: h5py.Group, inventory: tuple[ModeRecord, ...]) -> None:
