@@ -76,7 +76,7 @@ def assert_same_results(one, other):
         assert ours[key] == theirs[key], key
 
 
-@pytest.mark.parametrize("every", [0, 1000])
+@pytest.mark.parametrize("every", [0, pytest.param(1000, marks=pytest.mark.slow)])
 def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
     folder = prepared / f"killed_{every}"
     process = start(command(prepared, folder.name, every))
@@ -128,6 +128,7 @@ def test_every_signal_ends_a_run_as_ctrl_c_does(how, prepared):
     assert_same_results(folder, prepared / "whole")
 
 
+@pytest.mark.slow
 def test_a_run_ends_when_nobody_reads_what_it_says(prepared):
     folder = prepared / "unread"
     read, write = os.pipe()
@@ -207,6 +208,8 @@ def run_limited(prepared):
 def test_a_run_whose_files_may_not_grow_ends_in_order_and_goes_on(run_limited, prepared):
     found, folder = run_limited(700_000)
     assert_ended_readable(found, folder, prepared / "whole")
+    status = json.loads((folder / "summary.json").read_text())["status"]
+    assert status == "failed: history.h5: File too large"
     assert call("run", "--resume", folder, "--no-plots") == 0
     assert_same_results(folder, prepared / "whole")
 

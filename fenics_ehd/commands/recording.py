@@ -76,12 +76,15 @@ def record(
             status = simulate(check)
     except BaseException as error:
         with suppress(OutputError):  # the disk may be full
-            leave(_how_it_ended(error))
+            leave(_how_it_ended(error, directory))
         raise
     return leave(status)
 
 
-def _how_it_ended(error: BaseException) -> str:
+def _how_it_ended(error: BaseException, directory: Path) -> str:
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
-    return f"failed: {' '.join(str(error).split())}" if isinstance(error, EhdError) else "failed"
+    if not isinstance(error, EhdError):
+        return "failed"
+    # Files of the run by their names: the folder they are in is about to change.
+    return f"failed: {' '.join(str(error).replace(f'{directory}/', '').split())}"
