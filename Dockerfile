@@ -1,5 +1,5 @@
 # docker build -t fenics-ehd .
-# docker run --rm -v "$PWD/results:/results" fenics-ehd run slider-crank -o /results/slider-crank
+# docker run --rm -v "$PWD/results:/results" fenics-ehd run slider-crank --overwrite -o /results/slider-crank
 # docker run --rm --entrypoint python fenics-ehd -m pytest /opt/fenics_ehd/tests
 # docker run --rm --entrypoint mpirun fenics-ehd -n 2 fenics-ehd reduce conrod -o /tmp/conrod.h5
 FROM debian:trixie-slim

@@ -18,7 +18,7 @@ help:  ## list the targets
 set-up: $(VENV)/stamp  ## install what is missing
 
 demo: set-up  ## run the slider-crank into results/slider-crank
-	$(VENV)/bin/fenics-ehd run slider-crank -o results/slider-crank
+	$(VENV)/bin/fenics-ehd run slider-crank --overwrite -o results/slider-crank
 
 test: set-up  ## run the fast tests
 	$(VENV)/bin/python -m pytest $(ARGS)

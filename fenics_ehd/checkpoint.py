@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from fenics_ehd.errors import InputError
 from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
 from fenics_ehd.sealed_file import named, open_sealed, read_tree, require_like, save_tree
+
+if TYPE_CHECKING:  # slow to import
+    from fenics_ehd.multibody.bdf import IntegratorState
 
 CHECKPOINT = "checkpoint.h5"
 FORMAT = "fenics_ehd checkpoint"
@@ -35,6 +39,11 @@ def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
         File.
     tree
         Dictionaries of dictionaries, arrays, numbers and text.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written; the former one stays.
     """
     save_tree(path, tree, FORMAT, FORMAT_VERSION)
 
@@ -70,40 +79,62 @@ def load_progress(folder: Path) -> dict[str, Any]:
     with named(InputError, f"{folder / CHECKPOINT}: no checkpoint to go on from"):
         require_like(tree, PATTERN)
         rows, memory = tree["rows"], tree["memory"]
-        times, coordinates = read_history(folder), read_fields(folder, ("coordinates",))
-        found = [len(values) for values in (times["time_s"], coordinates["coordinates"])]
+        times = read_history(folder)["time_s"]
+        # A loaded journal's coordinates are those of its shaft alone.
+        fields = read_fields(folder, ("coordinates", "eccentricity_m"), optional=True)
+        (coordinates,) = fields.values()
+        found = [len(values) for values in (times, coordinates)]
         if not 0 < rows <= min(found):
             raise ValueError(f"it counts {rows} steps, the history has {min(found)}: start anew")
-        row, x = coordinates["coordinates"][rows - 1], memory["integrator"]["x"][0]
+        row, x = coordinates[rows - 1], memory["integrator"]["x"][0]
         if rows != memory["totals"]["steps"] or not np.array_equal(row, x[: len(row)]):
             raise ValueError(f"it is not of step {rows} of the history: start anew")
     return tree
 
 
+class Stored(Protocol):
+    """A run that can be stored: frozen states, one after the other, and what goes with them."""
+
+    integrator: IntegratorState
+
+    def memory(self) -> dict[str, Any]:
+        """As nested dictionaries of arrays, numbers and text."""
+
+
 class Checkpoints:
-    """Stores a run every so often, after its history.
+    """Stores a run every so often, after its history, and where it ends.
 
     Parameters
     ----------
     history
         Of the run; it is put on the disk before each checkpoint, which counts its rows.
     interval
-        Seconds between two checkpoints.
+        Seconds between two checkpoints; the first one is due at once.
     figures
         Stored along with each.
     """
 
     def __init__(self, history: HistoryWriter, interval: float, figures: Mapping[str, Any]):
         self._history, self._interval, self._figures = history, interval, figures
-        self._last = monotonic()
+        self._last = -inf
+        self._run: Stored | None = None
 
-    def due(self) -> bool:
-        """Whether it is time for another one."""
-        return monotonic() - self._last >= self._interval
+    def follow(self, run: Stored) -> None:
+        """Account for a step whose row is in the history."""
+        self._run, self._state = run, run.integrator
+        if monotonic() - self._last >= self._interval:
+            self._save(run)
 
-    def save(self, memory: Mapping[str, Any]) -> None:
-        """Store a run now."""
+    def __enter__(self) -> Checkpoints:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # In the middle of a step, by a second Ctrl-C say, there is nothing to go on from.
+        if self._run is not None and self._run.integrator is self._state:
+            self._save(self._run)
+
+    def _save(self, run: Stored) -> None:
         self._history.sync()
-        tree = {**self._figures, "rows": self._history.rows, "memory": memory}
+        tree = {**self._figures, "rows": self._history.rows, "memory": run.memory()}
         save_checkpoint(self._history.directory / CHECKPOINT, tree)
         self._last = monotonic()

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-import logging
-import os
-import sys
-from pathlib import Path
+from fenics_ehd.interrupt import INTERRUPTED, ending_signals_raise
 
-import click
+with ending_signals_raise():
+    import logging
+    import os
+    import sys
+    from contextlib import suppress
+    from pathlib import Path
 
-from fenics_ehd import __version__
-from fenics_ehd.commands.animate import animate
-from fenics_ehd.commands.bearing import bearing
-from fenics_ehd.commands.report import report
-from fenics_ehd.commands.study import study
-from fenics_ehd.commands.sweep import sweep
-from fenics_ehd.errors import EhdError
+    import click
+
+    from fenics_ehd import __version__
+    from fenics_ehd.commands.animate import animate
+    from fenics_ehd.commands.bearing import bearing
+    from fenics_ehd.commands.report import report
+    from fenics_ehd.commands.study import study
+    from fenics_ehd.commands.sweep import sweep
+    from fenics_ehd.errors import EhdError
 
 # One thread per rank; the BLAS reads these when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+# PETSc would answer SIGTERM and SIGHUP itself, with pages, and end the program at once.
+os.environ["PETSC_OPTIONS"] = f"-no_signal_handler {os.environ.get('PETSC_OPTIONS', '')}"
 
 SCENES = ("slider-crank", "rotor", "loaded-journal")
 PARTS = ("conrod", "housing")
@@ -74,6 +80,7 @@ def cli() -> None:
     show_default=True,
     help="Frames of the series.",
 )
+@click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
 @json_option
 def run(
     scene: str | None,
@@ -85,6 +92,7 @@ def run(
     plots: bool,
     vtk: bool,
     frames: int,
+    overwrite: bool,
     as_json: bool,
 ) -> None:
     """Simulate SCENE: slider-crank, rotor, loaded-journal, or a TOML file made by 'init'."""
@@ -94,9 +102,9 @@ def run(
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
     if scene is not None:
         wanted = frames if vtk else None
-        run_scene(scene, body, method, directory, plots, wanted, interval, as_json)
+        run_scene(scene, body, method, directory, plots, wanted, interval, as_json, overwrite)
         return
-    if body or method or directory or vtk:
+    if body or method or directory or vtk or overwrite:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     resume_scene(resume, plots, interval, as_json)
@@ -229,16 +237,17 @@ def main(arguments: list[str] | None = None) -> None:
     """Entry point: named errors become one line and an exit status."""
     _quiet_compilers()
     try:
-        status = cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0
+        with ending_signals_raise():
+            status = cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0
     except click.ClickException as error:
         error.show()
         status = 2
     except EhdError as error:
         _complain(f"{type(error).__name__}: {error}")
         status = error.exit_status
-    except (KeyboardInterrupt, click.exceptions.Abort):
+    except (KeyboardInterrupt, click.exceptions.Abort, BrokenPipeError):
         _complain("interrupted")
-        status = 130
+        status = INTERRUPTED
     except MemoryError:
         _complain("out of memory: choose fewer modes or a coarser mesh")
         status = 1
@@ -288,7 +297,8 @@ def _complain(message: str) -> None:
 
         if MPI.COMM_WORLD.rank:
             return
-    click.echo(f"fenics-ehd: {' '.join(message.split())}", err=True)
+    with suppress(OSError):  # nobody is listening
+        click.echo(f"fenics-ehd: {' '.join(message.split())}", err=True)
 
 
 if __name__ == "__main__":

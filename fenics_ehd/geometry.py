@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import signal
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,17 +75,10 @@ def _parameter_names(path: Path) -> dict[str, str]:
     return {name.rsplit("/", 1)[-1]: name for name in own}
 
 
-def _initialize_gmsh() -> None:
-    """Start Gmsh without letting it take Ctrl-C away from Python, as newer versions do."""
-    former = signal.getsignal(signal.SIGINT)
-    gmsh.initialize([""])
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, former)
-
-
 def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
     """Mesh a model in a fresh Gmsh session; the caller finalises Gmsh."""
-    _initialize_gmsh()
+    with interrupt_kept():
+        gmsh.initialize([""])
     gmsh.option.setNumber("General.Terminal", 0)
     names = {} if path.suffix == ".msh" else _parameter_names(path)
     for key, value in parameters.items():
@@ -180,7 +171,8 @@ def build_mesh(
         mesh, cell_tags, facet_tags = compat.model_to_mesh(gmsh.model, comm)
     finally:
         if comm.rank == 0:
-            gmsh.finalize()
+            with interrupt_kept():
+                gmsh.finalize()
     if serendipity_geometry and cells == "hex":
         _place_centre_nodes(mesh)
     return PartMesh(mesh, cell_tags, facet_tags, groups)

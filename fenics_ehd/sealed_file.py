@@ -9,9 +9,8 @@ whoever changes a file on purpose can seal it again.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
@@ -21,6 +20,7 @@ import h5py
 import numpy as np
 
 from fenics_ehd.errors import InputError
+from fenics_ehd.whole_file import put_in_place, write_whole
 
 T = TypeVar("T")
 
@@ -67,7 +67,7 @@ def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int
                 text = isinstance(value, tuple)
                 file[name] = np.array(value, dtype=h5py.string_dtype()) if text else value
     content = image.getvalue()[HEAD:]
-    replace_file(path, _head(hashlib.sha256(content)) + content)
+    write_whole(Path(path), _head(hashlib.sha256(content)) + content)
 
 
 def _flat(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
@@ -92,30 +92,6 @@ def digest(tree: Mapping[str, Any]) -> str:
     return found.hexdigest()
 
 
-def replace_file(path: str | Path, content: bytes) -> None:
-    """Write a file aside, put it on the disk and rename it over a former one."""
-    path = Path(path)
-    partial = new_part(path)
-    try:
-        with open(partial, "xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            partial.unlink()
-        raise
-    sync_path(path.parent)
-
-
-def new_part(path: Path) -> Path:
-    """Name beside a file under which it is written, free of what a killed process left there."""
-    partial = path.with_name(path.name + ".part")
-    partial.unlink(missing_ok=True)
-    return partial
-
-
 def seal(partial: Path, path: Path) -> None:
     """Seal a file written with ``userblock_size=HEAD``, and rename it over a former one."""
     with open(partial, "r+b") as file:
@@ -123,18 +99,7 @@ def seal(partial: Path, path: Path) -> None:
         head = _head(hashlib.file_digest(file, "sha256"))  # type: ignore[arg-type]
         file.seek(0)
         file.write(head)
-    sync_path(partial)
-    partial.replace(path)
-    sync_path(path.parent)
-
-
-def sync_path(path: Path) -> None:
-    """Have the system write a file, or a folder's entries, to the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    put_in_place(partial, path)
 
 
 def _head(found: Any) -> bytes:

@@ -14,7 +14,7 @@ from hand_made_rod import Joint, flexible, make_body
 from mpi4py import MPI
 
 from fenics_ehd.checkpoint import load_checkpoint, save_checkpoint
-from fenics_ehd.errors import BodyFileError, InputError, StructureError
+from fenics_ehd.errors import BodyFileError, InputError, OutputError, StructureError
 from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
 from fenics_ehd.reduction import (
     BasisFile,
@@ -283,7 +283,7 @@ def test_a_full_disk_keeps_the_former_file_and_leaves_no_other(kind, tmp_path, m
     former = path.read_bytes()
     with monkeypatch.context() as full:
         full.setattr(os, "fsync", fail)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OutputError, match=r"file\.h5: No space left"):
             KINDS[kind][0](path)
     assert path.read_bytes() == former
     assert [p.name for p in tmp_path.iterdir()] == ["file.h5"]

@@ -101,7 +101,8 @@ def _settings(directory: Path) -> Any:
     """
     from fenics_ehd.commands.machine_run import SCENE_NAME
     from fenics_ehd.commands.rotor import read_settings
-    from fenics_ehd.commands.scenes import read_scene, tables_of
+    from fenics_ehd.commands.scene_kinds import tables_of
+    from fenics_ehd.commands.scenes import read_scene
     from fenics_ehd.errors import InputError
 
     scene = directory / SCENE_NAME

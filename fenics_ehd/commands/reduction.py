@@ -14,7 +14,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.commands import rotor
-from fenics_ehd.commands.scenes import read_scene, reduce_with_notice, tables_of
+from fenics_ehd.commands.scene_kinds import tables_of
+from fenics_ehd.commands.scenes import read_scene, reduce_with_notice
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, to_json, versions
 from fenics_ehd.reduction import (
@@ -31,6 +32,7 @@ from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build
+from fenics_ehd.whole_file import naming
 
 if TYPE_CHECKING:
     from fenics_ehd.scenes.part import ReducedPart
@@ -134,11 +136,9 @@ def _require_outputs(outputs: Mapping[str, str]) -> None:
 
 
 def _in_place(path: str, write: Any) -> None:
-    try:
+    with naming(Path(path)):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         write()
-    except OSError as error:
-        raise SettingsError(f"{shlex.quote(path)}: {error}") from None
 
 
 def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> dict[str, object]:

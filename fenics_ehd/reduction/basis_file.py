@@ -12,7 +12,8 @@ from mpi4py import MPI
 
 from fenics_ehd.errors import BodyFileError, SettingsError
 from fenics_ehd.reduction.structure import Structure
-from fenics_ehd.sealed_file import HEAD, named, new_part, open_sealed, require_numbers, seal
+from fenics_ehd.sealed_file import HEAD, named, open_sealed, require_numbers, seal
+from fenics_ehd.whole_file import new_part
 
 FORMAT = "fenics_ehd part basis"
 FORMAT_VERSION = 2

@@ -11,7 +11,7 @@ import numpy as np
 
 from fenics_ehd.errors import ExportError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.sealed_file import replace_file
+from fenics_ehd.whole_file import write_whole
 
 FORMAT = "fenics_ehd reduced body, exported"
 FORMAT_VERSION = 1
@@ -267,5 +267,5 @@ def write_npz(path: str | Path, arrays: Mapping[str, np.ndarray]) -> Path:
             raise ExportError(f"{path}: {name} is no plain array")
     content = BytesIO()
     np.savez(content, **arrays)
-    replace_file(path, content.getvalue())
+    write_whole(path, content.getbuffer())
     return path

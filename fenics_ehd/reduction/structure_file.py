@@ -38,7 +38,8 @@ from fenics_ehd.errors import StructureError
 from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.row_blocks import agree, before, even_range, together
 from fenics_ehd.reduction.structure import Bore, Structure
-from fenics_ehd.sealed_file import HEAD, new_part, open_sealed, require_file, seal, values
+from fenics_ehd.sealed_file import HEAD, open_sealed, require_file, seal, values
+from fenics_ehd.whole_file import new_part
 
 FORMAT = "fenics_ehd structure"
 FORMAT_VERSION = 1
