@@ -1,5 +1,7 @@
 """What is refused before any work is done for it, each in one line."""
 
+import os
+
 import pytest
 from hand_made_rod import Joint, make_body
 from sweep_cases import LOADED_JOURNAL, exit_of, write_scene
@@ -40,6 +42,8 @@ def scene(tmp_path):
         ("gas_force", GAS.replace("90", "10e"), "line 3: angle_deg = '10e' must be a finite"),
         ("gas_force", GAS.replace(",", ";"), "line 1, has 'angle_deg;force_N': separate by commas"),
         ("gas_force", GAS.replace("360,80", "360,90"), "close the period"),
+        ("gas_force", GAS.replace("10", 200_000 * "1"), "line 3: field larger than field limit"),
+        ("gas_force", GAS.replace("10", "1e308"), "'1e308' must be a finite number below 1e+15"),
         ("drive_torque_table", GAS, "the header must be angle_deg,torque_Nm"),
     ],
 )
@@ -114,6 +118,32 @@ def test_sizes_that_do_not_fit_the_part_are_refused_once_it_is_meshed(
 )
 def test_file_that_is_of_no_machine(command, text, message, scene, tmp_path, capfd):
     assert message in refused(capfd, *command, scene(text), "-o", tmp_path / "out")
+
+
+def test_table_that_is_no_file_is_not_waited_for(scene, tmp_path, capfd):
+    os.mkfifo(tmp_path / "table.csv")
+    path = scene(f'{KIND}[mechanism]\ngas_force = "table.csv"\n')
+    assert "pipe or device, not a file" in refused(capfd, "run", path, "-o", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["run", "slider-crank", "--body", "", "-o", "out"], "--body"),
+        (["run", "slider-crank", "-o", ""], "-o"),
+        (["run", ""], "run"),
+        (["reduce", "conrod", "--output="], "--output="),
+        (["animate", "out", "-o", ""], "-o"),
+        (["report", ""], "report"),
+    ],
+)
+def test_argument_of_a_shell_variable_that_is_not_set(
+    arguments, named, tmp_path, capfd, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    line = refused(capfd, *arguments)
+    assert line.endswith(f"{named} is followed by nothing: is a shell variable empty?")
+    assert not any(tmp_path.iterdir())
 
 
 def test_name_of_a_machine_that_is_misspelt(tmp_path, capfd):

@@ -15,7 +15,7 @@ from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, versions
 from fenics_ehd.reduction import ReducedBody, Structure, load_body
 from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.settings import build
+from fenics_ehd.settings import build, unusual
 
 if TYPE_CHECKING:  # slow to import, and not every command needs them
     from fenics_ehd.commands.machine_run import MachineRun
@@ -49,6 +49,7 @@ def run_rotor(
 ) -> None:
     """``fenics-ehd run`` for this scene; checkpoints every `interval` seconds."""
     from fenics_ehd.commands.machine_run import with_method
+    from fenics_ehd.commands.recording import warn
     from fenics_ehd.scenes.rotor_run import check_before_reduction, check_structure
 
     settings = with_method(read_settings(scene, tables), method, body_file)
@@ -56,6 +57,7 @@ def run_rotor(
         raise SettingsError("--vtk needs the housing's mesh, not in --body: drop --body")
     require_writable(directory)
     check_before_reduction(settings)
+    warn(settings)
     part = None
     if body_file:
         from fenics_ehd.scenes.housing import check_origin
@@ -136,6 +138,7 @@ def summarise(
     shaft = rotor.beam.shaft
     return {
         "status": status,
+        "warnings": unusual(settings),
         "scene": settings.scene,
         "method": body.method,
         "modes": body.modes,

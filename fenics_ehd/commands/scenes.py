@@ -115,6 +115,7 @@ def _run_slider_crank(
 ) -> None:
     """``fenics-ehd run`` for this scene."""
     from fenics_ehd.commands.machine_run import with_method
+    from fenics_ehd.commands.recording import warn
     from fenics_ehd.scenes.run import check_before_reduction, check_structure
 
     settings = with_method(read_scene(scene)[0], method, body_file)
@@ -122,6 +123,7 @@ def _run_slider_crank(
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
     require_writable(directory)
     check_before_reduction(settings)
+    warn(settings)
     part, seconds = None, 0.0
     if body_file:
         from fenics_ehd.scenes.rod import check_origin
