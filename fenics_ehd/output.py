@@ -49,7 +49,10 @@ def require_writable(path: str | Path) -> None:
     if existing != Path(path).absolute() and not existing.is_dir():
         raise InputError(f"output {path}: {existing} is not a folder")
     if not os.access(existing, os.W_OK):
-        raise InputError(f"output {path}: no permission to write to {existing}")
+        raise InputError(
+            f"output {path}: no permission to write to {existing}; with Docker, mkdir -p results "
+            'and give docker run --user "$(id -u):$(id -g)"'
+        )
     if existing.is_dir():
         try:
             # Permission is not all: a file system may be read-only, full or no real one.

@@ -1,5 +1,6 @@
 """What is refused before any work is done for it, each in one line."""
 
+import json
 import os
 
 import pytest
@@ -197,6 +198,24 @@ def test_output_that_cannot_be_written(tmp_path, capfd, monkeypatch):
     for arguments in (["plot", "run"], ["run", path], ["run", "slider-crank"]):
         line = refused(capfd, *arguments, "-o", "/proc/no_folder")
         assert "output /proc/no_folder: " in line
+
+
+def test_output_without_permission_says_what_helps_in_a_container(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    line = refused(capfd, "run", "slider-crank", "-o", tmp_path / "out")
+    assert f"no permission to write to {tmp_path}" in line
+    assert line.endswith('mkdir -p results and give docker run --user "$(id -u):$(id -g)"')
+
+
+def test_numbers_in_another_unit_perhaps_are_named_and_kept(scene, tmp_path, capfd):
+    text = f"{KIND}[mechanism]\nrevolutions = 0.002\n[bearing]\nviscosity = 10\n"
+    save_body(make_body(Joint()), tmp_path / "rod.h5")
+    given = ["--body", tmp_path / "rod.h5", "-o", tmp_path / "out", "--no-plots"]
+    status, _, errors = exit_of(capfd, "run", scene(text), *given)
+    assert status == 0, errors
+    warning = "bearing.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s"
+    assert f"fenics-ehd: warning: {warning}\n" in errors
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
 
 
 def test_hint_prefers_the_same_word_then_the_same_section():
