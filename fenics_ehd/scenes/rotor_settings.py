@@ -69,7 +69,7 @@ class Bearing:
 class Housing:
     """Housing, held at its foot: Gmsh model and material."""
 
-    model: str = text("housing", "shipped model, or path of a .geo or .msh file")
+    model: str = text("housing", "shipped model, or a .geo file, which is a program, or .msh")
     element: str = choice(
         "serendipity", rod.ELEMENTS, "of hexahedra, 20-node (serendipity) or 27-node (lagrange)"
     )

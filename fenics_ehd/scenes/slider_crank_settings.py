@@ -77,7 +77,7 @@ class Bearing:
 class Rod:
     """Connecting rod: Gmsh model and material."""
 
-    model: str = text("conrod", "shipped model, or path of a .geo or .msh file")
+    model: str = text("conrod", "shipped model, or a .geo file, which is a program, or .msh")
     cells: str = choice("hex", CELLS, "structured hexahedra or unstructured 10-node tetrahedra")
     element: str = choice(
         "serendipity", ELEMENTS, "of hexahedra, 20-node (serendipity) or 27-node (lagrange)"
