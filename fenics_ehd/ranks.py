@@ -20,6 +20,9 @@ SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
 #: Time in which other ranks must meet an error as well [s], or else they wait for this one.
 PATIENCE = 3.0
 
+#: Time that mpirun needs to pass on what a rank has said, before that rank ends the job [s].
+PASSING_ON = 0.3
+
 #: Seconds between two looks at the other ranks.
 POLL = 0.01
 
@@ -57,6 +60,7 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
         if status and time.monotonic() > begin + PATIENCE:
             click.echo(f"{message} (rank {comm.rank}, which ends the others)", err=True)
             sys.stdout.flush()
+            time.sleep(PASSING_ON)
             comm.Abort(status)
         time.sleep(POLL)
     statuses = comm.allgather(status)
