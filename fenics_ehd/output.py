@@ -59,7 +59,10 @@ def require_writable(path: str | Path) -> None:
     if not (existing.is_dir() or existing.is_file()):
         raise InputError(f"output {path}: {existing} is neither a file nor a folder")
     if not os.access(existing, os.W_OK):
-        raise InputError(f"output {path}: no permission to write to {existing}")
+        raise InputError(
+            f"output {path}: no permission to write to {existing}; with Docker, mkdir -p results "
+            'and give docker run --user "$(id -u):$(id -g)"'
+        )
     if existing.is_dir():
         try:
             # Permission is not all: a file system may be read-only, full or no real one.

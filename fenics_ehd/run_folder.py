@@ -72,7 +72,11 @@ def _complete(directory: Path) -> bool:
 
 
 def first_rank_folder(directory: Path, overwrite: bool) -> RunFolder | AbstractContextManager[None]:
-    """`RunFolder` on the first rank, which writes; the others only refuse what it refuses."""
+    """`RunFolder` on the first rank, which writes; the others only refuse what it refuses.
+
+    Collective: a rank that failed before leaves no folder behind.
+    """
+    MPI.COMM_WORLD.Barrier()
     if MPI.COMM_WORLD.rank == 0:
         return RunFolder(directory, overwrite=overwrite)
     if not overwrite:

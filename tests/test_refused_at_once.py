@@ -1,5 +1,6 @@
 """What is refused before any work is done for it, each in one line."""
 
+import json
 import os
 
 import pytest
@@ -42,6 +43,8 @@ def scene(tmp_path):
         ("gas_force", GAS.replace("90", "10e"), "line 3: angle_deg = '10e' must be a finite"),
         ("gas_force", GAS.replace(",", ";"), "line 1, has 'angle_deg;force_N': separate by commas"),
         ("gas_force", GAS.replace("360,80", "360,90"), "close the period"),
+        ("gas_force", GAS.replace("10", 200_000 * "1"), "line 3: field larger than field limit"),
+        ("gas_force", GAS.replace("10", "1e308"), "'1e308' must be a finite number below 1e+15"),
         ("drive_torque_table", GAS, "the header must be angle_deg,torque_Nm"),
     ],
 )
@@ -118,6 +121,32 @@ def test_file_that_is_of_no_machine(command, text, message, scene, tmp_path, cap
     assert message in refused(capfd, *command, scene(text), "-o", tmp_path / "out")
 
 
+def test_table_that_is_no_file_is_not_waited_for(scene, tmp_path, capfd):
+    os.mkfifo(tmp_path / "table.csv")
+    path = scene(f'{KIND}[mechanism]\ngas_force = "table.csv"\n')
+    assert "pipe or device, not a file" in refused(capfd, "run", path, "-o", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["run", "slider-crank", "--body", "", "-o", "out"], "--body"),
+        (["run", "slider-crank", "-o", ""], "-o"),
+        (["run", ""], "run"),
+        (["reduce", "conrod", "--output="], "--output="),
+        (["animate", "out", "-o", ""], "-o"),
+        (["report", ""], "report"),
+    ],
+)
+def test_argument_of_a_shell_variable_that_is_not_set(
+    arguments, named, tmp_path, capfd, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    line = refused(capfd, *arguments)
+    assert line.endswith(f"{named} is followed by nothing: is a shell variable empty?")
+    assert not any(tmp_path.iterdir())
+
+
 def test_name_of_a_machine_that_is_misspelt(tmp_path, capfd):
     line = refused(capfd, "run", "slider_crank", "-o", tmp_path / "out")
     assert line.endswith("did you mean slider-crank?")
@@ -169,6 +198,24 @@ def test_output_that_cannot_be_written(tmp_path, capfd, monkeypatch):
     for arguments in (["plot", "run"], ["run", path], ["run", "slider-crank"]):
         line = refused(capfd, *arguments, "-o", "/proc/no_folder")
         assert "output /proc/no_folder: " in line
+
+
+def test_output_without_permission_says_what_helps_in_a_container(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    line = refused(capfd, "run", "slider-crank", "-o", tmp_path / "out")
+    assert f"no permission to write to {tmp_path}" in line
+    assert line.endswith('mkdir -p results and give docker run --user "$(id -u):$(id -g)"')
+
+
+def test_numbers_in_another_unit_perhaps_are_named_and_kept(scene, tmp_path, capfd):
+    text = f"{KIND}[mechanism]\nrevolutions = 0.002\n[bearing]\nviscosity = 10\n"
+    save_body(make_body(Joint()), tmp_path / "rod.h5")
+    given = ["--body", tmp_path / "rod.h5", "-o", tmp_path / "out", "--no-plots"]
+    status, _, errors = exit_of(capfd, "run", scene(text), *given)
+    assert status == 0, errors
+    warning = "bearing.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s"
+    assert f"fenics-ehd: warning: {warning}\n" in errors
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
 
 
 def test_hint_prefers_the_same_word_then_the_same_section():

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from fenics_ehd.checkpoint import Checkpoints
 from fenics_ehd.commands.machine_run import fingerprints, leave_scene, require_same_scene
-from fenics_ehd.commands.recording import progress_bar, record
+from fenics_ehd.commands.recording import progress_bar, record, warn
 from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.multibody.massless_journal import MasslessJournal
 from fenics_ehd.output import (
@@ -27,7 +27,7 @@ from fenics_ehd.scenes.load_history import LoadHistory
 from fenics_ehd.scenes.loaded_journal import BUILT_IN_LOAD, build_journal, build_load
 from fenics_ehd.scenes.loaded_journal_run import OrbitTotals, simulate, verdict
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-from fenics_ehd.settings import build
+from fenics_ehd.settings import build, unusual
 
 
 def read_settings(scene: str, tables: Mapping[str, Any]) -> LoadedJournalSettings:
@@ -54,6 +54,7 @@ def run_loaded_journal(
 ) -> None:
     """``fenics-ehd run`` for this scene; serial, so that other ranks have nothing to do."""
     require_writable(directory)
+    warn(settings)
     if MPI.COMM_WORLD.rank:
         return
     load = build_load(settings)
@@ -154,6 +155,7 @@ def summarise(
     pumped = bearing.ambient_pressure or any(groove[2] for groove in bearing.grooves)
     return {
         "status": status,
+        "warnings": unusual(settings),
         "scene": settings.scene,
         "method": "rigid",
         "modes": 0,

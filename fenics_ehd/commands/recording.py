@@ -8,11 +8,13 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 
+import click
 from tqdm import tqdm
 
 from fenics_ehd.errors import EhdError, OutputError
 from fenics_ehd.interrupt import interrupt_between_steps
 from fenics_ehd.output import HistoryWriter, keeping_failed_film, write_summary
+from fenics_ehd.settings import unusual
 
 
 class _Unwatched:
@@ -41,6 +43,15 @@ def progress_bar(end: float, *, ends_in: bool = True) -> tqdm:
         + remaining
         + "]",
     )
+
+
+def warn(settings: Any) -> None:
+    """Say on the first rank which numbers are not usual ones: their unit may be another."""
+    from mpi4py import MPI
+
+    if MPI.COMM_WORLD.rank == 0:
+        for line in unusual(settings):
+            click.echo(f"fenics-ehd: warning: {line}", err=True)
 
 
 def record(

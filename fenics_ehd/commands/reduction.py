@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.commands import rotor
+from fenics_ehd.commands.recording import warn
 from fenics_ehd.commands.scene_kinds import tables_of
 from fenics_ehd.commands.scenes import read_scene, reduce_with_notice
 from fenics_ehd.errors import SettingsError
@@ -74,6 +75,7 @@ def reduce_part(
             "coordinates with mass only; use m1, m2, m3 or full"
         )
     settings = attrs.evolve(settings, reduction=reduction)
+    warn(settings)
     if isinstance(settings, RotorSettings):
         rod = rotor.reduce_with_notice(settings)
     else:

@@ -16,7 +16,7 @@ from fenics_ehd.output import require_writable, versions
 from fenics_ehd.reduction import ReducedBody, Structure, load_body
 from fenics_ehd.run_folder import RunFolder, first_rank_folder
 from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.settings import build
+from fenics_ehd.settings import build, unusual
 from fenics_ehd.whole_file import naming
 
 if TYPE_CHECKING:  # slow to import, and not every command needs them
@@ -53,6 +53,7 @@ def run_rotor(
 ) -> None:
     """``fenics-ehd run`` for this scene; checkpoints every `interval` seconds."""
     from fenics_ehd.commands.machine_run import conclude, run_machine, with_method
+    from fenics_ehd.commands.recording import warn
     from fenics_ehd.scenes.housing import check_origin
     from fenics_ehd.scenes.rotor_run import check_before_reduction, check_structure
 
@@ -61,6 +62,7 @@ def run_rotor(
         raise SettingsError("--vtk needs the housing's mesh, not in --body: drop --body")
     require_writable(directory)
     check_before_reduction(settings)
+    warn(settings)
     with first_rank_folder(directory, overwrite) as folder:
         part, seconds = None, 0.0
         if body_file:
@@ -138,6 +140,7 @@ def summarise(
     shaft = rotor.beam.shaft
     return {
         "status": status,
+        "warnings": unusual(settings),
         "scene": settings.scene,
         "method": body.method,
         "modes": body.modes,

@@ -121,6 +121,7 @@ def _run_slider_crank(
 ) -> None:
     """``fenics-ehd run`` for this scene."""
     from fenics_ehd.commands.machine_run import conclude, run_machine, with_method
+    from fenics_ehd.commands.recording import warn
     from fenics_ehd.scenes.rod import check_origin
     from fenics_ehd.scenes.run import check_before_reduction, check_structure
 
@@ -129,6 +130,7 @@ def _run_slider_crank(
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
     require_writable(directory)
     check_before_reduction(settings)
+    warn(settings)
     with first_rank_folder(directory, overwrite) as folder:
         part, seconds = None, 0.0
         if body_file:

@@ -3,6 +3,7 @@
 Needs petsc4py, slepc4py, mpi4py, numpy and h5py; dolfinx is not imported.
 """
 
+import fenics_ehd.petsc_start  # noqa: F401
 from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
 from fenics_ehd.reduction.body import (
     InertiaIntegrals,
