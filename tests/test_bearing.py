@@ -130,6 +130,13 @@ def test_pure_cross_coupling_is_unstable_at_every_mass_without_damping_to_hold_i
     assert stability(2.0 * np.eye(2), np.eye(2)) == (None, None)
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_stability_of_a_tiny_or_huge_bearing_is_that_of_a_scaled_one(size):
+    k, b = np.array([[2.5, 3.2], [-0.57, 2.0]]), np.array([[5.9, 2.1], [2.1, 2.7]])
+    mass, frequency = stability(k, b)
+    assert stability(size * k, size * b) == pytest.approx((size * mass, frequency))
+
+
 @pytest.mark.parametrize(
     "settings",
     [
