@@ -12,8 +12,14 @@ from fenics_ehd.film.layout import film_grid
 from fenics_ehd.multibody.bore_film import BoreFilm
 from fenics_ehd.multibody.journal import Journal
 
-MESHES = [(20, 5, "serendipity"), (20, 5, "lagrange"), (13, 3, "lagrange"), (48, 8, "bilinear"),
-          (40, 10, "serendipity")]  # fmt: skip
+MESHES = [
+    (20, 5, "serendipity"),
+    (20, 5, "lagrange"),
+    (13, 3, "lagrange"),
+    (48, 8, "bilinear"),
+    (40, 10, "serendipity"),
+    (40, 10, "bilinear"),  # its nodes are those of the bore's 20 x 5 9-node cells
+]
 
 
 @pytest.fixture(scope="module")
