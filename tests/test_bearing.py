@@ -14,6 +14,8 @@ from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings, Groove
 from fenics_ehd.errors import SettingsError, SolverError
 
+pytestmark = pytest.mark.kernels
+
 R, C, ETA, OMEGA = 0.0225, 0.0225e-5, 0.01, 500.0
 PLAIN = BearingSettings(radius=R, clearance=C, width=2 * R, viscosity=ETA, speed=OMEGA)
 SCALE = 6 * ETA * OMEGA * (R / C) ** 2

@@ -43,6 +43,8 @@ from fenics_ehd.scenes.rod import build_structure
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build
 
+pytestmark = pytest.mark.kernels
+
 WORLD = MPI.COMM_WORLD
 
 COARSE = {
