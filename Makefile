@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help set-up demo test test-slow test-all test-mpi test-kernels figures docs lint clean
+.PHONY: help set-up demo test test-slow test-all test-mpi test-kernels test-faults figures docs lint clean
 
 # Debian's dolfinx belongs to this interpreter; the first python3 on the path may be another one.
 PYTHON := /usr/bin/python3
@@ -44,6 +44,11 @@ test-mpi: set-up  ## run the parallel tests on 2 ranks
 
 test-kernels: set-up  ## run the numeric tests on every BLAS kernel this processor has
 	$(VENV)/bin/python tests/kernels.py $(ARGS)
+
+test-faults: export OMP_NUM_THREADS := 1
+test-faults: export OPENBLAS_NUM_THREADS := 1
+test-faults: set-up  ## malformed inputs, kills, full disks, errors on one rank
+	$(VENV)/bin/python tests/faults $(ARGS)
 
 figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation page shows
 	PYTHONPATH=$(VENV)/exudyn $(VENV)/bin/python -m pytest -m "" --figures=docs/validation.json tests $(ARGS)
