@@ -187,6 +187,11 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
         lines.append(
             f"  {int(body.accuracy['static_dropped'])} static modes dropped as linearly dependent"
         )
+    if body.accuracy.get("static_added"):
+        lines.append(
+            f"  {int(body.accuracy['static_added'])} residual modes more than asked for: their "
+            "pressures have the same singular value as the last one"
+        )
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
     kept = [r for r in body.inventory if not r.dropped]
     for i, mode in enumerate(kept[: body.modes], 1):
