@@ -18,6 +18,9 @@ from fenics_ehd.text_file import read_text
 
 T = TypeVar("T", bound=attrs.AttrsInstance)
 
+#: Sizes of a number whose powers and products are still numbers.
+SMALLEST, LARGEST = 1e-30, 1e30
+
 #: Characters of a key or number in a scene file. Time and memory to parse a key grow with the
 #: square of its dots, and Python does not print numbers of thousands of digits.
 LONGEST = 300
@@ -56,6 +59,11 @@ def number(
                     f"{attribute.name} = {value!r} must be {words} {limit:g}"
                     + (hint if words != "above" else "")
                 )
+        if value and not SMALLEST < abs(value) < LARGEST:
+            raise SettingsError(
+                f"{attribute.name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} "
+                "in size"
+            )
 
     return attrs.field(
         default=default,

@@ -86,6 +86,12 @@ def test_printed_settings_read_back_to_twelve_digits(clearance, modes, geometry)
         ({"rod": {"youngs_modulus": 210}}, "210.0 must be at least 1e+06: in Pa, 210e9 for 210"),
         ({"rod": {"youngs_modulus": 210e3}}, "210000.0 must be at least 1e+06: in Pa, 210e9 for"),
         ({"bearing": {"viscosity": 1e308}}, "bearing.viscosity = 1e+308 must be below 1e+06: in"),
+        (
+            {"mechanism": {"revolutions": 1e308}},
+            "= 1e+308 must be 0 or from 1e-30 to 1e+30 in size",
+        ),
+        ({"start": {"velocity_x": -1e40}}, "= -1e+40 must be 0 or from 1e-30 to 1e+30 in size"),
+        ({"mechanism": {"crank_speed": 1e-308}}, "= 1e-308 must be 0 or from 1e-30 to 1e+30 in"),
         ({"mechanism": {"gas_force": "a\0b.csv"}}, "mechanism.gas_force = 'a\\x00b.csv' must be"),
     ],
 )
