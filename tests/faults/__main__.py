@@ -1,6 +1,6 @@
 """Malformed inputs, kills, a full disk, errors on one rank: what the program does about them.
 
-    python tests/faults [--seed 1] [--share 1.0] [--seconds 0] [--only CLASS]
+    python tests/faults [--seed 1] [--share 1.0] [--seconds 100] [--only CLASS] [--all]
 
 Every malformed input must be refused in one line, be harmless, or be answered as the intact one;
 every stopped run must go on to the result of the undisturbed one or say why it cannot.
@@ -77,7 +77,7 @@ def malformed(world: World, options: argparse.Namespace) -> Iterator[tuple[str, 
         yield case.group, case.name, verdict
 
 
-def report(found: Iterable[tuple[str, str, Verdict]]) -> int:
+def report(found: Iterable[tuple[str, str, Verdict]], *, every: bool = False) -> int:
     """Print faults as they come and the count of every class at the end; the number of faults."""
     counts: dict[str, Counter[str]] = {}
     faults = 0
@@ -85,7 +85,9 @@ def report(found: Iterable[tuple[str, str, Verdict]]) -> int:
         counts.setdefault(group, Counter())[verdict.word] += 1
         if not verdict.good:
             faults += 1
-            print(f"FAULT {group}: {name}: {verdict.word}: {verdict.detail[:300]}", flush=True)
+        if every or not verdict.good:
+            mark = "     " if verdict.good else "FAULT"
+            print(f"{mark} {group}: {name}: {verdict.word}: {verdict.detail[:300]}", flush=True)
     for group, words in sorted(counts.items()):
         told = ", ".join(f"{n} {word}" for word, n in words.most_common())
         print(f"{group:16s} {sum(words.values()):4d}: {told}")
@@ -103,6 +105,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="at a time")
     parser.add_argument("--only", help="one class of malformed inputs, or kills, disk, ranks")
     parser.add_argument("--keep", type=Path, help="folder for the inputs that show a fault")
+    parser.add_argument("--all", action="store_true", help="print what was no fault, too")
     options = parser.parse_args()
     options.deadline = time.monotonic() + options.seconds
     return options
@@ -127,7 +130,7 @@ def main() -> int:
             if options.only not in parts:
                 yield from malformed(world, options)
 
-        faults = report(everything())
+        faults = report(everything(), every=options.all)
         print(f"{faults} faults, seed {options.seed}, {time.monotonic() - began:.0f} s")
         return min(faults, 1)
     finally:

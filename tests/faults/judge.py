@@ -34,10 +34,14 @@ class Verdict:
 
 def complaints(text: str) -> tuple[list[str], list[str]]:
     """Lines with which the program refuses, and lines that should not be there."""
-    if text.startswith("Usage:"):
-        return [line for line in text.splitlines() if line.startswith("Error:")], []
     lines = [line.strip() for line in re.split(r"[\r\n]", text)]
-    ours = [line for line in lines if line.startswith("fenics-ehd: ") and not PASSING.match(line)]
+    if lines[0].startswith("Usage:"):
+        lines = [line for line in lines if line.startswith("Error: ")]
+    ours = [
+        line
+        for line in lines
+        if line.startswith(("fenics-ehd: ", "Error: ")) and not PASSING.match(line)
+    ]
     return ours, [line for line in lines if line not in ours and not PASSING.match(line)]
 
 

@@ -283,7 +283,7 @@ REFUSED = (
     ("bearing", "--load", "5", "--plot", "/dev/null/x.png"),
     ("bearing", "--eccentricity", "1"), ("bearing", "--load", "5", "--cells", "64x0"),
     ("bearing", "--load", "5", "--cells", "9999999999x1"),
-    ("bearing", "--load", "5", "--cells", "６４x12"),
+    ("bearing", "--load", "5", "--cells", "64x12x1"),
 )  # fmt: skip
 
 

@@ -32,13 +32,16 @@ drive = "torque"
 drive_torque_table = "torque.csv"
 """
 
-#: A run of a second or two, to be stopped.
+#: A run of a second or two and 330 steps, to be stopped.
 LONG_SCENE = """scene = "slider-crank"
 [mechanism]
-revolutions = 0.03
+revolutions = 0.3
 [time]
-tolerance = 1e-8
+tolerance = 1e-7
 """
+
+#: A run whose history needs far more room than a run asks for at its start.
+LARGE_SCENE = LONG_SCENE.replace("0.3", "2.0").replace("1e-7", "1e-6")
 
 #: A journal whose load repeats; its film is coarse.
 JOURNAL = """scene = "loaded-journal"
@@ -139,6 +142,7 @@ def make_world(folder: Path) -> World:
     for name, text in {**TABLES, "scene.toml": SCENE, "journal.toml": JOURNAL}.items():
         (folder / name).write_text(text)
     (folder / "long.toml").write_text(LONG_SCENE)
+    (folder / "large.toml").write_text(LARGE_SCENE)
     save_body(make_body(Joint()), folder / "rod.h5")
     settings = build(SliderCrankSettings, {"rod": {"geometry": COARSE}})
     save_structure(build_structure(settings, MPI.COMM_SELF), folder / "part.h5")
@@ -176,7 +180,7 @@ def rows_in(folder: Path) -> int:
     return found[0].read_bytes().count(b"\n") if found else 0
 
 
-def stop_a_run(world: World, rows: int = 15) -> None:
+def stop_a_run(world: World, rows: int = 200) -> None:
     """Leave in ``out`` what a killed run of the long scene leaves."""
     run = ("run", "long.toml", "--body", "rod.h5", "--no-plots", "--checkpoint-every", "0")
     began = time.monotonic()
