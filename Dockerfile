@@ -1,5 +1,7 @@
 # docker build -t fenics-ehd .
-# docker run --rm -v "$PWD/results:/results" fenics-ehd run slider-crank -o /results/slider-crank
+# mkdir -p results
+# docker run --rm --user "$(id -u):$(id -g)" -v "$PWD/results:/results" fenics-ehd \
+#   run slider-crank --overwrite -o /results/slider-crank
 # docker run --rm --entrypoint python fenics-ehd -m pytest /opt/fenics_ehd/tests
 # docker run --rm --entrypoint mpirun fenics-ehd -n 2 fenics-ehd reduce conrod -o /tmp/conrod.h5
 FROM debian:trixie-slim
@@ -18,19 +20,7 @@ RUN useradd --uid 1000 ehd \
  && chmod -R 1777 /home/ehd \
  && install -d -m 777 /results
 ENV HOME=/home/ehd
-
-# The folder mounted at /results seldom belongs to uid 1000: Docker makes a missing one for root.
-# A process that is not root cannot write there, and starting as root only to step down would leave
-# every --entrypoint as root. So one set-uid program, which can do this and nothing else, opens that
-# one folder, not what is in it. With --user "$(id -u):$(id -g)" it is not needed.
-RUN printf '%s\n' '#include <unistd.h>' '#include <sys/stat.h>' \
-      'int main(void) { return chmod("/results", 0777) != 0; }' \
-    | gcc -x c -o /usr/local/libexec/open-results - \
- && chmod 4755 /usr/local/libexec/open-results \
- && printf '%s\n' '#!/bin/sh' 'test -w /results || /usr/local/libexec/open-results' \
-      'exec /opt/venv/bin/fenics-ehd "$@"' > /usr/local/bin/fenics-ehd \
- && chmod 755 /usr/local/bin/fenics-ehd
-ENV PATH=/usr/local/bin:/opt/venv/bin:/usr/bin:/bin
+ENV PATH=/opt/venv/bin:/usr/bin:/bin
 
 # Installed, not run from the checkout: what a package forgot to ship fails here.
 COPY . /opt/fenics_ehd

@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help set-up demo test test-slow test-all test-mpi figures docs lint clean
+.PHONY: help set-up demo test test-slow test-all test-mpi test-kernels test-faults figures docs lint clean
 
 # Debian's dolfinx belongs to this interpreter; the first python3 on the path may be another one.
 PYTHON := /usr/bin/python3
@@ -13,12 +13,12 @@ ARGS :=
 MPI_TIME_LIMIT := 900
 
 help:  ## list the targets
-	@sed -n 's/^\([a-z-]*\):.*  ## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*  ## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
 
 set-up: $(VENV)/stamp  ## install what is missing
 
 demo: set-up  ## run the slider-crank into results/slider-crank
-	$(VENV)/bin/fenics-ehd run slider-crank -o results/slider-crank
+	$(VENV)/bin/fenics-ehd run slider-crank --overwrite -o results/slider-crank
 
 test: set-up  ## run the fast tests
 	$(VENV)/bin/python -m pytest $(ARGS)
@@ -41,6 +41,14 @@ test-mpi: set-up  ## run the parallel tests on 2 ranks
 	  test "$$OMPI_COMM_WORLD_RANK" = 0 || exec > $(VENV)/rank-1.log 2>&1; \
 	  exec $(VENV)/bin/python -m pytest -m mpi -p no:cacheprovider --color=no $(ARGS)' \
 	|| { status=$$?; cat $(VENV)/rank-1.log; exit $$status; }
+
+test-kernels: set-up  ## run the numeric tests on every BLAS kernel this processor has
+	$(VENV)/bin/python tests/kernels.py $(ARGS)
+
+test-faults: export OMP_NUM_THREADS := 1
+test-faults: export OPENBLAS_NUM_THREADS := 1
+test-faults: set-up  ## malformed inputs, kills, full disks, errors on one rank
+	$(VENV)/bin/python tests/faults $(ARGS)
 
 figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation page shows
 	PYTHONPATH=$(VENV)/exudyn $(VENV)/bin/python -m pytest -m "" --figures=docs/validation.json tests $(ARGS)

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-import logging
-import os
-import sys
-from pathlib import Path
+from fenics_ehd.interrupt import INTERRUPTED, ending_signals_raise
 
-import click
+with ending_signals_raise():
+    import io
+    import logging
+    import os
+    import sys
+    import traceback
+    from contextlib import suppress
+    from itertools import pairwise
+    from pathlib import Path
 
-from fenics_ehd import __version__
-from fenics_ehd.commands.animate import animate
-from fenics_ehd.commands.bearing import bearing
-from fenics_ehd.commands.report import report
-from fenics_ehd.commands.study import study
-from fenics_ehd.commands.sweep import sweep
-from fenics_ehd.errors import EhdError
+    import click
+
+    from fenics_ehd import __version__
+    from fenics_ehd.commands.animate import animate
+    from fenics_ehd.commands.bearing import bearing
+    from fenics_ehd.commands.report import report
+    from fenics_ehd.commands.study import study
+    from fenics_ehd.commands.sweep import sweep
+    from fenics_ehd.errors import EhdError
+    from fenics_ehd.ranks import agreed, all_ranks
 
 # One thread per rank; the BLAS reads these when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -74,6 +82,7 @@ def cli() -> None:
     show_default=True,
     help="Frames of the series.",
 )
+@click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
 @json_option
 def run(
     scene: str | None,
@@ -85,6 +94,7 @@ def run(
     plots: bool,
     vtk: bool,
     frames: int,
+    overwrite: bool,
     as_json: bool,
 ) -> None:
     """Simulate SCENE: slider-crank, rotor, loaded-journal, or a TOML file made by 'init'."""
@@ -94,9 +104,9 @@ def run(
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
     if scene is not None:
         wanted = frames if vtk else None
-        run_scene(scene, body, method, directory, plots, wanted, interval, as_json)
+        run_scene(scene, body, method, directory, plots, wanted, interval, as_json, overwrite)
         return
-    if body or method or directory or vtk:
+    if body or method or directory or vtk or overwrite:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     resume_scene(resume, plots, interval, as_json)
@@ -226,40 +236,60 @@ def info(as_json: bool) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: named errors become one line and an exit status."""
+    """Entry point: named errors become one line and an exit status, on any number of ranks."""
     _quiet_compilers()
-    try:
-        status = cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0
-    except click.ClickException as error:
-        error.show()
-        status = 2
-    except EhdError as error:
-        _complain(f"{type(error).__name__}: {error}")
-        status = error.exit_status
-    except (KeyboardInterrupt, click.exceptions.Abort):
-        _complain("interrupted")
-        status = 130
-    except MemoryError:
-        _complain("out of memory: choose fewer modes or a coarser mesh")
-        status = 1
-    except OSError as error:
-        _complain(f"{error.filename or 'file'}: {error.strerror or error}")
-        status = 1
-    except Exception as error:
-        # One rank's surprise would leave the others waiting for ever.
-        if _ranks() > 1:
-            import traceback
-
-            traceback.print_exc()
-            from mpi4py import MPI
-
-            MPI.COMM_WORLD.Abort(1)
-        if "petsc4py" not in type(error).__module__:
-            raise
-        lines = str(error).strip().splitlines()
-        _complain(f"PETSc: {lines[-1] if lines else error}: are the material's figures sensible?")
-        status = 1
+    with all_ranks() as comm:
+        status, message = agreed(comm, *_outcome(arguments))
+    if message:
+        with suppress(OSError):  # nobody is listening
+            click.echo(message, err=True)
     sys.exit(status)
+
+
+def _outcome(arguments: list[str] | None) -> tuple[int, str]:
+    """Exit status of a command, and what is to be said of an error."""
+    try:
+        _require_arguments(sys.argv[1:] if arguments is None else arguments)
+        with ending_signals_raise():
+            return cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0, ""
+    except click.ClickException as error:
+        shown = io.StringIO()
+        error.show(shown)
+        return 2, shown.getvalue().rstrip()
+    except EhdError as error:
+        return error.exit_status, _line(f"{type(error).__name__}: {error}")
+    except (KeyboardInterrupt, click.exceptions.Abort, BrokenPipeError):
+        return INTERRUPTED, _line("interrupted")
+    except MemoryError:
+        return 1, _line("out of memory: choose fewer modes or a coarser mesh")
+    except OSError as error:
+        return 1, _line(f"{error.filename or 'file'}: {error.strerror or error}")
+    except Exception as error:
+        origin, last = type(error).__module__, str(error).strip().rpartition("\n")[2]
+        if "petsc4py" in origin:
+            return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
+        if "cffi" in origin or "just-in-time" in str(error):
+            return 1, _line(f"forms are compiled by cc and kept in ~/.cache/fenics: {last}")
+        return 1, traceback.format_exc().rstrip()
+
+
+def _require_arguments(arguments: list[str]) -> None:
+    """Refuse an empty argument: as a path it would be the current folder, or none be given.
+
+    Raises
+    ------
+    click.UsageError
+        Naming what stands before it.
+    """
+    for before, argument in pairwise(["fenics-ehd", *arguments]):
+        if not argument or (argument.startswith("--") and argument.endswith("=")):
+            raise click.UsageError(
+                f"{argument or before} is followed by nothing: is a shell variable empty?"
+            )
+
+
+def _line(message: str) -> str:
+    return f"fenics-ehd: {' '.join(message.split())}"
 
 
 def _quiet_compilers() -> None:
@@ -271,24 +301,6 @@ def _quiet_compilers() -> None:
     logging.basicConfig()
     for handler in logging.getLogger().handlers:
         handler.setLevel(logging.WARNING)
-
-
-def _ranks() -> int:
-    if "mpi4py.MPI" not in sys.modules:
-        return 1
-    from mpi4py import MPI
-
-    return MPI.COMM_WORLD.size
-
-
-def _complain(message: str) -> None:
-    """One line on stderr, from the first rank only."""
-    if "mpi4py.MPI" in sys.modules:
-        from mpi4py import MPI
-
-        if MPI.COMM_WORLD.rank:
-            return
-    click.echo(f"fenics-ehd: {' '.join(message.split())}", err=True)
 
 
 if __name__ == "__main__":

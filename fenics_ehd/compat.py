@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, TypeAlias
 
+import fenics_ehd.petsc_start  # noqa: F401  # isort: skip
 import basix
 import numpy as np
 import ufl

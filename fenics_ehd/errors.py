@@ -22,6 +22,14 @@ class SettingsError(InputError):
     """A scene file or option holds a key or a value that cannot be used."""
 
 
+class InUseError(InputError):
+    """Another process is writing into the folder."""
+
+
+class OutputError(EhdError):
+    """A file cannot be written, on a full disk for instance."""
+
+
 class MeshError(InputError):
     """The Gmsh model lacks something that the part needs, or cannot be meshed."""
 

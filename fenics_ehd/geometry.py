@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import difflib
-import signal
-import threading
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
+import fenics_ehd.petsc_start  # noqa: F401  # isort: skip
 import basix
 import numpy as np
 from dolfinx.mesh import Mesh
@@ -17,6 +20,7 @@ from mpi4py import MPI
 from fenics_ehd import compat
 from fenics_ehd.errors import MeshError
 from fenics_ehd.interrupt import interrupt_kept
+from fenics_ehd.models import check_model
 
 with interrupt_kept():
     import gmsh
@@ -65,41 +69,62 @@ class PartMesh:
         return self.groups[name]
 
 
-def _parameter_names(path: Path) -> dict[str, str]:
-    """ONELAB name of every parameter of a model, by its last part."""
+@contextmanager
+def _by_itself(path: Path) -> Iterator[str]:
+    """Name of a model beside which no file of options lies, which Gmsh would obey."""
+    check_model(path)
+    with TemporaryDirectory() as folder:
+        alone = Path(folder, f"model{path.suffix}")
+        if path.suffix == ".msh":
+            alone.symlink_to(path.absolute())
+        else:
+            if set(str(path.absolute())) & set('"\\\n'):
+                raise MeshError(f"model {path}: quotes and backslashes in its path are Gmsh's")
+            alone.write_text(f'Include "{path.absolute()}";\n')
+        yield str(alone)
+
+
+def _parameters(model: str) -> dict[str, Any]:
+    """What ONELAB knows of every number that is a parameter, by the last part of its name."""
     gmsh.onelab.clear()
-    gmsh.open(str(path))
-    names = gmsh.onelab.getNames()
+    gmsh.open(model)
+    names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
+    found = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
     gmsh.clear()
     # Values survive in ONELAB, so those of a former model would override this one's.
     gmsh.onelab.clear()
-    own = [name for name in names if not name.startswith(_GMSH_OWN)]
-    return {name.rsplit("/", 1)[-1]: name for name in own}
+    return {name: entry for name, entry in found.items() if entry["type"] == "number"}
 
 
-def _initialize_gmsh() -> None:
-    """Start Gmsh without letting it take Ctrl-C away from Python, as newer versions do."""
-    former = signal.getsignal(signal.SIGINT)
-    gmsh.initialize([""])
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, former)
+def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: float) -> None:
+    """Give a parameter a value within the limits that the model sets to it."""
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=2, cutoff=0.55)
+        meant = f"did you mean {' or '.join(close)}? " if close else ""
+        has = f"it has {', '.join(known)}" if known else "it has none"
+        raise MeshError(f"model {model.name} has no parameter {name!r}: {meant}{has}")
+    entry = known[name]
+    if not entry["min"] <= value <= entry["max"]:
+        limits = f"from {entry['min']:g} to {entry['max']:g}"
+        raise MeshError(f"geometry.{name} = {value:g} must be {limits}, says {model.name}")
+    if value not in entry.get("choices", [value]):
+        choices = " or ".join(f"{choice:g}" for choice in entry["choices"])
+        raise MeshError(f"geometry.{name} = {value:g} must be {choices}, says {model.name}")
+    gmsh.onelab.setNumber(entry["name"], [float(value)])
 
 
 def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
     """Mesh a model in a fresh Gmsh session; the caller finalises Gmsh."""
-    _initialize_gmsh()
+    with interrupt_kept():
+        gmsh.initialize([""], readConfigFiles=False)
     gmsh.option.setNumber("General.Terminal", 0)
-    names = {} if path.suffix == ".msh" else _parameter_names(path)
-    for key, value in parameters.items():
-        if key not in names:
-            close = difflib.get_close_matches(key, names, n=2, cutoff=0.55)
-            meant = f"did you mean {' or '.join(close)}? " if close else ""
-            has = f"it has {', '.join(names)}" if names else "it has none"
-            raise MeshError(f"model {path.name} has no parameter {key!r}: {meant}{has}")
-        gmsh.onelab.setNumber(names[key], [float(value)])
-    if _SWITCH in names and _SWITCH not in parameters:
-        gmsh.onelab.setNumber(names[_SWITCH], [float(cells == "tet")])
-    gmsh.open(str(path))
+    with _by_itself(path) as model:
+        known = {} if path.suffix == ".msh" else _parameters(model)
+        for name, value in parameters.items():
+            _set_parameter(path, known, name, value)
+        if _SWITCH in known and _SWITCH not in parameters:
+            _set_parameter(path, known, _SWITCH, cells == "tet")
+        gmsh.open(model)
     if not gmsh.model.mesh.getNodes()[0].size:
         gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
@@ -137,7 +162,7 @@ def build_mesh(
     Parameters
     ----------
     path
-        A ``.geo`` model or a ``.msh`` file.
+        A ``.geo`` model, which is a program that Gmsh runs, or a ``.msh`` file.
     parameters
         Values for the model's ``DefineConstant`` parameters, by name.
     comm
@@ -180,7 +205,8 @@ def build_mesh(
         mesh, cell_tags, facet_tags = compat.model_to_mesh(gmsh.model, comm)
     finally:
         if comm.rank == 0:
-            gmsh.finalize()
+            with interrupt_kept():
+                gmsh.finalize()
     if serendipity_geometry and cells == "hex":
         _place_centre_nodes(mesh)
     return PartMesh(mesh, cell_tags, facet_tags, groups)

@@ -12,17 +12,22 @@ import csv
 import io
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
 
 import h5py
 import numpy as np
 
 from fenics_ehd.errors import InputError
+from fenics_ehd.sealed_file import named, require_file, require_numbers
+from fenics_ehd.whole_file import naming, sync_path, whole_hdf5, write_whole
 
 #: Rows of the HDF5 datasets written between two flushes to disk.
 FLUSH_EVERY = 50
+
+#: Rows of a chunk of these datasets, and room ahead of them for what HDF5 notes of them [bytes].
+CHUNK, BOOKKEEPING = 64, 1 << 18
 
 CSV_NAME, FIELDS_NAME = "history.csv", "history.h5"
 
@@ -30,39 +35,24 @@ CSV_NAME, FIELDS_NAME = "history.csv", "history.h5"
 FIRST_COLUMNS = ["time_s", "max_pressure_Pa", "min_film_thickness_m"]
 
 
-#: Where the film of a failed solve is kept.
-FAILED_FILM = "failed_film.h5"
-
-#: Files of a run, beside the history itself, that a new run in the same folder makes stale.
-STALE = (
-    "summary.json",
-    "checkpoint.h5",
-    "max_pressure.*",
-    "min_film_thickness.*",
-    "energy.*",
-    "basis_error.*",
-    "orbit.*",
-    "animation.*",
-    FAILED_FILM,
-    "vtk/*.pvd",
-    "vtk/*_[0-9][0-9][0-9][0-9].vtu",
-)
-
-
 class HistoryWriter:
     """Writes ``history.csv`` and ``history.h5`` while a run goes on.
 
-    The files are made with the first step, which says what they hold, so that a run
-    that cannot start leaves the results of a former one alone.
+    The files are made with the first step, which says what they hold.
 
     Parameters
     ----------
     directory
-        Created when missing; files of a former run are replaced.
+        Of the run, see `fenics_ehd.run_folder`.
     constants
         Arrays stored once.
     resumed
         Rows of a former run to go on after; None: a new run.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written; all rows before stay, and can be read.
     """
 
     def __init__(
@@ -95,6 +85,7 @@ class HistoryWriter:
             self._open(list(row), {name: len(values) for name, values in fields.items()})
         assert self._csv is not None
         assert self._file is not None
+        self._reserve()
         self._csv.write(self._count, [f"{value:.10g}" for value in row.values()])
         for name, values in fields.items():
             data = self._file[name]
@@ -105,58 +96,50 @@ class HistoryWriter:
         if self._count % FLUSH_EVERY == 0:
             self._file.flush()
 
+    def _reserve(self) -> None:
+        """Have the system keep room for the next rows: HDF5 crashes where it cannot write."""
+        assert self._file is not None
+        chunk = sum(8 * CHUNK * d.shape[1] for d in self._file.values() if d.chunks)
+        with naming(self._path):
+            # Twice, as the former chunk may still be in memory.
+            end, room = self._file.id.get_filesize(), 2 * chunk + BOOKKEEPING
+            os.posix_fallocate(self._file.id.get_vfd_handle(), end, room)
+
     def sync(self) -> None:
         """Put all rows on the disk itself."""
         if self._csv is not None and self._file is not None:
-            self._csv.sync()
+            self._reserve()
             self._file.flush()
-            sync_path(self.directory / FIELDS_NAME)
+            for path in (self.directory / CSV_NAME, self._path):
+                with naming(path):
+                    sync_path(path)
+
+    @property
+    def _path(self) -> Path:
+        return self.directory / FIELDS_NAME
 
     def _open(self, names: list[str], lengths: Mapping[str, int]) -> None:
-        path = self.directory / FIELDS_NAME
-        try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            if self._resumed is None:
-                for pattern in STALE:
-                    for old in self.directory.glob(pattern):
-                        old.unlink()
-            # HDF5 first: it also fails when another program has the file open.
-            if self._resumed is None:
-                self._file = self._new_fields(
-                    path, {n: np.empty((0, k)) for n, k in lengths.items()}
+        former = {name: np.empty((0, length)) for name, length in lengths.items()}
+        if self._resumed is not None:
+            former = read_fields(self.directory, tuple(lengths))
+            short = min(len(values) for values in former.values())
+            if short < self._count:
+                raise InputError(
+                    f"{self._path}: holds {short} steps, its checkpoint {self._count}: start anew"
                 )
-            else:
-                self._file = self._copied(path, tuple(lengths))
-            self._csv = _CsvFile(self.directory / CSV_NAME, names, self._resumed)
-        except OSError as error:
-            reason = error.strerror or str(error).splitlines()[0]
-            raise InputError(f"output directory {self.directory}: {reason}") from None
+        with naming(self.directory):
+            self.directory.mkdir(parents=True, exist_ok=True)
+        # A copy, as a killed writer leaves its file marked as open.
+        with whole_hdf5(self._path, "latest") as file:
+            for name, values in self._constants.items():
+                file[name] = values
+            for name, data in former.items():
+                n = data.shape[1]
+                file.create_dataset(name, data=data, maxshape=(None, n), chunks=(CHUNK, max(n, 1)))
+        self._csv = _CsvFile(self.directory / CSV_NAME, names, self._resumed)
+        with naming(self._path):
+            self._file = h5py.File(self._path, "r+", libver="latest")
         self._file.swmr_mode = True
-
-    def _new_fields(self, path: Path, rows: Mapping[str, np.ndarray]) -> h5py.File:
-        file = h5py.File(path, "w", libver="latest")
-        for name, values in self._constants.items():
-            file[name] = values
-        for name, data in rows.items():
-            length = data.shape[1]
-            file.create_dataset(
-                name, data=data, maxshape=(None, length), chunks=(64, max(length, 1)), dtype="f8"
-            )
-        return file
-
-    def _copied(self, path: Path, names: tuple[str, ...]) -> h5py.File:
-        """A killed writer leaves its file marked as open: go on in a copy."""
-        former = read_fields(self.directory, names)
-        short = min(len(values) for values in former.values())
-        if short < self._count:
-            raise InputError(
-                f"{path}: holds {short} steps, its checkpoint {self._count}: start anew"
-            )
-        partial = path.with_suffix(".part")
-        file = self._new_fields(partial, former)
-        file.flush()
-        partial.replace(path)
-        return file
 
     def __enter__(self) -> HistoryWriter:
         return self
@@ -167,33 +150,34 @@ class HistoryWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._file is not None:
-            self._file.close()
         if self._csv is not None:
             self._csv.close()
+        if self._file is not None:
+            self._file.close()
+            # Once more, which returns the room that was kept, unless a reader has it open.
+            with suppress(OSError):
+                h5py.File(self._path, "r+", libver="latest").close()
 
 
 class _CsvFile:
     """Append-only rows; those of a former run are compared with, not written again."""
 
     def __init__(self, path: Path, names: list[str], resumed: int | None):
-        self._former: list[bytes] = []
-        if resumed is None:
-            self._file: BinaryIO = open(path, "wb")
-            self._write(names)
-            return
-        self._file = open(path, "r+b")
-        lines = self._file.read().splitlines(keepends=True)
-        # A killed writer may have left its last row unfinished.
-        whole = [line for line in lines if line.endswith(b"\n")]
-        if len(whole) < 1 + resumed or whole[0] != _line(names):
-            raise InputError(f"{path}: not the history of the run to go on with: start anew")
-        self._truncate(whole)
-        self._former = whole[1:]
+        self._path = path
+        whole = [_line(names)]
+        if resumed is not None:
+            lines = path.read_bytes().splitlines(keepends=True)
+            # A killed writer may have left its last row unfinished.
+            whole = [line for line in lines if line.endswith(b"\n")]
+            if len(whole) < 1 + resumed or whole[0] != _line(names):
+                raise InputError(f"{path}: not the history of the run to go on with: start anew")
+        self._begin(whole)
 
-    def _truncate(self, lines: list[bytes]) -> None:
-        self._file.seek(sum(map(len, lines)))
-        self._file.truncate()
+    def _begin(self, lines: list[bytes]) -> None:
+        write_whole(self._path, b"".join(lines))
+        self._header, *self._former = lines
+        # Without a buffer, which would be written once more when there is no room for it.
+        self._file = open(self._path, "ab", buffering=0)
 
     def write(self, index: int, values: list[str]) -> None:
         """Row number `index`."""
@@ -202,21 +186,12 @@ class _CsvFile:
             if self._former[index] == line:
                 return
             # Another machine rounds differently: its rows stand from here on.
-            header = 1
-            self._file.seek(0)
-            lines = self._file.read().splitlines(keepends=True)
-            self._truncate(lines[: header + index])
+            self.close()
+            self._begin([self._header, *self._former[:index]])
             self._former = []
-        self._file.write(line)
-        self._file.flush()
-
-    def _write(self, values: list[str]) -> None:
-        self._file.write(_line(values))
-        self._file.flush()
-
-    def sync(self) -> None:
-        """Put what was written on the disk."""
-        os.fsync(self._file.fileno())
+        with naming(self._path):
+            while line:
+                line = line[self._file.write(line) :]
 
     def close(self) -> None:
         """Close the file."""
@@ -229,15 +204,6 @@ def _line(values: list[str]) -> bytes:
     return buffer.getvalue().encode()
 
 
-def sync_path(path: Path) -> None:
-    """Have the system write a file, or a folder's entries, to the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def read_history(directory: str | Path) -> dict[str, np.ndarray]:
     """Columns of ``history.csv`` by name.
 
@@ -248,6 +214,7 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
     """
     path = Path(directory) / CSV_NAME
     try:
+        require_file(path)
         with open(path, newline="") as file:
             header, *rows = list(csv.reader(file))
         # A run that was killed may have left its last row unfinished.
@@ -283,16 +250,32 @@ def read_fields(
         The directory holds no such file, or it lacks one of them.
     """
     path = Path(directory) / FIELDS_NAME
-    try:
-        # As a reader beside a writer: also the file of a run that goes on, or was killed.
-        with h5py.File(path, "r", libver="latest", swmr=True) as file:
-            # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
-            whole, found = file.id.get_filesize(), path.stat().st_size
-            if found < whole:
-                raise OSError(f"it ends after {found} of {whole} bytes")
-            return {name: np.array(file[name]) for name in names if name in file or not optional}
-    except FileNotFoundError:
-        raise InputError(_no_results(path)) from None
-    except (OSError, KeyError) as error:
-        reason = str(error).splitlines()[0].strip("'\"")
-        raise InputError(f"{path}: not a history of a run ({reason})") from None
+    if not path.exists():
+        raise InputError(_no_results(path))
+    with named(InputError, f"{path}: not a history of a run"), _opened(path) as file:
+        # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
+        whole, size = file.id.get_filesize(), path.stat().st_size
+        if size < whole:
+            raise OSError(f"it ends after {size} of {whole} bytes")
+        found = {name: file[name] for name in names if name in file or not optional}
+        return {name: _finite(dataset) for name, dataset in found.items()}
+
+
+def _opened(path: Path) -> h5py.File:
+    """The file, as a reader beside a writer if it is of a run that goes on, or was killed.
+
+    Not without need: such a reader tries for minutes to read what is damaged.
+    """
+    require_file(path)
+    with open(path, "rb") as file:
+        # The superblock's consistency flags: open for writing.
+        marked = file.read(12)[11:] not in (b"", b"\0")
+    return h5py.File(path, "r", libver="latest", swmr=marked)
+
+
+def _finite(dataset: h5py.Dataset) -> np.ndarray:
+    require_numbers(dataset)
+    values = np.array(dataset)
+    if not values.ndim or not np.isfinite(values).all():
+        raise ValueError(f"{dataset.name} holds a value that is not finite, or no rows")
+    return values

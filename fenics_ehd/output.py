@@ -13,15 +13,16 @@ from importlib import import_module, metadata
 from pathlib import Path
 from tempfile import TemporaryFile
 
-import h5py
 import numpy as np
 
 from fenics_ehd import __version__
 from fenics_ehd.errors import CavitationError, EhdError, InputError
-from fenics_ehd.history_file import FAILED_FILM, HistoryWriter, read_fields, read_history
+from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.whole_file import naming, whole_hdf5, write_whole
 
 __all__ = [
     "FAILED_FILM",
+    "SUMMARY",
     "HistoryWriter",
     "keeping_failed_film",
     "read_fields",
@@ -34,6 +35,12 @@ __all__ = [
     "write_whole",
 ]
 
+#: Where the film of a failed solve is kept.
+FAILED_FILM = "failed_film.h5"
+
+#: Figures of a run and how it ended, written last.
+SUMMARY = "summary.json"
+
 
 def require_writable(path: str | Path) -> None:
     """Refuse an output path early, before any work is done for it.
@@ -41,15 +48,21 @@ def require_writable(path: str | Path) -> None:
     Raises
     ------
     InputError
-        Neither the path nor the nearest folder above it can be written to.
+        Neither the path nor the nearest folder above it can be written to, or the path is a
+        device or a pipe.
     """
     existing = Path(path).absolute()
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
     if existing != Path(path).absolute() and not existing.is_dir():
         raise InputError(f"output {path}: {existing} is not a folder")
+    if not (existing.is_dir() or existing.is_file()):
+        raise InputError(f"output {path}: {existing} is neither a file nor a folder")
     if not os.access(existing, os.W_OK):
-        raise InputError(f"output {path}: no permission to write to {existing}")
+        raise InputError(
+            f"output {path}: no permission to write to {existing}; with Docker, mkdir -p results "
+            'and give docker run --user "$(id -u):$(id -g)"'
+        )
     if existing.is_dir():
         try:
             # Permission is not all: a file system may be read-only, full or no real one.
@@ -61,14 +74,7 @@ def require_writable(path: str | Path) -> None:
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
     """Write ``summary.json``, whole or not at all."""
-    write_whole(Path(directory) / "summary.json", to_json(summary) + "\n")
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file aside and rename it: it is there whole or not at all."""
-    partial = path.with_suffix(".part")
-    partial.write_text(text)
-    partial.replace(path)
+    write_whole(Path(directory) / SUMMARY, to_json(summary) + "\n")
 
 
 @contextmanager
@@ -95,14 +101,12 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
 
 def save_film_state(path: str | Path, state: Mapping[str, object]) -> None:
     """Write the arrays of a film solve, `CavitationError.state` for instance, to an HDF5 file."""
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        with h5py.File(path, "w") as file:
-            for name, values in state.items():
-                file[name] = np.asarray(values)
-    except OSError as error:
-        reason = error.strerror or str(error).splitlines()[0]
-        raise InputError(f"{path}: {reason}") from None
+    path = Path(path)
+    with naming(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_hdf5(path) as file:
+        for name, values in state.items():
+            file[name] = np.asarray(values)
 
 
 def to_json(values: Mapping[str, object]) -> str:

@@ -13,6 +13,7 @@ from fenics_ehd.plane import rotation
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes.run import Totals
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.settings import unusual
 
 if TYPE_CHECKING:
     from fenics_ehd.paraview import PartFields
@@ -28,6 +29,7 @@ def summarise(
     """Figures of ``summary.json``."""
     return {
         "status": status,
+        "warnings": unusual(settings),
         "scene": settings.scene,
         "method": body.method,
         "modes": body.modes,

@@ -14,8 +14,16 @@ import attrs
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.key_hints import key_hint, setting_names
+from fenics_ehd.text_file import read_text
 
 T = TypeVar("T", bound=attrs.AttrsInstance)
+
+#: Sizes of a number whose powers and products are still numbers.
+SMALLEST, LARGEST = 1e-30, 1e30
+
+#: Characters of a key or number in a scene file. Time and memory to parse a key grow with the
+#: square of its dots, and Python does not print numbers of thousands of digits.
+LONGEST = 300
 
 
 def number(
@@ -25,15 +33,17 @@ def number(
     above: float | None = None,
     least: float | None = None,
     below: float | None = None,
+    usual: tuple[float, float] | None = None,
     example: str = "",
 ) -> Any:
     """Real number with limits: `above` and `below` exclusive, `least` inclusive.
 
-    A value too large, perhaps in another unit, is told the unit and the `example`.
+    A value beyond a limit, perhaps in another unit, is told the unit and the `example`; one whose
+    size is not between the `usual` ones is told so by `unusual`.
     """
     unit = re.search(r"\[([^];-]+)\]", help_text)
     measured = f" in {unit[1]}" if unit else ""
-    hints = {"below": f":{measured}, {example}" if example else ""}
+    hint = f":{measured}, {example}" if example else ""
 
     def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         if not isinstance(value, float) or not abs(value) < float("inf"):
@@ -46,14 +56,20 @@ def number(
         ):
             if limit is not None and not holds(value, limit):
                 raise SettingsError(
-                    f"{attribute.name} = {value!r} must be {words} {limit:g}{hints.get(words, '')}"
+                    f"{attribute.name} = {value!r} must be {words} {limit:g}"
+                    + (hint if words != "above" else "")
                 )
+        if value and not SMALLEST < abs(value) < LARGEST:
+            raise SettingsError(
+                f"{attribute.name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} "
+                "in size"
+            )
 
     return attrs.field(
         default=default,
         validator=check,
         converter=_as_float,
-        metadata={"help": help_text},
+        metadata={"help": help_text, "usual": (usual, hint)},
     )
 
 
@@ -144,10 +160,10 @@ def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
 
 
 def text(default: str, help_text: str) -> Any:
-    """Non-empty text."""
+    """Non-empty text that can name a file."""
 
     def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
-        if not isinstance(value, str) or not value:
+        if not isinstance(value, str) or not value or "\0" in value:
             raise SettingsError(f"{attribute.name} = {value!r} must be a non-empty text")
 
     return attrs.field(default=default, validator=check, metadata={"help": help_text})
@@ -173,8 +189,7 @@ def numbers(help_text: str) -> Any:
 
     def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
         for key, entry in value.items():
-            plain = isinstance(entry, (int, float)) and not isinstance(entry, bool)
-            if not plain or not abs(entry) < float("inf"):
+            if not isinstance(_as_float(entry), float) or not abs(_as_float(entry)) < float("inf"):
                 raise SettingsError(f"{attribute.name}.{key} = {entry!r} must be a finite number")
 
     return attrs.field(factory=dict, validator=check, metadata={"help": help_text, "table": True})
@@ -228,6 +243,21 @@ def build(
         raise SettingsError(f"{path}{error}") from None
 
 
+def unusual(settings: Any, path: str = "") -> list[str]:
+    """One line for every number whose size is not a usual one: its unit may be another."""
+    found = []
+    for attribute in attrs.fields(type(settings)):
+        value, name = getattr(settings, attribute.name), f"{path}{attribute.name}"
+        usual, hint = attribute.metadata.get("usual", (None, ""))
+        if attribute.metadata.get("section"):
+            found += unusual(value, f"{name}.")
+        elif usual and value and not usual[0] <= abs(value) <= usual[1]:
+            found.append(
+                f"{name} = {value:g} is outside the usual {usual[0]:g} to {usual[1]:g}{hint}"
+            )
+    return found
+
+
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Tables of a TOML file.
 
@@ -237,12 +267,20 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         The file cannot be read or is not TOML.
     """
     try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
+        content = read_text(path)
+        if max(map(len, _bare_words(content))) > LONGEST:
+            raise ValueError(f"a key or a number has more than {LONGEST} characters")
+        return tomllib.loads(content)
     except OSError as error:
         raise SettingsError(f"scene file {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise SettingsError(f"scene file {path}: {error}") from None
+
+
+def _bare_words(content: str) -> list[str]:
+    """Keys, dots included, and values of a TOML text without what is quoted in them."""
+    bare = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'|#.*|[ \t]", "", content)
+    return re.split(r"[][{}=,\n]", bare)
 
 
 def _literal(value: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import fenics_ehd.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
 import ufl
 from dolfinx import fem

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import fenics_ehd.petsc_start  # noqa: F401  # isort: skip
 import basix
 import numpy as np
 from dolfinx import fem

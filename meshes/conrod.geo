@@ -22,10 +22,10 @@ DefineConstant[
 
 DefineConstant[
   bore_cells_around = {20, Min 10, Max 80, Step 10, Name "Rod/bore_cells_around", Label "Cells around the bore (multiple of 10)"}
-  bore_cells_along  = { 5, Min  1, Max 40, Step 1, Name "Rod/bore_cells_along",  Label "Cells along the bore width"}
-  big_end_layers    = { 2, Min  1, Max 10, Step 1, Name "Rod/big_end_layers",    Label "Cells through the big-end wall"}
-  shank_cells       = {12, Min  2, Max 80, Step 1, Name "Rod/shank_cells",       Label "Cells along the shank"}
-  small_end_layers  = { 2, Min  1, Max 10, Step 1, Name "Rod/small_end_layers",  Label "Cells through the small-end wall"}
+  bore_cells_along  = { 5, Min  1, Max 100, Step 1, Name "Rod/bore_cells_along",  Label "Cells along the bore width"}
+  big_end_layers    = { 2, Min  1, Max 100, Step 1, Name "Rod/big_end_layers",    Label "Cells through the big-end wall"}
+  shank_cells       = {12, Min  2, Max 400, Step 1, Name "Rod/shank_cells",       Label "Cells along the shank"}
+  small_end_layers  = { 2, Min  1, Max 100, Step 1, Name "Rod/small_end_layers",  Label "Cells through the small-end wall"}
   tetrahedra        = { 0, Choices{0, 1},          Name "Rod/tetrahedra",        Label "Tetrahedra instead of hexahedra"}
 ];
 

@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of a run from the command line."""
+"""Ctrl-C, or another signal, in the middle of a run from the command line."""
 
 import json
 import signal
@@ -8,13 +8,24 @@ import time
 from fenics_ehd.output import read_history
 
 
+def rows_in(folder):
+    """Lines in the history of the run that works in a folder, or was killed there."""
+    counts = [0]
+    for history in folder.glob(".run-*/history.csv"):
+        try:
+            counts.append(history.read_bytes().count(b"\n"))
+        except FileNotFoundError:  # the run has ended
+            pass
+    return max(counts)
+
+
 def heed_interrupt():
     """For a new process: a shell's background job, as a test run may be, ignores SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def interrupted_run(command, directory, seconds=240):
-    """Start a run, interrupt it after 20 steps; what it leaves behind is checked, then returned.
+def interrupted_run(command, directory, seconds=240, how=signal.SIGINT):
+    """Start a run, end it after 20 steps; what it leaves behind is checked, then returned.
 
     Returns the columns of its history.
     """
@@ -24,16 +35,17 @@ def interrupted_run(command, directory, seconds=240):
         text=True,
         preexec_fn=heed_interrupt,
     )
-    history = directory / "history.csv"
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
-        if history.exists() and history.read_text().count("\n") > 20:
+        if rows_in(directory) > 20:
             break
         time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(how)
     stderr = process.communicate(timeout=60)[1]
     assert process.returncode == 130
     assert "Traceback" not in stderr
+    assert "PETSC" not in stderr
+    assert stderr.splitlines()[-1] == "fenics-ehd: interrupted"
     summary = json.loads((directory / "summary.json").read_text())
     assert summary["status"] == "interrupted"
     columns = read_history(directory)

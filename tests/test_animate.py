@@ -12,8 +12,15 @@ from matplotlib.collections import PolyCollection
 from PIL import Image
 
 from fenics_ehd.cli import main
-from fenics_ehd.commands.machine_run import BODY_NAME, SCENE_NAME, MachineRun, run_machine
+from fenics_ehd.commands.machine_run import (
+    BODY_NAME,
+    SCENE_NAME,
+    MachineRun,
+    leave_scene,
+    run_machine,
+)
 from fenics_ehd.commands.rotor import summarise as summarise_rotor
+from fenics_ehd.models import model_path
 from fenics_ehd.motion import read_motion
 from fenics_ehd.output import read_history
 from fenics_ehd.paraview import gather_part
@@ -21,7 +28,7 @@ from fenics_ehd.plane import rotation
 from fenics_ehd.plotting import animation, animation_film
 from fenics_ehd.plotting.animation_crank import chord_frames
 from fenics_ehd.plotting.animation_part import front_faces, outline
-from fenics_ehd.plotting.animation_shape import shape_of_basis, shape_of_bore, shape_of_part
+from fenics_ehd.plotting.animation_shape import shape_of_basis, shape_of_bore
 from fenics_ehd.plotting.animation_subjects import (
     automatic_scale,
     crank_frames,
@@ -36,6 +43,7 @@ from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 
 SHORT = 0.03
+BASIS = "part.h5"
 
 
 def recorded(settings, part, structure, directory, simulate, describe, scene):
@@ -46,8 +54,11 @@ def recorded(settings, part, structure, directory, simulate, describe, scene):
     job = MachineRun(settings, body, 0.0, directory, 1.0, simulate, describe)
     run_machine(replace(job, end=scene.simulated_time(settings)))
     fields = gather_part(structure, body, columns)
+    save_basis(directory / BASIS, structure, columns, stress=False)
+    with BasisFile(directory / BASIS) as file:
+        shape = shape_of_basis(file, body)
     return SimpleNamespace(
-        directory=directory, settings=settings, body=body, columns=columns, part=fields,
+        directory=directory, settings=settings, body=body, part=fields, shape=shape,
         motion=read_motion(directory), history=read_history(directory),
     )  # fmt: skip
 
@@ -88,7 +99,7 @@ def rotor_scene(housing_structure, tmp_path_factory):
 
 
 def crank_subject(given, scale, shape=None):
-    shape = shape or shape_of_part(given.part, given.body)
+    shape = shape or given.shape
     motion, history = given.motion, given.history
     return slider_crank_subject(given.settings, given.body, shape, motion, history, scale)
 
@@ -142,8 +153,7 @@ def test_front_faces_have_the_area_of_an_extruded_part(crank_run):
 def test_the_drawn_film_is_as_thin_as_the_recorded_one(machine, request):
     given = request.getfixturevalue(machine)
     make = slider_crank_subject if machine == "crank_run" else rotor_subject
-    shape = shape_of_part(given.part, given.body)
-    subject = make(given.settings, given.body, shape, given.motion, given.history, None)
+    subject = make(given.settings, given.body, given.shape, given.motion, given.history, None)
     found, recorded = subject.film.gap.min(axis=(1, 2)), given.history["min_film_thickness_m"]
     # The run also watches Gauss points, and the raster has no node of its own.
     np.testing.assert_allclose(found, recorded, rtol=1e-2)
@@ -152,8 +162,7 @@ def test_the_drawn_film_is_as_thin_as_the_recorded_one(machine, request):
 
 
 def test_at_scale_one_the_rod_is_where_it_is(crank_run):
-    body, motion = crank_run.body, crank_run.motion
-    shape = shape_of_part(crank_run.part, body)
+    body, motion, shape = crank_run.body, crank_run.motion, crank_run.shape
     frames, _ = crank_frames(crank_run.settings, body, shape, motion, 1.0)
     # The chord's direction and the turn of the nodes about it make up the rod's angle.
     last = -1
@@ -218,16 +227,14 @@ def test_motion_between_steps_is_on_straight_lines(crank_run):
     assert len(steps.nearest(5).time) <= 5
 
 
-def test_basis_on_disk_and_reduction_again_give_the_same_part(crank_run, rod_structure, tmp_path):
-    save_basis(tmp_path / "part.h5", rod_structure, crank_run.columns, stress=False)
-    with BasisFile(tmp_path / "part.h5") as file:
-        of_file = shape_of_basis(file, crank_run.body)
-        other = replace(crank_run.body, bore_basis=1.01 * crank_run.body.bore_basis)
+def test_basis_on_disk_is_that_of_the_body_alone(crank_run):
+    part, shape = crank_run.part, crank_run.shape
+    shown = np.unique(front_faces(part.nodes, part.cells))
+    np.testing.assert_allclose(shape.nodes, part.nodes[shown], atol=1e-15)
+    np.testing.assert_allclose(shape.basis, part.basis[shown], atol=1e-12)
+    other = replace(crank_run.body, bore_basis=1.01 * crank_run.body.bore_basis)
+    with BasisFile(crank_run.directory / BASIS) as file:
         assert shape_of_basis(file, other) is None
-    of_part = shape_of_part(crank_run.part, crank_run.body)
-    np.testing.assert_array_equal(of_file.faces, of_part.faces)
-    np.testing.assert_allclose(of_file.basis, of_part.basis, atol=1e-12)
-    assert shape_of_part(crank_run.part, other) is None
 
 
 def test_a_body_alone_gives_its_bore(crank_run):
@@ -236,7 +243,7 @@ def test_a_body_alone_gives_its_bore(crank_run):
     radius = np.hypot(*shape.nodes[:, :2].T)
     assert radius.min() == pytest.approx(crank_run.body.bore_radius)
     q, y = crank_run.motion.coordinates[-1, 2:], crank_run.motion.quasi_static[-1]
-    whole = shape_of_part(crank_run.part, crank_run.body)
+    whole = crank_run.shape
     inner = np.flatnonzero(np.isclose(radius, radius.min()))
     at = [np.linalg.norm(whole.nodes - node, axis=1).argmin() for node in shape.nodes[inner]]
     np.testing.assert_allclose(
@@ -249,13 +256,13 @@ def gif(path):
         return picture.n_frames, picture.size, picture.info["duration"]
 
 
-def test_command_reduces_the_part_again_and_writes_a_gif(crank_run, capsys):
-    target = crank_run.directory / "animation.gif"
-    done = call("animate", crank_run.directory, "--frames", 2, "--fps", 10, capsys=capsys)
+def test_command_draws_the_part_of_a_basis_and_writes_a_gif(crank_run, capsys):
+    directory = crank_run.directory
+    target, basis = directory / "animation.gif", ["--basis", directory / BASIS]
+    done = call("animate", directory, *basis, "--frames", 2, "--fps", 10, capsys=capsys)
     assert done.status == 0, done.err
     assert done.out.strip() == str(target)
-    assert "reducing the part again" in done.err
-    assert "only its bore" not in done.err
+    assert "only the bore" not in done.err
     assert gif(target) == (2, (960, 540), 100)
     assert not list(crank_run.directory.glob("*.part*"))
 
@@ -293,31 +300,42 @@ def test_a_bore_is_drawn_wherever_it_lies(low):
 
 @pytest.fixture
 def stopped(crank_run, tmp_path):
-    """A folder as kill -9 leaves it, its body made elsewhere, so that nothing is reduced again."""
-    for name in ("history.h5", SCENE_NAME):
+    """A folder as kill -9 leaves it."""
+    for name in ("history.h5", SCENE_NAME, BODY_NAME):
         shutil.copy(crank_run.directory / name, tmp_path / name)
     lines = (crank_run.directory / "history.csv").read_text().splitlines(keepends=True)
     (tmp_path / "history.csv").write_text("".join(lines[:9]) + lines[9][:20])
-    save_body(replace(crank_run.body, provenance={"made": "elsewhere"}), tmp_path / BODY_NAME)
     return tmp_path
 
 
-def test_command_takes_a_stopped_run_and_a_foreign_body_and_repeats_itself(stopped, capsys):
+def test_command_takes_a_stopped_run_and_repeats_itself(stopped, capsys):
     files = []
     for name in ("once.gif", "again.gif"):
         target = stopped / name
         done = call("animate", stopped, "-o", target, "--frames", 2, "--scale", 50, capsys=capsys)
         assert done.status == 0, done.err
-        assert "only its bore" in done.err
+        assert f"reduce conrod --scene {stopped / SCENE_NAME}" in done.err
         assert gif(target)[0] == 2
         files.append(target.read_bytes())
     assert files[0] == files[1]
 
 
+def test_model_in_a_folder_that_somebody_sent_is_not_run(stopped, crank_run, capsys):
+    """Neither for a picture nor by a command that goes on with a run."""
+    model = stopped / "rod.geo"
+    model.write_text(f'SystemCall "touch {stopped}/ran";\n{model_path("conrod").read_text()}')
+    settings = attrs.evolve(crank_run.settings.rod, model=str(model))
+    leave_scene(attrs.evolve(crank_run.settings, rod=settings), stopped)
+    made = rod.origin(attrs.evolve(crank_run.settings, rod=settings))
+    save_body(replace(crank_run.body, provenance=made), stopped / BODY_NAME)
+    for command in (["animate", stopped, "--frames", 2], ["plot", stopped], ["info"]):
+        assert call(*command, capsys=capsys).status == 0
+    assert not (stopped / "ran").exists()
+
+
 def test_rotor_is_drawn_with_its_orbit(rotor_scene, tmp_path):
-    shape = shape_of_part(rotor_scene.part, rotor_scene.body)
     motion = rotor_scene.motion.nearest(2)
-    given = rotor_scene.settings, rotor_scene.body, shape, motion, rotor_scene.history
+    given = rotor_scene.settings, rotor_scene.body, rotor_scene.shape, motion, rotor_scene.history
     subject = rotor_subject(*given, None)
     figure, show = animation.draw(subject)
     show(1)

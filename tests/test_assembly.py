@@ -16,6 +16,8 @@ from fenics_ehd.film.assembly import Assembly, Coefficients
 from fenics_ehd.film.forms import QUADRATURE_DEGREE, cell_tensors
 from fenics_ehd.film.grid import FilmGrid
 
+pytestmark = pytest.mark.kernels
+
 DX = ufl.dx(metadata={"quadrature_degree": QUADRATURE_DEGREE})
 
 

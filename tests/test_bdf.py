@@ -14,6 +14,8 @@ from fenics_ehd.multibody.bdf import (
 )
 from fenics_ehd.multibody.differentiation import derivative_weights, extrapolation_weights
 
+pytestmark = pytest.mark.kernels
+
 #: Derandomised, so that every machine tests the same cases.
 profile = settings(deadline=None, derandomize=True, max_examples=60)
 

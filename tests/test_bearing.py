@@ -14,6 +14,8 @@ from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings, Groove
 from fenics_ehd.errors import SettingsError, SolverError
 
+pytestmark = pytest.mark.kernels
+
 R, C, ETA, OMEGA = 0.0225, 0.0225e-5, 0.01, 500.0
 PLAIN = BearingSettings(radius=R, clearance=C, width=2 * R, viscosity=ETA, speed=OMEGA)
 SCALE = 6 * ETA * OMEGA * (R / C) ** 2
@@ -128,6 +130,13 @@ def test_threshold_is_where_a_root_becomes_imaginary():
 def test_pure_cross_coupling_is_unstable_at_every_mass_without_damping_to_hold_it():
     assert stability(np.array([[-1.0, 0.5], [-0.5, -1.0]]), np.eye(2)) == (0.0, None)
     assert stability(2.0 * np.eye(2), np.eye(2)) == (None, None)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_stability_of_a_tiny_or_huge_bearing_is_that_of_a_scaled_one(size):
+    k, b = np.array([[2.5, 3.2], [-0.57, 2.0]]), np.array([[5.9, 2.1], [2.1, 2.7]])
+    mass, frequency = stability(k, b)
+    assert stability(size * k, size * b) == pytest.approx((size * mass, frequency))
 
 
 @pytest.mark.parametrize(

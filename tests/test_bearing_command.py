@@ -154,6 +154,12 @@ def test_pictures_without_a_film(call, tmp_path):
             "depend on the frequency",
         ),
         (["--load", 5, "--barus", 1e-8, "--roelands", 0.6], "exclude each other"),
+        (["--load", 5, "--viscosity", 1e308], "viscosity = 1e+308 Pa s at 500 rad/s"),
+        (["--load", 5, "--viscosity", 1e-320], "which cannot be computed"),
+        (["--load", 5, "--speed", 1e308], "viscosity = 0.01 Pa s at 1e+308 rad/s"),
+        (["--load", 5, "--squeeze", 1e308, 0], "rate = inf of the film must be a finite number"),
+        (["--load", 5, "--ambient", 1e308], "ambient = 1e+308 must be below 1e+12"),
+        (["--load", 5, "--line-held"], "line_held needs line_at_max_film"),
         (["--load", 5, "--plot", "picture.xyz"], "its ending must be one of"),
         (["--load", 5, "--plot", "/dev/null/picture.png"], "/dev/null is not a folder"),
     ],
@@ -164,6 +170,63 @@ def test_bad_input_is_one_line_and_status_2(call, arguments, message):
     assert out == ""
     assert message in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "unknown"),
+    [(["--viscosity", 1e290], "dissipation"), (["--speed", 1e-308, "--coefficients"], "damping")],
+)
+@pytest.mark.parametrize("as_json", [["--json"], []])
+def test_a_figure_that_is_no_finite_number_is_named(call, arguments, unknown, as_json):
+    status, out, err = call("--eccentricity", 0.6, "--cells", "20x4", *arguments, *as_json)
+    assert (status, out) == (1, "")
+    assert unknown in err
+    assert "no finite number" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("law", [["--barus", 1e-5], ["--roelands", 50]])
+@pytest.mark.parametrize("condition", ["reynolds", "mass-conserving"])
+def test_an_oil_that_thickens_without_end_is_named(call, law, condition, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = call(
+        "--eccentricity", 0.6, "--ambient", 1e5, "--cells", "40x6", "--element", "bilinear",
+        "--cavitation", condition, *law,
+    )  # fmt: skip
+    assert (status, out) == (1, "")
+    assert "the viscosity runs away with the pressure" in err
+    assert "lower load, eccentricity or the coefficient" in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_oil_that_thickens_is_conserved_as_well(call):
+    """Once round the angle the supply must carry more than of a constant oil, and all leaves."""
+    supply = ["--eccentricity", 0.6, "--groove", 120, 10, 2e5, "--cells", "48x8", "--json",
+              "--cavitation", "mass-conserving"]  # fmt: skip
+    constant, thickening = (json.loads(call(*supply, "--barus", barus)[1]) for barus in (0, 5e-8))
+    flow = thickening["side_flow_m3_per_s"]
+    assert thickening["supply_flow_m3_per_s"] == pytest.approx(flow, rel=1e-8)
+    assert thickening["load_N"] > 1.1 * constant["load_N"]
+
+
+def test_a_line_without_pressure_turns_with_the_shaft_unless_it_is_held(call):
+    """Held it is a groove of no width, which stands still."""
+    options = ["--eccentricity", 0.1, "--coefficients", "--json", "--cells", "48x8"]
+    line = [*options, "--line-at-max-film"]
+    turning, held = (json.loads(call(*line, *more)[1]) for more in ([], ["--line-held"]))
+    same = set(turning) - LINEAR - {"critical_mass_kg", "whirl_frequency_ratio"}
+    assert {name: held[name] for name in same} == {name: turning[name] for name in same}
+    opposite = turning["attitude_angle_deg"] + 180
+    groove = json.loads(call(*options, "--groove", opposite, 0, 0)[1])
+    assert groove["load_N"] == pytest.approx(held["load_N"], rel=1e-3)
+    for name in ("stiffness_N_per_m", "damping_Ns_per_m"):
+        found, theirs = np.array(held[name]), np.array(groove[name])
+        assert np.abs(found - theirs).max() < 2e-3 * np.abs(theirs).max(), name
+    change = np.array(turning["stiffness_N_per_m"]) - held["stiffness_N_per_m"]
+    assert np.abs(change).max() > 0.1 * np.abs(held["stiffness_N_per_m"]).max()
+    table = call(*line[:3], "--line-at-max-film", "--line-held", "--cells", "48x8")[1]
+    assert "of a line at the maximum film that stays where it is" in table
 
 
 def test_supplied_oil_all_leaves_at_the_sides_when_mass_is_conserved(call):

@@ -11,14 +11,28 @@ from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.multibody.bore_film import BoreFilm
 from fenics_ehd.multibody.journal import Journal
+from fenics_ehd.scenes.film_mesh import film_mesh
+from fenics_ehd.scenes.slider_crank_settings import Film as FilmSettings
 
-MESHES = [(20, 5, "serendipity"), (20, 5, "lagrange"), (13, 3, "lagrange"), (48, 8, "bilinear"),
-          (40, 10, "serendipity")]  # fmt: skip
+MESHES = [
+    (20, 5, "serendipity"),
+    (20, 5, "lagrange"),
+    (13, 3, "lagrange"),
+    (48, 8, "bilinear"),
+    (40, 10, "serendipity"),
+    (40, 10, "bilinear"),  # its nodes are those of the bore's 20 x 5 9-node cells
+]
 
 
 @pytest.fixture(scope="module")
 def body(rod_body):
     return rod_body
+
+
+def test_cells_of_the_bore_take_the_element_of_the_scene(body):
+    for element in ("lagrange", "bilinear"):
+        grid = film_mesh(FilmSettings(element=element), body)
+        assert (grid.cells, grid.family) == ((20, 5), element)
 
 
 def film_in(body, around, along, family, **more):

@@ -18,6 +18,8 @@ from fenics_ehd.film.cavitation import verify_complementarity
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.film.supply import AxialGroove
 
+pytestmark = pytest.mark.kernels
+
 #: Few enough free nodes to try every partition.
 SMALL = {"bilinear": (6, 3), "serendipity": (11, 1), "lagrange": (6, 1)}
 

@@ -17,6 +17,8 @@ from fenics_ehd.multibody.dense_system import DenseSystem
 from fenics_ehd.multibody.newton import ImplicitStep
 from fenics_ehd.reduction.body import ResidualFlexibility
 
+pytestmark = pytest.mark.kernels
+
 FAMILIES = ["lagrange", "serendipity", "bilinear"]
 
 

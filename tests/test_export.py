@@ -16,7 +16,7 @@ from scipy.io import mmread
 from scipy.linalg import eigh
 
 from fenics_ehd.errors import ExportError, StructureError
-from fenics_ehd.reduction import ResidualFlexibility, craig_bampton, load_dependent
+from fenics_ehd.reduction import ResidualFlexibility, craig_bampton, load_dependent, rigid
 from fenics_ehd.reduction.export import contents, export_matrix_market, export_npz
 from fenics_ehd.reduction.export_exudyn import export_exudyn
 from fenics_ehd.reduction.exudyn_body import ExudynMissingError, add_body, frequencies, read
@@ -88,6 +88,14 @@ def test_npz_holds_the_body_bit_for_bit_under_documented_names(bodies, tmp_path,
         inertia.centre_of_mass
     )
     np.testing.assert_allclose(found["inertia_tensor"][2, 2], polar, rtol=1e-12)
+
+
+def test_a_rigid_body_has_empty_matrices(rod_structure, tmp_path):
+    path = export_npz(rigid(rod_structure), tmp_path / "rod.npz")
+    with np.load(path, allow_pickle=False) as file:
+        assert file["stiffness"].shape == (0, 0)
+        assert file["point_basis"].shape == (1, 3, 0)
+        np.testing.assert_allclose(file["point_position"], [[0.16, 0.0, 0.0]], atol=1e-6)
 
 
 def test_matrix_market_returns_every_bit(bodies, tmp_path):

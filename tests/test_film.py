@@ -21,6 +21,8 @@ from fenics_ehd.film import Gap, Lubricant
 from fenics_ehd.film.grid import FilmGrid, graded_grid, uniform_grid
 from fenics_ehd.film.supply import AxialGroove, Sides
 
+pytestmark = pytest.mark.kernels
+
 # Plain 360-degree bearing, L/D = 1, Reynolds complementarity, finite volumes on 960 x 96 cells with
 # Richardson extrapolation: eccentricity ratio, load W / (6 eta omega (R/c)^2 R L), attitude [deg].
 RIGID_BEARING = [(0.2, 0.0849692, 77.66), (0.6, 0.436957, 51.9785), (0.9, 2.81281, 26.7017)]

@@ -14,6 +14,8 @@ from fenics_ehd.multibody.floating_frame import inertia_forces, kinetic_energy, 
 from fenics_ehd.multibody.guide import RodAngle
 from fenics_ehd.reduction.body import InertiaIntegrals
 
+pytestmark = pytest.mark.kernels
+
 #: Derandomised, so that every machine tests the same cases.
 profile = settings(deadline=None, derandomize=True, max_examples=40)
 

@@ -12,6 +12,8 @@ from fenics_ehd.film.lubricant import Barus
 from fenics_ehd.film.shear import SHEAR_RULES, film_fields
 from fenics_ehd.film.supply import AxialGroove, Sides
 
+pytestmark = pytest.mark.kernels
+
 R, C, B, ETA, OMEGA = 0.0225, 17e-6, 0.022, 0.01, 500.0
 GROOVES = (AxialGroove(np.pi / 2, np.pi / 8, 3e5), AxialGroove(-np.pi / 2, np.pi / 8, 1e5))
 

@@ -1,5 +1,6 @@
 """Parts from other programs: matrices in any form, the part in a file, its boundary points."""
 
+import os
 from dataclasses import replace
 
 import h5py
@@ -19,6 +20,7 @@ from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.matrices import as_matrix, reorder
 from fenics_ehd.reduction.structure import Structure, mean_motion
 from fenics_ehd.reduction.structure_file import load_structure, save_structure
+from fenics_ehd.sealed_file import seal
 
 COMM = MPI.COMM_WORLD
 
@@ -281,12 +283,22 @@ def test_number_of_load_vectors_is_named():
         ("text.npz", "text.npz"),
         ("text.mtx.gz", "text.mtx.gz"),
         ("text.h5", "(?i)file signature not found"),
+        ("pipe.dat", "not a regular file"),
+        ("far.dat", "column numbers reach from 0 to 2000000000, there are 216 columns"),
+        ("near.dat", "column numbers reach from 0 to 216, there are 216 columns"),
+        ("negative.dat", "column numbers reach from -1 to 215"),
+        ("lengths.dat", "the shortest of -1, do not make its 9072 entries"),
         ("short.npz", "short.npz"),
+        ("far.npz", "column index values must be < 216|indices and data should"),
+        ("pointers.npz", "index pointer"),
         ("no.h5:/part", "part"),
         ("no.h5:/bare", "indptr"),
         ("columns.h5", "column numbers reach from -1 to"),
         ("pointers.h5", "the row pointers do not ascend"),
         ("shape.h5", r"9 rows need 10 row pointers, indptr has shape \(217,\)"),
+        ("words.h5", "/data holds object, not numbers"),
+        ("reals.h5", "/indices holds float64, not numbers"),
+        ("claim.h5", "/indptr claims 8000000000000 bytes, its file can hold"),
         ("values.h5", "values, .* column numbers and row pointers up to .* do not fit"),
     ],
 )
@@ -300,6 +312,15 @@ def test_unreadable_files_are_named_on_every_rank(folder, arguments, name, messa
     assert name.split(":")[0] in str(caught.value)
 
 
+#: Place in row lengths or column numbers, and what is put there.
+PLACES = {
+    "far.dat": (7, 2_000_000_000),
+    "near.dat": (7, 216),
+    "negative.dat": (7, -1),
+    "lengths.dat": (7, -1),
+}
+
+
 def write_spoiled(folder, name, matrix):
     path = folder / name.split(":")[0]
     if name.startswith("missing"):
@@ -310,6 +331,20 @@ def write_spoiled(folder, name, matrix):
     elif name == "short.npz":
         sparse.save_npz(path, matrix)
         path.write_bytes(path.read_bytes()[:-2000])
+    elif name == "pipe.dat":
+        os.mkfifo(path)
+    elif name.endswith(".dat") and not name.startswith("text"):
+        place, number = PLACES[name]
+        write_binary(path, matrix)
+        with open(path, "r+b") as file:
+            file.seek(4 * (4 + place + (0 if name == "lengths.dat" else matrix.shape[0])))
+            file.write(np.array(number, dtype=">i4").tobytes())
+    elif name.endswith(".npz") and not name.startswith("text"):
+        spoiled = matrix.copy()
+        array = spoiled.indices if name == "far.npz" else spoiled.indptr
+        array[7] = 2_000_000_000
+        np.savez(path, format=b"csr", shape=matrix.shape, indices=spoiled.indices,
+                 indptr=spoiled.indptr, data=spoiled.data)  # fmt: skip
     elif name.startswith("text"):
         path.write_text("this is no matrix at all, whatever its name says")
     else:
@@ -321,6 +356,17 @@ def write_spoiled(folder, name, matrix):
                 file["indptr"][[4, 5]] = file["indptr"][[4, 5]][::-1]
             elif name.startswith("shape"):
                 file.attrs["shape"] = (9, 9)
+            elif name.startswith("words"):
+                del file["data"]
+                file["data"] = ["one", "two"]
+            elif name.startswith("reals"):
+                numbers = file["indices"][()]
+                del file["indices"]
+                file["indices"] = numbers.astype(float)
+            elif name.startswith("claim"):
+                del file["indptr"]
+                file.create_dataset("indptr", (10**12,), "i8", chunks=(1000,))
+                file.attrs["shape"] = (10**12 - 1, 216)
             elif name.startswith("values"):
                 del file["data"]
                 file["data"] = np.ones(3)
@@ -405,6 +451,7 @@ def test_spoiled_files_are_named(folder, change, message):
                     file.attrs.update(change)
                 else:
                     del file[change]
+            seal(folder / "part.h5", folder / "part.h5")
     COMM.barrier()
     with pytest.raises(StructureError, match=message):
         load_structure(folder / "part.h5")

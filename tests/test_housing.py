@@ -11,6 +11,7 @@ from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
+from fenics_ehd.commands.rotor import read_settings
 from fenics_ehd.errors import MeshError
 from fenics_ehd.geometry import build_mesh
 from fenics_ehd.models import model_path
@@ -184,6 +185,12 @@ def test_geometry_that_cannot_be_is_named(geometry, message):
 
 def test_settings_read_back_as_printed():
     assert build(RotorSettings, tomllib.loads(to_toml(RotorSettings()))) == RotorSettings()
+
+
+def test_a_model_is_found_again_from_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    settings = read_settings("scene.toml", {"scene": "rotor", "housing": {"model": "mine.geo"}})
+    assert settings.housing.model == str(tmp_path / "mine.geo")
 
 
 def test_structure_without_a_foot_is_named(tmp_path):

@@ -1,15 +1,18 @@
 """``fenics-ehd run loaded-journal`` as a user meets it."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 import tomllib
 
+import numpy as np
 import pytest
-from interrupt_case import interrupted_run
+from interrupt_case import interrupted_run, rows_in
 
 from fenics_ehd.cli import main
-from fenics_ehd.output import read_history
+from fenics_ehd.output import read_fields, read_history
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
 from fenics_ehd.settings import build
 
@@ -121,3 +124,44 @@ def test_bad_scene_exits_2_with_one_line(text, arguments, named, scene_file, tmp
 def test_interrupt_keeps_what_was_computed(scene_file, tmp_path):
     scene_file.write_text(SHORT.replace("1e-3", "1e-7"))
     interrupted_run([*COMMAND, "run", str(scene_file)], tmp_path / "out")
+
+
+OIL = SHORT.replace(
+    "[12, 2]",
+    """[24, 2]
+element = "bilinear"
+cavitation = "mass-conserving"
+[bearing]
+grooves = [[180.0, 30.0, 2e5]]""",
+).replace("1e-3", "1e-2")
+
+
+@pytest.mark.parametrize(
+    "text", [SHORT, pytest.param(OIL, marks=pytest.mark.slow)], ids=["film", "oil"]
+)
+def test_a_killed_run_goes_on_to_the_same_result(text, scene_file, tmp_path, capfd):
+    scene_file.write_text(text)
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert exit_of(capfd, "run", scene_file, "-o", whole, "--no-plots")[0] == 0
+    lines = (whole / "history.csv").read_bytes().splitlines(keepends=True)
+    cycles = list(read_history(whole)["cycle"])
+    command = ["run", str(scene_file), "-o", str(killed), "--no-plots", "--checkpoint-every", "0"]
+    # Within the first cycle, and in the next one.
+    for rows in (7, cycles.index(2) + 3):
+        process = subprocess.Popen([*COMMAND, *command], stderr=subprocess.DEVNULL)
+        while rows_in(killed) <= rows and process.poll() is None:
+            time.sleep(1e-3)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL
+        (run,) = killed.glob(".run-*")
+        before = (run / "history.csv").read_bytes()
+        assert b"".join(lines).startswith(before[: before.rfind(b"\n") + 1])
+        command = ["run", "--resume", str(killed), "--no-plots", "--checkpoint-every", "0"]
+    assert exit_of(capfd, *command)[0] == 0
+    assert (killed / "history.csv").read_bytes() == b"".join(lines)
+    names = ("eccentricity_m", "eccentricity_rate_m_per_s", "pressure_Pa")
+    for name, values in read_fields(killed, names).items():
+        np.testing.assert_array_equal(values, read_fields(whole, (name,))[name])
+    ours, theirs = (json.loads((f / "summary.json").read_text()) for f in (killed, whole))
+    for key in set(theirs) - {"wall_time_s", "versions"}:
+        assert ours[key] == theirs[key], key

@@ -15,6 +15,8 @@ from fenics_ehd.film.lubricant import Barus, DowsonHigginson
 from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
 
+pytestmark = pytest.mark.kernels
+
 R, C, OMEGA, ETA = 0.0225, 17e-6, 500.0, 0.01
 CLOSED = Sides(None, None)
 

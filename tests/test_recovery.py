@@ -18,6 +18,7 @@ from fenics_ehd.geometry import build_mesh
 from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
 from fenics_ehd.scenes.rod import build_structure
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.sealed_file import seal
 from fenics_ehd.settings import build
 from fenics_ehd.stress import StressField
 from fenics_ehd.structure import Material, assemble_structure
@@ -76,6 +77,7 @@ def edit(path, **changes):
             del place[name]
             if value is not None:
                 place[name] = value
+    seal(path, path)
 
 
 @pytest.mark.mpi
@@ -243,13 +245,14 @@ def test_equivalent_stress_is_that_of_the_deviator(stress):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda path: path.unlink(), "No such file"),
+        (lambda path: path.unlink(), "no such file"),
         (lambda path: path.write_text("nodes"), "signature"),
-        (lambda path: path.write_bytes(path.read_bytes()[:100_000]), "truncated"),
+        (lambda path: path.write_bytes(path.read_bytes()[:100_000]), "its digest is not"),
         (lambda path: edit(path, format="fenics_ehd reduced body"), "not a fenics_ehd part basis"),
         (lambda path: edit(path, format_version=99), "format version 99"),
         (lambda path: edit(path, nodes=np.zeros((7, 3))), "basis has shape"),
         (lambda path: edit(path, stress_points=None), "stress_points"),
+        (lambda path: edit(path, cells=np.zeros((9, 20))), "cells holds float64, not n"),
     ],
 )
 def test_a_file_that_holds_no_basis_is_refused(basis_file, tmp_path, change, message):

@@ -1,5 +1,8 @@
 """What is refused before any work is done for it, each in one line."""
 
+import json
+import os
+
 import pytest
 from hand_made_rod import Joint, make_body
 from sweep_cases import LOADED_JOURNAL, exit_of, write_scene
@@ -40,6 +43,8 @@ def scene(tmp_path):
         ("gas_force", GAS.replace("90", "10e"), "line 3: angle_deg = '10e' must be a finite"),
         ("gas_force", GAS.replace(",", ";"), "line 1, has 'angle_deg;force_N': separate by commas"),
         ("gas_force", GAS.replace("360,80", "360,90"), "close the period"),
+        ("gas_force", GAS.replace("10", 200_000 * "1"), "line 3: field larger than field limit"),
+        ("gas_force", GAS.replace("10", "1e308"), "'1e308' must be a finite number below 1e+15"),
         ("drive_torque_table", GAS, "the header must be angle_deg,torque_Nm"),
     ],
 )
@@ -116,6 +121,32 @@ def test_file_that_is_of_no_machine(command, text, message, scene, tmp_path, cap
     assert message in refused(capfd, *command, scene(text), "-o", tmp_path / "out")
 
 
+def test_table_that_is_no_file_is_not_waited_for(scene, tmp_path, capfd):
+    os.mkfifo(tmp_path / "table.csv")
+    path = scene(f'{KIND}[mechanism]\ngas_force = "table.csv"\n')
+    assert "pipe or device, not a file" in refused(capfd, "run", path, "-o", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["run", "slider-crank", "--body", "", "-o", "out"], "--body"),
+        (["run", "slider-crank", "-o", ""], "-o"),
+        (["run", ""], "run"),
+        (["reduce", "conrod", "--output="], "--output="),
+        (["animate", "out", "-o", ""], "-o"),
+        (["report", ""], "report"),
+    ],
+)
+def test_argument_of_a_shell_variable_that_is_not_set(
+    arguments, named, tmp_path, capfd, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    line = refused(capfd, *arguments)
+    assert line.endswith(f"{named} is followed by nothing: is a shell variable empty?")
+    assert not any(tmp_path.iterdir())
+
+
 def test_name_of_a_machine_that_is_misspelt(tmp_path, capfd):
     line = refused(capfd, "run", "slider_crank", "-o", tmp_path / "out")
     assert line.endswith("did you mean slider-crank?")
@@ -169,6 +200,24 @@ def test_output_that_cannot_be_written(tmp_path, capfd, monkeypatch):
         assert "output /proc/no_folder: " in line
 
 
+def test_output_without_permission_says_what_helps_in_a_container(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    line = refused(capfd, "run", "slider-crank", "-o", tmp_path / "out")
+    assert f"no permission to write to {tmp_path}" in line
+    assert line.endswith('mkdir -p results and give docker run --user "$(id -u):$(id -g)"')
+
+
+def test_numbers_in_another_unit_perhaps_are_named_and_kept(scene, tmp_path, capfd):
+    text = f"{KIND}[mechanism]\nrevolutions = 0.002\n[bearing]\nviscosity = 10\n"
+    save_body(make_body(Joint()), tmp_path / "rod.h5")
+    given = ["--body", tmp_path / "rod.h5", "-o", tmp_path / "out", "--no-plots"]
+    status, _, errors = exit_of(capfd, "run", scene(text), *given)
+    assert status == 0, errors
+    warning = "bearing.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s"
+    assert f"fenics-ehd: warning: {warning}\n" in errors
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
+
+
 def test_hint_prefers_the_same_word_then_the_same_section():
     known = ["scene", "bearing", "bearing.clearance", "bearing.radius", "rod", "rod.cells",
              "film", "film.cells"]  # fmt: skip
@@ -178,3 +227,30 @@ def test_hint_prefers_the_same_word_then_the_same_section():
     assert key_hint(known, "bering") == "did you mean bearing?"
     assert key_hint(known, "rod.frobnicate") == "known: rod.cells"
     assert key_hint(known, "frobnicate") == "known: scene, bearing, rod, film"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-o", "x.npz", "--export", "npz"], "--export npz would write over x.npz of -o"),
+        (["-o", "x.h5", "--basis", "./x.h5"], "--basis would write over ./x.h5 of -o"),
+        (["-o", "pipe"], "pipe is neither a file nor a folder"),
+        (["-o", "x.h5", "--basis", "pipe"], "pipe is neither a file nor a folder"),
+        (["-o", "folder.h5", "--export", "npz"], "--export npz would write a file folder.npz: it"),
+        (["-o", "here.h5", "--export", "mtx"], "--export mtx would write a folder here-mtx: it is"),
+    ],
+)
+def test_outputs_of_a_reduction(options, message, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.npz").mkdir()
+    (tmp_path / "here-mtx").write_text("mine")
+    # In place of a device: this test must never be able to replace one of the machine's.
+    os.mkfifo(tmp_path / "pipe")
+    assert message in refused(capfd, "reduce", "conrod", *options)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "here-mtx", "pipe"]
+
+
+def test_a_pipe_for_a_body(tmp_path, scene, capfd):
+    os.mkfifo(tmp_path / "rod.h5")
+    arguments = ("run", scene(KIND), "--body", tmp_path / "rod.h5", "-o", tmp_path / "out")
+    assert "rod.h5: not a regular file" in refused(capfd, *arguments)

@@ -37,6 +37,8 @@ from fenics_ehd.scenes.rotor_settings import Force, RotorSettings, Shaft, Time
 from fenics_ehd.scenes.transient import Totals
 from fenics_ehd.settings import build
 
+pytestmark = pytest.mark.kernels
+
 # --- The film's linear maps
 
 

@@ -1,5 +1,6 @@
 """Settings: every bad value is one line that names it."""
 
+import os
 import tomllib
 
 import pytest
@@ -10,9 +11,11 @@ from fenics_ehd.elements import FAMILIES
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
 from fenics_ehd.scenes import slider_crank_settings
+from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.scenes.thin_film import check_thin_film
-from fenics_ehd.settings import build, read_toml, to_toml
+from fenics_ehd.settings import build, read_toml, to_toml, unusual
 
 
 def test_printed_defaults_read_back_as_the_defaults():
@@ -78,6 +81,18 @@ def test_printed_settings_read_back_to_twelve_digits(clearance, modes, geometry)
             "film.cells = [1000, 1000]: 1000000 cells, at most 200000 are allowed",
         ),
         ({"scene": "rotor"}, "scene = 'rotor' must be one of slider-crank"),
+        ({"rod": {"density": 7.85}}, "rod.density = 7.85 must be at least 100: in kg/m3, 7850 for"),
+        ({"rod": {"density": 7.85e6}}, "rod.density = 7850000.0 must be below 100000: in kg/m3"),
+        ({"rod": {"youngs_modulus": 210}}, "210.0 must be at least 1e+06: in Pa, 210e9 for 210"),
+        ({"rod": {"youngs_modulus": 210e3}}, "210000.0 must be at least 1e+06: in Pa, 210e9 for"),
+        ({"bearing": {"viscosity": 1e308}}, "bearing.viscosity = 1e+308 must be below 1e+06: in"),
+        (
+            {"mechanism": {"revolutions": 1e308}},
+            "= 1e+308 must be 0 or from 1e-30 to 1e+30 in size",
+        ),
+        ({"start": {"velocity_x": -1e40}}, "= -1e+40 must be 0 or from 1e-30 to 1e+30 in size"),
+        ({"mechanism": {"crank_speed": 1e-308}}, "= 1e-308 must be 0 or from 1e-30 to 1e+30 in"),
+        ({"mechanism": {"gas_force": "a\0b.csv"}}, "mechanism.gas_force = 'a\\x00b.csv' must be"),
     ],
 )
 def test_bad_value_is_named_with_its_limit(tables, message):
@@ -85,6 +100,28 @@ def test_bad_value_is_named_with_its_limit(tables, message):
         build(SliderCrankSettings, tables)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_numbers_that_are_perhaps_in_another_unit_are_named():
+    assert [unusual(kind()) for kind in (SliderCrankSettings, RotorSettings)] == [[], []]
+    assert unusual(LoadedJournalSettings()) == []
+    # Nothing moves backwards or weighs too little by a zero or a sign.
+    still = {"bearing": {"shaft_speed": -300, "bore_speed": 0}}
+    assert unusual(build(LoadedJournalSettings, still)) == []
+    tables = {
+        "mechanism": {"piston_mass": 500, "crank_speed": 3e4},
+        "bearing": {"viscosity": 10},
+        "rod": {"youngs_modulus": 210e12, "damping_time": 1},
+    }
+    assert unusual(build(SliderCrankSettings, tables)) == [
+        "mechanism.crank_speed = 30000 is outside the usual 0.01 to 20000: in rad/s, 314 for 3000 "
+        "rpm",
+        "mechanism.piston_mass = 500 is outside the usual 0.0001 to 100: in kg, 0.5 for 500 g",
+        "bearing.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s",
+        "rod.youngs_modulus = 2.1e+14 is outside the usual 1e+09 to 2e+12: in Pa, 210e9 for 210 "
+        "GPa",
+        "rod.damping_time = 1 is outside the usual 1e-12 to 0.1: in s, 1e-3 for 1 ms",
+    ]
 
 
 def test_limits_of_cells_are_inside():
@@ -120,3 +157,40 @@ def test_broken_toml_is_named(tmp_path):
         read_toml(path)
     with pytest.raises(SettingsError, match="No such file"):
         read_toml(tmp_path / "absent.toml")
+
+
+LONG = "more than 300 characters"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (".".join(["a"] * 50_000) + " = 1", LONG),
+        ("[" + " . ".join(["'a.a'"] * 50_000) + "]", LONG),
+        ("a = {b = 1, " + ".".join(["a"] * 50_000) + " = 1}", LONG),
+        ("a = " + 5000 * "9", LONG),
+        ("a = [1, 0x" + 5000 * "f" + "]", LONG),
+        ("a = " + 5000 * "[", "scene.toml: "),
+        ("\xff", "scene.toml: 'utf-8' codec can't decode"),
+    ],
+)
+def test_text_that_no_scene_has_is_refused(text, message, tmp_path):
+    (tmp_path / "scene.toml").write_text(text, encoding="latin-1")
+    with pytest.raises(SettingsError) as caught:
+        read_toml(tmp_path / "scene.toml")
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 300 + len(str(tmp_path))
+
+
+def test_long_quotations_and_comments_are_read(tmp_path):
+    """And the mark that other systems put before UTF-8."""
+    text = f"# {500 * 'don’t. '}\na.b = '{500 * 'a.'}'  # {500 * 'a.'}\nc = [1.5, 2.5]\n"
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8-sig")
+    assert read_toml(tmp_path / "scene.toml") == {"a": {"b": 500 * "a."}, "c": [1.5, 2.5]}
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: path.symlink_to("/dev/zero")])
+def test_scene_that_is_no_file_is_not_waited_for(make, tmp_path):
+    make(tmp_path / "scene.toml")
+    with pytest.raises(SettingsError, match="a folder, pipe or device, not a file"):
+        read_toml(tmp_path / "scene.toml")

@@ -44,6 +44,8 @@ from fenics_ehd.multibody.energy import EnergyBalance
 from fenics_ehd.scenes.run import Totals, simulate
 from fenics_ehd.scenes.slider_crank_settings import Mechanism, SliderCrankSettings, Time
 
+pytestmark = pytest.mark.kernels
+
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -15,7 +15,7 @@ from interrupt_case import heed_interrupt
 from study_cases import COARSE, TINY, TOO_MANY, run_tiny
 from sweep_cases import COMMAND, exit_of
 
-from fenics_ehd.errors import InputError, SettingsError
+from fenics_ehd.errors import InputError, InUseError, SettingsError
 from fenics_ehd.output import read_history
 from fenics_ehd.reduction import load_body
 from fenics_ehd.settings import to_toml
@@ -30,7 +30,6 @@ from fenics_ehd.study.scope import SCOPES
 from fenics_ehd.study.table import COLUMNS, ERRORS, read_table
 from fenics_ehd.study.variants import film, m4, steps
 from fenics_ehd.study.work import RunTask
-from fenics_ehd.sweeps.errors import SweepInUseError
 from fenics_ehd.sweeps.keys import with_values
 
 
@@ -258,7 +257,7 @@ def test_folder_of_another_scene_or_process_is_refused(studied, tmp_path):
     (tmp_path / "study.json").write_text("[]")
     with pytest.raises(InputError, match="unreadable"):
         StudyFolder(tmp_path, study)
-    with StudyFolder(directory, study), pytest.raises(SweepInUseError):
+    with StudyFolder(directory, study), pytest.raises(InUseError):
         StudyFolder(directory, study)
 
 

@@ -21,8 +21,8 @@ from sweep_cases import (
     write_scene,
 )
 
-from fenics_ehd.errors import InputError
-from fenics_ehd.sweeps.errors import OtherSweepError, SweepInUseError
+from fenics_ehd.errors import InputError, InUseError
+from fenics_ehd.sweeps.errors import OtherSweepError
 from fenics_ehd.sweeps.plan import make_plan
 from fenics_ehd.sweeps.table import FIGURES, SweepTable
 
@@ -245,7 +245,7 @@ def test_changed_file_is_another_sweep(tmp_path):
 
 def test_two_sweeps_do_not_share_a_folder(scene, again):
     plan = make_plan(scene, SOME_FAIL)
-    with SweepTable(again, plan), pytest.raises(SweepInUseError):
+    with SweepTable(again, plan), pytest.raises(InUseError):
         SweepTable(again, plan)
 
 

@@ -177,6 +177,7 @@ def test_every_bad_value_is_named_before_anything_runs(scene, tmp_path, capfd):
         (["slider-crank", "--set", "clearance"], "key=values"),
         (["slider-crank", "--set", "clearance=1", "--set", "bearing.clearance=2"], "given twice"),
         (["slider-crank", "--set", "rod.model=absent.geo"], "absent.geo"),
+        (["slider-crank", "--set", f"rod.model={__file__}"], "must be a .geo model or a .msh file"),
         (["slider-crank", "--set", "viscosity=1:2:9999", "--set", "order=1,2"], "19998 cases"),
         (["slider-crank", "--set", "clearance=10:20:3"], "3 of 3 cases cannot run: bearing.clear"),
         (["slider-crank", "--set", "film.cells=[1000,1000]"], "1000000 cells, at most 200000"),

@@ -28,6 +28,7 @@ from fenics_ehd.reduction.rigid_body import rigid_fields
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes.rod import build_structure
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.sealed_file import seal
 from fenics_ehd.settings import build
 
 TETRAHEDRA = build(SliderCrankSettings, {"rod": {"cells": "tet"}})
@@ -185,8 +186,9 @@ def test_body_file_keeps_the_surface_mesh(body, tmp_path):
         np.testing.assert_array_equal(getattr(again, name), getattr(body, name))
     assert again.bore_family == "triangle"
     with h5py.File(tmp_path / "rod.h5", "a") as file:
-        file.attrs["format_version"] = 1
-    with pytest.raises(BodyFileError, match=r"version 1, this program reads 3; reduce the part"):
+        file.attrs["format_version"] = 3
+    seal(tmp_path / "rod.h5", tmp_path / "rod.h5")
+    with pytest.raises(BodyFileError, match=r"version 3, this program reads 4; reduce the part"):
         load_body(tmp_path / "rod.h5")
 
 

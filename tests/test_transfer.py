@@ -12,6 +12,8 @@ from fenics_ehd.film.overlay import intersection_points, overlay
 from fenics_ehd.film.surface import Surface, interpolation_matrix, unwrap
 from fenics_ehd.film.transfer import Mortar, conservative_load, outward_displacement
 
+pytestmark = pytest.mark.kernels
+
 RADIUS, WIDTH = 0.0225, 0.022
 TURN = np.array([2 * np.pi, 0.0])
 AREA = 2 * np.pi * RADIUS * WIDTH

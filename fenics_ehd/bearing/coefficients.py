@@ -4,7 +4,8 @@
 shaft, x along the load, y a quarter turn on in direction of rotation: the exact
 derivatives of the discrete force, its partition held. They jump, by up to 1 % on 64 x 12
 cells, whenever the edge of the film moves on by a row of nodes; the mean over four
-meshes with slightly different cells cancels most of that.
+meshes with slightly different cells cancels most of that. A line without pressure at the
+maximum film turns with the eccentricity, or stays where it is (`line_held`).
 
 A rigid rotor of mass M on ``M x'' + b x' + k x = 0`` is about to whirl when a solution
 ``exp(i nu t)`` exists. Separating real and imaginary parts,
@@ -73,11 +74,12 @@ def coefficients(bearing: BearingFilm, operation: Operation) -> Coefficients:
             "coefficients need a film with pressure and an eccentricity above 0: the cavitating "
             "film of a centred shaft has no derivative"
         )
-    slopes = [bearing.slopes(operation)]
+    held = settings.line_held
+    slopes = [bearing.slopes(operation, line_held=held)]
     for extra in EXTRA_CELLS:
         other = attrs.evolve(settings, cells_around=settings.cells_around + extra)
         film = BearingFilm(other, operation.position)
-        slopes.append(film.slopes(film.operate(operation.position)))
+        slopes.append(film.slopes(film.operate(operation.position), line_held=held))
     stiffness, damping = -np.mean(slopes, axis=0)
     mass, whirl = stability(stiffness, damping)
     speed = abs(settings.speed)
@@ -88,7 +90,9 @@ def coefficients(bearing: BearingFilm, operation: Operation) -> Coefficients:
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:
     """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor; None when always stable."""
-    k, b = stiffness, damping
+    # Scaled, or the products of small ones vanish.
+    sizes = float(np.abs(stiffness).max()), float(np.abs(damping).max())
+    k, b = stiffness / sizes[0], damping / sizes[1]
     kappa = (
         k[0, 0] * b[1, 1] + k[1, 1] * b[0, 0] - k[0, 1] * b[1, 0] - k[1, 0] * b[0, 1]
     ) / np.trace(b)
@@ -97,4 +101,5 @@ def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None,
         return 0.0, None
     if square <= 0:
         return None, None
-    return float(kappa / square), float(np.sqrt(square))
+    rate = sizes[0] / sizes[1]
+    return float(kappa / square * sizes[1] / rate), float(np.sqrt(square) * rate)

@@ -80,6 +80,8 @@ class _Search:
         change = -(bearing.slopes(operation)[0] @ self.tangent(unknowns))
         logarithm = (change[0] + 1j * change[1]) / push
         rows = np.array([logarithm.real, logarithm.imag])[2 - len(defect) :]
+        if not np.isfinite(rows).all():
+            raise SolverError(_failure(bearing.settings, self, operation))
         step = -np.linalg.lstsq(rows, defect, rcond=None)[0]
         longest = LONGEST_STEP * (bearing.settings.clearance if self.load is not None else 1.0)
         return step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))

@@ -109,9 +109,12 @@ class BearingFilm:
             ),
             options_prefix=options_prefix,
         )
-        linear = self.film.parameters.lubricant.linear
-        self._piezoviscous = None if linear else PiezoviscousFilm(self.film, options_prefix)
         conserving = settings.cavitation == "mass-conserving"
+        self._piezoviscous = (
+            None
+            if self.film.parameters.lubricant.linear
+            else PiezoviscousFilm(self.film, options_prefix, conserving=conserving)
+        )
         self._oil = MassConservingFilm(self.film) if conserving else None
         self._load = self.film.load(np.stack(self.film.points.normal, axis=-1))
 
@@ -168,17 +171,27 @@ class BearingFilm:
         s, motion, angle = self.settings, self._motion(position), self.frame_angle(position)
         minimum_film(s, position)
         gap = shaft_gap(self.film.points, s.radius, s.clearance, motion)
-        if self._oil is not None:
-            state: FilmState = self._oil.steady(gap, guess)
-        elif self._piezoviscous is None:
-            state = self.film.solve(gap, guess)
-        else:
+        if self._piezoviscous is not None:
             state = self._piezoviscous.solve(gap)
+        elif self._oil is not None:
+            state = self._oil.steady(gap, guess)
+        else:
+            state = self.film.solve(gap, guess)
         force = -rotation(angle) @ (self._load @ state.pressure)
         return Operation(position, force, angle, motion, state)
 
-    def slopes(self, operation: Operation) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(
+        self, operation: Operation, *, line_held: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Exact derivatives of the force.
+
+        Parameters
+        ----------
+        operation
+            From `operate`.
+        line_held
+            Whether the line without pressure stays where it is when the shaft moves, which
+            otherwise turns with the eccentricity.
 
         Returns
         -------
@@ -190,7 +203,7 @@ class BearingFilm:
         """
         motion, turn = operation.motion, rotation(operation.angle)
         distance = float(np.linalg.norm(operation.position))
-        follows = self._follows and distance > 0
+        follows = self._follows and distance > 0 and not line_held
         # Directions in the mesh's frame, in (e_x, e_y, psi_x, psi_y) and in their rates.
         places, rates = np.zeros((4, 4)), np.zeros((4, 4))
         places[:2, :2] = rates[:2, 2:] = np.eye(2)

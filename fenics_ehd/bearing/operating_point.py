@@ -9,7 +9,9 @@ keeps: up to c / R.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from fenics_ehd.bearing.coefficients import Coefficients, coefficients
 from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
 from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
 from fenics_ehd.bearing.settings import BearingSettings
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.film.flow import FlowBalance, flow_balance
 from fenics_ehd.film.forces import FilmForces, film_forces
 from fenics_ehd.film.grid import FilmGrid
@@ -109,6 +111,8 @@ def solve_bearing(
         A value out of its limits, or no equilibrium for it.
     CavitationError
         From `Film.solve`.
+    VerificationError
+        A figure of the result is no finite number.
     """
     if (eccentricity is None) == (load is None):
         raise SettingsError("exactly one of eccentricity and load must be given")
@@ -117,13 +121,31 @@ def solve_bearing(
             raise SettingsError(
                 f"eccentricity = {eccentricity:g} must be at least 0 and below 1 (of the clearance)"
             )
-        bearing, operation = at_eccentricity(settings, eccentricity)
-    else:
-        assert load is not None
-        if not 0 < load < np.inf:
-            raise SettingsError(f"load = {load:g} N must be a finite number above 0")
-        bearing, operation = at_load(settings, load)
-    return _result(bearing, operation, with_coefficients)
+    if load is not None and not 0 < load < np.inf:
+        raise SettingsError(f"load = {load:g} N must be a finite number above 0")
+    # What overflows is named below.
+    with np.errstate(all="ignore"):
+        if load is not None:
+            bearing, operation = at_load(settings, load)
+        elif eccentricity is not None:
+            bearing, operation = at_eccentricity(settings, eccentricity)
+        result = _result(bearing, operation, with_coefficients)
+    unknown = [name for name, value in _figures("", result) if not np.isfinite(value).all()]
+    if unknown:
+        raise VerificationError(
+            f"{', '.join(unknown)}: no finite number: is one of radius, clearance, width, "
+            "viscosity, speed and pressures far from any bearing's?"
+        )
+    return result
+
+
+def _figures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Numbers of a result by name, those of its parts too, without the film itself."""
+    if isinstance(value, float | np.ndarray):
+        yield name, value
+    elif is_dataclass(value) and not isinstance(value, Operation):
+        for field in fields(value):
+            yield from _figures(field.name, getattr(value, field.name))
 
 
 def _result(bearing: BearingFilm, operation: Operation, with_coefficients: bool) -> BearingResult:

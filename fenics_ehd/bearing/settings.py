@@ -20,6 +20,9 @@ CLOSED_SIDES = ("none", "lower", "upper")
 #: Cells of a mesh that still solves in minutes.
 MOST_CELLS = 100_000
 
+#: Of a supply [Pa]: more than any part of steel bears.
+MOST_PRESSURE = 1e12
+
 #: Clearance over radius for which lubrication theory, which drops terms of that order, is meant.
 LARGEST_CLEARANCE_RATIO = 0.1
 
@@ -42,7 +45,7 @@ class Groove:
 
     angle: float = number(0.0, "of its middle, from the load line in direction of rotation [rad]")
     width: float = number(0.0, "along the circumference [rad]", least=0, below=2 * math.pi)
-    pressure: float = number(0.0, "supply pressure [Pa]", least=0)
+    pressure: float = number(0.0, "supply pressure [Pa]", least=0, below=MOST_PRESSURE)
 
 
 def _as_tuple(grooves: Iterable[Groove]) -> tuple[Groove, ...]:
@@ -70,7 +73,10 @@ class BearingSettings:
     element: str = choice("lagrange", ELEMENTS, "9-node, 4-node or 8-node")
     grooves: tuple[Groove, ...] = attrs.field(default=(), converter=_as_tuple)
     line_at_max_film: bool = flag(False, "no pressure where the film is thickest")
-    ambient: float = number(0.0, "pressure at the sides above that of cavitation [Pa]", least=0)
+    line_held: bool = flag(False, "for the coefficients that line does not turn with the shaft")
+    ambient: float = number(
+        0.0, "pressure at the sides above that of cavitation [Pa]", least=0, below=MOST_PRESSURE
+    )
     closed_side: str = choice("none", CLOSED_SIDES, "side through which nothing flows")
     cavitation: str = choice("reynolds", CAVITATION, "cavitation condition")
     shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
@@ -105,6 +111,8 @@ class BearingSettings:
                 "grooves and line_at_max_film exclude each other: the line belongs to the plain "
                 "bearing of the classical tables"
             )
+        if self.line_held and not self.line_at_max_film:
+            raise SettingsError("line_held needs line_at_max_film: there is no line to hold")
         if self.grooves and self.speed and self.bore_speed:
             raise SettingsError(
                 f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "

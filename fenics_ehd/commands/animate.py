@@ -47,7 +47,7 @@ DEFAULT_NAME = "animation.gif"
 @click.option(
     "--basis",
     type=click.Path(dir_okay=False),
-    help="Basis of the whole part, made by 'reduce --basis' [default: reduce the part again].",
+    help="Basis of the whole part, made by 'reduce --basis' [default: a bore drawn as a ring].",
 )
 @click.option(
     "--body",
@@ -101,7 +101,8 @@ def _settings(directory: Path) -> Any:
     """
     from fenics_ehd.commands.machine_run import SCENE_NAME
     from fenics_ehd.commands.rotor import read_settings
-    from fenics_ehd.commands.scenes import read_scene, tables_of
+    from fenics_ehd.commands.scene_kinds import tables_of
+    from fenics_ehd.commands.scenes import read_scene
     from fenics_ehd.errors import InputError
 
     scene = directory / SCENE_NAME
@@ -141,63 +142,36 @@ def _subject(
         )
     motion = steps.at(np.linspace(steps.time[0], steps.time[-1], frames))
     subject = rotor_subject if settings.scene == "rotor" else slider_crank_subject
-    shape = _shape(settings, body, basis)
+    shape = _shape(settings, body, directory, basis)
     return subject(settings, body, shape, motion, read_history(directory), scale)
 
 
-def _shape(settings: Any, body: ReducedBody, basis: str | None) -> PartShape:
-    """What shows of the part.
+def _shape(settings: Any, body: ReducedBody, directory: Path, basis: str | None) -> PartShape:
+    """What shows of the part. Its model, a program, is not run for a picture.
 
     Raises
     ------
     InputError
         The basis given is not that of the body.
     """
+    from fenics_ehd.commands.machine_run import SCENE_NAME
     from fenics_ehd.errors import InputError
-    from fenics_ehd.plotting.animation_shape import (
-        shape_of_basis,
-        shape_of_bore,
-        shape_of_part,
-    )
+    from fenics_ehd.plotting.animation_shape import shape_of_basis, shape_of_bore
+    from fenics_ehd.reduction import BasisFile
 
-    if basis is not None:
-        from fenics_ehd.reduction import BasisFile
-
-        with BasisFile(basis) as file:
-            shape = shape_of_basis(file, body)
-        if shape is None:
-            raise InputError(
-                f"--basis {basis}: not the basis of the run's body with its {body.modes} modes"
-            )
-        return shape
-    part = _part_again(settings, body)
-    shape = None if part is None else shape_of_part(part, body)
-    if shape is None:
-        click.echo("the body is not the scene's part: only its bore is drawn deformed", err=True)
+    if basis is None:
+        part = "housing" if settings.scene == "rotor" else "conrod"
+        click.echo(
+            "only the bore is drawn deformed; the whole part: fenics-ehd reduce "
+            f"{part} --scene {directory / SCENE_NAME} -o body.h5 --basis part.h5, then --basis "
+            "part.h5 here",
+            err=True,
+        )
         return shape_of_bore(body)
+    with BasisFile(basis) as file:
+        shape = shape_of_basis(file, body)
+    if shape is None:
+        raise InputError(
+            f"--basis {basis}: not the basis of the run's body with its {body.modes} modes"
+        )
     return shape
-
-
-def _part_again(settings: Any, body: ReducedBody) -> Any:
-    """The whole part, reduced as the body was; None if it was made from another part."""
-    from dataclasses import replace
-
-    import attrs
-    from mpi4py import MPI
-
-    from fenics_ehd.paraview import gather_part
-    from fenics_ehd.scenes import housing, rod
-    from fenics_ehd.scenes.part import as_made
-
-    rotor = settings.scene == "rotor"
-    origin = housing.origin if rotor else rod.origin
-    reduce = housing.reduce_housing if rotor else rod.reduce_rod
-    made = dict(body.provenance)
-    settings = as_made(settings, body)
-    if any(made.get(name) != value for name, value in origin(settings).items()):
-        return None
-    click.echo("reducing the part again for the displacement of all its nodes", err=True)
-    # The estimate costs a solve per pressure node and changes no mode.
-    quick = attrs.evolve(settings.reduction, estimate_error=False)
-    again = reduce(attrs.evolve(settings, reduction=quick), MPI.COMM_SELF)
-    return gather_part(again.structure, replace(again.body, residual=body.residual), again.columns)

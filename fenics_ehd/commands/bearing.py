@@ -98,7 +98,14 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @click.option(
     "--line-at-max-film",
     is_flag=True,
-    help="p = 0 along the maximum film, as the classical tables have it.",
+    help="p = 0 along the maximum film, as the classical tables have it. For --coefficients it "
+    "turns with the shaft's eccentricity.",
+)
+@click.option(
+    "--line-held",
+    is_flag=True,
+    help="For --coefficients the line of --line-at-max-film stays where it is when the shaft "
+    "moves, as a groove does.",
 )
 @_number("ambient", "Pressure at the sides above that of cavitation [Pa].", "P")
 @_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
@@ -244,6 +251,9 @@ def report(result: BearingResult) -> str:
         lines.append(f"{'tilting moment on shaft':<26}{moment} N m  about x, y")
     if result.coefficients is not None:
         lines += _linear_rows(values)
+        if settings.line_at_max_film:
+            how = "stays where it is" if settings.line_held else "turns with the eccentricity"
+            lines.append(f"coefficients of a line at the maximum film that {how}")
     lines.append(
         f"{settings.cells_around} x {settings.cells_along} {settings.element} cells, shear in the "
         f"cavitated zone: {settings.shear_rule}"

@@ -42,5 +42,7 @@ The Sommerfeld number is eta N / p (R / c)^2 with N in revolutions per second an
 p = W / (2 R B). The coefficients are k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film
 force F on the shaft. stability_threshold is omega sqrt(c M / W) with the critical mass M of a
 rigid rotor, in other words omega_th sqrt(c / g) of a rotor whose weight is the load; null when
-it is stable at every speed.
+it is stable at every speed. With --line-at-max-film the line without pressure turns with the
+eccentricity as the shaft moves, or stays where it is, as in a bearing with a groove there
+(--line-held): at eccentricity 0.1 that changes the stiffness by 14 %, at 0.6 by 1 %, damping not.
 """

@@ -10,9 +10,11 @@ import attrs
 import click
 from mpi4py import MPI
 
-from fenics_ehd.commands.machine_run import leave_scene
-from fenics_ehd.commands.recording import progress_bar, record
+from fenics_ehd.checkpoint import Checkpoints
+from fenics_ehd.commands.machine_run import fingerprints, leave_scene, require_same_scene
+from fenics_ehd.commands.recording import progress_bar, record, warn
 from fenics_ehd.errors import SettingsError, VerificationError
+from fenics_ehd.multibody.massless_journal import MasslessJournal
 from fenics_ehd.output import (
     HistoryWriter,
     read_history,
@@ -20,10 +22,12 @@ from fenics_ehd.output import (
     to_json,
     versions,
 )
+from fenics_ehd.run_folder import RunFolder
+from fenics_ehd.scenes.load_history import LoadHistory
 from fenics_ehd.scenes.loaded_journal import BUILT_IN_LOAD, build_journal, build_load
 from fenics_ehd.scenes.loaded_journal_run import OrbitTotals, simulate, verdict
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-from fenics_ehd.settings import build
+from fenics_ehd.settings import build, unusual
 
 
 def read_settings(scene: str, tables: Mapping[str, Any]) -> LoadedJournalSettings:
@@ -41,27 +45,76 @@ def read_settings(scene: str, tables: Mapping[str, Any]) -> LoadedJournalSetting
 
 
 def run_loaded_journal(
-    settings: LoadedJournalSettings, directory: Path, plots: bool, as_json: bool
+    settings: LoadedJournalSettings,
+    directory: Path,
+    plots: bool,
+    interval: float,
+    as_json: bool,
+    overwrite: bool,
 ) -> None:
     """``fenics-ehd run`` for this scene; serial, so that other ranks have nothing to do."""
     require_writable(directory)
+    warn(settings)
     if MPI.COMM_WORLD.rank:
         return
-    summary = _simulate(settings, directory)
+    load = build_load(settings)
+    journal = build_journal(settings, load)
+    with RunFolder(directory, overwrite=overwrite) as folder:
+        summary = _simulate(settings, load, journal, folder.path, interval)
+        _conclude(settings, summary, folder, plots, as_json)
+
+
+def resume_loaded_journal(
+    scene: str,
+    tables: Mapping[str, Any],
+    former: Mapping[str, Any],
+    folder: RunFolder,
+    plots: bool,
+    interval: float,
+    as_json: bool,
+) -> None:
+    """``fenics-ehd run --resume`` for this scene."""
+    settings = read_settings(scene, tables)
+    load = build_load(settings)
+    journal = build_journal(settings, load)
+    summary = _simulate(settings, load, journal, folder.path, interval, former)
+    _conclude(settings, summary, folder, plots, as_json)
+
+
+def _conclude(
+    settings: LoadedJournalSettings,
+    summary: Mapping[str, Any],
+    folder: RunFolder,
+    plots: bool,
+    as_json: bool,
+) -> None:
+    """Picture of the orbit, what the command prints, and whether it succeeded."""
     if plots:
         from fenics_ehd.plotting.orbit import plot_orbits
 
-        plot_orbits({Path(settings.load.file).stem: read_history(directory)}, directory)
-    click.echo(to_json(summary) if as_json else _report(summary, directory))
+        plot_orbits({Path(settings.load.file).stem: read_history(folder.path)}, folder.path)
+    click.echo(to_json(summary) if as_json else _report(summary, folder.directory))
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
 
 
-def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, object]:
-    load = build_load(settings)
-    journal = build_journal(settings, load)
+def _simulate(
+    settings: LoadedJournalSettings,
+    load: LoadHistory,
+    journal: MasslessJournal,
+    directory: Path,
+    interval: float,
+    former: Mapping[str, Any] | None = None,
+) -> dict[str, object]:
     totals = OrbitTotals()
     bar = progress_bar(load.period, ends_in=False)
+    rows = None if former is None else int(former["rows"])
+    grid = journal.film.parameters.grid
+    history = HistoryWriter(directory, {"pressure_nodes_m": grid.nodes}, resumed=rows)
+    scene = fingerprints(settings)
+    if former is not None:
+        require_same_scene(former, scene, directory)
+    checkpoints = Checkpoints(history, interval, {"reduction_seconds": 0.0, "scene": scene})
 
     def run(check: Callable[[], None]) -> str:
         def progress(totals: OrbitTotals) -> None:
@@ -77,11 +130,20 @@ def _simulate(settings: LoadedJournalSettings, directory: Path) -> dict[str, obj
             check()
 
         leave_scene(settings, directory)
-        simulate(settings, totals, history.add, progress, journal, load)
+        memory = None if former is None else former["memory"]
+        with checkpoints:
+            simulate(
+                settings,
+                totals,
+                history.add,
+                progress,
+                journal,
+                load,
+                checkpoint=checkpoints.follow,
+                memory=memory,
+            )
         return verdict(settings, totals)
 
-    grid = journal.film.parameters.grid
-    history = HistoryWriter(directory, {"pressure_nodes_m": grid.nodes})
     return record(directory, history, bar, run, lambda status: summarise(settings, totals, status))
 
 
@@ -93,6 +155,7 @@ def summarise(
     pumped = bearing.ambient_pressure or any(groove[2] for groove in bearing.grooves)
     return {
         "status": status,
+        "warnings": unusual(settings),
         "scene": settings.scene,
         "method": "rigid",
         "modes": 0,

@@ -12,20 +12,18 @@ import attrs
 import click
 import numpy as np
 
-from fenics_ehd.checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
+from fenics_ehd.checkpoint import Checkpoints, load_progress
 from fenics_ehd.commands.recording import progress_bar, record
 from fenics_ehd.errors import InputError, SettingsError, VerificationError
 from fenics_ehd.history_file import HistoryWriter
 from fenics_ehd.output import to_json, write_whole
-from fenics_ehd.reduction import ReducedBody, load_body, save_body
+from fenics_ehd.reduction import ReducedBody, body_digest, save_body
+from fenics_ehd.run_folder import BODY_NAME, SCENE_NAME, RunFolder
 from fenics_ehd.settings import to_toml
 
 if TYPE_CHECKING:  # slow to import, and not every command needs them
     from fenics_ehd.multibody.bdf import Step
     from fenics_ehd.scenes.transient import Progress, Totals
-
-#: Scene and body of a run, beside its history, to go on with.
-SCENE_NAME, BODY_NAME = "scene.toml", "body.h5"
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
@@ -42,7 +40,7 @@ class MachineRun:
     reduction_seconds
         What the reduction took.
     directory
-        Of the results.
+        Where it writes, see `fenics_ehd.run_folder`.
     end
         Simulated time [s].
     simulate
@@ -84,23 +82,20 @@ def run_machine(
     from fenics_ehd.results import bore_constants
     from fenics_ehd.scenes.transient import Totals, verdict
 
-    scene = fingerprints(_recorded(job))
+    scene = fingerprints(_recorded(job)) | {BODY_NAME: body_digest(job.body)}
     if former is not None:
-        _require_same_scene(former, scene, job.directory)
+        require_same_scene(former, scene, job.directory)
     totals = Totals()
     bar = progress_bar(job.end)
     rows = None if former is None else int(former["rows"])
     history = HistoryWriter(job.directory, bore_constants(job.body), resumed=rows)
     figures = {"reduction_seconds": job.reduction_seconds, "scene": scene}
     checkpoints = Checkpoints(history, interval, figures)
-    latest: list[Progress] = []
 
     def store(run: Progress) -> None:
-        if not latest and former is None:
+        if history.rows == 1:
             store_scene(job)
-        latest[:] = [run]
-        if checkpoints.due():
-            checkpoints.save(run.memory())
+        checkpoints.follow(run)
 
     def run(check: Callable[[], None]) -> str:
         def progress(totals: Totals, step: Step) -> None:
@@ -113,7 +108,7 @@ def run_machine(
             check()
 
         memory = None if former is None else former["memory"]
-        try:
+        with checkpoints:
             job.simulate(
                 job.settings,
                 job.body,
@@ -123,20 +118,12 @@ def run_machine(
                 checkpoint=store,
                 memory=memory,
             )
-        finally:
-            if latest:
-                checkpoints.save(latest[0].memory())
         return verdict(totals)
 
     def summarise(status: str) -> dict[str, object]:
         return job.summarise(job.settings, job.body, totals, status, job.reduction_seconds)
 
-    try:
-        return record(job.directory, history, bar, run, summarise)
-    except KeyboardInterrupt:
-        if latest:
-            click.echo(f"go on with: fenics-ehd run --resume {job.directory}", err=True)
-        raise
+    return record(job.directory, history, bar, run, summarise)
 
 
 def fingerprints(settings: Any) -> dict[str, str]:
@@ -160,10 +147,17 @@ def _files(tables: Mapping[str, Any]) -> Iterator[Path]:
             yield Path(value)
 
 
-def _require_same_scene(
+def require_same_scene(
     former: Mapping[str, Any], scene: Mapping[str, str], directory: Path
 ) -> None:
-    stored = former.get("scene", scene)
+    """Refuse to go on with a run that began with other `fingerprints`.
+
+    Raises
+    ------
+    InputError
+        Naming the file.
+    """
+    stored = former["scene"]
     changed = [name for name in {**stored, **scene} if stored.get(name) != scene.get(name)]
     if changed:
         raise InputError(
@@ -191,20 +185,19 @@ def _recorded(job: MachineRun) -> Any:
     return as_made(job.settings, job.body)
 
 
-def former_run(directory: str | Path) -> tuple[Path, ReducedBody, dict[str, Any]]:
-    """Scene file, body and checkpoint of a run that may go on.
+def former_run(directory: Path) -> tuple[Path, dict[str, Any]]:
+    """Scene file and checkpoint of a run that may go on.
 
     Raises
     ------
     InputError
         The folder holds no such run.
     """
-    folder = Path(directory)
-    checkpoint = load_checkpoint(folder / CHECKPOINT)
-    scene = folder / SCENE_NAME
+    checkpoint = load_progress(directory)
+    scene = directory / SCENE_NAME
     if not scene.is_file():
         raise InputError(f"{scene}: missing, the run cannot go on")
-    return scene, load_body(folder / BODY_NAME), checkpoint
+    return scene, checkpoint
 
 
 def with_method(settings: Any, method: str | None, body_file: str | None) -> Any:
@@ -222,7 +215,9 @@ def with_method(settings: Any, method: str | None, body_file: str | None) -> Any
     return attrs.evolve(settings, reduction=attrs.evolve(settings.reduction, method=method))
 
 
-def conclude(job: MachineRun, summary: Mapping[str, Any], plots: bool, as_json: bool) -> None:
+def conclude(
+    job: MachineRun, summary: Mapping[str, Any], folder: RunFolder, plots: bool, as_json: bool
+) -> None:
     """Pictures, what the command prints, and whether it succeeded.
 
     Raises
@@ -234,7 +229,7 @@ def conclude(job: MachineRun, summary: Mapping[str, Any], plots: bool, as_json: 
         from fenics_ehd.plotting.history import plot_machine
 
         plot_machine(f"{job.body.method.upper()}, {job.body.modes} modes", job.directory)
-    text = to_json(summary) if as_json else report(summary, job.directory)
+    text = to_json(summary) if as_json else report(summary, folder.directory)
     shown = ", in pictures min_film_thickness.png, max_pressure.png and others"
     click.echo(text + (shown if plots and not as_json else ""))
     if summary["status"] != "complete":

@@ -4,15 +4,31 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 
+import click
 from tqdm import tqdm
 
-from fenics_ehd.errors import EhdError
+from fenics_ehd.errors import EhdError, OutputError
 from fenics_ehd.interrupt import interrupt_between_steps
 from fenics_ehd.output import HistoryWriter, keeping_failed_film, write_summary
+from fenics_ehd.settings import unusual
+
+
+class _Unwatched:
+    """The error output; nobody has to be there, and a full disk may be behind it."""
+
+    def write(self, text: str) -> None:
+        """Write it, if possible."""
+        with suppress(OSError):
+            sys.stderr.write(text)
+
+    def flush(self) -> None:
+        """Likewise."""
+        with suppress(OSError):
+            sys.stderr.flush()
 
 
 def progress_bar(end: float, *, ends_in: bool = True) -> tqdm:
@@ -21,12 +37,21 @@ def progress_bar(end: float, *, ends_in: bool = True) -> tqdm:
     return tqdm(
         total=1e3 * end,
         unit="ms",
-        file=sys.stderr,
+        file=_Unwatched(),
         mininterval=0.2 if sys.stderr.isatty() else 10.0,
         bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} [{elapsed}"
         + remaining
         + "]",
     )
+
+
+def warn(settings: Any) -> None:
+    """Say on the first rank which numbers are not usual ones: their unit may be another."""
+    from mpi4py import MPI
+
+    if MPI.COMM_WORLD.rank == 0:
+        for line in unusual(settings):
+            click.echo(f"fenics-ehd: warning: {line}", err=True)
 
 
 def record(
@@ -50,18 +75,27 @@ def record(
     summarise
         Figures of the run, called with its status.
     """
-    status = "failed"
-    try:
-        with keeping_failed_film(directory), bar, history, interrupt_between_steps() as check:
-            status = simulate(check)
-    except KeyboardInterrupt:
-        status = "interrupted"
-        raise
-    except EhdError as error:
-        status = f"failed: {' '.join(str(error).split())}"
-        raise
-    finally:
+
+    def leave(status: str) -> dict[str, object]:
         summary = summarise(status)
         if history.started:
             write_summary(directory, summary)
-    return summary
+        return summary
+
+    try:
+        with keeping_failed_film(directory), bar, history, interrupt_between_steps() as check:
+            status = simulate(check)
+    except BaseException as error:
+        with suppress(OutputError):  # the disk may be full
+            leave(_how_it_ended(error, directory))
+        raise
+    return leave(status)
+
+
+def _how_it_ended(error: BaseException, directory: Path) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    if not isinstance(error, EhdError):
+        return "failed"
+    # Files of the run by their names: the folder they are in is about to change.
+    return f"failed: {' '.join(str(error).replace(f'{directory}/', '').split())}"

@@ -14,7 +14,9 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.commands import rotor
-from fenics_ehd.commands.scenes import read_scene, reduce_with_notice, tables_of
+from fenics_ehd.commands.recording import warn
+from fenics_ehd.commands.scene_kinds import tables_of
+from fenics_ehd.commands.scenes import read_scene, reduce_with_notice
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, to_json, versions
 from fenics_ehd.reduction import (
@@ -31,6 +33,7 @@ from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build
+from fenics_ehd.whole_file import naming
 
 if TYPE_CHECKING:
     from fenics_ehd.scenes.part import ReducedPart
@@ -61,9 +64,8 @@ def reduce_part(
 ) -> None:
     """Reduce the part: every rank takes part, the first one writes the body."""
     targets = {form: _export_path(path, form) for form in exports}
-    for file in (path, basis_path, *targets.values()):
-        if file:
-            require_writable(file)
+    outputs = {"-o": path, "--basis": basis_path or ""}
+    _require_outputs(outputs | {f"--export {form}": file for form, file in targets.items()})
     settings = _part_settings(part, scene, cells)
     tables = {**attrs.asdict(settings.reduction), **options}
     reduction: Any = build(type(settings.reduction), tables, "reduction.")
@@ -73,6 +75,7 @@ def reduce_part(
             "coordinates with mass only; use m1, m2, m3 or full"
         )
     settings = attrs.evolve(settings, reduction=reduction)
+    warn(settings)
     if isinstance(settings, RotorSettings):
         rod = rotor.reduce_with_notice(settings)
     else:
@@ -115,12 +118,29 @@ def _export_path(path: str, form: str) -> str:
     return str(Path(path).with_suffix("")) + endings[form]
 
 
+def _require_outputs(outputs: Mapping[str, str]) -> None:
+    """Refuse files that cannot be written, or that two options would write."""
+    taken: dict[Path, str] = {}
+    for option, file in outputs.items():
+        if not file:
+            continue
+        require_writable(file)
+        path = Path(file).resolve()
+        if path.exists() and path.is_dir() != (option == "--export mtx"):
+            wanted = "a file" if path.is_dir() else "a folder"
+            raise SettingsError(f"{option} would write {wanted} {shlex.quote(file)}: it is none")
+        if path in taken:
+            raise SettingsError(
+                f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose another "
+                "name for one of them"
+            )
+        taken[path] = option
+
+
 def _in_place(path: str, write: Any) -> None:
-    try:
+    with naming(Path(path)):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         write()
-    except OSError as error:
-        raise SettingsError(f"{shlex.quote(path)}: {error}") from None
 
 
 def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> dict[str, object]:
@@ -166,6 +186,11 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
     if body.accuracy.get("static_dropped"):
         lines.append(
             f"  {int(body.accuracy['static_dropped'])} static modes dropped as linearly dependent"
+        )
+    if body.accuracy.get("static_added"):
+        lines.append(
+            f"  {int(body.accuracy['static_added'])} residual modes more than asked for: their "
+            "pressures have the same singular value as the last one"
         )
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
     kept = [r for r in body.inventory if not r.dropped]

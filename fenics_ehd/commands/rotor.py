@@ -14,8 +14,10 @@ from mpi4py import MPI
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, versions
 from fenics_ehd.reduction import ReducedBody, Structure, load_body
+from fenics_ehd.run_folder import RunFolder, first_rank_folder
 from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.settings import build
+from fenics_ehd.settings import build, unusual
+from fenics_ehd.whole_file import naming
 
 if TYPE_CHECKING:  # slow to import, and not every command needs them
     from fenics_ehd.commands.machine_run import MachineRun
@@ -32,7 +34,8 @@ def read_settings(scene: str, tables: Mapping[str, Any]) -> RotorSettings:
     model = Path(settings.housing.model)
     if not model.suffix or model.is_absolute():
         return settings
-    housing = attrs.evolve(settings.housing, model=str(Path(scene).parent / model))
+    path = (Path(scene).parent / model).absolute()
+    housing = attrs.evolve(settings.housing, model=str(path))
     return attrs.evolve(settings, housing=housing)
 
 
@@ -46,9 +49,12 @@ def run_rotor(
     frames: int | None,
     interval: float,
     as_json: bool,
+    overwrite: bool,
 ) -> None:
     """``fenics-ehd run`` for this scene; checkpoints every `interval` seconds."""
-    from fenics_ehd.commands.machine_run import with_method
+    from fenics_ehd.commands.machine_run import conclude, run_machine, with_method
+    from fenics_ehd.commands.recording import warn
+    from fenics_ehd.scenes.housing import check_origin
     from fenics_ehd.scenes.rotor_run import check_before_reduction, check_structure
 
     settings = with_method(read_settings(scene, tables), method, body_file)
@@ -56,30 +62,29 @@ def run_rotor(
         raise SettingsError("--vtk needs the housing's mesh, not in --body: drop --body")
     require_writable(directory)
     check_before_reduction(settings)
-    part = None
-    if body_file:
-        from fenics_ehd.scenes.housing import check_origin
+    warn(settings)
+    with first_rank_folder(directory, overwrite) as folder:
+        part, seconds = None, 0.0
+        if body_file:
+            body = load_body(body_file)
+            check_origin(body, settings, tables)
+        else:
+            housing = reduce_with_notice(settings, partial(check_structure, settings))
+            body, seconds = housing.body, housing.seconds
+            if frames:
+                from fenics_ehd.paraview import gather_part
 
-        body, seconds = load_body(body_file), 0.0
-        check_origin(body, settings, tables)
-    else:
-        housing = reduce_with_notice(settings, partial(check_structure, settings))
-        body, seconds = housing.body, housing.seconds
-        if frames:
-            from fenics_ehd.paraview import gather_part
+                part = gather_part(housing.structure, body, housing.columns)
+        # The time integration is serial: other ranks have done their share.
+        if folder is not None:
+            job = _job(settings, body, seconds, folder.path)
+            summary = run_machine(job, interval)
+            if part is not None and frames is not None:
+                from fenics_ehd.results import write_housing_series
 
-            part = gather_part(housing.structure, body, housing.columns)
-    # The time integration is serial: other ranks have done their share.
-    if MPI.COMM_WORLD.rank == 0:
-        from fenics_ehd.commands.machine_run import conclude, run_machine
-
-        job = _job(settings, body, seconds, directory)
-        summary = run_machine(job, interval)
-        if part is not None and frames is not None:
-            from fenics_ehd.results import write_housing_series
-
-            write_housing_series(body, part, directory, frames)
-        conclude(job, summary, plots, as_json)
+                with naming(folder.path / "vtk"):
+                    write_housing_series(body, part, folder.path, frames)
+            conclude(job, summary, folder, plots, as_json)
 
 
 def reduce_with_notice(
@@ -100,7 +105,7 @@ def resume_rotor(
     tables: Mapping[str, Any],
     body: ReducedBody,
     checkpoint: Mapping[str, Any],
-    directory: Path,
+    folder: RunFolder,
     interval: float,
     plots: bool,
     as_json: bool,
@@ -108,10 +113,9 @@ def resume_rotor(
     """``fenics-ehd run --resume`` for this scene."""
     from fenics_ehd.commands.machine_run import conclude, run_machine
 
-    job = _job(
-        read_settings(str(scene), tables), body, float(checkpoint["reduction_seconds"]), directory
-    )
-    conclude(job, run_machine(job, interval, checkpoint), plots, as_json)
+    settings = read_settings(str(scene), tables)
+    job = _job(settings, body, float(checkpoint["reduction_seconds"]), folder.path)
+    conclude(job, run_machine(job, interval, checkpoint), folder, plots, as_json)
 
 
 def _job(settings: RotorSettings, body: ReducedBody, seconds: float, directory: Path) -> MachineRun:
@@ -136,6 +140,7 @@ def summarise(
     shaft = rotor.beam.shaft
     return {
         "status": status,
+        "warnings": unusual(settings),
         "scene": settings.scene,
         "method": body.method,
         "modes": body.modes,

@@ -19,13 +19,14 @@ from fenics_ehd.commands.scene_kinds import (
     SLIDER_CRANK,
     read_tables,
     scene_tables,
-    tables_of,
 )
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, to_json, versions
 from fenics_ehd.reduction import ReducedBody, Structure, load_body
+from fenics_ehd.run_folder import BODY_NAME, RunFolder, first_rank_folder
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build
+from fenics_ehd.whole_file import naming
 
 if TYPE_CHECKING:  # slow to import, and not every command needs them
     from fenics_ehd.commands.machine_run import MachineRun
@@ -83,6 +84,7 @@ def run_scene(
     frames: int | None,
     interval: float,
     as_json: bool,
+    overwrite: bool,
 ) -> None:
     """``fenics-ehd run``; checkpoints every `interval` seconds."""
     target = Path(directory or Path("results") / Path(scene).stem)
@@ -92,14 +94,17 @@ def run_scene(
 
         if body_file or method or frames:
             raise SettingsError("--body, --method, --vtk: not for loaded-journal, which is rigid")
-        run_loaded_journal(read_settings(scene, tables), target, plots, as_json)
+        run_loaded_journal(
+            read_settings(scene, tables), target, plots, interval, as_json, overwrite
+        )
         return
     if kind == ROTOR:
         from fenics_ehd.commands.rotor import run_rotor
 
-        run_rotor(scene, tables, target, body_file, method, plots, frames, interval, as_json)
-        return
-    _run_slider_crank(scene, tables, target, body_file, method, plots, frames, interval, as_json)
+        run = run_rotor
+    else:
+        run = _run_slider_crank
+    run(scene, tables, target, body_file, method, plots, frames, interval, as_json, overwrite)
 
 
 def _run_slider_crank(
@@ -112,9 +117,12 @@ def _run_slider_crank(
     frames: int | None,
     interval: float,
     as_json: bool,
+    overwrite: bool,
 ) -> None:
     """``fenics-ehd run`` for this scene."""
-    from fenics_ehd.commands.machine_run import with_method
+    from fenics_ehd.commands.machine_run import conclude, run_machine, with_method
+    from fenics_ehd.commands.recording import warn
+    from fenics_ehd.scenes.rod import check_origin
     from fenics_ehd.scenes.run import check_before_reduction, check_structure
 
     settings = with_method(read_scene(scene)[0], method, body_file)
@@ -122,27 +130,26 @@ def _run_slider_crank(
         raise SettingsError("--vtk needs the rod's mesh, which --body does not hold: drop --body")
     require_writable(directory)
     check_before_reduction(settings)
-    part, seconds = None, 0.0
-    if body_file:
-        from fenics_ehd.scenes.rod import check_origin
+    warn(settings)
+    with first_rank_folder(directory, overwrite) as folder:
+        part, seconds = None, 0.0
+        if body_file:
+            body = load_body(body_file)
+            check_origin(body, settings, tables)
+        else:
+            rod = reduce_with_notice(settings, partial(check_structure, settings))
+            body, seconds = rod.body, rod.seconds
+            part = _gather(rod) if frames else None
+        # The time integration is serial: other ranks have done their share.
+        if folder is not None:
+            job = _job(settings, body, seconds, folder.path)
+            summary = run_machine(job, interval)
+            if part is not None and frames is not None:
+                from fenics_ehd.results import write_run_series
 
-        body = load_body(body_file)
-        check_origin(body, settings, tables)
-    else:
-        rod = reduce_with_notice(settings, partial(check_structure, settings))
-        body, seconds = rod.body, rod.seconds
-        part = _gather(rod) if frames else None
-    # The time integration is serial: other ranks have done their share.
-    if MPI.COMM_WORLD.rank == 0:
-        from fenics_ehd.commands.machine_run import conclude, run_machine
-
-        job = _job(settings, body, seconds, directory)
-        summary = run_machine(job, interval)
-        if part is not None and frames is not None:
-            from fenics_ehd.results import write_run_series
-
-            write_run_series(settings, body, part, directory, frames)
-        conclude(job, summary, plots, as_json)
+                with naming(folder.path / "vtk"):
+                    write_run_series(settings, body, part, folder.path, frames)
+            conclude(job, summary, folder, plots, as_json)
 
 
 def reduce_with_notice(
@@ -185,17 +192,23 @@ def resume_scene(directory: str, plots: bool, interval: float, as_json: bool) ->
     """``fenics-ehd run --resume``; serial."""
     from fenics_ehd.commands.machine_run import conclude, former_run, run_machine
 
-    scene, body, checkpoint = former_run(directory)
-    rotor_tables = tables_of(str(scene), "rotor")
-    if rotor_tables is not None:
-        from fenics_ehd.commands.rotor import resume_rotor
+    with RunFolder(directory, resume=True) as folder:
+        scene, checkpoint = former_run(folder.path)
+        kind, tables = scene_tables(str(scene))
+        if kind == LOADED_JOURNAL:
+            from fenics_ehd.commands.loaded_journal import resume_loaded_journal
 
-        folder = Path(directory)
-        resume_rotor(scene, rotor_tables, body, checkpoint, folder, interval, plots, as_json)
-        return
-    settings, _ = read_scene(str(scene))
-    job = _job(settings, body, float(checkpoint["reduction_seconds"]), Path(directory))
-    conclude(job, run_machine(job, interval, checkpoint), plots, as_json)
+            resume_loaded_journal(str(scene), tables, checkpoint, folder, plots, interval, as_json)
+            return
+        body = load_body(folder.path / BODY_NAME)
+        if kind == ROTOR:
+            from fenics_ehd.commands.rotor import resume_rotor
+
+            resume_rotor(scene, tables, body, checkpoint, folder, interval, plots, as_json)
+            return
+        settings, _ = read_scene(str(scene))
+        job = _job(settings, body, float(checkpoint["reduction_seconds"]), folder.path)
+        conclude(job, run_machine(job, interval, checkpoint), folder, plots, as_json)
 
 
 def show_info(as_json: bool) -> None:

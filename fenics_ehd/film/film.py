@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -44,6 +46,18 @@ class FilmState:
     problem: Complementarity
     fluid_fraction: np.ndarray | None = None
     density_rate: DensityRate | None = None
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """What a solve takes of it as its guess, for `as_guess`."""
+        found = {"pressure": self.pressure, "unknown": self.cavitation.pressure}
+        return found if self.fluid_fraction is None else found | {"share": self.fluid_fraction}
+
+    @classmethod
+    def as_guess(cls, memory: Mapping[str, np.ndarray]) -> FilmState:
+        """A state of which only `memory` is known."""
+        nothing: Any = None
+        cavitation = CavitationResult(memory["unknown"], np.empty(0), np.empty(0), 0)
+        return FilmState(memory["pressure"], nothing, cavitation, nothing, memory.get("share"))
 
 
 class Film:

@@ -42,7 +42,14 @@ class FilmParameters:
         for name in ("clearance", "rate"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
-                raise SettingsError(f"{name} = {value:g} of the film must be above 0")
+                raise SettingsError(
+                    f"{name} = {value:g} of the film must be a finite number above 0"
+                )
+        if not np.finfo(float).tiny < self.pressure_scale < np.inf:
+            raise SettingsError(
+                f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s: the film's "
+                f"pressure is of the size of {self.pressure_scale:g} Pa, which cannot be computed"
+            )
         if not self.clearance < self.grid.radius:
             raise SettingsError(
                 f"clearance = {self.clearance:g} m must be below the radius {self.grid.radius:g} m"

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from fenics_ehd.errors import InterfaceMismatchError
 from fenics_ehd.film import Film, FilmGrid
-from fenics_ehd.film.layout import film_grid, match
+from fenics_ehd.film.layout import film_grid, film_layout, match
 from fenics_ehd.film.surface import Surface
 from fenics_ehd.film.transfer import Mortar, outward_displacement
 from fenics_ehd.reduction.body import ReducedBody
@@ -31,6 +31,11 @@ def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> Surface:
     order = match(grid.nodes, nodes)
     assert order is not None
     return Surface.on_cylinder(nodes, order[grid.cell_nodes], grid.family)
+
+
+def _same_family(body: ReducedBody, grid: FilmGrid) -> bool:
+    """Whether equal nodal pressures are one pressure: 4-node cells may have 9-node cells' nodes."""
+    return grid.family == (body.pressure_family or film_layout(body.pressure_nodes)[1])
 
 
 def load_projections(body: ReducedBody) -> tuple[np.ndarray, np.ndarray]:
@@ -114,7 +119,7 @@ class BoreFilm:
         nodes = outward_displacement(surface, *grid.node_positions.T)
         self.watched_normal = sparse.vstack([normal, nodes]).tocsr()
         self.watched = np.vstack([outward, nodes @ flat])[:, 1:]
-        self._order = match(body.pressure_nodes, grid.nodes)
+        self._order = match(body.pressure_nodes, grid.nodes) if _same_family(body, grid) else None
         self._mortar = self._mortar_of(body, grid) if self._order is None else None
         self.load = film.load(outward.reshape(shape))
         self.spin_load = film.load(turned.reshape(shape))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -57,3 +58,9 @@ class PeriodicSearch(Protocol):
 
     def finish(self) -> Cycle:
         """The whole cycle."""
+
+    def memory(self) -> dict[str, Any]:
+        """All that it carries from step to step, for `restore`."""
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on in the middle of a cycle."""

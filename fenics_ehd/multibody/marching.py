@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -51,6 +52,16 @@ class Marching:
         """Account for an accepted step."""
         self._journal.accept(step)
         self._end = step.x
+
+    def memory(self) -> dict[str, Any]:
+        """See `PeriodicSearch`; the journal's is its own."""
+        names = ("start", "end", "content", "former_defect")
+        return {name: getattr(self, f"_{name}") for name in names}
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """See `PeriodicSearch`."""
+        for name, value in memory.items():
+            setattr(self, f"_{name}", value)
 
     def finish(self) -> Cycle:
         """The whole cycle."""

@@ -10,8 +10,9 @@ smaller than the pressure's by clearance over radius, is left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,12 @@ class JournalState:
     force: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
+
+    @classmethod
+    def as_guess(cls, film: FilmState) -> JournalState:
+        """A state of which only the film is known."""
+        nothing = np.empty(0)
+        return cls(film, nothing, nothing, nothing, nothing)
 
 
 class MasslessJournal:
@@ -89,6 +96,13 @@ class MasslessJournal:
     def search(self, control: StepControl) -> PeriodicSearch:
         """Search for the periodic orbit, integrated in this way."""
         return Shooting(self, control)
+
+    def memory(self) -> dict[str, Any]:
+        """What it remembers of former steps: nothing."""
+        return {}
+
+    def restore(self, memory: Mapping[str, Any], film: FilmState) -> None:
+        """Go on with `memory` and the film of the last accepted step."""
 
     def motion(self, eccentricity: np.ndarray, rate: np.ndarray) -> ShaftMotion:
         """The shaft's motion."""

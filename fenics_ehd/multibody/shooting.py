@@ -8,7 +8,9 @@ by the formula and the steps of the cycle itself. Newton's method for
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +69,16 @@ class Shooting:
         self._times = np.concatenate([[step.time], self._times])[:keep]
         self._variations = [variation, *self._variations][:keep]
         self._end = step.x
+
+    def memory(self) -> dict[str, Any]:
+        """See `PeriodicSearch`."""
+        names = ("start", "end", "times", "variations")
+        return {name: getattr(self, f"_{name}") for name in names}
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """See `PeriodicSearch`."""
+        for name, value in memory.items():
+            setattr(self, f"_{name}", value)
 
     def finish(self) -> ShotCycle:
         """The whole cycle."""

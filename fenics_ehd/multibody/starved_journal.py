@@ -14,8 +14,9 @@ when the load turns. A little damping makes that a fast motion that steps can fo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,8 @@ class StarvedJournal(MasslessJournal):
         self.oil = MassConservingFilm(film)
         self.content = np.empty(0)
         self._time = 0.0
-        self._accepted: Step | None = None
+        self._rate: np.ndarray | None = None
+        self._film: FilmState | None = None
 
     @property
     def film_solves(self) -> int:
@@ -73,7 +75,7 @@ class StarvedJournal(MasslessJournal):
 
         Newton's method would have to correct the oil at every node too.
         """
-        self.content, self._accepted = np.empty(0), None
+        self.content, self._rate, self._film = np.empty(0), None, None
         return Marching(self)
 
     def begin(self, x: np.ndarray) -> None:
@@ -85,7 +87,16 @@ class StarvedJournal(MasslessJournal):
     def accept(self, step: Step) -> None:
         """Keep the oil of a step."""
         self.content, self._time = step.auxiliary.film.content, step.time
-        self._accepted = step
+        self._rate, self._film = step.rate, step.auxiliary.film
+
+    def memory(self) -> dict[str, Any]:
+        """What it remembers of the last accepted step beside its film."""
+        return {"content": self.content, "time": self._time, "rate": self._rate}
+
+    def restore(self, memory: Mapping[str, Any], film: FilmState) -> None:
+        """See `MasslessJournal.restore`."""
+        self.content, self._time, self._rate = (memory[n] for n in ("content", "time", "rate"))
+        self._film = film
 
     def starting_rate(self, time: float, x: np.ndarray, largest: float) -> np.ndarray:
         """Velocity at the start of a cycle, shape (2,) [m/s].
@@ -93,8 +104,8 @@ class StarvedJournal(MasslessJournal):
         That of the last step. Before it that of `MasslessJournal`: a film that is
         full resists as under Reynolds' condition.
         """
-        if self._accepted is not None:
-            return self._accepted.rate
+        if self._rate is not None:
+            return self._rate
         full = MasslessJournal(self.film, self._load, self._speeds)
         return full.starting_rate(time, x, largest)
 
@@ -111,9 +122,7 @@ class StarvedJournal(MasslessJournal):
         )
 
     def _solve(self, time: float, gap: Gap, guess: FilmState | None) -> FilmState:
-        if guess is None and self._accepted is not None:
-            guess = self._accepted.auxiliary.film
-        return self.oil.solve(gap, self.content, time - self._time, guess)
+        return self.oil.solve(gap, self.content, time - self._time, guess or self._film)
 
     def _sensitivity(self, state: FilmState, slopes: GapSlopes) -> np.ndarray:
         assert isinstance(state, OilState)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.paraview import PartFields
 from fenics_ehd.plotting.animation_part import front_faces
 from fenics_ehd.reduction import BasisFile, ReducedBody
 
@@ -43,15 +42,6 @@ class PartShape:
     def displacement(self, coordinates: np.ndarray, quasi_static: np.ndarray) -> np.ndarray:
         """For coordinates (n,) and amplitudes (r,), x and y, shape (p, 2) [m]."""
         return self.basis[:, :2] @ coordinates + self.patterns[:, :2] @ quasi_static
-
-
-def shape_of_part(part: PartFields, body: ReducedBody) -> PartShape | None:
-    """Front of a part that was reduced again, None if its modes are not those of the body."""
-    faces, shown = _front(part.nodes, part.cells)
-    bore = _rows_at(part.nodes, body.bore_nodes)
-    if bore is None or not _same_modes(part.basis[bore], body):
-        return None
-    return PartShape(part.nodes[shown], faces, part.basis[shown], part.patterns[shown])
 
 
 def shape_of_basis(file: BasisFile, body: ReducedBody) -> PartShape | None:

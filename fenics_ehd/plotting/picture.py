@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib
+
+from fenics_ehd.whole_file import write_whole
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
@@ -20,6 +23,8 @@ def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
     written = [Path(path) for path in paths]
     for path in written:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=150)
+        picture = BytesIO()
+        figure.savefig(picture, format=path.suffix[1:], dpi=150)
+        write_whole(path, picture.getbuffer())
     plt.close(figure)
     return written

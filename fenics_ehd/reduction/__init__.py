@@ -3,6 +3,7 @@
 Needs petsc4py, slepc4py, mpi4py, numpy and h5py; dolfinx is not imported.
 """
 
+import fenics_ehd.petsc_start  # noqa: F401
 from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
 from fenics_ehd.reduction.body import (
     InertiaIntegrals,
@@ -10,7 +11,7 @@ from fenics_ehd.reduction.body import (
     ReducedBody,
     ResidualFlexibility,
 )
-from fenics_ehd.reduction.body_file import load_body, save_body
+from fenics_ehd.reduction.body_file import body_digest, load_body, save_body
 from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.craig_bampton import craig_bampton
@@ -42,6 +43,7 @@ __all__ = [
     "SpatialInertia",
     "Structure",
     "as_matrix",
+    "body_digest",
     "bore_from_faces",
     "bore_load_matrix",
     "check_structure",

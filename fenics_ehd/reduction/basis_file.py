@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,11 @@ from mpi4py import MPI
 
 from fenics_ehd.errors import BodyFileError, SettingsError
 from fenics_ehd.reduction.structure import Structure
+from fenics_ehd.sealed_file import HEAD, named, open_sealed, require_numbers, seal
+from fenics_ehd.whole_file import new_part
 
 FORMAT = "fenics_ehd part basis"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 #: Order of the stress components.
 VOIGT = ("xx", "yy", "zz", "yz", "xz", "xy")
@@ -93,7 +94,10 @@ def _write_in_turn(
     nodes_a_cell = comm.allreduce(cells.shape[1], op=MPI.MAX)
 
     def write() -> None:
-        with h5py.File(partial, "r+" if comm.rank else "w") as file:
+        mode, block = ("r+", None) if comm.rank else ("x", HEAD)
+        if comm.rank == 0:
+            new_part(path)
+        with h5py.File(partial, mode, userblock_size=block) as file:
             if comm.rank == 0:
                 _create(file, counts.sum(axis=0).tolist(), nodes_a_cell, modes, field is not None)
             file["nodes"][first_node : first_node + nodes] = structure.coordinates
@@ -102,7 +106,7 @@ def _write_in_turn(
             if field:
                 _write_stress(file, first_point, field)
         if comm.rank == comm.size - 1:
-            partial.replace(path)
+            seal(partial, path)
 
     for turn in range(comm.size):
         failure, cause = "", None
@@ -177,7 +181,9 @@ class BasisFile:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         with self._named():
-            self._file = h5py.File(self.path, "r")
+            self._file = open_sealed(
+                self.path, FORMAT, FORMAT_VERSION, remedy="reduce the part again"
+            )
             try:
                 self._check()
             except Exception:
@@ -194,28 +200,18 @@ class BasisFile:
         """Close the file."""
         self._file.close()
 
-    @contextmanager
-    def _named(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-            raise BodyFileError(f"basis file {self.path}: {str(error).splitlines()[0]}") from error
+    def _named(self) -> AbstractContextManager[None]:
+        return named(BodyFileError, f"basis file {self.path}")
 
     def _check(self) -> None:
         file = self._file
-        if file.attrs.get("format") != FORMAT:
-            raise ValueError(f"not a {FORMAT}")
-        if file.attrs["format_version"] != FORMAT_VERSION:
-            raise ValueError(
-                f"format version {file.attrs['format_version']}, this program reads "
-                f"{FORMAT_VERSION}; reduce the part again"
-            )
         nodes, modes = len(file["nodes"]), file["basis"].shape[-1]
         shapes = {"nodes": (nodes, 3), "basis": (nodes, 3, modes), "cells": file["cells"].shape[:2]}
         if "stress" in file:
             points = len(file["stress"])
             shapes |= {"stress": (points, 6, modes), "stress_points": (points, 3)}
         for name, shape in shapes.items():
+            require_numbers(file[name], "i" if name == "cells" else "f")
             if file[name].shape != shape:
                 raise ValueError(f"{name} has shape {file[name].shape}, not {shape}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from fenics_ehd.errors import ExportError
 from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.whole_file import write_whole
 
 FORMAT = "fenics_ehd reduced body, exported"
 FORMAT_VERSION = 1
@@ -204,11 +206,11 @@ def contents(body: ReducedBody) -> dict[str, Item]:
         "inertia_centrifugal": (body.inertia.centrifugal, "(S B)^T M (S B) of plane motion"),
         "points": (np.array(list(body.points), dtype=str), "names of the boundary points"),
         "point_position": (
-            np.array([row[:, 0] for row in points]).reshape(-1, 3),
+            np.array([row[:, 0] for row in points]).reshape(len(points), 3),
             "mean positions of the boundary points [m]",
         ),
         "point_basis": (
-            np.array([row[:, 3:] for row in points]).reshape(-1, 3, n),
+            np.array([row[:, 3:] for row in points]).reshape(len(points), 3, n),
             "mean displacements of the boundary points for unit coordinates",
         ),
         **_residual_arrays(body),
@@ -263,8 +265,7 @@ def write_npz(path: str | Path, arrays: Mapping[str, np.ndarray]) -> Path:
     for name, array in arrays.items():
         if array.dtype.hasobject:
             raise ExportError(f"{path}: {name} is no plain array")
-    partial = path.with_name(path.name + ".part")
-    with partial.open("wb") as file:
-        np.savez(file, **arrays)
-    partial.replace(path)
+    content = BytesIO()
+    np.savez(content, **arrays)
+    write_whole(path, content.getbuffer())
     return path

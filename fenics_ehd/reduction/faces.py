@@ -47,16 +47,39 @@ def bore_load_matrix(nodes: np.ndarray, faces: np.ndarray, element: str) -> spar
     StructureError
         Faces that do not fit the element or the nodes, or are folded.
     """
+    nodes, faces, _ = _checked(nodes, faces, element)
+    numbers, cells = _ordered(nodes, faces)
+    return surface_load_matrix((nodes, faces, element), (nodes[numbers], cells, element))
+
+
+def surface_load_matrix(
+    surface: tuple[np.ndarray, np.ndarray, str], pressures: tuple[np.ndarray, np.ndarray, str]
+) -> sparse.csr_matrix:
+    """The same of any nodes of the pressures, on the same cells.
+
+    Parameters
+    ----------
+    surface
+        Positions (n, 3) [m], cells (c, k) and element of the displacement.
+    pressures
+        The same of the pressures, cell by cell in the same place and direction.
+
+    Returns
+    -------
+    scipy.sparse.csr_matrix
+        shape (3 n, m) [m^2].
+    """
     from scipy import sparse
 
-    nodes, faces, kind = _checked(nodes, faces, element)
-    numbers, cells = _ordered(nodes, faces)
+    nodes, faces, element = surface
+    kind = surface_element(element, faces)
     values, normals = _normals(nodes, faces, kind)
-    blocks = np.einsum("cqd,qi,qj->cidj", normals, values, values)
+    shapes, _ = surface_element(pressures[2], pressures[1]).tabulate(kind.rule(_LOAD_POINTS)[0])
+    blocks = np.einsum("cqd,qi,qj->cidj", normals, values, shapes)
     rows = (3 * faces[:, :, None] + np.arange(3))[..., None]
-    columns = cells[:, None, None, :]
+    columns = pressures[1][:, None, None, :]
     rows, columns = (np.broadcast_to(a, blocks.shape).ravel() for a in (rows, columns))
-    shape = (3 * len(nodes), len(numbers))
+    shape = (3 * len(nodes), len(pressures[0]))
     return sparse.coo_matrix((blocks.ravel(), (rows, columns)), shape=shape).tocsr()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fenics_ehd.errors import SettingsError
@@ -53,7 +55,8 @@ def load_dependent(
     n_vibration
         Vibration modes ``n_v`` (27).
     n_residual
-        Residual modes ``n_r`` kept of the pressure set (32).
+        Residual modes ``n_r`` kept of the pressure set (32); ``"proper-orthogonal"`` adds those
+        of equal singular values, counted as ``static_added`` in the accuracy.
     pressure_set
         Name of one of `PRESSURE_SETS`, or columns of nodal pressures, shape (k, p) [Pa]:
         snapshots of a former run, for instance.
@@ -90,8 +93,10 @@ def load_dependent(
     check_selection(selection)
     patterns = pressure_patterns(structure, pressure_set)
     _check_counts(n_vibration, n_residual, patterns.shape[1])
+    asked = n_residual
     if selection == PROPER_ORTHOGONAL:
-        patterns, selection = proper_orthogonal(patterns)[:, :n_residual], "every-column"
+        patterns, selection = proper_orthogonal(patterns, n_residual), "every-column"
+        n_residual = max(n_residual, patterns.shape[1])
     elif selection != "every-column":
         patterns = without_redundancy(patterns)
     static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
@@ -99,10 +104,11 @@ def load_dependent(
     basis = _basis(
         static, n_vibration, n_residual, fields, patterns, selection, f"{options_prefix}modes_"
     )
+    added = {"static_added": float(n_residual - asked)}
     return project(
         structure,
         static.mass,
-        basis,
+        replace(basis, accuracy={**basis.accuracy, **added}),
         method="m3",
         frame="mean-axis" if static.rigid_modes.shape[1] else "clamped",
         full_flexibility=bore_flexibility(static) if estimate_error else None,

@@ -19,10 +19,10 @@ from fenics_ehd.reduction.row_blocks import (
     RowBlock,
     agree,
     assemble,
-    empty_matrix,
     owned_range,
     together,
 )
+from fenics_ehd.sealed_file import require_file, require_numbers, values
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -103,6 +103,7 @@ def _read(path: str, comm: MPI.Comm, name: str, rows: int | None) -> PETSc.Mat:
     """Matrix in a file, by the ending of its name."""
     label = f"{name}, file {path}"
     inside = re.fullmatch(r"(.*\.(?:h5|hdf5))(?::(.*))?", path, re.IGNORECASE)
+    together(comm, label, lambda: require_file(inside[1] if inside else path))
     if inside:
         return _read_hdf5(inside[1], inside[2] or "/", comm, label, rows)
     if re.search(r"\.(dat|bin|petsc)$", path, re.IGNORECASE):
@@ -118,7 +119,9 @@ def _read_hdf5(path: str, group: str, comm: MPI.Comm, name: str, rows: int | Non
     def shape() -> tuple[int, int]:
         with h5py.File(path, "r") as file:
             csr = file[group]
-            height, width = csr["shape"][:] if "shape" in csr else csr.attrs["shape"]
+            height, width = values(csr["shape"]) if "shape" in csr else csr.attrs["shape"]
+            for key, kinds in (("indptr", "iu"), ("indices", "iu"), ("data", "fiuc")):
+                require_numbers(csr[key], kinds)
             if csr["indptr"].shape != (height + 1,):
                 raise StructureError(
                     f"{name}: {height} rows need {height + 1} row pointers, "
@@ -142,34 +145,46 @@ def _read_hdf5(path: str, group: str, comm: MPI.Comm, name: str, rows: int | Non
 
 
 def _read_binary(path: str, comm: MPI.Comm, name: str, rows: int | None) -> PETSc.Mat:
-    """PETSc's own format, read in parallel."""
-    number = np.dtype(PETSc.IntType).newbyteorder(">")
+    """PETSc's own format: header, row lengths, column numbers, values, all big-endian.
 
-    def shape() -> tuple[int, int]:
+    PETSc itself believes the column numbers.
+    """
+    number = np.dtype(PETSc.IntType).newbyteorder(">")
+    real = np.dtype(">f8")
+
+    def shape() -> tuple[int, int, int]:
         kind, height, width, entries = map(int, np.fromfile(path, number, 4))
-        if kind != _BINARY_MATRIX or entries < 0:
+        if kind != _BINARY_MATRIX or min(height, width, entries) < 0:
             raise StructureError(f"{name}: not a sparse matrix in PETSc's binary format")
-        # Of a file that ends too early PETSc's rank 0 would know alone, and the others wait.
-        needed = (4 + height + entries) * number.itemsize + 8 * entries
+        needed = (4 + height + entries) * number.itemsize + real.itemsize * entries
         found = Path(path).stat().st_size
         if found < needed:
             raise StructureError(f"{name}: {found} bytes, {entries} entries need {needed}")
-        return height, width
+        return height, width, entries
 
-    whole = together(comm, name, shape)
-    first, last = owned_range(whole, comm, name, rows)
-    matrix = empty_matrix(whole, last - first, comm)
-    viewer = PETSc.Viewer().createBinary(path, "r", comm)
-    try:
-        matrix.load(viewer)
-        if whole[0] == whole[1]:
-            # Loading takes the block size of the file's .info, or none.
-            matrix.setBlockSizes(3, 3)
-        return matrix
-    except PETSc.Error as error:
-        raise StructureError(f"{name}: {str(error).splitlines()[-1].strip()}") from error
-    finally:
-        viewer.destroy()
+    height, width, entries = together(comm, name, shape)
+    first, last = owned_range((height, width), comm, name, rows)
+
+    def block() -> RowBlock:
+        def read(kind: np.dtype, place: int, count: int) -> np.ndarray:
+            return np.fromfile(path, kind, count, offset=place).astype(kind.newbyteorder("="))
+
+        columns = (4 + height) * number.itemsize
+        lengths = read(number, 4 * number.itemsize, height).astype(np.int64)
+        if lengths.min(initial=0) < 0 or lengths.sum() != entries:
+            raise StructureError(
+                f"{name}: rows of {lengths.sum()} entries, the shortest of {lengths.min()}, do not "
+                f"make its {entries} entries"
+            )
+        start, count = int(lengths[:first].sum()), int(lengths[first:last].sum())
+        return RowBlock(
+            np.concatenate([[0], np.cumsum(lengths[first:last])]),
+            read(number, columns + start * number.itemsize, count),
+            read(real, columns + entries * number.itemsize + start * real.itemsize, count),
+            (height, width),
+        )
+
+    return assemble(together(comm, name, block), comm, name)
 
 
 def _scattered(path: str, comm: MPI.Comm, name: str, rows: int | None) -> RowBlock:
@@ -183,7 +198,11 @@ def _scattered(path: str, comm: MPI.Comm, name: str, rows: int | None) -> RowBlo
         # Newer SciPy says of a missing file that it is no Matrix Market file.
         Path(path).stat()
         npz = path.lower().endswith(".npz")
-        return sparse.csr_matrix(sparse.load_npz(path) if npz else io.mmread(path))
+        found = sparse.load_npz(path) if npz else io.mmread(path)
+        if npz and found.format in ("csr", "csc", "bsr"):
+            # SciPy would read and write wherever a wrong number points to.
+            found.check_format(full_check=True)
+        return sparse.csr_matrix(found)
 
     whole = together(comm, name, read)
     shape = comm.bcast(None if comm.rank else whole.shape)

@@ -9,6 +9,9 @@ from fenics_ehd.errors import SettingsError
 #: Directions whose energy is below this fraction of the largest are linearly dependent.
 RANK_TOLERANCE = 1e-11
 
+#: Relative difference of singular values below which round-off chooses their vectors.
+EQUAL = 1e-6
+
 #: Share of the largest singular value below which a combination of pressures is none.
 REDUNDANT = 1e-8
 
@@ -70,8 +73,11 @@ def check_selection(name: str) -> None:
         raise SettingsError(f"selection {name!r} is not one of {', '.join(SELECTIONS)}")
 
 
-def proper_orthogonal(patterns: np.ndarray) -> np.ndarray:
+def proper_orthogonal(patterns: np.ndarray, count: int) -> np.ndarray:
     """Proper orthogonal decomposition of pressure patterns, largest share first.
+
+    Equal singular values belong to a space, and its basis is round-off of the linear algebra
+    library: what `count` would cut is kept whole, so there may be more patterns than asked for.
 
     The columns are nodal pressures of equal weight, snapshots of a run say; the
     directions of least squares error keep what the pressures were and
@@ -82,14 +88,19 @@ def proper_orthogonal(patterns: np.ndarray) -> np.ndarray:
     ----------
     patterns
         shape (k, p) [Pa].
+    count
+        Patterns wanted.
 
     Returns
     -------
     numpy.ndarray
-        Orthonormal patterns, shape (k, rank).
+        Orthonormal patterns, shape (k, r): `count` or more, or fewer if the rank is.
     """
     left, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
-    return left[:, sizes > RANK_TOLERANCE * sizes.max(initial=0.0)]
+    rank = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
+    while 0 < count < rank and sizes[count] > (1.0 - EQUAL) * sizes[count - 1]:
+        count += 1
+    return left[:, : min(count, rank)]
 
 
 def without_redundancy(patterns: np.ndarray) -> np.ndarray:

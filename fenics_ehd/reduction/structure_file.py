@@ -17,6 +17,9 @@ Written and read by row ranges: no rank ever holds a whole matrix. Keys:
     /bore/load              J [m2], CSR as above, shape (3 n, p)
     /bore/cells, /bore/pressure_cells, /bore/reference   optional, as in `Bore`
 
+What `save_structure` writes is sealed (`fenics_ehd.sealed_file`), and refused once it changed;
+other programs' files need no seal.
+
 Degrees of freedom are ``3 * node + component``, nodes in the order of the rows, which is
 that of the ranks when several wrote the file.
 """
@@ -35,6 +38,8 @@ from fenics_ehd.errors import StructureError
 from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.row_blocks import agree, before, even_range, together
 from fenics_ehd.reduction.structure import Bore, Structure
+from fenics_ehd.sealed_file import HEAD, open_sealed, require_file, seal, values
+from fenics_ehd.whole_file import new_part
 
 FORMAT = "fenics_ehd structure"
 FORMAT_VERSION = 1
@@ -67,7 +72,7 @@ def save_structure(structure: Structure, path: str | Path) -> None:
 
     def begin() -> None:
         if comm.rank == 0:
-            with h5py.File(partial, "w") as file:
+            with h5py.File(new_part(path), "x", userblock_size=HEAD) as file:
                 file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
                 # Their order is that of the columns of a basis.
                 file.create_group("attachments", track_order=True)
@@ -87,7 +92,7 @@ def save_structure(structure: Structure, path: str | Path) -> None:
         pointers = np.searchsorted(row, np.arange(len(columns) + 1))
         csr = (pointers, column, columns[row, column])
         _append_matrix(partial, comm, f"attachments/{name}", csr, (structure.size, 3))
-    together(comm, f"file {path}", lambda: None if comm.rank else partial.replace(path))
+    together(comm, f"file {path}", lambda: None if comm.rank else seal(partial, path))
 
 
 def _write_bore(group: h5py.Group, bore: Bore) -> None:
@@ -178,31 +183,32 @@ def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structu
 
 def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
     """Everything but the large matrices; of the coordinates this rank's."""
-    with h5py.File(path, "r") as file:
-        if file.attrs.get("format") != FORMAT:
-            raise StructureError(f"structure file {path}: not a {FORMAT}")
-        if file.attrs["format_version"] != FORMAT_VERSION:
-            raise StructureError(
-                f"structure file {path}: format version {file.attrs['format_version']}, this "
-                f"program reads {FORMAT_VERSION}"
-            )
+    with _opened(path, comm) as file:
         nodes = len(file["coordinates"])
         attachments = {
-            name: PointWeights(group["nodes"][:], group["weights"][:])
+            name: PointWeights(values(group["nodes"]), values(group["weights"]))
             if "nodes" in group
             else f"{path}:/attachments/{name}"
             for name, group in file.get("attachments", {}).items()
         }
         return {
-            "coordinates": file["coordinates"][slice(*even_range(nodes, comm))],
+            "coordinates": values(file["coordinates"], slice(*even_range(nodes, comm))),
             "attachments": attachments,
             "bore": _read_bore(file["bore"]) if "bore" in file else None,
         }
 
 
+def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
+    """The file; one rank reads all of it, for the digest."""
+    if comm.rank:
+        require_file(path)
+        return h5py.File(path, "r")
+    return open_sealed(path, FORMAT, FORMAT_VERSION, remedy="write it again", foreign=True)
+
+
 def _read_bore(group: h5py.Group) -> dict[str, Any]:
-    bore: dict[str, Any] = {name: group[name][:] for name in _BORE_ARRAYS}
-    bore |= {name: group[name][:] for name in _OPTIONAL_ARRAYS if name in group}
+    bore: dict[str, Any] = {name: values(group[name]) for name in _BORE_ARRAYS}
+    bore |= {name: values(group[name]) for name in _OPTIONAL_ARRAYS if name in group}
     bore |= {name: float(group.attrs[name]) for name in _BORE_SIZES}
     bore |= {name: str(group.attrs[name]) for name in _OPTIONAL_NAMES if name in group.attrs}
     return bore

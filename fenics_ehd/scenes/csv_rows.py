@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import numpy as np
-
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.text_file import read_text
+
+#: Beyond any force [N], torque, time or angle; squares and sums of such numbers stay finite.
+LARGEST = 1e15
 
 
 def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
@@ -21,7 +23,7 @@ def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
         The file cannot be read, or separates its entries by something else than commas.
     """
     try:
-        text = Path(path).read_text()
+        text = read_text(path)
     except OSError as error:
         raise SettingsError(f"{where}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -32,10 +34,14 @@ def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
             continue
         if ";" in line or "\t" in line:
             raise SettingsError(
-                f"{where}, line {number}, has {line.strip()!r}: separate by commas, decimals with "
-                "a point"
+                f"{where}, line {number}, has {line.strip()[:40]!r}: separate by commas, "
+                "decimals with a point"
             )
-        rows.append((number, [entry.strip() for entry in next(csv.reader([line]))]))
+        try:
+            entries = next(csv.reader([line]))
+        except csv.Error as error:
+            raise SettingsError(f"{where}, line {number}: {error}") from None
+        rows.append((number, [entry.strip() for entry in entries]))
     return rows
 
 
@@ -45,12 +51,12 @@ def finite_number(where: str, entry: str) -> float:
     Raises
     ------
     SettingsError
-        It is none, or not finite; the message begins with `where`.
+        It is none, or beyond `LARGEST`; the message begins with `where`.
     """
     try:
         value = float(entry)
     except ValueError:
         value = float("nan")
-    if not np.isfinite(value):
-        raise SettingsError(f"{where} = {entry!r} must be a finite number")
+    if not abs(value) < LARGEST:
+        raise SettingsError(f"{where} = {entry[:40]!r} must be a finite number below {LARGEST:g}")
     return value

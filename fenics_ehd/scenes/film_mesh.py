@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from fenics_ehd.film import FilmGrid, uniform_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.reduction import ReducedBody
@@ -22,6 +24,7 @@ def film_mesh(settings: Film, body: ReducedBody) -> FilmGrid:
         The bore's cells are wanted and are not a structured quadratic mesh.
     """
     if not settings.cells and body.pressure_family != "triangle":
-        return film_grid(body.pressure_nodes)
+        grid = film_grid(body.pressure_nodes)
+        return replace(grid, family="bilinear") if settings.element == "bilinear" else grid
     around, along = settings.cells or DEFAULT_CELLS
     return uniform_grid(body.bore_radius, body.bore_width, (around, along), settings.element)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from fenics_ehd.errors import PeriodicityError
+from fenics_ehd.film import FilmState
 from fenics_ehd.film.forces import film_forces
-from fenics_ehd.multibody.bdf import Step, integrate
-from fenics_ehd.multibody.cycles import Cycle
-from fenics_ehd.multibody.massless_journal import MasslessJournal
+from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl, advance
+from fenics_ehd.multibody.cycles import Cycle, PeriodicSearch
+from fenics_ehd.multibody.massless_journal import JournalState, MasslessJournal
 from fenics_ehd.scenes.load_history import LoadHistory
 from fenics_ehd.scenes.loaded_journal import build_journal, build_load, start_of, step_control
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
@@ -78,6 +79,54 @@ class OrbitTotals:
         return abs(work - dissipated) / dissipated if dissipated else float("nan")
 
 
+@dataclass
+class OrbitRun:
+    """All that a run carries from step to step.
+
+    Attributes
+    ----------
+    journal, search
+        See there.
+    totals
+        Figures so far.
+    integrator
+        See `IntegratorState`.
+    """
+
+    journal: MasslessJournal
+    search: PeriodicSearch
+    totals: OrbitTotals
+    integrator: IntegratorState = field(init=False)
+
+    def begin_cycle(self, start: np.ndarray, load: LoadHistory, control: StepControl) -> None:
+        """Begin the next cycle at an eccentricity [m]."""
+        self.totals.begin_cycle()
+        self.search.begin(start)
+        rate = self.journal.starting_rate(0.0, start, load.largest)
+        self.integrator = IntegratorState.begin(self.journal, 0.0, start, rate, control)
+
+    def memory(self) -> dict[str, Any]:
+        """The same after a step, as nested dictionaries of arrays and numbers, for `restore`."""
+        state = self.integrator
+        return {
+            "integrator": {n: getattr(state, n) for n in ("times", "x", "rate", "watched", "step")},
+            "film": state.memory.film.memory(),
+            "journal": self.journal.memory(),
+            "search": self.search.memory(),
+            "totals": asdict(self.totals),
+        }
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on where another run of the same journal was."""
+        film = FilmState.as_guess(memory["film"])
+        guess = JournalState.as_guess(film)
+        self.integrator = IntegratorState(**memory["integrator"], memory=guess)
+        self.journal.restore(memory["journal"], film)
+        self.search.restore(memory["search"])
+        for name, value in memory["totals"].items():
+            setattr(self.totals, name, OilAccount(**value) if name == "oil" else value)
+
+
 def simulate(
     settings: LoadedJournalSettings,
     totals: OrbitTotals,
@@ -85,6 +134,9 @@ def simulate(
     progress: Callable[[OrbitTotals], None] | None = None,
     journal: MasslessJournal | None = None,
     load: LoadHistory | None = None,
+    *,
+    checkpoint: Callable[[OrbitRun], None] | None = None,
+    memory: Mapping[str, Any] | None = None,
 ) -> Cycle:
     """Run cycles until the orbit repeats.
 
@@ -102,6 +154,10 @@ def simulate(
         Called after every accepted step.
     journal, load
         As `build_journal` and `build_load` make them; None: made here.
+    checkpoint
+        Called after every accepted step with the run, which can be stored.
+    memory
+        `OrbitRun.memory` of a run to go on with.
 
     Returns
     -------
@@ -116,32 +172,36 @@ def simulate(
     load = load or build_load(settings)
     journal = journal or build_journal(settings, load)
     control = step_control(settings, load.period)
-    start, began = start_of(settings), perf_counter()
+    run, began = OrbitRun(journal, journal.search(control), totals), perf_counter()
+    if memory is None:
+        run.begin_cycle(start_of(settings), load, control)
+    else:
+        run.restore(memory)
+    began, solved = began - totals.wall_time, totals.film_solves
     totals.period = load.period
-    search = journal.search(control)
     while True:
-        totals.begin_cycle()
-        search.begin(start)
-        rate = journal.starting_rate(0.0, start, load.largest)
-        for step in integrate(journal, (0.0, load.period), start, rate, control):
-            search.add(step)
+        while run.integrator.time < load.period:
+            step, run.integrator = advance(journal, run.integrator, load.period, control)
+            run.search.add(step)
             row = _row(journal, step, totals)
             _account(totals, row, step, load.largest)
-            totals.film_solves = journal.film_solves
+            totals.film_solves = solved + journal.film_solves
             totals.wall_time = perf_counter() - began
             if record is not None:
                 record(row, _fields(step))
+            if checkpoint is not None:
+                checkpoint(run)
             if progress is not None:
                 progress(totals)
-        cycle = search.finish()
+        cycle = run.search.finish()
         totals.periodicity_defect = cycle.defect
         totals.largest_multiplier = cycle.largest_multiplier
         if cycle.repeats(settings.time.periodicity):
             return cycle
         if totals.cycle >= settings.time.cycles:
             raise PeriodicityError(_not_periodic(settings, totals))
-        start = cycle.next_start
         totals.shooting_updates += cycle.corrected
+        run.begin_cycle(cycle.next_start, load, control)
 
 
 def _not_periodic(settings: LoadedJournalSettings, totals: OrbitTotals) -> str:

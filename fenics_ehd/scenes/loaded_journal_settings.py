@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import attrs
 
+from fenics_ehd import quantities
 from fenics_ehd.lengths import metres, radial_clearance
 from fenics_ehd.scenes.sizes import film_cells
 from fenics_ehd.settings import choice, count, number, rows, section, text
@@ -20,11 +21,15 @@ class Bearing:
     radius: float = metres(0.025, "of the bore [m]")
     width: float = metres(0.02, "[m]")
     clearance: float = radial_clearance(25e-6)
-    viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
-    shaft_speed: float = number(300.0, "in the frame of the load, + from x to y [rad/s]")
-    bore_speed: float = number(0.0, "of the bearing in the frame of the load [rad/s]")
+    viscosity: float = quantities.viscosity(0.01)
+    shaft_speed: float = quantities.speed(300.0, "in the frame of the load, + from x to y [rad/s]")
+    bore_speed: float = quantities.speed(0.0, "of the bearing in the frame of the load [rad/s]")
     ambient_pressure: float = number(
-        0.0, "at both sides, above that at which the film cavitates [Pa]", least=0
+        0.0,
+        "at both sides, above that at which the film cavitates [Pa]",
+        least=0,
+        usual=(1e3, 1e9),
+        example="1e5 for 1 bar",
     )
     grooves: tuple[tuple[float, ...], ...] = rows(
         ("angle", "width", "pressure"),
@@ -54,7 +59,7 @@ class Load:
     file: str = text(
         "single-cylinder", "CSV file (time_s,Fx_N,Fy_N); or the built-in main-bearing load"
     )
-    scale: float = number(1.0, "factor on the forces", above=0)
+    scale: float = number(1.0, "factor on the forces", above=0, below=1e9)
     interpolation: str = choice("cubic", INTERPOLATIONS, "periodic spline between the rows")
     period: float = number(
         0.0, "[s]; 0: the last time of the file, whose load is the first", least=0

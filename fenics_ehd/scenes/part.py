@@ -13,7 +13,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.errors import SettingsError
-from fenics_ehd.models import model_path
+from fenics_ehd.models import check_model, model_path
 from fenics_ehd.reduction import (
     ReducedBody,
     Structure,
@@ -86,10 +86,13 @@ def model_file(part: Part, section: str) -> Path:
     ------
     SettingsError
         There is no such file.
+    MeshError
+        It is no model.
     """
     path = Path(part.model) if Path(part.model).suffix else model_path(part.model)
     if not path.is_file():
         raise SettingsError(f"{section}.model = {part.model!r}: there is no file {path}")
+    check_model(path)
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import attrs
 
+from fenics_ehd import quantities
 from fenics_ehd.lengths import LARGEST_LENGTH, metres, radial_clearance
 from fenics_ehd.scenes import slider_crank_settings as rod
 from fenics_ehd.settings import choice, count, number, numbers, section, text
@@ -17,10 +18,16 @@ class Shaft:
     diameter: float = metres(
         0.045, "that of the housing's bore, within 1 % [m]", below=2 * LARGEST_LENGTH
     )
-    speed: float = number(600.0, "angular speed [rad/s]", above=0)
-    youngs_modulus: float = number(210e9, "[Pa]", above=0)
-    density: float = number(7446.0, "[kg/m3]", above=0)
-    support_stiffness: float = number(1.58e8, "of the spring at either end [N/m]", above=0)
+    speed: float = quantities.speed(600.0, "angular speed [rad/s]", above=0)
+    youngs_modulus: float = quantities.youngs_modulus(210e9)
+    density: float = quantities.density(7446.0)
+    support_stiffness: float = number(
+        1.58e8,
+        "of the spring at either end [N/m]",
+        above=0,
+        usual=(1e4, 1e13),
+        example="1e8 for 100 N/um",
+    )
     elements: int = count(20, "beam elements, of equal length", least=1)
     modes: int = count(20, "modes kept, half of them in either plane: an even number", least=2)
     damping_ratio: float = number(1e-3, "zeta of every mode [-]", least=0, below=1)
@@ -32,7 +39,7 @@ class Disk:
     """Rigid disk on the shaft."""
 
     position: float = number(0.5, "share of the shaft's length", least=0, below=1)
-    mass: float = number(0.8, "[kg]", least=0)
+    mass: float = quantities.mass(0.8, "[kg]", 1e4)
     polar_inertia: float = number(1e-3, "about the shaft's axis [kg m2]", least=0)
     diametral_inertia: float = number(5e-4, "about a diameter [kg m2]", least=0)
 
@@ -41,7 +48,7 @@ class Disk:
 class Force:
     """Force that turns with the rotor, along x at the start."""
 
-    amplitude: float = number(3600.0, "[N]", above=0)
+    amplitude: float = number(3600.0, "[N]", above=0, usual=(1e-3, 1e8), example="3600 for 3.6 kN")
     position: float = number(0.75, "share of the shaft's length", least=0, below=1)
     ramp: float = number(0.0, "revolutions over which it grows, 0: there from the start", least=0)
 
@@ -52,7 +59,7 @@ class Bearing:
 
     position: float = number(0.5, "of its mid-width, share of the shaft's length", above=0, below=1)
     clearance: float = radial_clearance(17e-6)
-    viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
+    viscosity: float = quantities.viscosity(0.01)
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
     )
@@ -62,14 +69,14 @@ class Bearing:
 class Housing:
     """Housing, held at its foot: Gmsh model and material."""
 
-    model: str = text("housing", "shipped model, or path of a .geo or .msh file")
+    model: str = text("housing", "shipped model, or a .geo file, which is a program, or .msh")
     element: str = choice(
         "serendipity", rod.ELEMENTS, "of hexahedra, 20-node (serendipity) or 27-node (lagrange)"
     )
-    youngs_modulus: float = number(210e9, "[Pa]", above=0)
+    youngs_modulus: float = quantities.youngs_modulus(210e9)
     poissons_ratio: float = number(0.3, "[-]; quadratic elements lock above", above=-1, below=0.49)
-    density: float = number(7850.0, "[kg/m3]", above=0)
-    damping_time: float = number(0.0, "zeta of D = zeta K [s]", least=0)
+    density: float = quantities.density(7850.0)
+    damping_time: float = quantities.damping_time(0.0)
     geometry: dict = numbers("parameters of the Gmsh model by name, wall = 0.01 say")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import attrs
 
+from fenics_ehd import quantities
 from fenics_ehd.lengths import metres, radial_clearance
 from fenics_ehd.scenes.sizes import film_cells
 from fenics_ehd.settings import choice, count, flag, number, numbers, section, text
@@ -30,7 +31,7 @@ class Mechanism:
     """Crank at constant speed or under a torque, piston on a line."""
 
     crank_length: float = metres(0.048, "crank radius [m]")
-    crank_speed: float = number(
+    crank_speed: float = quantities.speed(
         500.0, "angular speed of the crank, under a torque that at the start [rad/s]", above=0
     )
     drive: str = choice("speed", DRIVES, "whether the crank keeps its speed or is free to change")
@@ -41,15 +42,21 @@ class Mechanism:
     drive_damping: float = number(
         0.0, "torque of a free crank per speed below crank_speed [N m s/rad]", least=0
     )
-    crank_inertia: float = number(1e-3, "of a free crank about its centre of mass [kg m2]", above=0)
-    crank_mass: float = number(1.0, "of a free crank [kg]", least=0)
+    crank_inertia: float = number(
+        1e-3,
+        "of a free crank about its centre of mass [kg m2]",
+        above=0,
+        usual=(1e-8, 1e3),
+        example="1e-3 for 10 kg cm2",
+    )
+    crank_mass: float = quantities.mass(1.0, "of a free crank [kg]", 1e3)
     crank_centre: float = number(
         0.0, "distance of its centre of mass from its axis, along the crank [m]"
     )
     gas_force: str = text(
         "none", "on the piston, towards the crank's axis: CSV file angle_deg,force_N, or none"
     )
-    piston_mass: float = number(0.5, "[kg]", least=0)
+    piston_mass: float = quantities.mass(0.5, "[kg]", 100.0)
     revolutions: float = number(
         1.0, "to simulate, a free crank for as long as they take at crank_speed", above=0
     )
@@ -60,7 +67,7 @@ class Bearing:
     """Big-end bearing; radius and width are those of the rod's bore."""
 
     clearance: float = radial_clearance(17e-6)
-    viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
+    viscosity: float = quantities.viscosity(0.01)
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
     )
@@ -70,15 +77,15 @@ class Bearing:
 class Rod:
     """Connecting rod: Gmsh model and material."""
 
-    model: str = text("conrod", "shipped model, or path of a .geo or .msh file")
+    model: str = text("conrod", "shipped model, or a .geo file, which is a program, or .msh")
     cells: str = choice("hex", CELLS, "structured hexahedra or unstructured 10-node tetrahedra")
     element: str = choice(
         "serendipity", ELEMENTS, "of hexahedra, 20-node (serendipity) or 27-node (lagrange)"
     )
-    youngs_modulus: float = number(210e9, "[Pa]", above=0)
+    youngs_modulus: float = quantities.youngs_modulus(210e9)
     poissons_ratio: float = number(0.3, "[-]; quadratic elements lock above", above=-1, below=0.49)
-    density: float = number(7850.0, "[kg/m3]", above=0)
-    damping_time: float = number(1e-3, "zeta of D = zeta K [s]", least=0)
+    density: float = quantities.density(7850.0)
+    damping_time: float = quantities.damping_time(1e-3)
     geometry: dict = numbers("parameters of the Gmsh model by name, big_end_wall = 0.0114 say")
 
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fenics_ehd.errors import FilmTooThinError, StepSizeError
+from fenics_ehd.errors import FilmTooThinError, InputError, StepSizeError
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl, advance
 from fenics_ehd.multibody.coupled import CoupledState, CoupledSteps, PressureMemory
@@ -17,6 +17,7 @@ from fenics_ehd.multibody.energy import EnergyBalance, Powers
 from fenics_ehd.multibody.equations import Mechanism
 from fenics_ehd.multibody.neglected_inertia import neglected_inertia
 from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.sealed_file import named, require_like
 
 #: Takes the history row and the fields of a step.
 Record = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
@@ -145,14 +146,39 @@ class Progress:
         }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on where another run of the same machine was."""
-        pressures = memory["pressures"]
-        remembered = PressureMemory(**pressures) if pressures else None
-        self.integrator = IntegratorState(**memory["integrator"], memory=remembered)
-        for name, value in memory["totals"].items():
-            setattr(self.totals, name, value)
-        self.balance.restore(memory["balance"])
-        self.estimate.restore(memory["estimate"])
+        """Go on where another run of the same machine was.
+
+        Raises
+        ------
+        InputError
+            The memory is not of such a run.
+        """
+        with named(InputError, "the checkpoint's memory"):
+            require_like(memory, self.memory())
+            pressures = memory["pressures"]
+            remembered = PressureMemory(**pressures) if pressures else None
+            self.integrator = IntegratorState(**memory["integrator"], memory=remembered)
+            _require_sound(self.integrator, memory["totals"]["time"])
+            for name, value in memory["totals"].items():
+                setattr(self.totals, name, value)
+            self.balance.restore(memory["balance"])
+            self.estimate.restore(memory["estimate"])
+
+
+def _require_sound(state: IntegratorState, time: float) -> None:
+    """Past points of one length, finite, newest first from the given time on, and a step."""
+    for name, past in (("integrator", state), ("pressures", state.memory)):
+        for key, values in vars(past).items() if past is not None else ():
+            if key != "memory" and not np.isfinite(values).all():
+                raise ValueError(f"{name}/{key} holds a value that is not finite")
+            if np.ndim(values) and len(values) != len(past.times):
+                raise ValueError(
+                    f"{name}/{key} has {len(values)} rows, times has {len(past.times)}"
+                )
+        if past is not None and not ((np.diff(past.times) < 0).all() and past.times[0] == time):
+            raise ValueError(f"{name}/times must descend from {time:.9g} s")
+    if not state.step > 0:
+        raise ValueError(f"integrator/step = {state.step} s must be positive")
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from typing import Any
 
 from fenics_ehd.errors import BodyFileError, InputError
 from fenics_ehd.history_file import read_fields, read_history
+from fenics_ehd.lock import locked
 from fenics_ehd.output import require_writable, to_json, write_whole
 from fenics_ehd.reduction import load_body
 from fenics_ehd.study.errors_file import errors_path
 from fenics_ehd.study.plan import Study, StudyRun
-from fenics_ehd.sweeps.lock import locked
 from fenics_ehd.sweeps.work import Outcome
 
 #: Beside the files of an ordinary run: what came of it, and of which settings.
@@ -45,7 +45,7 @@ class StudyFolder:
     ------
     InputError
         It cannot be written to, or holds the study of another scene.
-    SweepInUseError
+    InUseError
         Another process works in it.
     """
 

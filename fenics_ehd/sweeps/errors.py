@@ -13,10 +13,6 @@ class OtherSweepError(InputError):
     """The folder holds the rows of another sweep, or of none that this program wrote."""
 
 
-class SweepInUseError(InputError):
-    """Another process is writing rows into the folder."""
-
-
 def one_line(error: BaseException) -> str:
     """Name and message of an error in one line, for a table."""
     return " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())

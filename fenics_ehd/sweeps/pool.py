@@ -215,11 +215,11 @@ class ProcessPool:
 
 @contextmanager
 def _interrupt_blocked() -> Iterator[None]:
-    """Processes started here do not see Ctrl-C.
+    """Processes started here do not see Ctrl-C, nor the end of the terminal.
 
-    The terminal sends it to all of them, and it is for the first one to end the others.
+    It tells all of them, and it is for the first one to end the others.
     """
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:

@@ -14,9 +14,9 @@ from types import TracebackType
 from typing import Any
 
 from fenics_ehd.errors import InputError
+from fenics_ehd.lock import locked
 from fenics_ehd.output import require_writable, write_whole
 from fenics_ehd.sweeps.errors import OtherSweepError
-from fenics_ehd.sweeps.lock import locked
 from fenics_ehd.sweeps.plan import Case, Plan
 from fenics_ehd.sweeps.values import as_text
 
@@ -57,7 +57,7 @@ class SweepTable:
     ------
     OtherSweepError
         The folder holds the rows of another sweep.
-    SweepInUseError
+    InUseError
         Another process is adding rows.
     InputError
         The folder cannot be written to, or has nothing to resume.

@@ -16,11 +16,12 @@ from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-from fenics_ehd.commands.machine_run import BODY_NAME, leave_scene
+from fenics_ehd.commands.machine_run import leave_scene
 from fenics_ehd.commands.recording import record
 from fenics_ehd.errors import BodyFileError
 from fenics_ehd.output import HistoryWriter
 from fenics_ehd.reduction import ReducedBody, load_body, save_body
+from fenics_ehd.run_folder import BODY_NAME, RunFolder
 from fenics_ehd.sweeps.errors import one_line
 from fenics_ehd.sweeps.plan import Case
 from fenics_ehd.sweeps.scenes import SCENES, Run
@@ -104,20 +105,19 @@ def _run(task: CaseTask, body: ReducedBody | None) -> dict[str, object]:
     seconds = float(body.provenance[SECONDS]) if body else 0.0
     run = SCENES[task.case.settings.scene].prepare(task.case.settings, body, seconds)
     if task.directory is not None:
-        _leave_scene(task, task.directory)
-        return _run_with_history(run, task.directory)
+        with RunFolder(task.directory, overwrite=True) as folder:
+            _leave_scene(task, folder)
+            return _run_with_history(run, folder.path)
     run.simulate(None)
     return run.summarise(run.verdict())
 
 
-def _leave_scene(task: CaseTask, directory: Path) -> None:
+def _leave_scene(task: CaseTask, folder: RunFolder) -> None:
     """Scene and body beside the history, for pictures of the machine and another run of it."""
-    leave_scene(task.case.settings, directory)
+    leave_scene(task.case.settings, folder.path)
     if task.body is not None:
-        body = directory / BODY_NAME
-        body.unlink(missing_ok=True)
         # A link, not a copy: many runs share a body.
-        body.symlink_to(os.path.relpath(task.body, directory))
+        (folder.path / BODY_NAME).symlink_to(os.path.relpath(task.body, folder.directory))
 
 
 def _run_with_history(run: Run, directory: Path) -> dict[str, object]:

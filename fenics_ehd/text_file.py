@@ -1,0 +1,22 @@
+"""Text that a user wrote: scenes and tables."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+
+def read_text(path: str | Path) -> str:
+    """Text of a file in UTF-8, with or without a byte order mark.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, or is none: a pipe would be waited for, a device has no end.
+    UnicodeDecodeError
+        It holds something else.
+    """
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise OSError(0, "a folder, pipe or device, not a file")
+    return Path(path).read_text(encoding="utf-8-sig")

@@ -1,0 +1,163 @@
+"""Kills, full disks and errors on one rank."""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+
+from attempt import Outcome, attempt, finish, launch
+from judge import Verdict, figures, judge
+from world import COARSE, RESUME, World, command
+
+Found = Iterator[tuple[str, str, Verdict]]
+
+NEEDED = ("long.toml", "large.toml", "rod.h5")
+
+#: Seconds for what two ranks do, and for a run.
+LIMIT = 90
+
+
+def _run(scene: str, every: float = 0) -> tuple[str, ...]:
+    return ("run", scene, "--body", "rod.h5", "--no-plots", "--checkpoint-every", str(every),
+            "-o", "out")  # fmt: skip
+
+
+def _undisturbed(world: World, scene: str) -> tuple[dict[str, object], Outcome, Path]:
+    """The answer of a run, how it went, and its folder."""
+    folder = world.folder / f"undisturbed {scene}"
+    world.copy(NEEDED, folder)
+    outcome = attempt(command(*_run(scene)), folder, LIMIT)
+    if outcome.status:
+        raise SystemExit(f"the undisturbed run fails: {outcome.stderr}")
+    return figures(folder, outcome), outcome, folder
+
+
+def _went_on(folder: Path, intact: dict[str, object]) -> Verdict:
+    verdict = judge(attempt(command(*RESUME), folder, LIMIT), folder, intact)
+    if verdict.word == "refused" and "no checkpoint to go on from" not in verdict.detail:
+        return Verdict("loses work", verdict.detail)
+    return verdict
+
+
+def kills(world: World, options: argparse.Namespace) -> Found:
+    """A run killed at random moments, and killed again as it goes on."""
+    intact, outcome, _ = _undisturbed(world, "long.toml")
+    random = Random(f"{options.seed} kills")
+    for number in range(max(1, round(40 * options.share))):
+        if time.monotonic() > options.deadline:
+            return
+        folder = world.folder / "kills" / str(number)
+        world.copy(NEEDED, folder)
+        how = random.choice([signal.SIGKILL, signal.SIGKILL, signal.SIGKILL, signal.SIGTERM])
+        calls = [_run("long.toml", random.choice([0, 0.05, 10]))] + [RESUME] * random.choice(
+            [0, 0, 1]
+        )
+        moments = [random.uniform(0, 1.1 * outcome.seconds) for _ in calls]
+        for call, moment in zip(calls, moments, strict=True):
+            began = time.monotonic()
+            process = launch(command(*call), folder, LIMIT)
+            time.sleep(moment)
+            os.kill(process, how)
+            finish(process, folder, began)
+        name = f"{how.name} after {', '.join(f'{m:.3f}' for m in moments)} s"
+        yield "kills", name, _went_on(folder, intact)
+
+
+def full_disk(world: World, options: argparse.Namespace) -> Found:
+    """Files that may not grow further, and a file system that is full; then there is room."""
+    intact, _, whole = _undisturbed(world, "large.toml")
+    sizes = [p.stat().st_size for p in (whole / "out").rglob("*") if p.is_file()]
+    shares = [0.7, 0.02, 0.9, 0.5, 0.2]
+    for share in shares[: max(1, round(len(shares) * options.share))]:
+        folder = world.folder / "disk" / str(share)
+        world.copy(NEEDED, folder)
+        limit = int(share * max(sizes))
+        outcome = attempt(command(*_run("large.toml")), folder, LIMIT, largest_file=limit)
+        yield "disk", f"no file above {limit} bytes", judge(outcome, folder, intact)
+        yield "disk", f"room after {limit} bytes", _went_on(folder, intact)
+        yield from _small_file_system(world, int(share * sum(sizes)), intact)
+
+
+def _small_file_system(world: World, size: int, intact: dict[str, object]) -> Found:
+    folder = world.folder / "disk" / f"file system of {size}"
+    world.copy(NEEDED, folder)
+    out = folder / "out"
+    out.mkdir()
+
+    def mount(*how: str) -> bool:
+        return not subprocess.run(
+            ["mount", *how, str(out)], capture_output=True, check=False
+        ).returncode
+
+    pages = max(4, size // 4096)
+    if not mount("-t", "tmpfs", "-o", f"size={4 * pages}k", "tmpfs"):
+        print("disk: no file system can be mounted here, skipped")
+        return
+    try:
+        outcome = attempt(command(*_run("large.toml")), folder, LIMIT)
+        yield "disk", f"file system of {4 * pages} kB", judge(outcome, folder, intact)
+        mount("-o", "remount,size=64m")
+        yield "disk", f"room after {4 * pages} kB", _went_on(folder, intact)
+    finally:
+        subprocess.run(["umount", str(out)], check=False)
+
+
+#: What is wrong on one rank: environment and arguments instead of the right ones.
+ONE_RANK: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
+    "no such scene": ((), {"--scene": "nothing.toml"}),
+    "unknown key": ((), {"--scene": "wrong.toml"}),
+    "scene is a folder": ((), {"--scene": "."}),
+    "output in no folder": ((), {"-o": "/dev/null/x.h5"}),
+    "basis in no folder": ((), {"--basis": "/dev/null/basis.h5"}),
+    "no such option": ((), {"--nonsense": "1"}),
+    "unusable cache": (("XDG_CACHE_HOME=/dev/null/cache", "HOME=/dev/null"), {}),
+}
+
+
+def ranks(world: World, options: argparse.Namespace) -> Found:
+    """An error on one of two ranks ends both."""
+    folder = world.folder / "ranks"
+    folder.mkdir()
+    geometry = "\n".join(f"{key} = {value}" for key, value in COARSE.items())
+    right = f'scene = "slider-crank"\n[rod.geometry]\n{geometry}\n'
+    (folder / "right.toml").write_text(right)
+    (folder / "wrong.toml").write_text(right + "[tyme]\n")
+    found = [(name, rank) for name in ONE_RANK for rank in (0, 1)]
+    random = Random(f"{options.seed} ranks")
+    for name, rank in random.sample(found, max(2, round(len(found) * min(options.share, 1)))):
+        yield "ranks", f"{name} on rank {rank}", _on_one_rank(folder, name, rank)
+
+
+def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
+    # A process of an MPI program cannot start another one.
+    outside = ("OMPI_", "PMIX_", "ORTE_", "PRTE_")
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(outside)}
+    environment |= dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"), "1")
+    # Of a killed mpirun the ranks would go on: timeout asks it to end them.
+    whole = ["timeout", str(LIMIT), "mpirun", "--oversubscribe"]
+    for rank in (0, 1):
+        variables, other = ONE_RANK[name] if rank == wrong else ((), {})
+        options = {"--scene": "right.toml", "-o": "out.h5", "--basis": "basis.h5", **other}
+        program = ["env", *variables, sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod"]
+        pairs = [word for pair in options.items() for word in pair]
+        whole += [*([":"] if rank else []), "-n", "1", *program, *pairs]
+    done = subprocess.run(
+        whole, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    if done.returncode == 124:
+        return Verdict("hangs", f"no end in {LIMIT} s")
+    text = done.stdout + done.stderr
+    if "Traceback" in text:
+        return Verdict("traceback", text[-300:])
+    if done.returncode == 0:
+        # Only the first rank writes.
+        return Verdict("harmless" if wrong and (folder / "out.h5").is_file() else "believed")
+    if done.returncode not in (1, 2):
+        return Verdict("strange status", f"{done.returncode} {text[-300:]}")
+    told = [line for line in text.splitlines() if line.startswith(("fenics-ehd: ", "Error: "))]
+    return Verdict("refused", told[0]) if told else Verdict("says nothing", text[-300:])

@@ -1,0 +1,308 @@
+"""Malformed scenes, tables and options."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from random import Random
+
+import attrs
+from cases import Case
+from world import CALLS, TABLES, World, command
+
+from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+from fenics_ehd.scenes.rotor_settings import RotorSettings
+from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+
+SCENES = {
+    "slider-crank": SliderCrankSettings,
+    "rotor": RotorSettings,
+    "loaded-journal": LoadedJournalSettings,
+}
+
+#: Values of which none belongs to a key that holds this type.
+WRONG_VALUES = {
+    float: ['"text"', '""', "true", "[]", "{}", "nan", "inf", "-inf", "1979-05-27", "[1.0]",
+            "1e999", "9" * 400, "9" * 5000],
+    int: ['"3"', "true", "[]", "{}", "nan", "inf", "1.5", "-1", "[3]", "-" + "9" * 400],
+    bool: ['"true"', "1", "0.0", "[]", "{}", "[true]"],
+    str: ["1", "true", "[]", "{}", "nan", '"no such thing"', '"a\\u0000b"', f'"{"x" * 200_000}"'],
+    tuple: ["1", '"20x5"', "true", "[nan, 5]", "[20, 5, 3]", "[-20, 5]", "[[20, 5]]", "[1e999, 1]",
+            '["20", "5"]', "{}"],
+    dict: ["1", '"text"', "[]", "true"],
+}  # fmt: skip
+
+#: Numbers at the ends of what can be written, for keys that do not say how long a run is.
+EXTREME = ["1e308", "-1e308", "1e-308", "5e-324", "0", "-0.0", "-1", "1e30", "1e-30"]
+MEASURES = {
+    "mechanism": ("crank_length", "crank_speed", "piston_mass", "crank_mass", "crank_inertia"),
+    "bearing": ("clearance", "viscosity", "smallest_film"),
+    "rod": ("youngs_modulus", "density", "damping_time"),
+    "start": ("eccentricity_x", "velocity_y"),
+}
+
+#: Whole scene files; those that say the same as the intact one are marked.
+SAME = {
+    "byte order mark": lambda text: b"\xef\xbb\xbf" + text,
+    "line ends of Windows": lambda text: text.replace(b"\n", b"\r\n"),
+    "comments": lambda text: b"# \xce\xbcm\n" + text + b"\n# end",
+    "blanks": lambda text: text.replace(b" = ", b"   =\t"),
+}
+BROKEN: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda text: b"",
+    "UTF-16": lambda text: text.decode().encode("utf-16"),
+    "Latin-1": lambda text: text + b"# \xb5m\n",
+    "zero byte": lambda text: text[:40] + b"\0" + text[40:],
+    "unknown key": lambda text: text + b"[time]\ntolerence = 1e-4\n",
+    "unknown table": lambda text: text + b"[tyme]\ntolerance = 1e-4\n",
+    "key twice": lambda text: text + b'gas_force = "gas.csv"\n',
+    "table twice": lambda text: text + b"[mechanism]\ncrank_length = 0.048\n",
+    "table as array": lambda text: text + b"[[time]]\ntolerance = 1e-4\n",
+    "table as value": lambda text: b"time = 3\n" + text,
+    "no value": lambda text: text + b"crank_length =\n",
+    "no equals sign": lambda text: text + b"crank_length 0.048\n",
+    "open string": lambda text: text + b'drive = "speed\n',
+    "open bracket": lambda text: text + b"[film\ncells = [20\n",
+    "no scene": lambda text: text.replace(b'scene = "slider-crank"', b""),
+    "scene of another kind": lambda text: text.replace(b"slider-crank", b"rotor"),
+    "no such scene": lambda text: text.replace(b"slider-crank", b"slider-cranck"),
+    "scene a number": lambda text: text.replace(b'"slider-crank"', b"7"),
+    "deep dotted key": lambda text: text + b".".join([b"a"] * 50_000) + b" = 1\n",
+    "deep array": lambda text: text + b"cells = " + b"[" * 50_000 + b"]" * 50_000 + b"\n",
+    "deep table": lambda text: text + b"[" + b".".join([b"a"] * 50_000) + b"]\n",
+    "long key": lambda text: text + b"k" * 10**6 + b" = 1\n",
+    "long integer": lambda text: text + b"crank_length = " + b"7" * 5000 + b"\n",
+    "binary": lambda text: bytes(range(256)) * 40,
+    "JSON": lambda text: b'{"scene": "slider-crank"}',
+    "carriage returns": lambda text: text.replace(b"\n", b"\r"),
+}
+
+#: What stands where a file should be.
+PLACES = ("missing", "folder", "pipe", "loop", "device", "dangling link")
+
+
+def put_in_place(place: str, path: Path) -> None:
+    """Something that is no regular file."""
+    path.unlink(missing_ok=True)
+    if place == "folder":
+        path.mkdir()
+    elif place == "pipe":
+        os.mkfifo(path)
+    elif place == "loop":
+        path.symlink_to(path.name)
+    elif place == "device":
+        path.symlink_to("/dev/null")
+    elif place == "dangling link":
+        path.symlink_to("nowhere")
+
+
+def _edited(world: World, needed: tuple[str, ...], name: str, change: Callable) -> Callable:
+    """Writes intact inputs, one of them changed."""
+
+    def prepare(folder: Path) -> None:
+        world.copy(needed, folder)
+        path = folder / name
+        path.write_bytes(change(path.read_bytes()))
+
+    return prepare
+
+
+def _elsewhere(world: World, needed: tuple[str, ...], name: str, place: str) -> Callable:
+    def prepare(folder: Path) -> None:
+        world.copy(needed, folder)
+        put_in_place(place, folder / name)
+
+    return prepare
+
+
+def _cut_or_flipped(random: Random) -> Callable[[bytes], bytes]:
+    where, bit, cut = random.random(), 1 << random.randrange(8), random.random() < 0.3
+
+    def change(text: bytes) -> bytes:
+        at = int(where * len(text))
+        return text[:at] if cut else text[:at] + bytes([text[at] ^ bit]) + text[at + 1 :]
+
+    return change
+
+
+def scene_values(world: World, random: Random) -> Iterator[Case]:
+    """Every key of every scene with values of the wrong type, and measures out of all range."""
+    found = []
+    for scene, settings in SCENES.items():
+        for table in attrs.fields(settings):
+            if not attrs.has(type(getattr(settings(), table.name))):
+                continue
+            for key in attrs.fields(type(getattr(settings(), table.name))):
+                kind = type(getattr(getattr(settings(), table.name), key.name))
+                for value in WRONG_VALUES[kind]:
+                    found.append((scene, table.name, key.name, value))
+    for scene, table, key, value in random.sample(found, len(found)):
+        text = _toml(scene, {table: {key: value}})
+        name = f"{scene} {table}.{key} = {value[:30]}"
+        yield Case("scene values", name, _writer({"scene.toml": text}), command(
+            "run", "scene.toml", "--no-plots", "-o", "out"), intact="run")  # fmt: skip
+
+
+def scene_extremes(world: World, random: Random) -> Iterator[Case]:
+    """Numbers at the ends of what can be written: refused, or an answer of finite numbers."""
+    found = [(t, k, v) for t, keys in MEASURES.items() for k in keys for v in EXTREME]
+    needed, _ = CALLS["run"]
+    for table, key, value in random.sample(found, len(found)):
+        tables = {"mechanism": {"revolutions": "0.002"}}
+        tables.setdefault(table, {})[key] = value
+        body = () if table == "rod" else ("--body", "rod.h5")
+
+        def prepare(folder: Path, tables: dict = tables) -> None:
+            world.copy(needed, folder)
+            (folder / "scene.toml").write_text(_toml("slider-crank", tables))
+
+        yield Case("scene extremes", f"{table}.{key} = {value}", prepare, command(
+            "run", "scene.toml", *body, "--no-plots", "-o", "out"), slow=True)  # fmt: skip
+
+
+def _toml(scene: str, tables: dict[str, dict[str, str]]) -> str:
+    lines = [f'scene = "{scene}"']
+    for table, keys in tables.items():
+        lines += [f"[{table}]", *(f"{key} = {value}" for key, value in keys.items())]
+    return "\n".join([*lines, ""])
+
+
+def _writer(files: dict[str, str]) -> Callable[[Path], None]:
+    def prepare(folder: Path) -> None:
+        folder.mkdir(parents=True)
+        for name, text in files.items():
+            (folder / name).write_text(text)
+
+    return prepare
+
+
+def scene_texts(world: World, random: Random) -> Iterator[Case]:
+    """Scene files that are no TOML, not the scene's, or no files."""
+    needed, call = CALLS["run"]
+    for name, change in {**SAME, **BROKEN}.items():
+        prepare = _edited(world, needed, "scene.toml", change)
+        yield Case("scene text", name, prepare, call, intact="run")
+    for place in PLACES:
+        prepare = _elsewhere(world, needed, "scene.toml", place)
+        yield Case("scene text", place, prepare, call, intact="run")
+    while True:
+        prepare = _edited(world, needed, "scene.toml", _cut_or_flipped(random))
+        yield Case("scene text", "cut or flipped", prepare, call, slow=True)
+
+
+#: Tables, from the intact text.
+TABLE_FAULTS: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda text: b"",
+    "header alone": lambda text: text.splitlines(keepends=True)[0],
+    "one row": lambda text: b"".join(text.splitlines(keepends=True)[:2]),
+    "no header": lambda text: b"".join(text.splitlines(keepends=True)[1:]),
+    "other header": lambda text: b"a,b,c\n" + text.split(b"\n", 1)[1],
+    "nan": lambda text: text.replace(b"1", b"nan", 1),
+    "infinite": lambda text: text.replace(b"20", b"inf", 1).replace(b"0.005", b"inf"),
+    "text": lambda text: text.replace(b"\n0,", b"\nzero,", 1),
+    "huge": lambda text: text[: text.rstrip().rfind(b",") + 1] + b"1e308\n",
+    "beyond doubles": lambda text: text[: text.rstrip().rfind(b",") + 1] + b"1e400\n",
+    "missing cell": lambda text: text.rstrip()[: text.rstrip().rfind(b",")] + b"\n",
+    "empty cell": lambda text: text.rstrip()[: text.rstrip().rfind(b",") + 1] + b"\n",
+    "cell too many": lambda text: text.rstrip() + b",5\n",
+    "descending": lambda text: b"\n".join([text.split(b"\n")[0], *text.split(b"\n")[-2:0:-1], b""]),
+    "row twice": lambda text: text + text.splitlines(keepends=True)[-1],
+    "does not close": lambda text: text[: text.rstrip().rfind(b",") + 1] + b"77\n",
+    "decimal commas": lambda text: text.replace(b",", b";").replace(b".", b","),
+    "semicolons": lambda text: text.replace(b",", b";"),
+    "open quote": lambda text: text.replace(b"\n0,", b'\n"0,', 1),
+    "long field": lambda text: text.replace(b"\n0,", b"\n" + b"0" * 200_000 + b"x,", 1),
+    "zero byte": lambda text: text.replace(b"\n0,", b"\n\x000,", 1),
+    "UTF-16": lambda text: text.decode().encode("utf-16"),
+    "Latin-1": lambda text: b"# \xb5\n" + text,
+    "binary": lambda text: bytes(range(256)) * 40,
+    "carriage returns": lambda text: text.replace(b"\n", b"\r"),
+    "underscores": lambda text: text.replace(b"10", b"1_0"),
+    "other digits": lambda text: text.replace(b"1", "１".encode()),
+    "complex": lambda text: text.replace(b"\n0,", b"\n0j,", 1),
+}
+
+
+def tables(world: World, random: Random) -> Iterator[Case]:
+    """Tables of forces and torques."""
+    found = [(t, name) for t in TABLES for name in (*SAME, *TABLE_FAULTS, *PLACES)]
+    for table, name in random.sample(found, len(found)):
+        intact = "journal" if table == "load.csv" else "run"
+        needed, call = CALLS[intact]
+        if name in PLACES:
+            prepare = _elsewhere(world, needed, table, name)
+        else:
+            if name in ("comments", "blanks"):  # a table has none
+                continue
+            prepare = _edited(world, needed, table, {**SAME, **TABLE_FAULTS}[name])
+        yield Case("tables", f"{table} {name}", prepare, call, intact=intact)
+    while True:
+        table = random.choice(list(TABLES))
+        needed, call = CALLS["journal" if table == "load.csv" else "run"]
+        prepare = _edited(world, needed, table, _cut_or_flipped(random))
+        yield Case("tables", f"{table} cut or flipped", prepare, call, slow=True)
+
+
+NUMBERS = ("nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "", "x", "0x10", "1_0", "１")
+BEARING = ("eccentricity", "load", "radius", "clearance", "width", "viscosity", "speed",
+           "bore-speed", "ambient", "barus", "roelands")  # fmt: skip
+
+#: Calls that nothing but a refusal answers.
+REFUSED = (
+    ("run",), ("run", "nothing.toml"), ("run", "."), ("run", "slider-crank", "rotor"), ("run", ""),
+    ("run", "slider-crank", "--body", "nothing.h5"), ("run", "slider-crank", "--body", "."),
+    ("run", "slider-crank", "--body", ""), ("run", "slider-crank", "-o", ""),
+    ("run", "slider-crank", "-o", "file/out"), ("run", "slider-crank", "-o", "/dev/null/out"),
+    ("run", "slider-crank", "--method", "m5"), ("run", "slider-crank", "--frames", "1", "--vtk"),
+    ("run", "slider-crank", "--checkpoint-every", "-1"), ("run", "--resume", "."),
+    ("run", "slider-crank", "--checkpoint-every", "nan", "-o", "/dev/null/out"),
+    ("run", "--resume", "nothing"), ("run", "--resume", ""), ("run", "--resume", "out", "x.toml"),
+    ("reduce",), ("reduce", "conrod"), ("reduce", "piston", "-o", "x.h5"),
+    ("reduce", "conrod", "-o", ""), ("reduce", "conrod", "-o", "file/x.h5"),
+    ("reduce", "conrod", "-o", "pipe"), ("reduce", "conrod", "-o", "."),
+    ("reduce", "conrod", "-o", "x.h5", "--modes", "-1"),
+    ("reduce", "conrod", "-o", "x.h5", "--method", "m1", "--modes", "0"),
+    ("reduce", "conrod", "-o", "x.h5", "--residual-modes", "1000000"),
+    ("reduce", "conrod", "-o", "x.h5", "--vibration-modes", "-3"),
+    ("reduce", "conrod", "-o", "x.h5", "--selection", "best"),
+    ("reduce", "conrod", "-o", "x.h5", "--pressure-set", "pc3"),
+    ("reduce", "conrod", "-o", "x.h5", "--snapshots", "nowhere"),
+    ("reduce", "conrod", "-o", "x.h5", "--residual-truncation", "nan"),
+    ("reduce", "conrod", "-o", "x.npz", "--export", "npz"),
+    ("reduce", "conrod", "-o", "x.h5", "--basis", "x.h5"),
+    ("reduce", "conrod", "-o", "x.h5", "--scene", "nothing.toml"),
+    ("reduce", "conrod", "-o", "x.h5", "--method", "rigid", "--export", "npz"),
+    ("init",), ("init", "piston"), ("plot",), ("plot", "nowhere"), ("plot", "."), ("plot", "file"),
+    ("animate", "nowhere"), ("animate", "."), ("animate", "file"), ("report", "nowhere"),
+    ("report", "."), ("sweep",), ("sweep", "slider-crank"), ("study", "bearing"), ("study",),
+    ("sweep", "slider-crank", "a=1", "-o", "s"), ("info", "x"), ("nonsense",), ("--nonsense",),
+    ("sweep", "slider-crank", "bearing.viscosity=", "-o", "s"),
+    ("sweep", "slider-crank", "bearing.viscosity=1:2:0", "-o", "s"),
+    ("sweep", "slider-crank", "bearing.viscosity=x", "-o", "s"),
+    ("sweep", "slider-crank", "bearing.viscosity=nan", "-o", "s"),
+    ("bearing",), ("bearing", "--load", "5", "--plot", "x.y"), ("bearing", "--load", "1e300"),
+    ("bearing", "--load", "5", "--plot", "/dev/null/x.png"),
+    ("bearing", "--eccentricity", "1"), ("bearing", "--load", "5", "--cells", "64x0"),
+    ("bearing", "--load", "5", "--cells", "9999999999x1"),
+    ("bearing", "--load", "5", "--cells", "64x12x1"),
+)  # fmt: skip
+
+
+def options(world: World, random: Random) -> Iterator[Case]:
+    """Command lines."""
+
+    def prepare(folder: Path) -> None:
+        folder.mkdir(parents=True)
+        (folder / "file").write_text("a file")
+        # In place of a device: nothing here must ever be able to replace one of the machine's.
+        os.mkfifo(folder / "pipe")
+
+    for arguments in random.sample(REFUSED, len(REFUSED)):
+        name = " ".join(repr(a) if not a else a for a in arguments)
+        yield Case("options", name, prepare, command(*arguments), intact="run")
+    found = [(option, number) for option in BEARING for number in NUMBERS]
+    for option, number in random.sample(found, len(found)):
+        given = ("bearing", "--json", "--cells", "20x4", f"--{option}={number}")
+        if option not in ("eccentricity", "load"):
+            given += ("--eccentricity", "0.6")
+        name = f"bearing --{option}={number}"
+        yield Case("options", name, prepare, command(*given), slow=True)

@@ -1,0 +1,63 @@
+"""Run the tests marked `kernels` with every OpenBLAS kernel that this processor can run.
+
+    python tests/kernels.py [arguments of pytest]
+
+A kernel that it cannot run, or that OpenBLAS was built without, is skipped, and that is printed.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+#: What a processor must have, as Linux calls it.
+NEEDED = {
+    "Haswell": {"avx2", "fma"},
+    "Zen": {"avx2", "fma"},
+    "SkylakeX": {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"},
+    "Prescott": {"pni"},
+}
+
+#: Prints the kernel in use; OpenBLAS takes its own choice for one that it was built without.
+IN_USE = """
+import ctypes, numpy
+names = {line.split()[-1] for line in open("/proc/self/maps") if "openblas" in line}
+library = ctypes.CDLL(next((name for name in names if "libopenblas" in name), None))
+function = getattr(library, "openblas_get_corename", lambda: b"no OpenBLAS")
+function.restype = ctypes.c_char_p
+print(function().decode())
+"""
+
+
+def flags() -> set[str]:
+    """What this processor has."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return set(next((line for line in lines if line.startswith("flags")), "").split())
+
+
+def obstacle(kernel: str, environment: dict[str, str]) -> str:
+    """Why a kernel cannot be tried here, or nothing."""
+    missing = NEEDED[kernel] - flags()
+    if missing:
+        return f"the processor lacks {', '.join(sorted(missing))}"
+    found = subprocess.run(
+        [sys.executable, "-c", IN_USE], env=environment, capture_output=True, text=True, check=True
+    ).stdout.strip()
+    return "" if found == kernel else f"numpy's library takes {found} instead"
+
+
+def main(arguments: list[str]) -> int:
+    """Test one kernel after the other; how many failed, 1 if none could be tried."""
+    results = []
+    for kernel in NEEDED:
+        environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
+        reason = obstacle(kernel, environment)
+        print(f"--- {kernel}{f': skipped, {reason}' if reason else ''}", flush=True)
+        if not reason:
+            command = [sys.executable, "-m", "pytest", "-m", "kernels and not slow", *arguments]
+            results.append(subprocess.run(command, env=environment, check=False).returncode)
+    return sum(map(bool, results)) if results else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

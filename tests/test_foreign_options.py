@@ -1,0 +1,112 @@
+"""Options and files that lie about, another person's or another program's, change nothing."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from mpi4py import MPI
+
+from fenics_ehd.errors import MeshError
+from fenics_ehd.geometry import build_mesh
+from fenics_ehd.models import model_path
+
+#: Where PETSc may be started from.
+MODULES = ("reduction", "film", "compat", "geometry", "structure", "surface_mesh", "sweeps.work")
+
+
+def in_home(code, home, **environment):
+    """Output of a program whose home and current folder are one."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=home, capture_output=True, text=True, timeout=120,
+        env=os.environ | {"HOME": str(home)} | environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def petsc_options(module, home):
+    (home / ".petscrc").write_text("-film_snes_max_it 1\n")
+    code = (
+        f"import fenics_ehd.{module}\nfrom petsc4py import PETSc as p\nprint(p.Options().getAll())"
+    )
+    return in_home(code, home, PETSC_OPTIONS="-film_snes_atol 1e-9")
+
+
+@pytest.mark.parametrize(
+    "module", [MODULES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in MODULES[1:])]
+)
+def test_petsc_obeys_what_is_given_on_purpose_alone(module, tmp_path):
+    options = petsc_options(module, tmp_path)
+    assert "'film_snes_atol': '1e-9'" in options
+    assert "max_it" not in options
+
+
+MESHED = """
+from mpi4py import MPI
+from fenics_ehd.geometry import build_mesh
+for cells in ("hex", "tet"):
+    print(build_mesh("rod.geo", cells=cells, comm=MPI.COMM_SELF).mesh.geometry.x.shape[0])
+"""
+
+
+def test_gmsh_obeys_the_model_alone(tmp_path):
+    model = model_path("conrod").read_text()
+    (tmp_path / "rod.geo").write_text(model)
+    expected = in_home(MESHED, tmp_path)
+    assert len(expected.split()) == 2
+    foreign = f'Mesh.MeshSizeFactor = 2;\nSystemCall "touch {tmp_path}/ran";\n'
+    for name in (".gmsh-options", ".gmshrc", "rod.geo.opt"):
+        (tmp_path / name).write_text(foreign)
+    assert in_home(MESHED, tmp_path) == expected
+    assert not (tmp_path / "ran").exists()
+
+
+def test_model_finds_the_files_that_it_includes(tmp_path):
+    (tmp_path / "whole.geo").write_text('Include "rod.geo";\n')
+    (tmp_path / "rod.geo").write_text(model_path("conrod").read_text())
+    assert build_mesh(tmp_path / "whole.geo", {"shank_cells": 6}, comm=MPI.COMM_SELF).groups
+    (tmp_path / "b\\e.geo").symlink_to(tmp_path / "rod.geo")
+    with pytest.raises(MeshError, match=r"b\\e\.geo: quotes and backslashes"):
+        build_mesh(tmp_path / "b\\e.geo", comm=MPI.COMM_SELF)
+
+
+def test_mesh_is_read_and_never_run(tmp_path):
+    """Gmsh takes what does not begin as a mesh does for a model, and a model is a program."""
+    import gmsh
+
+    model = model_path("conrod").read_text()
+    (tmp_path / "program.msh").write_text(f'SystemCall "touch {tmp_path}/ran";\n{model}')
+    (tmp_path / "program.step").write_text(f'SystemCall "touch {tmp_path}/ran";\n{model}')
+    for name, message in (("program.msh", "is no mesh"), ("program.step", "must be a .geo model")):
+        with pytest.raises(MeshError, match=message):
+            build_mesh(tmp_path / name, comm=MPI.COMM_SELF)
+    gmsh.initialize([""], readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.onelab.clear()
+        gmsh.open(str(model_path("conrod")))
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / "rod.msh"))
+    finally:
+        gmsh.finalize()
+    (tmp_path / "rod.msh.opt").write_text(f'SystemCall "touch {tmp_path}/ran";\n')
+    paths = model_path("conrod"), tmp_path / "rod.msh"
+    meshed, read = (build_mesh(path, comm=MPI.COMM_SELF) for path in paths)
+    assert read.groups == meshed.groups
+    assert read.mesh.geometry.x.shape == meshed.mesh.geometry.x.shape
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("big_end_wall", 11.4, r"geometry.big_end_wall = 11.4 must be from 0.005 to 0.03, says"),
+        ("bore_radius", 1e300, r"geometry.bore_radius = 1e\+300 must be from 0.01 to 0.06"),
+        ("tetrahedra", 0.5, r"geometry.tetrahedra = 0.5 must be 0 or 1"),
+        ("bore_cells_along", 0, r"geometry.bore_cells_along = 0 must be from 1 to 100"),
+    ],
+)
+def test_parameters_obey_the_limits_of_the_model(name, value, message):
+    with pytest.raises(MeshError, match=message):
+        build_mesh(model_path("conrod"), {name: value}, comm=MPI.COMM_SELF)

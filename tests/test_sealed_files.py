@@ -1,0 +1,289 @@
+"""Bodies, checkpoints, parts and bases that changed since they were written, or are impossible."""
+
+import errno
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from foreign_parts import ring
+from hand_made_rod import Joint, flexible, make_body
+from mpi4py import MPI
+
+from fenics_ehd.checkpoint import load_checkpoint, save_checkpoint
+from fenics_ehd.errors import BodyFileError, InputError, OutputError, StructureError
+from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.reduction import (
+    BasisFile,
+    body_digest,
+    load_body,
+    load_structure,
+    save_basis,
+    save_body,
+    save_structure,
+)
+from fenics_ehd.sealed_file import seal
+
+TREE = {"rows": 3, "memory": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
+
+
+def write_part(path):
+    save_structure(ring(comm=MPI.COMM_SELF), path)
+
+
+def write_basis(path):
+    part = ring(comm=MPI.COMM_SELF)
+    save_basis(path, part, np.random.default_rng(1).standard_normal((part.size, 3)))
+
+
+KINDS = {
+    "body": (lambda path: save_body(flexible(Joint())[0], path), load_body, BodyFileError),
+    "checkpoint": (lambda path: save_checkpoint(path, TREE), load_checkpoint, InputError),
+    "part": (write_part, lambda path: load_structure(path, MPI.COMM_SELF), StructureError),
+    "basis": (write_basis, lambda path: BasisFile(path).close(), BodyFileError),
+}
+
+
+def refused(kind, path):
+    """The message of the one line by which a file is refused."""
+    with pytest.raises(KINDS[kind][2]) as caught:
+        KINDS[kind][1](path)
+    assert "\n" not in str(caught.value)
+    assert path.name in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_bit_anywhere_is_found(kind, tmp_path):
+    path = tmp_path / "file.h5"
+    KINDS[kind][0](path)
+    KINDS[kind][1](path)
+    whole = path.read_bytes()
+    places = np.random.default_rng(7).integers(len(whole), size=60)
+    for place in (20, 600, *places.tolist(), len(whole) - 1):
+        spoiled = bytearray(whole)
+        spoiled[place] ^= 1 << (place % 8)
+        path.write_bytes(spoiled)
+        assert "its digest is not that of its content" in refused(kind, path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_hdf5_changed_or_cut_off_is_found(kind, tmp_path):
+    path = tmp_path / "file.h5"
+    KINDS[kind][0](path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1])
+    assert "its digest is not that of its content" in refused(kind, path)
+    path.write_bytes(whole)
+    with h5py.File(path, "r+") as file:
+        file.attrs["note"] = "harmless"
+    assert "its digest is not that of its content" in refused(kind, path)
+    seal(path, path)
+    KINDS[kind][1](path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_pipe_is_not_waited_for(kind, tmp_path):
+    os.mkfifo(tmp_path / "pipe.h5")
+    assert "not a regular file" in refused(kind, tmp_path / "pipe.h5")
+
+
+@pytest.mark.parametrize("kind", ["body", "checkpoint", "basis"])
+def test_a_file_without_a_digest_is_refused(kind, tmp_path):
+    path = tmp_path / "file.h5"
+    KINDS[kind][0](path)
+    path.write_bytes(path.read_bytes()[512:])
+    assert "it has no digest: " in refused(kind, path)
+
+
+def test_a_link_in_place_of_a_part_file_is_not_followed(tmp_path):
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    for kind, (write, read, _) in KINDS.items():
+        path = tmp_path / f"{kind}.h5"
+        (tmp_path / f"{kind}.h5.part").symlink_to(precious)
+        write(path)
+        read(path)
+    assert precious.read_text() == "mine"
+
+
+def test_the_digest_of_a_body_is_that_of_its_numbers(tmp_path):
+    body, *_ = flexible(Joint())
+    save_body(body, tmp_path / "rod.h5")
+    again = load_body(tmp_path / "rod.h5")
+    assert body_digest(again) == body_digest(body)
+    assert body_digest(replace(again, stiffness=np.nextafter(body.stiffness, 1e9))) != (
+        body_digest(body)
+    )
+
+
+# Sealed, and wrong all the same
+
+
+def forged(path, change):
+    with h5py.File(path, "r+") as file:
+        change(file)
+    seal(path, path)
+
+
+def put(name, value):
+    def change(file):
+        del file[name]
+        file[name] = value
+
+    return change
+
+
+def claim(file):
+    del file["stiffness"]
+    file.create_dataset("stiffness", (10**6, 10**6), "f8", chunks=(100, 100))
+
+
+WRONG = {
+    "text": (put("stiffness", "text"), "stiffness is a str, not a np.ndarray"),
+    "complex": (put("stiffness", np.eye(4) * 1j), "/stiffness holds complex128, not numbers"),
+    "integers": (put("stiffness", np.eye(4, dtype=int)), "stiffness holds int64, not float64"),
+    "nan": (put("points/pin", np.full((3, 7), np.nan)), "points/pin holds a value that is not f"),
+    "empty": (put("mass", h5py.Empty("f8")), "/mass is no array"),
+    "compound": (put("mass", np.zeros(3, dtype=[("a", "f8")])), "/mass holds"),
+    "group": (put("inertia", 1.0), "a float in place of the fields of InertiaIntegrals"),
+    "missing": (lambda file: file.pop("bore_radius"), "bore_radius is missing"),
+    "short inventory": (put("inventory/dropped", np.zeros(3)), "zip"),
+    "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
+    "soft loop": (put("mass", h5py.SoftLink("/mass")), "mass is a link, not data"),
+    "link out": (put("mass", h5py.ExternalLink("other.h5", "/mass")), "mass is a link, not data"),
+    "hard loop": (
+        lambda file: file.__setitem__("points/all", file["/"]),
+        "groups in groups without",
+    ),
+    "points": (put("points", 1.0), "points is a float, not a Mapping"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_body_of_other_contents_is_named(case, tmp_path):
+    change, message = WRONG[case]
+    path = tmp_path / "rod.h5"
+    save_body(flexible(Joint())[0], path)
+    forged(path, change)
+    assert message in refused("body", path)
+
+
+def scaled(**factors):
+    """Fields of a body times factors; of its inertia where the name begins with inertia_."""
+
+    def change(body):
+        inertia = {n[8:]: f for n, f in factors.items() if n.startswith("inertia_")}
+        others = {n: f for n, f in factors.items() if not n.startswith("inertia_")}
+        inertia = {n: getattr(body.inertia, n) * f for n, f in inertia.items()}
+        changed = {n: getattr(body, n) * f for n, f in others.items()}
+        return replace(body, **changed, inertia=replace(body.inertia, **inertia))
+
+    return change
+
+
+def skewed(size, factor=1.0001):
+    matrix = np.ones((size, size))
+    matrix[0, -1] = factor
+    return matrix
+
+
+PHYSICS = {
+    "stiffness": (scaled(stiffness=1.1), "frequencies are not those of stiffness and mass"),
+    "stiffness skew": (scaled(stiffness=skewed(4)), "stiffness is not symmetric"),
+    "mass skew": (scaled(mass=skewed(4)), "mass is not symmetric"),
+    "mass": (scaled(mass=1.1), "mass is not that of inertia/mass"),
+    "total mass": (
+        scaled(inertia_mass=np.diag([0.0] * 7) + np.outer(*[[1, 1.1, 1, 1, 1, 1, 1]] * 2)),
+        "the translations do not weigh the same",
+    ),
+    "spin": (scaled(inertia_spin=skewed(7, 2.0)), "inertia/spin is not antisymmetric"),
+    "polar": (scaled(inertia_centrifugal=0.1), "a negative moment of inertia"),
+    "bore": (scaled(bore_nodes=1000), "bore_nodes are up to"),
+    "pressure": (scaled(pressure_nodes=[1, 1, 1.1]), "pressure_nodes are up to"),
+    "load": (scaled(load_projection=2), "load_projection: a pressure pushes with 2 times"),
+    "inward": (scaled(load_projection=-1), "load_projection: a pressure pushes with -1 times"),
+    "spin load": (scaled(spin_load_projection=1.01), "spin_load_projection is not load_proj"),
+    "point": (
+        lambda b: replace(b, points={"pin": 2 * b.points["pin"]}),
+        "points/pin does not move with the part",
+    ),
+    "kinds": (lambda b: replace(b, kinds=()), "kinds names 0 of 4 modes"),
+}
+
+
+@pytest.mark.parametrize("case", PHYSICS)
+def test_a_body_against_mechanics_is_named(case, tmp_path):
+    change, message = PHYSICS[case]
+    save_body(change(flexible(Joint())[0]), tmp_path / "rod.h5")
+    assert message in refused("body", tmp_path / "rod.h5")
+
+
+def test_a_massless_rod_without_modes_is_named(tmp_path):
+    save_body(make_body(Joint(), masses=np.zeros(2)), tmp_path / "rod.h5")
+    assert "inertia/mass is not positive definite" in refused("body", tmp_path / "rod.h5")
+
+
+# The history, which is no sealed file
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.full((3, 2), np.nan), "x holds a value that is not finite"),
+        ("text", "x holds object, not numbers"),
+        (1.0, "x holds a value that is not finite, or no rows"),
+    ],
+)
+def test_a_history_of_other_contents_is_named(value, message, tmp_path):
+    with HistoryWriter(tmp_path, {}) as writer:
+        row = {"time_s": 0.0, "max_pressure_Pa": 1.0, "min_film_thickness_m": 1.0}
+        writer.add(row, {"x": np.zeros(2)})
+    read_fields(tmp_path, ("x",))
+    with h5py.File(tmp_path / "history.h5", "r+") as file:
+        put("x", value)(file)
+    with pytest.raises(InputError, match=f"history.h5: not a history of a run: .*{message}"):
+        read_fields(tmp_path, ("x",))
+
+
+def test_a_damaged_history_is_not_waited_for(tmp_path):
+    """HDF5's reader beside a writer tries for minutes to read what is damaged."""
+    with HistoryWriter(tmp_path, {}) as writer:
+        row = {"time_s": 0.0, "max_pressure_Pa": 1.0, "min_film_thickness_m": 1.0}
+        writer.add(row, {"x": np.zeros(2)})
+    content = bytearray((tmp_path / "history.h5").read_bytes())
+    content[content.index(b"OHDR", 100) + 20] ^= 4
+    (tmp_path / "history.h5").write_bytes(content)
+    code = (
+        "import sys; from fenics_ehd.history_file import read_fields as r; r(sys.argv[1], ('x',))"
+    )
+    command = [sys.executable, "-c", code, tmp_path]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert "InputError: " in result.stderr.splitlines()[-1]
+    assert "checksum" in result.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("name", ["history.csv", "history.h5"])
+def test_a_pipe_for_a_history_is_not_waited_for(name, tmp_path):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match=f"{name}: not a history of a run.*not a regular file"):
+        read_history(tmp_path) if name == "history.csv" else read_fields(tmp_path, ("x",))
+
+
+@pytest.mark.parametrize("kind", ["body", "checkpoint"])
+def test_a_full_disk_keeps_the_former_file_and_leaves_no_other(kind, tmp_path, monkeypatch):
+    def fail(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "file.h5"
+    KINDS[kind][0](path)
+    former = path.read_bytes()
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fail)
+        with pytest.raises(OutputError, match=r"file\.h5: No space left"):
+            KINDS[kind][0](path)
+    assert path.read_bytes() == former
+    assert [p.name for p in tmp_path.iterdir()] == ["file.h5"]
