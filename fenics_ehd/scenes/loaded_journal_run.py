@@ -123,7 +123,8 @@ def simulate(
         totals.begin_cycle()
         search.begin(start)
         rate = journal.starting_rate(0.0, start, load.largest)
-        for step in integrate(journal, (0.0, load.period), start, rate, control):
+        span, tables = (0.0, load.period), [load.tabulated]
+        for step in integrate(journal, span, start, rate, control, tables=tables):
             search.add(step)
             row = _row(journal, step, totals)
             _account(totals, row, step, load.largest)
