@@ -100,6 +100,14 @@ def test_a_jump_is_no_reason_to_stop():
     assert steps[-1].time == 2.0
 
 
+@pytest.mark.parametrize("place", [1e12, -1e300, np.inf, np.nan])
+def test_a_step_to_nowhere_is_too_long(place):
+    table = curve_through(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, -1.0, 0.0]))
+    load = replace(table, place=lambda t, x: place if t > 1 else 0.0)
+    when, amount = load.missed(np.array([2.0, 1.0]), np.zeros((2, 1)))
+    assert (when, amount) == (1.5, np.inf)
+
+
 def machine_totals(tmp_path, table, **changes):
     """A rigid rod under one table."""
     name, text = table

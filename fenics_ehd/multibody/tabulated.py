@@ -21,6 +21,9 @@ MISSED = 0.01
 #: Past points of the polynomial, which is cubic as the curves through tables are.
 POINTS = 3
 
+#: A step over more than so many periods is no step that a table allows.
+PERIODS = 10
+
 
 @dataclass(frozen=True, eq=False)
 class TabulatedLoad:
@@ -56,11 +59,14 @@ class TabulatedLoad:
         -------
         when, amount : numpy.ndarray
             Times of the rows strictly within the step [s], and how far their values lie from the
-            polynomial through those at the points, over the largest of the table.
+            polynomial through those at the points, over the largest of the table. Half the step
+            and infinity, if it leads across more than `PERIODS` or to no place at all.
         """
         places = np.array([self.place(t, x) for t, x in zip(times, states, strict=True)])
         end, start = places[:2]
         period = self.rows[-1] - self.rows[0]
+        if not abs(end - start) <= PERIODS * period:
+            return 0.5 * (times[:1] + times[1:2]), np.array([np.inf])
         first, last = np.floor((np.sort(places[:2]) - self.rows[0]) / period)
         rows = np.add.outer(period * np.arange(first, last + 1), self.rows[:-1]).ravel()
         within = np.flatnonzero((rows - start) * (rows - end) < 0)
