@@ -181,7 +181,7 @@ def test_few_residual_patterns_are_named_where_no_step_is_short_enough(
 
     monkeypatch.setattr(transient, "advance", give_up)
     journal = SimpleNamespace(compliance=SimpleNamespace(patterns=np.zeros((patterns, 3))))
-    machine = SimpleNamespace(journal=journal)
+    machine = SimpleNamespace(journal=journal, tables=())
     with pytest.raises(StepSizeError, match=r"^the step fell to 1e-13 s") as caught:
         transient._advanced(machine, None, 1.0, None, None)
     assert ("lower reduction.residual_truncation" in str(caught.value)) is advised

@@ -181,7 +181,9 @@ def simulate(
     totals.period = load.period
     while True:
         while run.integrator.time < load.period:
-            step, run.integrator = advance(journal, run.integrator, load.period, control)
+            step, run.integrator = advance(
+                journal, run.integrator, load.period, control, tables=[load.tabulated]
+            )
             run.search.add(step)
             row = _row(journal, step, totals)
             _account(totals, row, step, load.largest)
