@@ -25,6 +25,7 @@ from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody, ground
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.multibody.simulation import simulate, simulate_periodic
 from fenics_ehd.reduction import craig_bampton, residual_flexibility
+from fenics_ehd.scenes.angle_table import AngleTable
 from fenics_ehd.scenes.loaded_journal import build_film, build_load
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
 from fenics_ehd.scenes.rotor_run import build_rotor
@@ -309,3 +310,15 @@ def test_without_a_film_the_steps_follow_the_motion():
     # On position level the joints hold to the tolerance of Newton's method, whatever the steps.
     assert errors[0] < 1e-7
     assert errors[1] < 1e-9
+
+
+def test_no_step_jumps_over_the_rows_of_a_table():
+    # 200 kN between 56 and 57 degrees: with steps of any length the piston must feel them.
+    angles = np.radians([0.0, 56.0, 56.5, 57.0, 360.0])
+    spike = AngleTable(angles, np.array([0.0, 0.0, 2e3, 0.0, 0.0]))
+    ideal = slider_crank(rigid_rod(), short_films()[0])
+    forces = {"gas": PointForce("piston", (-1.0, 0.0), spike, "crank")}
+    result = simulate(replace(ideal, forces=forces), 0.3 * REVOLUTION, tolerance=1e-3)
+    turned = np.degrees(result.bodies["crank"][:, 2])
+    for row in (56.0, 56.5, 57.0):
+        assert np.abs(turned - row).min() < 1e-6

@@ -89,6 +89,13 @@ class EnergyBalance:
             "figures": np.array([getattr(self, name) for name in FIGURES]),
         }
 
+    @classmethod
+    def of(cls, memory: Mapping[str, np.ndarray]) -> EnergyBalance:
+        """Where another balance of the same mechanism was."""
+        balance = cls(float(memory["times"][0]), Powers(*map(float, memory["powers"][0])))
+        balance.restore(memory)
+        return balance
+
     def restore(self, memory: Mapping[str, np.ndarray]) -> None:
         """Go on where another balance of the same mechanism was."""
         self._points = [

@@ -19,11 +19,17 @@ class Force(Protocol):
     def markers(self) -> tuple[str, ...]:
         """Whose values and rates it depends on or acts on."""
 
+    @property
+    def table(self) -> tuple[Table, str] | None:
+        """Its table and the body whose angle it is read at, empty: at the time; None without."""
+
     def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
         """Force on the values of markers of these sizes, at their values and rates."""
 
 
-#: A number over time or over an angle, with its derivative.
+#: A number over time or over an angle, with its derivative. One made of rows, which no step may
+#: jump over, has a method `tabulated`: the `TabulatedLoad` that is read where a function of time
+#: and state says.
 Table = Callable[[float], tuple[float, float]]
 
 
@@ -52,6 +58,11 @@ class PointForce:
     def markers(self) -> tuple[str, ...]:
         """See `Force`."""
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
+
+    @property
+    def table(self) -> tuple[Table, str]:
+        """See `Force`."""
+        return self.size, self.angle_of
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
         """See `Force`."""
@@ -94,6 +105,11 @@ class Torque:
         """See `Force`."""
         return (self.body,)
 
+    @property
+    def table(self) -> tuple[Table, str] | None:
+        """See `Force`."""
+        return None if self.size is None else (self.size, self.body if self.over_angle else "")
+
     def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
         """See `Force`."""
         value, position, rate = np.zeros(len(u)), np.zeros((len(u),) * 2), np.zeros((len(u),) * 2)
@@ -125,6 +141,7 @@ class RotatingForce:
     amplitude: float
     speed: float
     ramp: float = 0.0
+    table = None
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -157,6 +174,7 @@ class SpringDamper:
     second: str
     stiffness: float
     damping: float = 0.0
+    table = None
 
     @property
     def markers(self) -> tuple[str, ...]:

@@ -97,7 +97,9 @@ class Run:
             After the step whose film is too thin.
         """
         while self.state.time < end:
-            step, self.state = advance(self.norm, self.state, end, self._control, self._solve)
+            step, self.state = advance(
+                self.norm, self.state, end, self._control, self._solve, self._system.tables
+            )
             yield step
             gaps = self.norm.film_gaps(step.watched)
             for place, gap in zip(self._system.films, gaps, strict=True):

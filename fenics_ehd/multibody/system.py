@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from fenics_ehd.multibody.marker import Marker
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.planar_body import FlexibleBody, ground
 from fenics_ehd.multibody.relation import Applied, Constraint, Layout, Values
+from fenics_ehd.multibody.tabulated import TabulatedLoad
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +189,10 @@ class System:
             if body.size:
                 yield places, body, [value[places] for value in values]
 
+    def each_name(self) -> Iterator[tuple[str, Body]]:
+        """Name and body of all that have coordinates."""
+        return ((name, body) for name, body in self._bodies.items() if body.size)
+
     def marker(self, marker: str, z: np.ndarray) -> Marker:
         """A marker at given coordinates."""
         if marker in self._at_rest:
@@ -196,6 +201,17 @@ class System:
         found = body.marker(point, z[self.bodies[name]])
         if not body.size:
             self._at_rest[marker] = found
+        return found
+
+    @cached_property
+    def tables(self) -> list[TabulatedLoad]:
+        """Loads whose rows no step may jump over."""
+        found: list[TabulatedLoad] = []
+        for force, _ in self.forces:
+            table, body = force.table or (None, "")
+            rows = getattr(table, "tabulated", None)
+            if rows is not None:
+                found.append(rows(partial(_read_at, self._angle(body) if body else None)))
         return found
 
     def at(self, time: float, z: np.ndarray) -> Instant:
@@ -243,6 +259,11 @@ class System:
             wide[:, self.bodies[name]] = measure
             rows.append(wide)
         return np.vstack(rows)
+
+
+def _read_at(angle: int | None, time: float, state: np.ndarray) -> float:
+    """Where a table is read: at an angle of the state, or at the time."""
+    return time if angle is None else float(state[angle])
 
 
 class Instant:
