@@ -95,7 +95,9 @@ def load_progress(folder: Path) -> dict[str, Any]:
 class Stored(Protocol):
     """A run that can be stored: frozen states, one after the other, and what goes with them."""
 
-    integrator: IntegratorState
+    @property
+    def integrator(self) -> IntegratorState:
+        """The state it is in."""
 
     def memory(self) -> dict[str, Any]:
         """As nested dictionaries of arrays, numbers and text."""

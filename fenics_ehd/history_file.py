@@ -31,9 +31,6 @@ CHUNK, BOOKKEEPING = 64, 1 << 18
 
 CSV_NAME, FIELDS_NAME = "history.csv", "history.h5"
 
-#: First columns of every history.
-FIRST_COLUMNS = ["time_s", "max_pressure_Pa", "min_film_thickness_m"]
-
 
 class HistoryWriter:
     """Writes ``history.csv`` and ``history.h5`` while a run goes on.
@@ -222,7 +219,7 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
         columns = np.array(whole, dtype=float).T
         if not len(whole):
             raise ValueError("no steps")
-        if header[:3] != FIRST_COLUMNS:
+        if header[:1] != ["time_s"]:
             raise ValueError("not its columns")
     except FileNotFoundError:
         raise InputError(_no_results(path)) from None
@@ -230,6 +227,18 @@ def read_history(directory: str | Path) -> dict[str, np.ndarray]:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: not a history of a run ({reason})") from None
     return dict(zip(header, columns, strict=True))
+
+
+def keep_last_rows(directory: str | Path, first: int) -> None:
+    """Drop all rows of a finished history before one: a periodic run's cycles but the last."""
+    csv_path, path = (Path(directory) / name for name in (CSV_NAME, FIELDS_NAME))
+    header, *lines = csv_path.read_bytes().splitlines(keepends=True)
+    with _opened(path) as file:
+        kept = {name: data[first:] if data.chunks else data[()] for name, data in file.items()}
+    with whole_hdf5(path, "latest") as file:
+        for name, values in kept.items():
+            file[name] = values
+    write_whole(csv_path, b"".join([header, *lines[first:]]))
 
 
 def _no_results(path: Path) -> str:

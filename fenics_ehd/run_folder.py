@@ -38,6 +38,7 @@ RESULTS = (
     CHECKPOINT,
     SCENE_NAME,
     BODY_NAME,
+    "body-*.h5",
     FAILED_FILM,
     "max_pressure.*",
     "min_film_thickness.*",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl, advance
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.result import Recorder, Result
 from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.step_solver import CoupledSteps
+from fenics_ehd.multibody.step_solver import CoupledSteps, StepMemory
 from fenics_ehd.multibody.system import FilmPlace, System
 
 #: Damping ratio above which the formula of order 3 damps a mode at every step: it is A(82)-stable.
@@ -85,6 +85,22 @@ class Run:
         resting = np.zeros(self.equations.patterns)
         start = np.concatenate([z, resting]), np.concatenate([rates, resting])
         self.state = IntegratorState.begin(self.norm, 0.0, *start, self._control)
+
+    @property
+    def integrator(self) -> IntegratorState:
+        """The state, as `fenics_ehd.checkpoint.Stored` names it."""
+        return self.state
+
+    def memory(self) -> dict[str, Any]:
+        """The state as nested dictionaries of arrays and numbers, for `restore`."""
+        state, solver = self.state, self.state.memory
+        points = {name: getattr(state, name) for name in ("times", "x", "rate", "watched", "step")}
+        return {"integrator": points, "solver": {} if solver is None else vars(solver)}
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Go on where another run of the same mechanism was."""
+        solver = StepMemory(**memory["solver"]) if memory["solver"] else None
+        self.state = IntegratorState(**memory["integrator"], memory=solver)
 
     def until(self, end: float) -> Iterator[Step]:
         """Accepted steps up to a time [s].

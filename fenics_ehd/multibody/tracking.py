@@ -13,7 +13,7 @@ import numpy as np
 
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import Step
-from fenics_ehd.multibody.energy import EnergyBalance
+from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.neglected_inertia import neglected_inertia, slowest_pattern
 from fenics_ehd.multibody.planar_body import FlexibleBody
@@ -64,13 +64,14 @@ class Tracker:
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
         self.time = 0.0
+        self._gaps = np.empty(0)
 
     def begin_cycle(self) -> None:
-        """Forget figures of cycles before; counts and estimates' past go on."""
+        """Forget the figures of the cycle before; counts and the estimates' past go on."""
         self.extremes = {name: Extremes() for name in self.extremes}
         self.balance = None
         for estimate in self.estimates.values():
-            estimate.largest = 0.0 if np.isfinite(estimate.largest) else np.nan
+            estimate.largest *= 0.0  # what is not known stays so
 
     def add(self, step: Step) -> tuple[dict[str, float], dict[str, np.ndarray]]:
         """Account for an accepted step.
@@ -188,6 +189,19 @@ class Tracker:
             "rejected_because": dict(self.rejected_because),
         }
 
+    def verdict(self) -> str:
+        """``"complete"``, or why the figures cannot be trusted."""
+        balance = self.balance
+        return trusted(balance.error, balance.net_error) if balance else "complete"
+
+    def change_over_cycle(self, watched: np.ndarray) -> float:
+        """Largest change of a film, relative, since this was asked last; infinite at first."""
+        gaps = self._norm.gaps(watched)
+        former, self._gaps = self._gaps, gaps
+        if not len(former):
+            return np.inf
+        return float(np.max(np.abs(gaps - former) / gaps))
+
     def memory(self) -> dict[str, Any]:
         """All of it as nested dictionaries of arrays and numbers, for `restore`."""
         return {
@@ -196,6 +210,7 @@ class Tracker:
             "extremes": {name: asdict(found) for name, found in self.extremes.items()},
             "estimates": {name: found.memory() for name, found in self.estimates.items()},
             "balance": {} if self.balance is None else self.balance.memory(),
+            "gaps": self._gaps,
         }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
@@ -209,6 +224,7 @@ class Tracker:
         for joint, found in memory["estimates"].items():
             self.estimates[joint].restore(found)
         self.balance = EnergyBalance.of(memory["balance"]) if memory["balance"] else None
+        self._gaps = np.array(memory["gaps"])
 
 
 def _estimate(equations: StepEquations, place: FilmPlace) -> BasisErrorEstimate:

@@ -26,6 +26,26 @@ def plot_machine(label: str, directory: str | Path) -> list[Path]:
     ]
 
 
+def plot_joints(label: str, directory: str | Path) -> list[Path]:
+    """Every picture of one run of a mechanism, the films of all its joints in one."""
+    from fenics_ehd.output import read_history
+    from fenics_ehd.plotting.truth import plot_energy
+
+    history = read_history(directory)
+    names = [name.rpartition(".")[0] for name in history if name.endswith("max_pressure_Pa")]
+    joints = {
+        name or label: {
+            "time_s": history["time_s"],
+            **{
+                column: history[f"{name}.{column}" if name else column]
+                for column in ("max_pressure_Pa", "min_film_thickness_m")
+            },
+        }
+        for name in names
+    }
+    return [*(plot_history(joints, directory) if joints else []), *plot_energy(history, directory)]
+
+
 def plot_runs(
     histories: Mapping[str, Mapping[str, np.ndarray]], directory: str | Path
 ) -> list[Path]:

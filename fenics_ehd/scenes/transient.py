@@ -13,7 +13,7 @@ from fenics_ehd.errors import FilmTooThinError, InputError, StepSizeError
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate
 from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl, advance
 from fenics_ehd.multibody.coupled import CoupledState, CoupledSteps, PressureMemory
-from fenics_ehd.multibody.energy import EnergyBalance, Powers
+from fenics_ehd.multibody.energy import EnergyBalance, Powers, trusted
 from fenics_ehd.multibody.equations import Mechanism
 from fenics_ehd.multibody.neglected_inertia import neglected_inertia, slowest_pattern
 from fenics_ehd.multibody.tabulated import TabulatedLoad
@@ -25,15 +25,6 @@ Record = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
 
 #: Residual patterns of M4 so few that they may be why no step is short enough.
 FEW_PATTERNS = 30
-
-#: Largest energy balance error of a run that may be trusted.
-ENERGY_LIMIT = 0.05
-
-#: The same over the energy put in for good, most of it dissipated by film and damping, which is
-#: what errors of the film are to be compared with: 0.1 to 3 % at usual tolerances, 32 % where long
-#: steps leave the film 12 % off. Below `RESOLVED` of the energy exchanged the defect may be that of
-#: the power's integral, 0.02 % at default steps.
-NET_LIMIT, RESOLVED = 0.2, 5e-4
 
 
 class Machine(Mechanism, Protocol):
@@ -336,14 +327,4 @@ def check_film(thickness: float, time: float, smallest: float) -> None:
 
 def verdict(totals: Totals) -> str:
     """``"complete"``, or why the figures of a run that came to its end cannot be trusted."""
-    if totals.energy_error > ENERGY_LIMIT:
-        found = totals.energy_error, "the energy exchanged", ENERGY_LIMIT
-    elif totals.energy_error > RESOLVED and totals.net_energy_error > NET_LIMIT:
-        found = totals.net_energy_error, "the energy put in for good", NET_LIMIT
-    else:
-        return "complete"
-    error, whole, limit = found
-    return (
-        f"untrustworthy: energy balance error {100 * error:.2g} % of {whole}, above "
-        f"{100 * limit:g} %: lower time.tolerance or time.largest_step"
-    )
+    return trusted(totals.energy_error, totals.net_energy_error)
