@@ -166,8 +166,8 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
     pressure, film = difference(curves, reference)
     assert pressure < 1e-3
     assert film < 2e-4
-    # The estimate, of neglected inertia, is not far below the truth.
-    assert totals.basis_error > 0.3 * film * reference[2].min()
+    # The estimate, of neglected inertia, is not far from the truth.
+    assert 0.3 < totals.basis_error / (film * reference[2].min()) < 5
     truncated, _ = run(replace(body, residual=None, missing_flexibility=np.zeros((0, 0))), 0.3)
     assert max(difference(truncated, reference)) > 0.1
 
