@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fenics_ehd.errors import GapClosedError, StepSizeError
-from fenics_ehd.multibody.bdf import (
-    StepControl,
-    integrate,
+from fenics_ehd.multibody.bdf import IntegratorState, StepControl, integrate
+from fenics_ehd.multibody.differentiation import (
+    blended,
+    derivative_weights,
+    extrapolation_weights,
 )
-from fenics_ehd.multibody.differentiation import derivative_weights, extrapolation_weights
 
 pytestmark = pytest.mark.kernels
 
@@ -118,6 +119,34 @@ def test_weights_of_equal_steps_are_the_classical_ones():
 
 
 # --- Order and tolerance
+
+
+@profile
+@given(st.lists(st.floats(0.2, 1.0), min_size=5, max_size=5), st.sampled_from([1, 2, 3]),
+       st.sampled_from([0.0, 0.5]))  # fmt: skip
+def test_the_estimate_is_the_error_of_the_first_power_that_a_formula_misses(gaps, order, blend):
+    # Past values are exact, and so is the rate that the equation gives: what is left is local.
+    past, time = -np.concatenate([[0.0], np.cumsum(gaps[1:])]), gaps[0]
+    power = np.poly1d([1.0, *np.zeros(order + 1)])
+    values = power(past)[:, None]
+    state = IntegratorState(past, values, values, values, gaps[0])
+    formula = blended(time, past, order, blend)
+    used = past[: len(formula.weights) - 1]
+    found = (power.deriv()(time) - formula.weights[1:] @ power(used)) / formula.weights[0]
+    distance = found - extrapolation_weights(past[: order + 1], time) @ power(past[: order + 1])
+    estimate = state.error_share(formula, order, time) * distance
+    assert estimate == pytest.approx(found - power(time), rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize(("order", "stable"), [(1, np.inf), (2, 2.41), (3, 1.61)])
+def test_steps_grow_no_faster_than_their_formula_is_stable_for(order, stable):
+    # Zero-stability of variable steps: Guglielmi and Zennaro, Numer. Math. 88, 2001.
+    steps = run(oscillator(1.0, 4.0), 1.0, 1, 0, tolerance=1e6, first_step=1e-9, order=order)
+    sizes = np.diff([0.0, *(s.time for s in steps)])
+    growth = sizes[1:] / sizes[:-1]
+    # The first steps, which have no history, are of order 1.
+    assert growth[order:].max() <= stable
+    assert growth.max() > 1.4
 
 
 def flat_start():

@@ -252,3 +252,23 @@ def test_verification_catches_each_violation(pressure, flux, named):
         verify_complementarity(np.array(pressure), np.array(flux), 1.0)
     np.testing.assert_array_equal(caught.value.state["pressure"], pressure)
     verify_complementarity(np.array([0.0, 1.0]), np.array([1.0, 0.0]), 1.0)
+
+
+@pytest.mark.parametrize("share", [0.5, 2.0])
+@pytest.mark.parametrize(
+    ("pressure", "flux", "named"),
+    [
+        ([4.0, 0.0, -4.0], [0.0, 3.0, 0.0], "negative pressure"),
+        ([4.0, 0.0, 0.0], [0.0, 3.0, -3.0], "negative flux"),
+        ([4.0, 0.0, 4.0], [0.0, 3.0, 3.0], "pressure times flux"),
+    ],
+)
+def test_complementarity_is_verified_to_a_hundred_millionth(pressure, flux, named, share):
+    # The third node breaks one condition, by a share of what is allowed.
+    pressure, flux = np.array(pressure), np.array(flux)
+    (pressure if named == "negative pressure" else flux)[2] *= share * 1e-8
+    if share < 1:
+        verify_complementarity(pressure, flux, 3.0)
+    else:
+        with pytest.raises(CavitationError, match=named):
+            verify_complementarity(pressure, flux, 3.0)

@@ -9,6 +9,7 @@ from nested_film import NestedFilm
 from oracle_quasi_static import massless_coordinates
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.multibody import coupled
 from fenics_ehd.multibody.bdf import StepControl, integrate
 from fenics_ehd.multibody.bordered import SparseSystem
 from fenics_ehd.multibody.coupled import CoupledSteps
@@ -248,6 +249,36 @@ def test_the_film_at_the_end_of_a_step_is_the_solution_for_its_gap():
         np.testing.assert_allclose(film.pressure, alone.pressure, atol=1e-6 * alone.pressure.max())
         gap = mechanism.journal.gap(step.x)[: film.gap.thickness.size]
         np.testing.assert_allclose(film.gap.thickness.ravel(), gap, rtol=1e-9)
+
+
+def first_step(mechanism, length=1e-5):
+    """From rest, where no extrapolation helps."""
+    rest, one = np.zeros(mechanism.size), np.ones(1)
+    return ImplicitStep(length, 1 / length, rest, rest, rest, rest, (one, one), 1e-7)
+
+
+def test_a_film_that_violates_complementarity_is_no_step():
+    class Hasty(CoupledSteps):
+        """Content with what the first update leaves."""
+
+        def converged(self, iteration):
+            return iteration > 0
+
+    mechanism = mechanism_with("lagrange", residual=True)
+    assert CoupledSteps(mechanism)(mechanism, first_step(mechanism), None).failure is None
+    attempt = Hasty(mechanism)(mechanism, first_step(mechanism), None)
+    assert attempt.failure.startswith("CavitationError: the film solution violates complementarity")
+
+
+def test_full_updates_that_do_not_settle_are_followed_by_damped_ones(monkeypatch):
+    mechanism = mechanism_with("lagrange", residual=True)
+    usual = CoupledSteps(mechanism)(mechanism, first_step(mechanism), None)
+    # One full update is never enough.
+    monkeypatch.setattr(coupled, "MAX_ITERATIONS", 1)
+    patient = CoupledSteps(mechanism)(mechanism, first_step(mechanism), None)
+    assert patient.failure is None
+    assert min(usual.iterations, patient.iterations) > 1
+    np.testing.assert_allclose(patient.x, usual.x, rtol=1e-6, atol=1e-9 * np.abs(usual.x).max())
 
 
 def test_a_rigid_body_has_no_elastic_columns():

@@ -166,8 +166,8 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
     pressure, film = difference(curves, reference)
     assert pressure < 1e-3
     assert film < 2e-4
-    # The estimate, of neglected inertia, is not far below the truth.
-    assert totals.basis_error > 0.3 * film * reference[2].min()
+    # The estimate, of neglected inertia, is not far from the truth.
+    assert 0.3 < totals.basis_error / (film * reference[2].min()) < 5
     truncated, _ = run(replace(body, residual=None, missing_flexibility=np.zeros((0, 0))), 0.3)
     assert max(difference(truncated, reference)) > 0.1
 
@@ -181,7 +181,7 @@ def test_few_residual_patterns_are_named_where_no_step_is_short_enough(
 
     monkeypatch.setattr(transient, "advance", give_up)
     journal = SimpleNamespace(compliance=SimpleNamespace(patterns=np.zeros((patterns, 3))))
-    machine = SimpleNamespace(journal=journal)
+    machine = SimpleNamespace(journal=journal, tables=())
     with pytest.raises(StepSizeError, match=r"^the step fell to 1e-13 s") as caught:
         transient._advanced(machine, None, 1.0, None, None)
     assert ("lower reduction.residual_truncation" in str(caught.value)) is advised

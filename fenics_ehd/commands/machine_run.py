@@ -265,7 +265,8 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
         _estimate_line(
             summary["basis_error_estimate_m"], summary["min_film_thickness_m"], summary["modes"]
         ),
-        f"  energy balance error    {summary['energy_balance_error']:9.1e}",
+        f"  energy balance error    {summary['energy_balance_error']:9.1e}     of the energy "
+        f"exchanged, {summary['net_energy_balance_error']:.1e} of that put in for good",
         f"  time: reduction {summary['reduction_time_s']:.2f} s, "
         f"integration {summary['wall_time_s']:.2f} s",
         f"  results in {directory}",

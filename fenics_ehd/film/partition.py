@@ -74,7 +74,7 @@ class FactoredMatrix:
         self._ksp.setOperators(self._matrix)
         configure(self._ksp, options_prefix, _defaults(n, symmetric))
         self._rhs, self._solution = self._matrix.createVecs()
-        destroy_with(self, self._ksp, self._matrix)
+        destroy_with(self, self._ksp, self._matrix, self._rhs, self._solution)
 
     def factorise(self, entries: np.ndarray) -> None:
         """Take a matrix given by its entries in the order of the pattern."""

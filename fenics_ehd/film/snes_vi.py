@@ -105,7 +105,7 @@ class SnesVi:
             self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
             snes.setTolerances(atol=self.tolerance)
         self.solves = 0
-        destroy_with(self, snes, jacobian)
+        destroy_with(self, snes, jacobian, self._unknown, self._function)
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Solve from a start.

@@ -6,7 +6,8 @@ for ``x'``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -15,6 +16,7 @@ import numpy as np
 from fenics_ehd.errors import StepSizeError
 from fenics_ehd.multibody.differentiation import Formula, blended, extrapolation_weights
 from fenics_ehd.multibody.newton import ImplicitStep, StepSolver, newton
+from fenics_ehd.multibody.tabulated import POINTS, TabulatedLoad, rows_missed
 
 #: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
 #: 2.41 (k = 2) and 1.61 (k = 3) (Guglielmi and Zennaro, Numer. Math. 2001); for k = 4 only 1.28
@@ -74,7 +76,7 @@ class StepControl:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One accepted step; `watched` is `Watched.watch` of x.
+    """One accepted step; `watched` is `Watched.watch` of x, `weights` are those of its rate.
 
     `rejected` counts the attempts since the last accepted step that failed,
     by reason; `newton_iterations` includes theirs. `auxiliary` belongs to the
@@ -89,6 +91,7 @@ class Step:
     auxiliary: Any
     newton_iterations: int
     rejected: dict[str, int] = field(default_factory=dict)
+    weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +155,38 @@ class IntegratorState:
         weights = extrapolation_weights(self.times[:points], time)
         return weights @ self.x[:points], weights @ self.watched[:points]
 
+    def misses(
+        self, loads: Sequence[TabulatedLoad], time: float, x: np.ndarray, nearest: float
+    ) -> bool:
+        """Whether a step to this point misses a row, see `rows_missed`."""
+        return bool(loads) and rows_missed(loads, *self._ahead(time, x), nearest)[1]
+
+    def _ahead(self, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Times and states of a next point and of those that a table is compared with."""
+        times = np.concatenate([[time], self.times[:POINTS]])
+        return times, np.vstack([x, self.x[:POINTS]])
+
+    def reach(
+        self,
+        problem: Watched,
+        loads: Sequence[TabulatedLoad],
+        time: float,
+        order: int,
+        nearest: float,
+    ) -> float:
+        """The time, or that of the last row before it that a step can reach and miss none [s]."""
+        if not loads:
+            return time
+
+        def look(end: float) -> tuple[np.ndarray, bool]:
+            x = self.predict(problem, end, order + 1)[0]
+            return rows_missed(loads, *self._ahead(end, x), nearest)
+
+        rows, missed = look(time)
+        if not missed:
+            return time
+        return float(rows[bisect_left(rows, True, lo=1, key=lambda end: look(end)[1]) - 1])
+
     def implicit_step(
         self, problem: Watched, time: float, formula: Formula, order: int, tolerance: float
     ) -> ImplicitStep:
@@ -183,11 +218,12 @@ def integrate(
     rate: np.ndarray,
     control: StepControl,
     solve: StepSolver = newton,
+    tables: Sequence[TabulatedLoad] = (),
 ) -> Iterator[Step]:
     """Integrate and yield every accepted step.
 
     The local error is estimated from the distance between the solution and the
-    extrapolation of the last k + 1 points.
+    extrapolation of the last k + 1 points. No step misses a row of a table.
 
     Parameters
     ----------
@@ -201,6 +237,8 @@ def integrate(
         Tolerance and step sizes.
     solve
         Solves the equations of one step.
+    tables
+        Loads whose rows no step may jump over.
 
     Raises
     ------
@@ -210,7 +248,7 @@ def integrate(
     time, end = span
     state = IntegratorState.begin(problem, time, x, rate, control)
     while state.time < end:
-        step, state = advance(problem, state, end, control, solve)
+        step, state = advance(problem, state, end, control, solve, tables)
         yield step
 
 
@@ -220,30 +258,41 @@ def advance(
     end: float,
     control: StepControl,
     solve: StepSolver = newton,
+    tables: Sequence[TabulatedLoad] = (),
 ) -> tuple[Step, IntegratorState]:
     """One accepted step towards the end time [s], and what to go on from; see `integrate`."""
     step, iterations = state.step, 0
     rejected: dict[str, int] = {}
-    cause, failure = None, "accepted"
+    nearest = control.smallest_step
+    cause, failure = None, "none"
     order = state.usable_order(control.order)
     while not step < control.smallest_step:
         time, step = _target(state.time, end, step)
+        row = state.reach(problem, tables, time, order, nearest)
+        corner = row < time
+        if corner:
+            time, step = row, row - state.time
         formula = blended(time, state.times, order, control.blend)
         limit = NEWTON_FRACTION * control.tolerance
         asked = state.implicit_step(problem, time, formula, order, limit)
         attempt = solve(problem, asked, state.memory)
         iterations += attempt.iterations
         error, cause = np.inf, attempt.cause
+        failure = attempt.failure or "error above tolerance"
         if attempt.failure is None:
             watched = problem.watch(attempt.x)
             distance = problem.error_norm(watched, watched - asked.watched[1])
             error = state.error_share(formula, order, time) * distance
+            # An angle that is not where it was foretold to be may have passed other rows.
+            if error <= control.tolerance and state.misses(tables, time, attempt.x, nearest):
+                error, failure = np.inf, "row of a table missed"
         step = _next_step(step, error, order, control)
         if error <= control.tolerance:
-            rates = asked.rates(attempt.x)
-            new = Step(time, attempt.x, *rates, watched, attempt.auxiliary, iterations, rejected)
-            return new, state.after(new, step, attempt.memory, control.order + 2)
-        failure = attempt.failure or "error above tolerance"
+            x, rates, found = attempt.x, asked.rates(attempt.x), attempt.auxiliary
+            new = Step(time, x, *rates, watched, found, iterations, rejected, formula.weights)
+            # What was before a corner of a load says nothing of the time after it.
+            keep = 1 if corner else control.order + 2
+            return new, state.after(new, step, attempt.memory, keep)
         reason = failure.split(":")[0]
         rejected[reason] = rejected.get(reason, 0) + 1
     raise StepSizeError(

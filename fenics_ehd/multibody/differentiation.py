@@ -31,11 +31,14 @@ def derivative_weights(times: np.ndarray) -> np.ndarray:
     return weights
 
 
-def extrapolation_weights(times: np.ndarray, target: float) -> np.ndarray:
-    """Weights of the value at `target` of the polynomial through all points."""
+def extrapolation_weights(times: np.ndarray, target: float | np.ndarray) -> np.ndarray:
+    """Weights of the value at `target` of the polynomial through all points.
+
+    shape (n,), or (n, k) for targets of shape (k, 1).
+    """
     return np.array(
         [
-            np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
+            np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)), axis=-1)
             for j, t in enumerate(times)
         ]
     )

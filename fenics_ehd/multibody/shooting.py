@@ -16,7 +16,6 @@ import numpy as np
 
 from fenics_ehd.multibody.bdf import Step, StepControl
 from fenics_ehd.multibody.cycles import Cycle
-from fenics_ehd.multibody.differentiation import blended
 from fenics_ehd.multibody.newton import SecondOrderProblem
 
 #: Newton's start is tried when a cycle ends this close to its start (in the problem's norm).
@@ -54,25 +53,20 @@ class Shooting:
     def begin(self, start: np.ndarray) -> None:
         """A cycle begins, at time zero."""
         self._start = self._end = start
-        self._times = np.zeros(1)
         self._variations = [np.eye(len(start))]
 
     def add(self, step: Step) -> None:
         """Account for an accepted step."""
-        control = self._control
-        order = max(1, min(control.order, len(self._times) - 1))
-        weights = blended(step.time, self._times, order, control.blend).weights
+        weights = step.weights
         past = sum(w * y for w, y in zip(weights[1:], self._variations, strict=False))
         stiffness, damping = step.auxiliary.stiffness, step.auxiliary.damping
         variation = -np.linalg.solve(stiffness + weights[0] * damping, damping @ past)
-        keep = control.order + 2
-        self._times = np.concatenate([[step.time], self._times])[:keep]
-        self._variations = [variation, *self._variations][:keep]
+        self._variations = [variation, *self._variations][: self._control.order + 1]
         self._end = step.x
 
     def memory(self) -> dict[str, Any]:
         """See `PeriodicSearch`."""
-        names = ("start", "end", "times", "variations")
+        names = ("start", "end", "variations")
         return {name: getattr(self, f"_{name}") for name in names}
 
     def restore(self, memory: Mapping[str, Any]) -> None:

@@ -16,6 +16,7 @@ Newton's method wants it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +25,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.multibody.tabulated import TabulatedLoad
 from fenics_ehd.scenes.csv_rows import finite_number, numbered_rows
 from fenics_ehd.scenes.load_history import CLOSING_TOLERANCE, FEWEST_ROWS
 
@@ -61,6 +63,10 @@ class AngleTable:
         return CubicHermiteSpline(
             self.angles, closed, limited(slopes, np.diff(closed) / np.diff(self.angles))
         )
+
+    def tabulated(self, angle: Callable[[float, np.ndarray], float]) -> TabulatedLoad:
+        """The rows, read at an angle that a mechanism has at a time and in a state."""
+        return TabulatedLoad(self.angles, self.values, lambda place: self(place)[0], angle)
 
     def __call__(self, angle: float) -> tuple[float, float]:
         """Value and derivative at any angle [rad], the latter per rad."""

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.multibody.crank import AngleFunction, ConstantSpeedCrank, DrivenCrank
 from fenics_ehd.scenes.slider_crank_settings import Mechanism
+
+if TYPE_CHECKING:
+    from fenics_ehd.scenes.angle_table import AngleTable
 
 #: Path that stands for no file.
 NO_FILE = "none"
@@ -50,22 +56,17 @@ def _torque(settings: Mechanism) -> AngleFunction:
         return lambda angle: (constant, 0.0)
     key = "mechanism.drive_torque_table"
     table = _table(settings.drive_torque_table, key, "torque_Nm")
-
-    def torque(angle: float) -> tuple[float, float]:
-        value, slope = table(angle)
-        return constant + value, slope
-
-    return torque
+    return replace(table, values=constant + table.values)
 
 
-def build_gas_force(settings: Mechanism) -> AngleFunction | None:
+def build_gas_force(settings: Mechanism) -> AngleTable | None:
     """Force of the gas on the piston [N], None without."""
     if settings.gas_force == NO_FILE:
         return None
     return _table(settings.gas_force, "mechanism.gas_force", "force_N")
 
 
-def _table(path: str, key: str, column: str) -> AngleFunction:
+def _table(path: str, key: str, column: str) -> AngleTable:
     # SciPy's splines are for machines that have a table.
     from fenics_ehd.scenes.angle_table import read_angle_table
 

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fenics_ehd.errors import SettingsError
+from fenics_ehd.multibody.tabulated import TabulatedLoad
 from fenics_ehd.scenes.csv_rows import finite_number, numbered_rows
 
 #: Factors to SI of the units a header may name.
@@ -70,6 +71,11 @@ class LoadHistory:
     def _spline(self) -> CubicSpline:
         closed = np.vstack([self.forces[:-1], self.forces[:1]])  # SciPy forgives no round-off
         return CubicSpline(self.times, closed, bc_type="periodic")
+
+    @property
+    def tabulated(self) -> TabulatedLoad:
+        """Its rows, read at the time."""
+        return TabulatedLoad(self.times, self.forces, self, lambda time, x: time)
 
     def __call__(self, time: float) -> np.ndarray:
         """Force at any time, shape (2,) [N]."""

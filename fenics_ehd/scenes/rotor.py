@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from fenics_ehd.multibody.dry_system import DrySystem
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.equations import Equations
 from fenics_ehd.multibody.shaft_journal import ShaftJournal
+from fenics_ehd.multibody.tabulated import TabulatedLoad
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Rotor:
     def __init__(self, dry: DrySystem, journal: ShaftJournal, speed: float):
         self.dry, self.journal, self.speed = dry, journal, speed
         self.size = journal.size
+        self.tables: Sequence[TabulatedLoad] = ()
 
     def equations(
         self,

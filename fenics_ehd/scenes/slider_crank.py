@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from fenics_ehd.multibody.friction import FilmFriction, film_friction
 from fenics_ehd.multibody.guide import RodAngle, rod_angle
 from fenics_ehd.multibody.journal import Journal
 from fenics_ehd.multibody.piston import gas_forces, piston_velocity
+from fenics_ehd.multibody.tabulated import TabulatedLoad
 from fenics_ehd.plane import rotation
 from fenics_ehd.reduction.body import ReducedBody
 
@@ -111,6 +113,19 @@ class SliderCrank:
         elastic = slice(2, 2 + body.modes)
         self._stiffness[elastic, elastic] = body.stiffness
         self._damping = damping_time * self._stiffness
+        functions: list[Any] = (
+            [gas_force] if self._driven is None else [gas_force, self._driven.torque]
+        )
+        self.tables: Sequence[TabulatedLoad] = [
+            function.tabulated(self.crank_angle)
+            for function in functions
+            if hasattr(function, "tabulated")
+        ]
+
+    def crank_angle(self, time: float, x: np.ndarray) -> float:
+        """At a time [s], in a state [rad]."""
+        lead = 0.0 if self._driven is None else float(x[self.journal.coordinates - 1])
+        return self.crank.speed * time + lead
 
     def _motion(self, time: float, state: State, shifts: tuple[float, float]) -> CrankMotion:
         if isinstance(self.crank, ConstantSpeedCrank):
