@@ -200,6 +200,17 @@ def test_an_oil_that_thickens_without_end_is_named(call, law, condition, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+def test_a_pressure_that_is_no_finite_number_is_named(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = call(
+        "--eccentricity", 0.3, "--speed", 1e-300, "--groove", 90, 20, 0.1, "--cells", "16x3"
+    )
+    assert (status, out) == (1, "")
+    assert "the film's pressure is no finite number: are viscosity, speed" in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_oil_that_thickens_is_conserved_as_well(call):
     """Once round the angle the supply must carry more than of a constant oil, and all leaves."""
     supply = ["--eccentricity", 0.6, "--groove", 120, 10, 2e5, "--cells", "48x8", "--json",
