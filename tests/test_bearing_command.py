@@ -202,6 +202,16 @@ def test_an_oil_that_thickens_without_end_is_named(call, law, condition, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+def test_a_pressure_that_is_no_finite_number_is_named(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    slow = ["--eccentricity", 0.3, "--speed", 0, "--squeeze", 1e-300, 0, "--cells", "16x3"]
+    status, out, err = call(*slow, "--groove", 90, 20, 0.1)
+    assert (status, out) == (1, "")
+    assert "the film's pressure is no finite number: are viscosity, speed" in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_oil_that_thickens_is_conserved_as_well(call):
     """Once round the angle the supply must carry more than of a constant oil, and all leaves."""
     supply = ["--eccentricity", 0.6, "--groove", 120, 10, 2e5, "--cells", "48x8", "--json",
