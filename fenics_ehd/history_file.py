@@ -21,13 +21,13 @@ import numpy as np
 
 from fenics_ehd.errors import InputError
 from fenics_ehd.sealed_file import named, require_file, require_numbers
-from fenics_ehd.whole_file import naming, sync_path, whole_hdf5, write_whole
+from fenics_ehd.whole_file import BOOKKEEPING, naming, sync_path, whole_hdf5, write_whole
 
 #: Rows of the HDF5 datasets written between two flushes to disk.
 FLUSH_EVERY = 50
 
-#: Rows of a chunk of these datasets, and room ahead of them for what HDF5 notes of them [bytes].
-CHUNK, BOOKKEEPING = 64, 1 << 18
+#: Rows of a chunk of these datasets.
+CHUNK = 64
 
 CSV_NAME, FIELDS_NAME = "history.csv", "history.h5"
 

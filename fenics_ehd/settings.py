@@ -59,7 +59,7 @@ def number(
                     f"{attribute.name} = {value!r} must be {words} {limit:g}"
                     + (hint if words != "above" else "")
                 )
-        if value and not SMALLEST < abs(value) < LARGEST:
+        if value and not SMALLEST <= abs(value) <= LARGEST:
             raise SettingsError(
                 f"{attribute.name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} "
                 "in size"

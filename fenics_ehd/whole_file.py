@@ -12,6 +12,9 @@ import h5py
 
 from fenics_ehd.errors import OutputError
 
+#: Room for what HDF5 notes of its datasets [bytes].
+BOOKKEEPING = 1 << 18
+
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
@@ -61,6 +64,29 @@ def put_in_place(partial: Path, path: Path) -> None:
     sync_path(partial)
     partial.replace(path)
     sync_path(path.parent)
+
+
+def require_room(path: Path, size: int) -> None:
+    """Refuse what the disk has no room for: HDF5 crashes where it cannot write.
+
+    Parameters
+    ----------
+    path
+        File, created when missing.
+    size
+        By which it is about to grow [bytes].
+
+    Raises
+    ------
+    OSError
+        There is none.
+    """
+    with open(path, "ab") as file:
+        end = file.tell()
+        try:
+            os.posix_fallocate(file.fileno(), end, size)
+        finally:
+            file.truncate(end)
 
 
 def sync_path(path: Path) -> None:

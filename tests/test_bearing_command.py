@@ -154,9 +154,10 @@ def test_pictures_without_a_film(call, tmp_path):
             "depend on the frequency",
         ),
         (["--load", 5, "--barus", 1e-8, "--roelands", 0.6], "exclude each other"),
-        (["--load", 5, "--viscosity", 1e308], "viscosity = 1e+308 Pa s at 500 rad/s"),
-        (["--load", 5, "--viscosity", 1e-320], "which cannot be computed"),
-        (["--load", 5, "--speed", 1e308], "viscosity = 0.01 Pa s at 1e+308 rad/s"),
+        (["--load", 5, "--viscosity", 1e308], "viscosity = 1e+308 must be 0 or from 1e-30 to"),
+        (["--load", 5, "--viscosity", 1e-320], "must be 0 or from 1e-30 to 1e+30 in size"),
+        (["--load", 5, "--speed", 1e308], "speed = 1e+308 must be 0 or from 1e-30 to 1e+30"),
+        (["--load", 5, "--squeeze", 1e303, 0], "size of inf Pa, which cannot be computed"),
         (["--load", 5, "--squeeze", 1e308, 0], "rate = inf of the film must be a finite number"),
         (["--load", 5, "--ambient", 1e308], "ambient = 1e+308 must be below 1e+12"),
         (["--load", 5, "--line-held"], "line_held needs line_at_max_film"),
@@ -174,11 +175,12 @@ def test_bad_input_is_one_line_and_status_2(call, arguments, message):
 
 @pytest.mark.parametrize(
     ("arguments", "unknown"),
-    [(["--viscosity", 1e290], "dissipation"), (["--speed", 1e-308, "--coefficients"], "damping")],
+    [([], "dissipation"), (["--coefficients"], "power_loss")],
 )
 @pytest.mark.parametrize("as_json", [["--json"], []])
 def test_a_figure_that_is_no_finite_number_is_named(call, arguments, unknown, as_json):
-    status, out, err = call("--eccentricity", 0.6, "--cells", "20x4", *arguments, *as_json)
+    squeezed = ["--eccentricity", 0.6, "--squeeze", 1e160, 0, "--cells", "20x4"]
+    status, out, err = call(*squeezed, *arguments, *as_json)
     assert (status, out) == (1, "")
     assert unknown in err
     assert "no finite number" in err
@@ -196,6 +198,16 @@ def test_an_oil_that_thickens_without_end_is_named(call, law, condition, tmp_pat
     assert (status, out) == (1, "")
     assert "the viscosity runs away with the pressure" in err
     assert "lower load, eccentricity or the coefficient" in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pressure_that_is_no_finite_number_is_named(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    slow = ["--eccentricity", 0.3, "--speed", 0, "--squeeze", 1e-300, 0, "--cells", "16x3"]
+    status, out, err = call(*slow, "--groove", 90, 20, 0.1)
+    assert (status, out) == (1, "")
+    assert "the film's pressure is no finite number: are viscosity, speed" in err
     assert err.count("\n") == 1
     assert not list(tmp_path.iterdir())
 

@@ -287,3 +287,26 @@ def test_a_full_disk_keeps_the_former_file_and_leaves_no_other(kind, tmp_path, m
             KINDS[kind][0](path)
     assert path.read_bytes() == former
     assert [p.name for p in tmp_path.iterdir()] == ["file.h5"]
+
+
+@pytest.mark.parametrize("kind", ["part", "basis"])
+def test_a_part_that_the_disk_has_no_room_for_is_named(kind, tmp_path):
+    # After MPI has begun, which has files of its own.
+    code = f"""if True:
+        import resource, sys
+        from pathlib import Path
+        from test_sealed_files import KINDS
+        from fenics_ehd.errors import InputError
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+        try:
+            KINDS["{kind}"][0](Path(sys.argv[1]))
+        except InputError as error:
+            print(error)"""
+    found = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "file.h5")],
+        capture_output=True, text=True, timeout=120, cwd=os.path.dirname(__file__),
+    )  # fmt: skip
+    assert found.returncode == 0, found.stderr
+    assert "file.h5" in found.stdout
+    assert "File too large" in found.stdout
+    assert not (tmp_path / "file.h5").exists()

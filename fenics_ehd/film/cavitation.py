@@ -18,7 +18,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_ehd.errors import CavitationError
+from fenics_ehd.errors import CavitationError, SolverError
 from fenics_ehd.film.partition import FactoredMatrix, PartitionedSystem
 from fenics_ehd.film.pattern import Pattern
 from fenics_ehd.film.snes_vi import SnesVi
@@ -236,7 +236,14 @@ def verify_complementarity(
     ------
     CavitationError
         A violation exceeds `tolerance` times the largest pressure or `scale`.
+    SolverError
+        A pressure or a flux is no finite number.
     """
+    if not (np.isfinite(pressure).all() and np.isfinite(flux).all()):
+        raise SolverError(
+            "the film's pressure is no finite number: are viscosity, speed and given pressures of "
+            "sizes that go together?"
+        )
     tiny = float(np.finfo(float).tiny)
     largest, scale = max(float(pressure.max(initial=0.0)), tiny), max(scale, tiny)
     violations = {

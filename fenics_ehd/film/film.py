@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
-from fenics_ehd.errors import CavitationError, GapClosedError, SettingsError
+from fenics_ehd.errors import CavitationError, GapClosedError, SettingsError, SolverError
 from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Complementarity
 from fenics_ehd.film.kinematics import Gap, GapSlopes
 from fenics_ehd.film.nested import CoarseTransfer
@@ -177,7 +177,7 @@ class Film:
         coarse, transfer = self._coarse
         try:
             state = coarse.solve(transfer.restrict(gap))
-        except CavitationError:  # only a guess is lost
+        except SolverError:  # only a guess is lost
             return np.zeros(len(self.free))
         return transfer.prolong(state.pressure)[self.free] / self.parameters.pressure_scale
 

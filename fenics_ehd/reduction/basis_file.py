@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fenics_ehd.errors import BodyFileError, SettingsError
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.sealed_file import HEAD, named, open_sealed, require_numbers, seal
-from fenics_ehd.whole_file import new_part
+from fenics_ehd.whole_file import BOOKKEEPING, new_part, require_room
 
 FORMAT = "fenics_ehd part basis"
 FORMAT_VERSION = 2
@@ -94,9 +94,10 @@ def _write_in_turn(
     nodes_a_cell = comm.allreduce(cells.shape[1], op=MPI.MAX)
 
     def write() -> None:
-        mode, block = ("r+", None) if comm.rank else ("x", HEAD)
+        mode, block = ("r+", None) if comm.rank else ("w", HEAD)
         if comm.rank == 0:
-            new_part(path)
+            rows = counts.sum(axis=0) @ (3 + 3 * modes, nodes_a_cell, 3 + 6 * modes)
+            require_room(new_part(path), 8 * int(rows) + 4 * _CHUNK_BYTES + BOOKKEEPING)
         with h5py.File(partial, mode, userblock_size=block) as file:
             if comm.rank == 0:
                 _create(file, counts.sum(axis=0).tolist(), nodes_a_cell, modes, field is not None)

@@ -39,7 +39,7 @@ from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.row_blocks import agree, before, even_range, together
 from fenics_ehd.reduction.structure import Bore, Structure
 from fenics_ehd.sealed_file import HEAD, open_sealed, require_file, seal, values
-from fenics_ehd.whole_file import new_part
+from fenics_ehd.whole_file import BOOKKEEPING, new_part, require_room
 
 FORMAT = "fenics_ehd structure"
 FORMAT_VERSION = 1
@@ -72,7 +72,9 @@ def save_structure(structure: Structure, path: str | Path) -> None:
 
     def begin() -> None:
         if comm.rank == 0:
-            with h5py.File(new_part(path), "x", userblock_size=HEAD) as file:
+            bore = vars(structure.bore).values() if structure.bore else ()
+            require_room(new_part(path), sum(getattr(a, "nbytes", 0) for a in bore) + BOOKKEEPING)
+            with h5py.File(partial, "w", userblock_size=HEAD) as file:
                 file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
                 # Their order is that of the columns of a basis.
                 file.create_group("attachments", track_order=True)
@@ -133,6 +135,8 @@ def _append(path: Path, comm: MPI.Comm, arrays: Mapping[str, np.ndarray]) -> Non
     for turn in range(comm.size):
         if turn == comm.rank:
             try:
+                size = sum(array.nbytes + 8 * _CHUNK for array in arrays.values())
+                require_room(path, size + BOOKKEEPING)
                 with h5py.File(path, "r+") as file:
                     for name, array in arrays.items():
                         _write_slice(file, name, array, lengths[name], turn)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.errors import PeriodicityError
+from fenics_ehd.errors import InputError, PeriodicityError
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.forces import film_forces
 from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl, advance
@@ -19,6 +19,7 @@ from fenics_ehd.scenes.load_history import LoadHistory
 from fenics_ehd.scenes.loaded_journal import build_journal, build_load, start_of, step_control
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
 from fenics_ehd.scenes.oil_history import OilAccount, oil_row
+from fenics_ehd.sealed_file import named
 
 #: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
 #: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
@@ -117,14 +118,21 @@ class OrbitRun:
         }
 
     def restore(self, memory: Mapping[str, Any]) -> None:
-        """Go on where another run of the same journal was."""
-        film = FilmState.as_guess(memory["film"])
-        guess = JournalState.as_guess(film)
-        self.integrator = IntegratorState(**memory["integrator"], memory=guess)
-        self.journal.restore(memory["journal"], film)
-        self.search.restore(memory["search"])
-        for name, value in memory["totals"].items():
-            setattr(self.totals, name, OilAccount(**value) if name == "oil" else value)
+        """Go on where another run of the same journal was.
+
+        Raises
+        ------
+        InputError
+            The memory is not of such a run.
+        """
+        with named(InputError, "the checkpoint's memory"):
+            film = FilmState.as_guess(memory["film"])
+            guess = JournalState.as_guess(film)
+            self.integrator = IntegratorState(**memory["integrator"], memory=guess)
+            self.journal.restore(memory["journal"], film)
+            self.search.restore(memory["search"])
+            for name, value in memory["totals"].items():
+                setattr(self.totals, name, OilAccount(**value) if name == "oil" else value)
 
 
 def simulate(
@@ -178,12 +186,11 @@ def simulate(
     else:
         run.restore(memory)
     began, solved = began - totals.wall_time, totals.film_solves
-    totals.period = load.period
+    totals.period, tables = load.period, [load.tabulated]
     while True:
         while run.integrator.time < load.period:
-            step, run.integrator = advance(
-                journal, run.integrator, load.period, control, tables=[load.tabulated]
-            )
+            state = run.integrator
+            step, run.integrator = advance(journal, state, load.period, control, tables=tables)
             run.search.add(step)
             row = _row(journal, step, totals)
             _account(totals, row, step, load.largest)

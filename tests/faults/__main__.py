@@ -48,6 +48,9 @@ CLASSES: dict[str, tuple[Callable[[World, Random], Iterator[Case]], int]] = {
     "matrices": (binaries.matrices, 90),
 }
 
+#: What else is done to it.
+PARTS = {"kills": accidents.kills, "ranks": accidents.ranks, "disk": accidents.full_disk}
+
 #: Seconds after which a call hangs.
 LIMIT = 40
 
@@ -119,16 +122,15 @@ def main() -> int:
         world = make_world(root / "world")
 
         def everything() -> Iterator[tuple[str, str, Verdict]]:
-            parts = {
-                "ranks": accidents.ranks,
-                "disk": accidents.full_disk,
-                "kills": accidents.kills,
-            }
-            for name, part in parts.items():
-                if options.only in (None, name):
-                    yield from part(world, options)
-            if options.only not in parts:
+            if options.only not in PARTS:
                 yield from malformed(world, options)
+            for name, part in PARTS.items():
+                if options.only not in (None, name):
+                    continue
+                if time.monotonic() > options.deadline:
+                    print(f"{name}: not begun, the time is over")
+                else:
+                    yield from part(world, options)
 
         faults = report(everything(), every=options.all)
         print(f"{faults} faults, seed {options.seed}, {time.monotonic() - began:.0f} s")

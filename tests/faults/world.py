@@ -32,16 +32,16 @@ drive = "torque"
 drive_torque_table = "torque.csv"
 """
 
-#: A run of a second or two and 330 steps, to be stopped.
+#: A run of a second and 170 steps, to be stopped.
 LONG_SCENE = """scene = "slider-crank"
 [mechanism]
-revolutions = 0.3
+revolutions = 0.15
 [time]
 tolerance = 1e-7
 """
 
 #: A run whose history needs far more room than a run asks for at its start.
-LARGE_SCENE = LONG_SCENE.replace("0.3", "2.0").replace("1e-7", "1e-6")
+LARGE_SCENE = LONG_SCENE.replace("0.15", "2.0").replace("1e-7", "1e-6")
 
 #: A journal whose load repeats; its film is coarse.
 JOURNAL = """scene = "loaded-journal"
@@ -180,7 +180,7 @@ def rows_in(folder: Path) -> int:
     return found[0].read_bytes().count(b"\n") if found else 0
 
 
-def stop_a_run(world: World, rows: int = 200) -> None:
+def stop_a_run(world: World, rows: int = 100) -> None:
     """Leave in ``out`` what a killed run of the long scene leaves."""
     run = ("run", "long.toml", "--body", "rod.h5", "--no-plots", "--checkpoint-every", "0")
     began = time.monotonic()
