@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fenics_ehd.elements import FAMILIES
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
-from fenics_ehd.scenes import slider_crank_settings
+from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
 from fenics_ehd.scenes.rotor_settings import RotorSettings
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
@@ -145,9 +145,9 @@ def test_clearance_is_a_small_part_of_the_radius_and_not_none_of_it(clearance, r
 
 
 def test_choices_are_those_of_the_reduction_and_the_elements():
-    assert set(slider_crank_settings.ELEMENTS) == set(FAMILIES)
-    assert set(slider_crank_settings.PRESSURE_SETS) == set(PRESSURE_SETS)
-    assert set(slider_crank_settings.SELECTIONS) == set(SELECTIONS)
+    assert set(part_settings.ELEMENTS) == set(FAMILIES)
+    assert set(part_settings.PRESSURE_SETS) == set(PRESSURE_SETS)
+    assert set(part_settings.SELECTIONS) == set(SELECTIONS)
 
 
 def test_broken_toml_is_named(tmp_path):

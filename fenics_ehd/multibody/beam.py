@@ -58,6 +58,12 @@ class Shaft:
         return self.density * self.area * self.length
 
     @property
+    def bending(self) -> float:
+        """About the square of its first free bending frequency [rad^2/s^2]."""
+        flexural = self.youngs_modulus * self.second_moment
+        return 500.0 * flexural / (self.density * self.area * self.length**4)
+
+    @property
     def polar_inertia(self) -> float:
         """About the axis [kg m^2]."""
         return 2 * self.density * self.second_moment * self.length

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.forces import Force
-from fenics_ehd.multibody.joints import Joint, Speed
+from fenics_ehd.multibody.joints import AngleOverTime, Joint
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 
 
@@ -32,6 +32,6 @@ class Mechanism:
 
     bodies: Mapping[str, Body]
     joints: Mapping[str, Joint | LubricatedJoint]
-    drives: Mapping[str, Speed] = field(default_factory=dict)
+    drives: Mapping[str, AngleOverTime] = field(default_factory=dict)
     forces: Mapping[str, Force] = field(default_factory=dict)
     gravity: tuple[float, float] = (0.0, 0.0)

@@ -18,6 +18,9 @@ from scipy.linalg import eigh
 from fenics_ehd.multibody.beam import BeamPlane
 from fenics_ehd.multibody.dry_system import DrySystem
 
+#: Share of its first bending frequency's square below which a shaft's mode is one of the whole.
+FREE = 1e-9
+
 
 @dataclass(frozen=True)
 class RotatingForce:
@@ -69,11 +72,14 @@ class ModalRotor:
     def of(cls, beam: BeamPlane, modes: int) -> ModalRotor:
         """Keep the lowest `modes` of each plane."""
         # Ascending in 1 / omega^2, the lowest modes are the largest eigenvalues: exact to
-        # round-off however high the highest are.
-        d = len(beam.mass)
-        values, shapes = eigh(beam.mass, beam.stiffness, subset_by_index=(d - modes, d - 1))
-        angular = 1.0 / np.sqrt(values[::-1])
-        return cls(beam, shapes[:, ::-1] * angular, angular)
+        # round-off however high the highest are. A shaft without supports moves as a whole too,
+        # at no frequency, and 1 / (omega^2 + shift) is there as well.
+        d, shift = len(beam.mass), 0.0 if beam.shaft.support_stiffness else beam.shaft.bending
+        raised = beam.stiffness + shift * beam.mass
+        values, shapes = eigh(beam.mass, raised, subset_by_index=(d - modes, d - 1))
+        squares = 1.0 / values[::-1]
+        angular = np.sqrt(np.where(squares - shift > FREE * shift, squares - shift, 0.0))
+        return cls(beam, shapes[:, ::-1] * np.sqrt(squares), angular)
 
     @property
     def frequencies(self) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fenics_ehd.film import FilmGrid, uniform_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.reduction import ReducedBody
-from fenics_ehd.scenes.slider_crank_settings import Film
+from fenics_ehd.scenes.part_settings import Film
 
 #: Film cells around and along a bore that is no structured mesh.
 DEFAULT_CELLS = (20, 5)

@@ -86,7 +86,12 @@ class LoadHistory:
 
 
 def read_load(
-    path: str | Path, *, scale: float = 1.0, interpolation: str = "cubic", period: float = 0.0
+    path: str | Path,
+    *,
+    scale: float = 1.0,
+    interpolation: str = "cubic",
+    period: float = 0.0,
+    section: str = "load",
 ) -> LoadHistory:
     """Load history of a CSV file.
 
@@ -101,65 +106,68 @@ def read_load(
     period
         Period [s], beyond the last time; zero: the last time, with the load of
         the first.
+    section
+        Of the scene that names the file, for messages.
 
     Raises
     ------
     SettingsError
         Naming file, line and value.
     """
-    lines, values = _rows(path)
+    where = f"{section}.file {path}"
+    lines, values = _rows(path, where)
     if len(values) < FEWEST_ROWS:
         raise SettingsError(
-            f"load.file {path}: {len(values)} rows of numbers, at least {FEWEST_ROWS} are needed"
+            f"{where}: {len(values)} rows of numbers, at least {FEWEST_ROWS} are needed"
         )
     times, forces = values[:, 0], scale * values[:, 1:]
-    _check_times(path, lines, times)
+    _check_times(where, lines, times)
     largest = float(np.hypot(*forces.T).max())
     if not largest > 0:
-        raise SettingsError(f"load.file {path}: the load is 0 throughout")
+        raise SettingsError(f"{where}: the load is 0 throughout")
     if period:
         if not period > times[-1]:
             raise SettingsError(
-                f"load.period = {period:g} s must be above {times[-1]:g} s, the last time of "
+                f"{section}.period = {period:g} s must be above {times[-1]:g} s, the last time of "
                 f"{path}, line {lines[-1]}"
             )
         times, forces = np.append(times, period), np.vstack([forces, forces[:1]])
     gap = float(np.hypot(*(forces[-1] - forces[0])))
     if not gap <= CLOSING_TOLERANCE * largest:
         raise SettingsError(
-            f"load.file {path}, line {lines[-1]}: the last load ({forces[-1, 0]:g}, "
+            f"{where}, line {lines[-1]}: the last load ({forces[-1, 0]:g}, "
             f"{forces[-1, 1]:g}) N differs from the first by {gap:.3g} N, above "
-            f"{CLOSING_TOLERANCE:g} of the largest: close the cycle or set load.period"
+            f"{CLOSING_TOLERANCE:g} of the largest: close the cycle or set {section}.period"
         )
     return LoadHistory(times, np.vstack([forces[:-1], forces[:1]]), interpolation)
 
 
-def _check_times(path: str | Path, lines: list[int], times: np.ndarray) -> None:
+def _check_times(where: str, lines: list[int], times: np.ndarray) -> None:
     if times[0] != 0.0:
         raise SettingsError(
-            f"load.file {path}, line {lines[0]}: the first time is {times[0]:g} s, it must be 0"
+            f"{where}, line {lines[0]}: the first time is {times[0]:g} s, it must be 0"
         )
     for line, before, time in zip(lines[1:], times[:-1], times[1:], strict=True):
         if not time > before:
             raise SettingsError(
-                f"load.file {path}, line {line}: the time {time:g} s must be above {before:g} s, "
+                f"{where}, line {line}: the time {time:g} s must be above {before:g} s, "
                 "that of the row before"
             )
 
 
-def _rows(path: str | Path) -> tuple[list[int], np.ndarray]:
+def _rows(path: str | Path, where: str) -> tuple[list[int], np.ndarray]:
     """Line numbers, and numbers in SI units in the order time, Fx, Fy."""
-    numbered = numbered_rows(path, f"load.file {path}")
+    numbered = numbered_rows(path, where)
     if not numbered:
-        raise SettingsError(f"load.file {path}: no header time_s,Fx_N,Fy_N")
+        raise SettingsError(f"{where}: no header time_s,Fx_N,Fy_N")
     (first, header), body = numbered[0], numbered[1:]
-    order, factors = _columns(f"load.file {path}, line {first}", header)
+    order, factors = _columns(f"{where}, line {first}", header)
     values = np.empty((len(body), 3))
     for row, (number, entries) in enumerate(body):
-        where = f"load.file {path}, line {number}"
+        line = f"{where}, line {number}"
         if len(entries) != len(header):
-            raise SettingsError(f"{where}: {len(entries)} values for {len(header)} columns")
-        values[row] = [finite_number(f"{where}: {header[i]}", entries[i]) for i in order]
+            raise SettingsError(f"{line}: {len(entries)} values for {len(header)} columns")
+        values[row] = [finite_number(f"{line}: {header[i]}", entries[i]) for i in order]
     return [number for number, _ in body], values * factors
 
 

@@ -24,7 +24,7 @@ from fenics_ehd.reduction import (
     rigid,
     two_step_craig_bampton,
 )
-from fenics_ehd.scenes.slider_crank_settings import ELEMENTS, Reduction
+from fenics_ehd.scenes.part_settings import ELEMENTS, Reduction
 
 #: Keys of [reduction] that each method reads.
 METHOD_KEYS = {
@@ -152,6 +152,22 @@ def reduce_structure(structure: Structure, reduction: Reduction) -> ReducedBody:
         reduction.selection,
         **common,
     )
+
+
+def reduce_held(structure: Structure, reduction: Reduction) -> ReducedBody:
+    """The same to a part that is held."""
+    if reduction.method == "m4":
+        return residual_flexibility(
+            structure,
+            reduction.vibration_modes,
+            truncation=reduction.residual_truncation,
+            centrifugal=False,
+            estimate_error=reduction.estimate_error,
+            keep_basis=True,
+            solver=reduction.solver,
+        )
+    body = reduce_structure(structure, reduction)
+    return replace(body, frame="clamped") if reduction.method == "rigid" else body
 
 
 def _pressures(structure: Structure, reduction: Reduction) -> str | np.ndarray:

@@ -6,6 +6,7 @@ import attrs
 
 from fenics_ehd import quantities
 from fenics_ehd.lengths import LARGEST_LENGTH, metres, radial_clearance
+from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes import slider_crank_settings as rod
 from fenics_ehd.settings import choice, count, number, numbers, section, text
 
@@ -71,7 +72,9 @@ class Housing:
 
     model: str = text("housing", "shipped model, or a .geo file, which is a program, or .msh")
     element: str = choice(
-        "serendipity", rod.ELEMENTS, "of hexahedra, 20-node (serendipity) or 27-node (lagrange)"
+        "serendipity",
+        part_settings.ELEMENTS,
+        "of hexahedra, 20-node (serendipity) or 27-node (lagrange)",
     )
     youngs_modulus: float = quantities.youngs_modulus(210e9)
     poissons_ratio: float = number(0.3, "[-]; quadratic elements lock above", above=-1, below=0.49)
@@ -81,17 +84,17 @@ class Housing:
 
 
 @attrs.frozen
-class Reduction(rod.Reduction):
+class Reduction(part_settings.Reduction):
     """Reduction of the housing."""
 
     modes: int = count(30, "fixed-interface modes (m1, m2)", least=1)
     vibration_modes: int = count(10, "vibration modes n_v of the held housing (m3, m4, full)")
     residual_modes: int = count(20, "residual modes n_r (m3)")
     pressure_set: str = choice(
-        "pc1", rod.PRESSURE_SETS, "unit pressures (34), shapes (35) without tilt (m3)"
+        "pc1", part_settings.PRESSURE_SETS, "unit pressures (34), shapes (35) without tilt (m3)"
     )
     selection: str = choice(
-        "largest-eigenvalue", rod.SELECTIONS, "which residual modes are kept (m3)"
+        "largest-eigenvalue", part_settings.SELECTIONS, "which residual modes are kept (m3)"
     )
 
 
@@ -120,5 +123,5 @@ class RotorSettings:
     bearing: Bearing = section(Bearing)
     housing: Housing = section(Housing)
     reduction: Reduction = section(Reduction)
-    film: rod.Film = section(rod.Film)
+    film: part_settings.Film = section(part_settings.Film)
     time: Time = section(Time)

@@ -9,7 +9,7 @@ from fenics_ehd.lengths import SMALLEST_RATIO, too_narrow
 THIN_FILM = 0.05
 
 
-def check_thin_film(clearance: float, radius: float) -> None:
+def check_thin_film(clearance: float, radius: float, key: str = "bearing.clearance") -> None:
     """Refuse a clearance that is no small part of the bore's radius [m], or hardly any.
 
     Raises
@@ -17,7 +17,7 @@ def check_thin_film(clearance: float, radius: float) -> None:
     SettingsError
         Naming both.
     """
-    both = f"bearing.clearance = {clearance:g} m must be {{}} of the bore radius {radius:g} m"
+    both = f"{key} = {clearance:g} m must be {{}} of the bore radius {radius:g} m"
     if not clearance < THIN_FILM * radius:
         raise SettingsError(f"{both.format(f'below {THIN_FILM:g}')}: the film is taken as thin")
     if too_narrow(clearance, radius):

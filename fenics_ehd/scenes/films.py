@@ -1,0 +1,113 @@
+"""Films of a scene's lubricated joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.scenes import part_settings, schema
+from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes.film_mesh import DEFAULT_CELLS, film_mesh
+from fenics_ehd.scenes.scene_file import Scene
+from fenics_ehd.scenes.sizes import FEWEST_CELLS
+from fenics_ehd.scenes.thin_film import check_thin_film
+
+#: Largest difference of journal and bore, share of the bore's radius: the film has one radius.
+FIT = 0.01
+
+
+def reference_rate(scene: Scene) -> float:
+    """Largest angular speed of a scene as written [rad/s]; results do not depend on it."""
+    speeds = [2 * np.pi / scene.span]
+    for table in (scene.bodies, scene.drives, scene.forces):
+        speeds += [abs(getattr(settings, "speed", 0.0)) for settings in table.values()]
+    return float(max(speeds))
+
+
+def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -> None:
+    """Refuse a film that is not thin, and a journal that does not fit its bore.
+
+    Parameters
+    ----------
+    scene, name
+        Which joint.
+    own
+        Radius and width of a flexible bore [m]; None: it is rigid.
+
+    Raises
+    ------
+    SettingsError
+        Naming both sizes.
+    """
+    joint, key = scene.joints[name], f"joints.{name}"
+    radius, _ = own or (joint.radius, joint.width)
+    if own is not None:
+        for size, value in zip(("radius", "width"), own, strict=True):
+            given = getattr(joint, size)
+            if given and not abs(given - value) <= FIT * value:
+                raise SettingsError(
+                    f"{key}.{size} = {given:g} m must be that of the bore {joint.bore}, "
+                    f"{value:g} m, within {100 * FIT:g} %: drop it or change the part"
+                )
+    check_thin_film(joint.clearance, radius, f"{key}.clearance")
+    body = joint.journal.partition(".")[0]
+    shaft = scene.bodies.get(body)
+    if isinstance(shaft, schema.Shaft) and not abs(0.5 * shaft.diameter - radius) <= FIT * radius:
+        raise SettingsError(
+            f"bodies.{body}.diameter = {shaft.diameter:g} m must be that of the bore "
+            f"{joint.bore}, {2 * radius:g} m, within {100 * FIT:g} %"
+        )
+
+
+def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -> Film:
+    """Film of a joint.
+
+    Parameters
+    ----------
+    scene, name
+        Which joint.
+    body
+        The part whose bore it is; None: the bore is rigid.
+    rate
+        See `FilmParameters`.
+
+    Raises
+    ------
+    InterfaceMismatchError
+        The cells of a flexible bore are wanted and are not a structured quadratic mesh.
+    """
+    joint = scene.joints[name]
+    if body is not None:
+        grid = film_mesh(part_settings.Film(element=joint.element, cells=joint.cells), body)
+    else:
+        cells = joint.cells or DEFAULT_CELLS
+        grid = uniform_grid(joint.radius, joint.width, cells, joint.element)
+    viscosity = joint.viscosity
+    if joint.lubricant != NONE:
+        viscosity = scene.lubricants[joint.lubricant].viscosity
+    return Film(FilmParameters(grid, joint.clearance, Lubricant(viscosity), rate))
+
+
+def stand_in_film(joint: schema.Lubricated) -> Film:
+    """A film of the joint's clearance that only assembly looks at."""
+    radius = 1e3 * joint.clearance
+    grid = uniform_grid(radius, radius, FEWEST_CELLS, "bilinear")
+    return Film(FilmParameters(grid, joint.clearance, Lubricant(0.01), 1.0))
+
+
+def lubricated(joint: schema.Lubricated, film: Film) -> LubricatedJoint:
+    """The joint with its film."""
+    x, y = joint.eccentricity
+    return LubricatedJoint(
+        joint.journal,
+        joint.bore,
+        film,
+        transfer=joint.transfer,
+        friction=joint.friction,
+        eccentricity=(joint.clearance * x, joint.clearance * y),
+        eccentricity_rate=joint.eccentricity_rate,
+        smallest_film=joint.smallest_film,
+    )

@@ -1,0 +1,169 @@
+"""Drives and forces of a scene, their tables read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.multibody.forces import (
+    Force,
+    PointForce,
+    RotatingForce,
+    SpringDamper,
+    Table,
+    Torque,
+)
+from fenics_ehd.multibody.joints import AngleOverTime, Speed
+from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes.scene_file import Scene
+
+
+def table_file(name: str, key: str) -> Path:
+    """Path of a table, shipped or a file of its own.
+
+    Raises
+    ------
+    SettingsError
+        There is no shipped one of that name.
+    """
+    if Path(name).suffix:
+        return Path(name)
+    tables = resources.files("fenics_ehd.scenes") / "tables"
+    path = Path(str(tables / f"{name}.csv"))
+    if not path.is_file():
+        known = ", ".join(sorted(p.name.removesuffix(".csv") for p in tables.iterdir()))
+        raise SettingsError(f"{key} = {name!r}: neither a .csv file nor a shipped table: {known}")
+    return path
+
+
+def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
+    """Given angles over time by body."""
+    found: dict[str, AngleOverTime] = {}
+    for name, drive in scene.drives.items():
+        if isinstance(drive, schema.Speed):
+            start = float(np.radians(scene.bodies[name].angle))
+            found[name] = _motion(drive, start, f"drives.{name}")
+    return found
+
+
+def _motion(drive: schema.Speed, start: float, key: str) -> AngleOverTime:
+    if drive.table == NONE:
+        return Speed(drive.speed, start)
+    if drive.speed:
+        raise SettingsError(f"{key}: give a speed or a table, one of them")
+    # SciPy's splines are for mechanisms that have a table.
+    from fenics_ehd.scenes.time_table import read_time_table
+
+    path = table_file(drive.table, f"{key}.table")
+    speed = read_time_table(path, f"{key}.table", "speed_rad_per_s")
+    return lambda time: (start + speed.integral(time), speed(time)[0])
+
+
+def torques(scene: Scene) -> dict[str, Force]:
+    """Torques of drives by name."""
+    return {
+        f"drive of {name}": Torque(
+            name,
+            _torque(drive, f"drives.{name}.table"),
+            drive.over == "angle",
+            drive.damping,
+            drive.speed,
+        )
+        for name, drive in scene.drives.items()
+        if isinstance(drive, schema.Torque)
+    }
+
+
+def _torque(drive: schema.Torque, key: str) -> Table:
+    constant = drive.torque
+    if drive.table == NONE:
+        return lambda _: (constant, 0.0)
+    from fenics_ehd.scenes.angle_table import read_angle_table
+    from fenics_ehd.scenes.time_table import read_time_table
+
+    read: Callable[..., Table] = read_angle_table if drive.over == "angle" else read_time_table
+    table = read(table_file(drive.table, key), key, "torque_Nm")
+
+    def torque(where: float) -> tuple[float, float]:
+        value, derivative = table(where)
+        return constant + value, derivative
+
+    return torque
+
+
+def forces(scene: Scene) -> dict[str, Force]:
+    """Forces by name, gravity left out."""
+    found: dict[str, Force] = {}
+    for name, settings in scene.forces.items():
+        found |= _forces(name, settings)
+    return found
+
+
+def gravity(scene: Scene) -> tuple[float, float]:
+    """Sum of all gravities [m/s^2]."""
+    given = [g.acceleration for g in scene.forces.values() if isinstance(g, schema.Gravity)]
+    x, y = np.sum([(0.0, 0.0), *given], axis=0)
+    return float(x), float(y)
+
+
+def _forces(name: str, settings: Any) -> dict[str, Force]:
+    """What one entry of a scene stands for."""
+    key = f"forces.{name}"
+    if isinstance(settings, schema.Rotating):
+        turning = (settings.amplitude, settings.speed, settings.ramp)
+        return {name: RotatingForce(settings.point, *turning)}
+    if isinstance(settings, schema.SpringDamper):
+        first, second = settings.between
+        return {name: SpringDamper(first, second, settings.stiffness, settings.damping)}
+    if isinstance(settings, schema.ConstantForce):
+        size = float(np.hypot(*settings.force))
+        if not size:
+            raise SettingsError(f"{key}.force = [0, 0] does nothing: take the table out")
+        return {name: PointForce(settings.point, settings.force, lambda _: (size, 0.0))}
+    if isinstance(settings, schema.TimeTable):
+        return _over_time(name, settings, key)
+    if isinstance(settings, schema.AngleTable):
+        return {name: _over_angle(settings, key)}
+    return {}
+
+
+def _over_time(name: str, settings: schema.TimeTable, key: str) -> dict[str, Force]:
+    from fenics_ehd.scenes.load_history import read_load
+
+    load = read_load(
+        table_file(settings.file, f"{key}.file"),
+        scale=settings.scale,
+        interpolation=settings.interpolation,
+        period=settings.period,
+        section=key,
+    )
+    along = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
+    return {
+        f"{name}.{axis}": PointForce(
+            settings.point,
+            direction,
+            lambda time, direction=direction: (float(load(time) @ direction), 0.0),  # type: ignore[misc]
+        )
+        for axis, direction in along.items()
+    }
+
+
+def _over_angle(settings: schema.AngleTable, key: str) -> Force:
+    from fenics_ehd.scenes.angle_table import read_angle_table
+
+    if not np.hypot(*settings.direction):
+        raise SettingsError(f"{key}.direction = [0, 0] is none")
+    path, scale = table_file(settings.file, f"{key}.file"), settings.scale
+    table = read_angle_table(path, f"{key}.file", "force_N")
+
+    def size(angle: float) -> tuple[float, float]:
+        value, derivative = table(angle)
+        return scale * value, scale * derivative
+
+    return PointForce(settings.point, settings.direction, size, settings.angle_of)
