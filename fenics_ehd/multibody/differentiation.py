@@ -22,23 +22,22 @@ BLENDED_GROWTH = {2: 1.55, 3: 1.25}
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
     """Weights of the derivative, at the first time, of the polynomial through all times."""
-    distance = times[0] - times[1:]
+    distance, share = times[0] - times[1:], 1.0 / _products(times[:, None] - times)
     weights = np.empty(len(times))
     weights[0] = np.sum(1.0 / distance)
-    for j in range(1, len(times)):
-        others = np.delete(times, [0, j])
-        weights[j] = np.prod(times[0] - others) / np.prod(times[j] - others) / (times[j] - times[0])
+    weights[1:] = share[1:] / (share[0] * distance)
     return weights
 
 
 def extrapolation_weights(times: np.ndarray, target: float) -> np.ndarray:
     """Weights of the value at `target` of the polynomial through all points."""
-    return np.array(
-        [
-            np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)))
-            for j, t in enumerate(times)
-        ]
-    )
+    differences = times[:, None] - times
+    return _products(np.broadcast_to(target - times, differences.shape)) / _products(differences)
+
+
+def _products(factors: np.ndarray) -> np.ndarray:
+    """Of every row, its diagonal left out."""
+    return np.prod(np.where(np.eye(len(factors)), 1.0, factors), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
