@@ -22,12 +22,10 @@ BLENDED_GROWTH = {2: 1.55, 3: 1.25}
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
     """Weights of the derivative, at the first time, of the polynomial through all times."""
-    distance = times[0] - times[1:]
+    distance, share = times[0] - times[1:], 1.0 / _products(times[:, None] - times)
     weights = np.empty(len(times))
     weights[0] = np.sum(1.0 / distance)
-    for j in range(1, len(times)):
-        others = np.delete(times, [0, j])
-        weights[j] = np.prod(times[0] - others) / np.prod(times[j] - others) / (times[j] - times[0])
+    weights[1:] = share[1:] / (share[0] * distance)
     return weights
 
 
@@ -36,12 +34,13 @@ def extrapolation_weights(times: np.ndarray, target: float | np.ndarray) -> np.n
 
     shape (n,), or (n, k) for targets of shape (k, 1).
     """
-    return np.array(
-        [
-            np.prod((target - np.delete(times, j)) / (t - np.delete(times, j)), axis=-1)
-            for j, t in enumerate(times)
-        ]
-    )
+    ahead = (target - times)[..., None, :]
+    return (_products(ahead) / _products(times[:, None] - times)).T
+
+
+def _products(factors: np.ndarray) -> np.ndarray:
+    """Of every row, its diagonal left out; one row stands for all."""
+    return np.prod(np.where(np.eye(factors.shape[-1]), 1.0, factors), axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Inertia of a body in a planar floating frame, with exact derivatives.
 
-A material point lies at ``x + A(theta) p`` with ``p = B s``, ``s = (1, 0, 0, q)`` and B the
-fields of `InertiaIntegrals`. In the body's frame its acceleration is
+A material point lies at ``x + A(theta) p`` with ``p = B s``, ``s = (0, 0, 1, q)`` and B the
+fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. In the body's frame its acceleration is
 
     p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
 
@@ -11,6 +11,7 @@ relative, Coriolis, Euler and centrifugal terms, complete, because p is affine i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,14 +34,9 @@ class FrameInertia:
     Parameters
     ----------
     integrals
-        Of the body.
+        Of the body, `in_order_of_coordinates`.
     coordinates, rates, accelerations
         shape (3 + n,); gravity is taken from the accelerations of x and y.
-
-    Attributes
-    ----------
-    forces
-        Generalised inertia forces, shape (3 + n,).
     """
 
     def __init__(
@@ -51,49 +47,59 @@ class FrameInertia:
         accelerations: np.ndarray,
     ):
         self._integrals, self._frame_rates = integrals, rates[:3]
-        self._turn = turn = rotation(coordinates[2])
-        self._omega, self._alpha = omega, alpha = rates[2], accelerations[2]
+        self._turn = rotation(coordinates[2])
+        self._omega, self._alpha = rates[2], accelerations[2]
         # s, s' and p'' + A^T x'' in the fields of the integrals.
         s, rate, acceleration = coordinates.copy(), rates.copy(), accelerations.copy()
-        s[:3], rate[:3], acceleration[0] = (1.0, 0.0, 0.0), 0.0, 0.0
-        acceleration[1:3] = accelerations[:2] @ turn
+        s[:2], s[2], rate[:3], acceleration[2] = 0.0, 1.0, 0.0, 0.0
+        acceleration[:2] = accelerations[:2] @ self._turn
         self._fields = s, rate, acceleration
-        swung = 2 * omega * rate + alpha * s
-        on_fields = integrals.mass @ acceleration + integrals.spin @ swung
-        on_fields -= omega**2 * (integrals.centrifugal @ s)
-        self._on_frame = on_fields[1:3].copy()
-        self.forces = on_fields
-        self.forces[:2] = turn @ self._on_frame
-        # (S B)^T M B = -G
-        self.forces[2] = s @ (integrals.centrifugal @ swung - integrals.spin @ acceleration)
+        self._spun, self._drawn = integrals.spin @ s, integrals.centrifugal @ s
+
+    @cached_property
+    def _on_fields(self) -> np.ndarray:
+        """Forces on x and y in the body's frame, moment, forces on q."""
+        s, rate, acceleration = self._fields
+        swung = 2 * self._omega * rate + self._alpha * s
+        forces = self._integrals.mass @ acceleration + self._integrals.spin @ swung
+        forces -= self._omega**2 * self._drawn
+        # (S B)^T M B = -G, antisymmetric.
+        forces[2] = self._drawn @ swung + self._spun @ acceleration
+        return forces
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Generalised inertia forces, shape (3 + n,)."""
+        forces = self._on_fields.copy()
+        forces[:2] = self._turn @ forces[:2]
+        return forces
 
     def derivatives(self) -> Derivatives:
         """Of `forces`."""
         s, rate, acceleration = self._fields
         omega, alpha = self._omega, self._alpha
         m, g, c = self._integrals.mass, self._integrals.spin, self._integrals.centrifugal
-        g_s, c_s = g @ s, c @ s
-        g_rate, c_rate = g @ rate, c @ rate
+        g_s, c_s, c_rate = self._spun, self._drawn, c @ rate
         n = len(s)
-        # Places (theta, x, y, q), x and y in the body's frame.
+        # x and y in the body's frame.
         parts = np.zeros((3, n, n))
         position, by_rate, by_acceleration = parts
         by_acceleration[:] = m
-        by_acceleration[:, 0] = by_acceleration[0] = g_s
-        by_acceleration[0, 0] = s @ c_s
+        by_acceleration[:, 2] = by_acceleration[2] = g_s
+        by_acceleration[2, 2] = s @ c_s
         by_rate[:, 3:] = 2 * omega * g[:, 3:]
-        by_rate[0, 3:] = 2 * omega * c_s[3:]
-        by_rate[:, 0] = 2 * (g_rate - omega * c_s)
-        by_rate[0, 0] = 2 * (s @ c_rate)
+        by_rate[2, 3:] = 2 * omega * c_s[3:]
+        by_rate[:, 2] = 2 * (g @ rate - omega * c_s)
+        by_rate[2, 2] = 2 * (s @ c_rate)
         position[:, 3:] = alpha * g[:, 3:] - omega**2 * c[:, 3:]
-        position[0, 3:] = (2 * (omega * c_rate + alpha * c_s) - g @ acceleration)[3:]
+        position[2, 3:] = (2 * (omega * c_rate + alpha * c_s) - g @ acceleration)[3:]
         # d(A^T x'')/d theta = -S A^T x''
-        position[:, 0] = acceleration[2] * m[:, 1] - acceleration[1] * m[:, 2]
-        position[1:3, 0] += -self._on_frame[1], self._on_frame[0]
-        position[0, 0] = g_s[1] * acceleration[2] - g_s[2] * acceleration[1]
-        # To (x, y, theta, q), x and y at rest.
-        parts[:, :3] = np.concatenate([self._turn @ parts[:, 1:3], parts[:, :1]], axis=1)
-        parts[:, :, :3] = parts[:, :, [1, 2, 0]]
+        position[:, 2] = acceleration[1] * m[:, 0] - acceleration[0] * m[:, 1]
+        position[0, 2] -= self._on_fields[1]
+        position[1, 2] += self._on_fields[0]
+        position[2, 2] = g_s[0] * acceleration[1] - g_s[1] * acceleration[0]
+        # x and y at rest.
+        parts[:, :2] = self._turn @ parts[:, :2]
         by_acceleration[:, :2] = by_acceleration[:, :2] @ self._turn.T
         return Derivatives(position, by_rate, by_acceleration)
 
@@ -102,13 +108,21 @@ class FrameInertia:
         """[J]."""
         s, rate, _ = self._fields
         velocity = rate.copy()
-        velocity[1:3] = self._frame_rates[:2] @ self._turn
+        velocity[:2] = self._frame_rates[:2] @ self._turn
         omega, i = self._omega, self._integrals
         return float(
             0.5 * velocity @ i.mass @ velocity
-            + omega * velocity @ (i.spin @ s)
-            + 0.5 * omega**2 * s @ i.centrifugal @ s
+            + omega * velocity @ self._spun
+            + 0.5 * omega**2 * s @ self._drawn
         )
+
+
+def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
+    """With the fields in the order ``(x, y, theta, q)``: the position moves with the angle."""
+    order = np.arange(len(integrals.mass))
+    order[:3] = 1, 2, 0
+    names = ("mass", "spin", "centrifugal")
+    return replace(integrals, **{n: getattr(integrals, n)[np.ix_(order, order)] for n in names})
 
 
 def rigid_integrals(mass: float, inertia: float, centre: np.ndarray) -> InertiaIntegrals:

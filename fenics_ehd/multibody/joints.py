@@ -131,16 +131,20 @@ class Slider:
         turned = np.array([-normal[1], normal[0]])
         offset = u[other : other + 2] - u[:2]
         value, jacobian = np.zeros(self.rows), np.zeros((self.rows, k))
-        curvature = np.zeros((self.rows, k, k))
         there = slice(other, other + 2)
         value[0] = normal @ offset
         jacobian[0, :2], jacobian[0, there], jacobian[0, ANGLE] = -normal, normal, turned @ offset
-        curvature[0, ANGLE, ANGLE] = -value[0]
-        curvature[0, ANGLE, :2] = curvature[0, :2, ANGLE] = -turned
-        curvature[0, ANGLE, there] = curvature[0, there, ANGLE] = turned
         if self.hold_rotation:
             value[1] = u[other + ANGLE] - u[ANGLE] - self.angle
             jacobian[1, ANGLE], jacobian[1, other + ANGLE] = -1.0, 1.0
+
+        def curvature() -> np.ndarray:
+            result = np.zeros((self.rows, k, k))
+            result[0, ANGLE, ANGLE] = -value[0]
+            result[0, ANGLE, :2] = result[0, :2, ANGLE] = -turned
+            result[0, ANGLE, there] = result[0, there, ANGLE] = turned
+            return result
+
         return Geometry(value, jacobian, curvature)
 
     def imposed(self, time: float) -> None:

@@ -28,7 +28,7 @@ from scipy import sparse
 from fenics_ehd.film import Film
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bore_film import BoreFilm
-from fenics_ehd.multibody.marker import ANGLE, TILT
+from fenics_ehd.multibody.marker import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.relation import Geometry
 from fenics_ehd.plane import rotation
 from fenics_ehd.reduction.body import ReducedBody
@@ -100,27 +100,39 @@ class Eccentric:
         """See `Joint`."""
         return self.own
 
+    def _pairs(self, sizes: tuple[int, ...]) -> list[tuple[slice, slice, slice]]:
+        """Rows of e and psi, and where they and what they are tied to are in u."""
+        own, other = sum(sizes), sizes[0]
+        tied = (POSITION, TILT) if self.tilting else (POSITION,)
+        return [
+            (
+                slice(row, row + 2),
+                slice(own + row, own + row + 2),
+                slice(other + place.start, other + place.stop),
+            )
+            for row, place in zip((0, 2), tied, strict=False)
+        ]
+
     def geometry(self, u: np.ndarray, sizes: tuple[int, ...]) -> Geometry:
         """See `Joint`."""
-        other, k = sizes[0], len(u)
-        own = sum(sizes)
-        jacobian, curvature = np.zeros((self.rows, k)), np.zeros((self.rows, k, k))
         turn = rotation(u[ANGLE])
-        for row in range(0, self.rows, 2):
-            rows, place = slice(row, row + 2), slice(own + row, own + row + 2)
-            seen = turn @ u[place]
-            spun = np.array([-seen[1], seen[0]])
-            jacobian[rows, ANGLE], jacobian[rows, place] = spun, turn
-            curvature[rows, ANGLE, ANGLE] = -seen
-            turned = np.stack([-turn[1], turn[0]])
-            curvature[rows, ANGLE, place] = curvature[rows, place, ANGLE] = turned
-        value = turn @ u[own : own + 2] + u[:2] - u[other : other + 2]
-        jacobian[0, 0] = jacobian[1, 1] = 1.0
-        jacobian[0, other] = jacobian[1, other + 1] = -1.0
-        if self.tilting:
-            tilt = slice(other + TILT.start, other + TILT.stop)
-            value = np.append(value, turn @ u[own + 2 : own + 4] - u[tilt])
-            jacobian[2:, tilt] = -np.eye(2)
+        turned = np.stack([-turn[1], turn[0]])
+        pairs = self._pairs(sizes)
+        value, jacobian = np.empty(self.rows), np.zeros((self.rows, len(u)))
+        for rows, own, tied in pairs:
+            value[rows] = turn @ u[own] - u[tied]
+            jacobian[rows, own], jacobian[rows, tied] = turn, -np.eye(2)
+            jacobian[rows, ANGLE] = turned @ u[own]
+        value[POSITION] += u[POSITION]
+        jacobian[POSITION, POSITION] = np.eye(2)
+
+        def curvature() -> np.ndarray:
+            result = np.zeros((self.rows, len(u), len(u)))
+            for rows, own, _ in pairs:
+                result[rows, ANGLE, ANGLE] = -turn @ u[own]
+                result[rows, ANGLE, own] = result[rows, own, ANGLE] = turned
+            return result
+
         return Geometry(value, jacobian, curvature)
 
     def imposed(self, time: float) -> None:

@@ -14,6 +14,7 @@ from fenics_ehd.multibody.body import FINE_WEIGHT, Energies
 from fenics_ehd.multibody.inertia_forces import (
     Derivatives,
     FrameInertia,
+    in_order_of_coordinates,
     rigid_integrals,
     with_total,
 )
@@ -48,17 +49,17 @@ class PlanarBody:
     stiffness: np.ndarray | None = None
     damping_time: float = 0.0
 
-    @property
+    @cached_property
     def _frame(self) -> int:
         """Coordinates of the frame."""
         return 0 if self.held else 3
 
-    @property
+    @cached_property
     def modes(self) -> int:
         """Number of elastic coordinates."""
         return len(self.integrals.mass) - 3
 
-    @property
+    @cached_property
     def size(self) -> int:
         """See `Body`."""
         return self._frame + self.modes
@@ -111,11 +112,11 @@ class PlanarBody:
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
         """See `Body`."""
         z = self._whole(coordinates, self._pose)
-        if not point:
+        if point not in self._arms:
             return self._cut(Marker(z[:3], self._unit))
-        field = self.fields[point]
+        field, shapes = self._arms[point]
         turn = rotation(z[2])
-        arm, shape = turn @ (field[:, 0] + field[:, 3:] @ z[3:]), turn @ field[:, 3:]
+        arm, shape = turn @ (field + shapes @ z[3:]), turn @ shapes
         jacobian = self._unit.copy()
         jacobian[0, 2], jacobian[1, 2], jacobian[:2, 3:] = -arm[1], arm[0], shape
         values = z[:3].copy()
@@ -136,6 +137,12 @@ class PlanarBody:
         return self._cut(Marker(values, jacobian, bend, carry))
 
     @cached_property
+    def _arms(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Position and elastic modes of the points that do not stay at the origin."""
+        arms = {name: (field[:, 0], field[:, 3:]) for name, field in self.fields.items()}
+        return {name: arm for name, arm in arms.items() if any(part.any() for part in arm)}
+
+    @cached_property
     def _unit(self) -> np.ndarray:
         """Jacobian of the origin."""
         return np.eye(3, 3 + self.modes)
@@ -145,6 +152,10 @@ class PlanarBody:
         if not self.held:
             return marker
         return Marker(marker.values, marker.jacobian[:, 3:])
+
+    @cached_property
+    def _inertia_integrals(self) -> InertiaIntegrals:
+        return in_order_of_coordinates(self.integrals)
 
     def _inertia(
         self,
@@ -157,7 +168,10 @@ class PlanarBody:
         lifted = self._whole(accelerations, 0.0).copy()
         lifted[:2] += lift
         return FrameInertia(
-            self.integrals, self._whole(coordinates, self._pose), self._whole(rates, 0.0), lifted
+            self._inertia_integrals,
+            self._whole(coordinates, self._pose),
+            self._whole(rates, 0.0),
+            lifted,
         )
 
     def forces(

@@ -220,7 +220,8 @@ class StepEquations:
             A gap is not positive at a Gauss point.
         """
         system, step = self.system, self._step
-        z, multipliers, drift = np.split(rest, [system.n, system.n + system.m])
+        n, m = system.n, system.m
+        z, multipliers, drift = rest[:n], rest[n : n + m], rest[n + m :]
         instant = system.at(step.time, z)
         rates = step.shift * z + step.past_x - system.weights * (drift @ instant.jacobian)
         accelerations = step.shift * rates + step.past_rate
@@ -319,8 +320,7 @@ class StepEquations:
         core = np.zeros((size + sum(leading),) * 2)
         # v = shift z + past - W G^T m.
         speed = np.zeros((n, size))
-        speed[:, :n] = -weights * point.motion.instant.bend(point.drift)
-        speed[range(n), range(n)] += shift
+        speed[:, :n] = shift * np.eye(n) - weights * point.motion.instant.bend(point.drift)
         speed[:, n + m :] = -weights * jacobian.T
         core[:n, :size] = (parts.rate + shift * parts.acceleration) @ speed
         core[:n, :n] += parts.position
@@ -328,7 +328,7 @@ class StepEquations:
         core[n : n + m, :n] = jacobian
         core[n + m : size, :size] = jacobian @ speed
         core[n + m : size, :n] += point.motion.carry()
-        core[range(size, len(core)), range(size, len(core))] = 1.0
+        core[size:, size:] = np.eye(len(core) - size)
         matrices, borders, place = [], [], size
         for i, film in enumerate(system.films):
             own = slice(place, place + leading[i])
@@ -373,7 +373,7 @@ class StepEquations:
         gap = (along_h @ columns.gap)[film.free]
         velocity = (along_v @ columns.velocity)[film.free]
         spread = np.zeros((gap.shape[1] + 1, size))
-        spread[range(n), place.xi] = 1.0
+        spread[np.arange(n), place.xi] = 1.0
         if place.journal_angle is not None:
             spread[n, : speed.shape[1]] += speed[place.journal_angle]
         if place.bore_angle is not None:

@@ -244,8 +244,8 @@ class CoupledSteps:
 
     def _split(self, values: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """Pressures of every film and the other unknowns."""
-        parts = np.split(values, self._ends[1:])
-        return parts[:-1], parts[-1]
+        films = [values[first:last] for first, last in pairwise(self._ends)]
+        return films, values[self._ends[-1] :]
 
     # --- Called by SNES-VI during a solve.
 

@@ -19,10 +19,9 @@ from fenics_ehd.multibody.body import FINE_WEIGHT, Body
 from fenics_ehd.multibody.inertia_forces import Derivatives
 from fenics_ehd.multibody.joints import AngleDrive, Joint
 from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
-from fenics_ehd.multibody.marker import Marker
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.planar_body import FlexibleBody, ground
-from fenics_ehd.multibody.relation import Applied, Constraint, Layout, Values
+from fenics_ehd.multibody.relation import Geometry, Layout, Load, Relations, Values
 from fenics_ehd.multibody.tabulated import TabulatedLoad
 
 
@@ -91,7 +90,7 @@ class System:
         bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         # By name: results do not depend on the order in which things are listed.
         self._bodies = {name: bodies[name] for name in sorted(bodies)}
-        self._at_rest: dict[str, Marker] = {}
+        self.relations = Relations()
         self.bodies: dict[str, slice] = {}
         self.n = 0
         for name, body in self._bodies.items():
@@ -127,16 +126,10 @@ class System:
 
     def _layout(self, markers: tuple[str, ...], own: slice = slice(0, 0)) -> Layout:
         """Of markers and own coordinates."""
-        sizes, columns, places, column = [], [], [], 0
-        for marker in markers:
-            name, body, point = self._named(marker)
-            size = len(body.marker(point, body.start).values)
-            sizes.append(size)
-            columns.append(slice(column, column + size))
-            places.append(self.bodies[name])
-            column += size
-        columns.append(slice(column, column + own.stop - own.start))
-        return Layout(markers, tuple(sizes), tuple(columns), (*places, own))
+        named = [(marker, *self._named(marker)) for marker in markers]
+        return self.relations.add(
+            [(marker, body, point, self.bodies[name]) for marker, name, body, point in named], own
+        )
 
     def _film(self, name: str, joint: LubricatedJoint) -> FilmPlace:
         (bore_name, bore, point), (_, journal, _) = (
@@ -193,21 +186,11 @@ class System:
         """Name and body of all that have coordinates."""
         return ((name, body) for name, body in self._bodies.items() if body.size)
 
-    def marker(self, marker: str, z: np.ndarray) -> Marker:
-        """A marker at given coordinates."""
-        if marker in self._at_rest:
-            return self._at_rest[marker]
-        name, body, point = self._named(marker)
-        found = body.marker(point, z[self.bodies[name]])
-        if not body.size:
-            self._at_rest[marker] = found
-        return found
-
     @cached_property
     def tables(self) -> list[TabulatedLoad]:
         """Loads whose rows no step may jump over."""
         found: list[TabulatedLoad] = []
-        for force, _ in self.forces:
+        for force in self.mechanism.forces.values():
             table, body = force.table or (None, "")
             rows = getattr(table, "tabulated", None)
             if rows is not None:
@@ -271,6 +254,10 @@ class Instant:
 
     Attributes
     ----------
+    values
+        Of all relations.
+    gradient
+        Derivative of all constraints along the values, shape (m, k).
     jacobian, defect
         G, shape (m, n), and g, shape (m,).
     imposed_rate
@@ -279,48 +266,46 @@ class Instant:
 
     def __init__(self, system: System, time: float, z: np.ndarray):
         self.system, self.time, self.z = system, time, z
-        self._markers: dict[str, Marker] = {}
-        self.constraints: list[Constraint] = []
-        self.jacobian, self.defect = np.zeros((system.m, system.n)), np.empty(system.m)
-        self.imposed_rate = np.zeros(system.m)
+        self.values = Values(system.relations, z)
+        self.gradient = np.zeros((system.m, system.relations.size))
+        self.defect, self.imposed_rate = np.empty(system.m), np.zeros(system.m)
+        self._geometries: list[tuple[Place, Geometry]] = []
         for place in system.constraints:
-            values = self._values(place.layout)
-            geometry = place.joint.geometry(values.u, place.layout.sizes)
-            constraint = Constraint(place.rows, geometry, values, place.joint.imposed(time))
-            self.constraints.append(constraint)
-            constraint.add_jacobian(self.jacobian)
-            self.defect[place.rows] = constraint.defect
-            if constraint.imposed is not None:
-                self.imposed_rate[place.rows] = constraint.imposed.rate
+            rows, layout = place.rows, place.layout
+            geometry = place.joint.geometry(self.values.u[layout.columns], layout.sizes)
+            self._geometries.append((place, geometry))
+            self.gradient[rows, layout.columns] = geometry.jacobian
+            self.defect[rows] = geometry.value
+            imposed = place.joint.imposed(time)
+            if imposed is not None:
+                self.defect[rows] -= imposed.value
+                self.imposed_rate[rows] = imposed.rate
+        self.jacobian = self.gradient @ self.values.slopes
 
-    def _values(self, layout: Layout) -> Values:
-        """Values of some markers and own coordinates."""
-        markers = []
-        for name in layout.markers:
-            if name not in self._markers:
-                self._markers[name] = self.system.marker(name, self.z)
-            markers.append(self._markers[name])
-        return Values(layout, markers, self.z)
+    @cached_property
+    def curvatures(self) -> list[tuple[Place, np.ndarray]]:
+        """Constraints that are not linear in the values, and their second derivatives."""
+        return [
+            (place, geometry.curvature())
+            for place, geometry in self._geometries
+            if geometry.curvature is not None
+        ]
 
     def rate_defect(self, rates: np.ndarray) -> np.ndarray:
         """``G v + g_t``, shape (m,)."""
         return self.jacobian @ rates - self.imposed_rate
 
-    def applied(self, rates: np.ndarray) -> list[Applied]:
-        """All forces."""
-        found = []
-        for force, layout in self.system.forces:
-            values = self._values(layout)
-            load = force.load(self.time, values.u, values.rates(rates), layout.sizes)
-            found.append(Applied(load, values))
-        return found
+    def form(self, multipliers: np.ndarray) -> np.ndarray:
+        """Second derivative of ``multipliers . phi`` along the values, shape (k, k)."""
+        result = np.zeros((len(self.values.u),) * 2)
+        for place, curvature in self.curvatures:
+            own = place.layout.columns
+            result[own, own] = multipliers[place.rows] @ curvature.swapaxes(0, 1)
+        return result
 
     def bend(self, multipliers: np.ndarray) -> np.ndarray:
         """Derivative of ``G^T multipliers``, shape (n, n)."""
-        result = np.zeros((self.system.n,) * 2)
-        for constraint in self.constraints:
-            constraint.add_bend(result, multipliers)
-        return result
+        return self.values.bend(multipliers @ self.gradient, self.form(multipliers))
 
     def motion(
         self, rates: np.ndarray, accelerations: np.ndarray, multipliers: np.ndarray
@@ -336,6 +321,8 @@ class Motion:
     ----------
     instant, rates, accelerations, multipliers
         What they are for: v and v', shape (n,), l, shape (m,).
+    value_rates
+        ``u'``, shape (k,).
     residual
         ``F + G^T l - Q``, shape (n,).
     """
@@ -349,37 +336,56 @@ class Motion:
     ):
         self.instant, self.rates, self.accelerations = instant, rates, accelerations
         self.multipliers = multipliers
-        self.applied = instant.applied(rates)
-        self.residual = multipliers @ instant.jacobian
+        values = instant.values
+        self.value_rates = values.slopes @ rates
+        self._applied: list[tuple[slice, Load]] = []
+        self._on_values = multipliers @ instant.gradient
+        for force, layout in instant.system.forces:
+            own = layout.columns
+            load = force.load(instant.time, values.u[own], self.value_rates[own], layout.sizes)
+            self._applied.append((own, load))
+            self._on_values[own] -= load.value
+        self.residual = self._on_values @ values.slopes
         for places, body, motion in self._bodies():
             self.residual[places] += body.forces(*motion, lift=instant.system.lift)
-        for force in self.applied:
-            force.values.add_force(self.residual, -force.load.value)
 
     def _bodies(self) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
         instant = self.instant
         return instant.system.each_body(instant.z, self.rates, self.accelerations)
 
+    @cached_property
+    def _carried(self) -> np.ndarray:
+        """Derivative of the values' rates along z, shape (k, n)."""
+        return self.instant.values.carry(self.rates)
+
     def derivatives(self) -> Derivatives:
         """Of the residual along z, v and v', shape (n, n) each."""
-        instant, n = self.instant, len(self.residual)
-        position, rate, acceleration = np.zeros((3, n, n))
-        for force in self.applied:
-            force.add_derivatives(position, rate, self.rates)
-        position, rate = instant.bend(self.multipliers) - position, -rate
+        instant, slopes = self.instant, self.instant.values.slopes
+        form = instant.form(self.multipliers)
+        damping = np.zeros_like(form)
+        for own, load in self._applied:
+            if load.position is not None:
+                form[own, own] -= load.position
+            if load.rate is not None:
+                damping[own, own] -= load.rate
+        damping = slopes.T @ damping
+        position = instant.values.bend(self._on_values, form) + damping @ self._carried
+        rate, acceleration = damping @ slopes, np.zeros_like(position)
         for places, body, motion in self._bodies():
             parts = body.derivatives(*motion, lift=instant.system.lift)
             position[places, places] += parts.position
             rate[places, places] += parts.rate
-            acceleration[places, places] += parts.acceleration
+            acceleration[places, places] = parts.acceleration
         return Derivatives(position, rate, acceleration)
 
     def carry(self) -> np.ndarray:
         """Derivative of ``G v`` along z, shape (m, n)."""
-        result = np.zeros_like(self.instant.jacobian)
-        for constraint in self.instant.constraints:
-            constraint.add_carry(result, self.rates)
-        return result
+        instant = self.instant
+        along = np.zeros_like(instant.gradient)
+        for place, curvature in instant.curvatures:
+            own = place.layout.columns
+            along[place.rows, own] = curvature @ self.value_rates[own]
+        return along @ instant.values.slopes + instant.gradient @ self._carried
 
     @property
     def drive_power(self) -> float:
@@ -390,7 +396,7 @@ class Motion:
     def applied_power(self) -> float:
         """Power of all forces and of gravity [W]."""
         system = self.instant.system
-        power = sum(force.power(self.rates) for force in self.applied)
+        power = sum(load.value @ self.value_rates[own] for own, load in self._applied)
         if system.lift.any():
             zero = np.zeros_like(self.rates)
             none = np.zeros(2)
