@@ -29,7 +29,6 @@ with ending_signals_raise():
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-SCENES = ("slider-crank", "rotor", "loaded-journal")
 PARTS = ("conrod", "housing")
 METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
 
@@ -179,9 +178,13 @@ def reduce(
 
 
 @cli.command()
-@click.argument("scene", type=click.Choice(SCENES))
+@click.argument("scene")
 def init(scene: str) -> None:
-    """Print a scene file with every key, its default and its meaning."""
+    """Print a scene file with every key, its default and its meaning.
+
+    SCENE is slider-crank, rotor or loaded-journal, or a scene of bodies and joints: four-bar,
+    engine, rotor-two-bearings, slider-crank-both-ends, slider-crank-paper or rotor-paper.
+    """
     from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
     from fenics_ehd.scenes.rotor_settings import RotorSettings
     from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
@@ -192,7 +195,12 @@ def init(scene: str) -> None:
         "rotor": RotorSettings,
         "loaded-journal": LoadedJournalSettings,
     }
-    click.echo(to_toml(kinds[scene]()), nl=False)
+    if scene in kinds:
+        click.echo(to_toml(kinds[scene]()), nl=False)
+        return
+    from fenics_ehd.scenes.scene_file import shipped
+
+    click.echo(shipped(scene), nl=False)
 
 
 @cli.command()

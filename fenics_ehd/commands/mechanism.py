@@ -15,10 +15,10 @@ from mpi4py import MPI
 
 from fenics_ehd.checkpoint import CHECKPOINT, Checkpoints, load_progress
 from fenics_ehd.commands.machine_run import require_same_scene
-from fenics_ehd.commands.recording import progress_bar, record
+from fenics_ehd.commands.recording import progress_bar, record, warn_of
 from fenics_ehd.errors import PeriodicityError, VerificationError
 from fenics_ehd.history_file import HistoryWriter, keep_last_rows
-from fenics_ehd.output import to_json, versions, write_whole
+from fenics_ehd.output import require_writable, to_json, versions, write_whole
 from fenics_ehd.reduction import body_digest, load_body, save_body
 from fenics_ehd.run_folder import SCENE_NAME, RunFolder, first_rank_folder
 
@@ -88,9 +88,11 @@ def run_mechanism(
 ) -> None:
     """``fenics-ehd run`` of a scene of bodies and joints; collective until it is built."""
     from fenics_ehd.scenes.build import build_mechanism
-    from fenics_ehd.scenes.scene_file import read_scene
+    from fenics_ehd.scenes.scene_text import as_stored
 
-    scene = read_scene(name)
+    scene = as_stored(name)
+    warn_of(scene.warnings)
+    require_writable(directory)
     with first_rank_folder(directory, overwrite) as folder:
         built = build_mechanism(scene, MPI.COMM_WORLD, method)
         # The time integration is serial: other ranks have done their share.
@@ -102,10 +104,10 @@ def run_mechanism(
 def resume_mechanism(folder: RunFolder, plots: bool, interval: float, as_json: bool) -> None:
     """``fenics-ehd run --resume`` of such a scene; serial."""
     from fenics_ehd.scenes.build import build_mechanism
-    from fenics_ehd.scenes.scene_file import read_scene
+    from fenics_ehd.scenes.scene_text import as_stored
 
     former = load_progress(folder.path)
-    scene = read_scene(str(folder.path / SCENE_NAME))
+    scene = as_stored(folder.path / SCENE_NAME)
     bodies = {
         path.stem.removeprefix(BODY_FILE.split("{")[0]): load_body(path)
         for path in folder.path.glob(BODY_FILE.format("*"))
@@ -116,15 +118,20 @@ def resume_mechanism(folder: RunFolder, plots: bool, interval: float, as_json: b
 
 def _leave_scene(scene: Scene, built: Built, directory: Path) -> None:
     """Scene and bodies beside the results of a run, to go on with."""
-    write_whole(directory / SCENE_NAME, scene.text)
+    from fenics_ehd.scenes.scene_text import scene_text
+
+    write_whole(directory / SCENE_NAME, scene_text(scene))
     for name, body in built.parts.items():
         save_body(body, directory / BODY_FILE.format(name))
 
 
 def _fingerprints(scene: Scene, built: Built) -> dict[str, str]:
     """Digests of scene, tables and bodies: a run goes on only with those it began with."""
-    found = {SCENE_NAME: hashlib.sha256(scene.text.encode()).hexdigest()}
-    for path in scene.files:
+    from fenics_ehd.scenes.scene_text import files_of, scene_text
+
+    found = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode()).hexdigest()}
+    for path in files_of(scene.tables):
+        # A name in HDF5 has no slash.
         found[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return found | {BODY_FILE.format(name): body_digest(body) for name, body in built.parts.items()}
 
@@ -149,7 +156,7 @@ def _finish(
     if plots:
         from fenics_ehd.plotting.history import plot_joints
 
-        plot_joints(scene.title, folder.path)
+        plot_joints(scene.name, folder.path)
     click.echo(to_json(summary) if as_json else report(summary, folder.directory))
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
@@ -169,7 +176,7 @@ def _integrate(
     prints = _fingerprints(scene, built)
     if former is not None:
         require_same_scene(former, prints, directory)
-    run = Run(built.mechanism, built.steps, built.span)
+    run = Run(built.mechanism, built.steps, scene.span)
     journey = Journey(run, Tracker(run.equations, run.norm))
     if former is not None:
         journey.restore(former["memory"])
@@ -177,11 +184,11 @@ def _integrate(
     seconds = built.seconds if former is None else float(former["reduction_seconds"])
     history = HistoryWriter(directory, _constants(run), resumed=rows)
     checkpoints = Checkpoints(history, interval, {"reduction_seconds": seconds, "scene": prints})
-    bar = progress_bar(built.span)
+    bar = progress_bar(scene.span)
 
     def go(check: Callable[[], None]) -> str:
         with checkpoints:
-            for step in _steps(built, journey, history):
+            for step in _steps(scene, journey, history):
                 checkpoints.follow(journey)
                 pressure = max((f.pressure.max() for f in step.auxiliary.films), default=0.0)
                 bar.set_postfix_str(
@@ -189,7 +196,7 @@ def _integrate(
                     f"p {pressure * 1e-6:.1f} MPa",
                     refresh=False,
                 )
-                bar.update(1e3 * (step.time - (journey.cycle - 1) * built.span) - bar.n)
+                bar.update(1e3 * (step.time - (journey.cycle - 1) * scene.span) - bar.n)
                 check()
         return journey.tracker.verdict()
 
@@ -197,13 +204,14 @@ def _integrate(
         cycles = {"cycles": journey.cycle, "periodicity_defect": journey.defect}
         return {
             "status": status,
-            "scene": scene.title,
+            "warnings": list(scene.warnings),
+            "scene": scene.name,
             "bodies": {
                 name: {"method": body.method, "modes": body.modes}
                 for name, body in built.parts.items()
             },
             **journey.tracker.figures(),
-            **(cycles if built.periodic else {}),
+            **(cycles if scene.time.periodic else {}),
             "reduction_time_s": seconds,
             "wall_time_s": journey.wall_time,
             "processor_time_s": journey.processor_time,
@@ -211,14 +219,14 @@ def _integrate(
         }
 
     summary = record(directory, history, bar, go, summarise)
-    if built.periodic:
+    if scene.time.periodic:
         # What is left is no run to go on with.
         (directory / CHECKPOINT).unlink()
         keep_last_rows(directory, journey.first_row)
     return summary
 
 
-def _steps(built: Built, journey: Journey, history: HistoryWriter) -> Iterator[Step]:
+def _steps(scene: Scene, journey: Journey, history: HistoryWriter) -> Iterator[Step]:
     """Integrate to the end, or until the films repeat, and record every step.
 
     Raises
@@ -229,10 +237,10 @@ def _steps(built: Built, journey: Journey, history: HistoryWriter) -> Iterator[S
     run, tracker = journey.run, journey.tracker
     began, busy = perf_counter() - journey.wall_time, process_time() - journey.processor_time
     while True:
-        for step in run.until(journey.cycle * built.span):
+        for step in run.until(journey.cycle * scene.span):
             row, fields = tracker.add(step)
-            if built.periodic:
-                into = step.time - (journey.cycle - 1) * built.span
+            if scene.time.periodic:
+                into = step.time - (journey.cycle - 1) * scene.span
                 row |= {"cycle": journey.cycle, "cycle_time_s": into}
             history.add(row, fields)
             journey.wall_time, journey.processor_time = (
@@ -240,16 +248,16 @@ def _steps(built: Built, journey: Journey, history: HistoryWriter) -> Iterator[S
                 process_time() - busy,
             )
             yield step
-        if not built.periodic:
+        if not scene.time.periodic:
             return
         journey.defect = tracker.change_over_cycle(run.state.watched[0])
-        if journey.defect <= built.periodicity:
+        if journey.defect <= scene.time.periodicity:
             return
-        if journey.cycle >= built.cycles:
+        if journey.cycle >= scene.time.cycles:
             raise PeriodicityError(
                 f"after time.cycles = {journey.cycle} the films still change by "
                 f"{journey.defect:.2e} from cycle to cycle, above time.periodicity = "
-                f"{built.periodicity:g}: allow more cycles or check the loads"
+                f"{scene.time.periodicity:g}: allow more cycles or check the loads"
             )
         journey.cycle, journey.first_row = journey.cycle + 1, history.rows
         tracker.begin_cycle()
@@ -268,7 +276,7 @@ def _constants(run: Run) -> dict[str, np.ndarray]:
 
 def report(summary: Mapping[str, Any], directory: Path) -> str:
     """The run in a few lines."""
-    joints = summary.get("joints") or {"film": summary}
+    joints = summary.get("joints") or {summary["joint"]: summary}
     lines = [
         f"{summary['scene']}: {summary['steps']} steps, "
         f"{summary['newton_iterations']} Newton iterations"
@@ -276,8 +284,6 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
     for name, body in summary["bodies"].items():
         lines.append(f"  {name}: {body['method']} with {body['modes']} modes")
     for name, joint in joints.items():
-        if "max_pressure_Pa" not in joint:
-            continue
         lines.append(f"  {name}")
         lines.append(
             f"    maximum pressure        {joint['max_pressure_Pa'] * 1e-6:9.3f} MPa "

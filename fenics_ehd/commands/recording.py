@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
@@ -46,11 +46,16 @@ def progress_bar(end: float, *, ends_in: bool = True) -> tqdm:
 
 
 def warn(settings: Any) -> None:
-    """Say on the first rank which numbers are not usual ones: their unit may be another."""
+    """Say which numbers are not usual ones: their unit may be another."""
+    warn_of(unusual(settings))
+
+
+def warn_of(lines: Iterable[str]) -> None:
+    """One line each on the first rank's standard error."""
     from mpi4py import MPI
 
     if MPI.COMM_WORLD.rank == 0:
-        for line in unusual(settings):
+        for line in lines:
             click.echo(f"fenics-ehd: warning: {line}", err=True)
 
 

@@ -34,6 +34,18 @@ def scene_tables(scene: str) -> tuple[str, dict]:
     return kind, tables
 
 
+def is_mechanism(scene: str) -> bool:
+    """Whether a name or a file is that of a scene of bodies and joints."""
+    from fenics_ehd.scenes.scene_file import has_bodies, shipped_names
+
+    if scene in KINDS:
+        return False
+    path = Path(scene)
+    if path.suffix == ".toml":
+        return path.exists() and has_bodies(read_toml(scene))
+    return scene in shipped_names()
+
+
 def read_tables(scene: str) -> dict:
     """Tables of a scene file, whatever machine it is of.
 
@@ -43,8 +55,11 @@ def read_tables(scene: str) -> dict:
         It is no TOML file, or cannot be read.
     """
     if Path(scene).suffix != ".toml":
-        known = _either((*KINDS, "a .toml file"))
-        raise SettingsError(f"scene {scene!r}: not {known}{_meant(scene)}")
+        from fenics_ehd.scenes.scene_file import shipped_names
+
+        names = tuple(dict.fromkeys((*KINDS, *shipped_names())))
+        known = _either((*names, "a .toml file"))
+        raise SettingsError(f"scene {scene!r}: not {known}{_meant(scene, names)}")
     return read_toml(scene)
 
 
@@ -52,8 +67,8 @@ def _either(names: tuple[str, ...]) -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def _meant(name: object) -> str:
-    close = difflib.get_close_matches(str(name), KINDS, n=1)
+def _meant(name: object, known: tuple[str, ...] = KINDS) -> str:
+    close = difflib.get_close_matches(str(name), known, n=1)
     return f": did you mean {close[0]}?" if close else ""
 
 

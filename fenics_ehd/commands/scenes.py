@@ -17,13 +17,14 @@ from fenics_ehd.commands.scene_kinds import (
     ROTOR,
     SCENE_KEY,
     SLIDER_CRANK,
+    is_mechanism,
     read_tables,
     scene_tables,
 )
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.output import require_writable, to_json, versions
 from fenics_ehd.reduction import ReducedBody, Structure, load_body
-from fenics_ehd.run_folder import BODY_NAME, RunFolder, first_rank_folder
+from fenics_ehd.run_folder import BODY_NAME, SCENE_NAME, RunFolder, first_rank_folder
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
 from fenics_ehd.settings import build
 from fenics_ehd.whole_file import naming
@@ -88,6 +89,15 @@ def run_scene(
 ) -> None:
     """``fenics-ehd run``; checkpoints every `interval` seconds."""
     target = Path(directory or Path("results") / Path(scene).stem)
+    if is_mechanism(scene):
+        from fenics_ehd.commands.mechanism import run_mechanism
+
+        if body_file or frames:
+            raise SettingsError(
+                "--body, --vtk: not for a scene of bodies; give [bodies.NAME] body = FILE"
+            )
+        run_mechanism(scene, method, target, plots, interval, as_json, overwrite)
+        return
     kind, tables = scene_tables(scene)
     if kind == LOADED_JOURNAL:
         from fenics_ehd.commands.loaded_journal import read_settings, run_loaded_journal
@@ -193,6 +203,11 @@ def resume_scene(directory: str, plots: bool, interval: float, as_json: bool) ->
     from fenics_ehd.commands.machine_run import conclude, former_run, run_machine
 
     with RunFolder(directory, resume=True) as folder:
+        if is_mechanism(str(folder.path / SCENE_NAME)):
+            from fenics_ehd.commands.mechanism import resume_mechanism
+
+            resume_mechanism(folder, plots, interval, as_json)
+            return
         scene, checkpoint = former_run(folder.path)
         kind, tables = scene_tables(str(scene))
         if kind == LOADED_JOURNAL:

@@ -178,7 +178,10 @@ class Tracker:
             }
             for name, extremes in self.extremes.items()
         }
-        alone = next(iter(joints.values())) if len(joints) == 1 else {"joints": joints}
+        alone: dict[str, Any] = {"joints": joints}
+        if len(joints) == 1:
+            ((name, found),) = joints.items()
+            alone = {"joint": name, **found}
         balance = self.balance
         return {
             **alone,

@@ -1,0 +1,112 @@
+"""Scenes of bodies and joints from the command line: results, cycles, runs that go on."""
+
+import json
+import signal
+
+import numpy as np
+import pytest
+from test_resume import assert_same_results, call, start, stop_after
+
+from fenics_ehd.history_file import read_fields, read_history
+from fenics_ehd.scenes.scene_file import shipped
+
+#: Rows over the crank's angle, beside the scene.
+PUSH = "angle_deg,force_N\n0,0\n90,40\n180,0\n270,-40\n360,0\n"
+
+
+def four_bar(folder, time, force=False):
+    """The shipped linkage for another time."""
+    text = shipped("four-bar")
+    text = text[: text.index("[time]")] + f"[time]\n{time}\n"
+    if force:
+        (folder / "push.csv").write_text(PUSH)
+        text += (
+            '[forces.push]\nkind = "angle-table"\npoint = "rocker.tip"\nfile = "push.csv"\n'
+            'angle_of = "crank"\n'
+        )
+    (folder / "scene.toml").write_text(text)
+    return folder / "scene.toml"
+
+
+def command(scene, target, every=0):
+    return ("run", scene, "--no-plots", "--checkpoint-every", every, "-o", target)
+
+
+def test_a_run_leaves_history_summary_and_scene(tmp_path, capsys):
+    scene = four_bar(tmp_path, "end = 2e-3", force=True)
+    target = tmp_path / "out"
+    assert call(*command(scene, target), "--json") == 0
+    printed = json.loads(capsys.readouterr().out)
+    summary = json.loads((target / "summary.json").read_text())
+    assert printed == summary
+    assert summary["status"] == "complete"
+    history = read_history(target)
+    assert len(history["time_s"]) == summary["steps"]
+    assert history["max_pressure_Pa"].max() == pytest.approx(summary["max_pressure_Pa"], rel=1e-9)
+    assert history["min_film_thickness_m"].min() == pytest.approx(
+        summary["min_film_thickness_m"], rel=1e-9
+    )
+    # The crank turns at 100 rad/s from angle zero.
+    assert history["crank.angle_rad"] == pytest.approx(100.0 * history["time_s"], abs=1e-9)
+    # The scene it leaves runs again, its table found from anywhere, to the same last bit.
+    again = tmp_path / "again"
+    assert call(*command(target / "scene.toml", again)) == 0
+    assert (target / "history.csv").read_bytes() == (again / "history.csv").read_bytes()
+
+
+def test_a_periodic_run_keeps_its_last_cycle(tmp_path):
+    scene = four_bar(
+        tmp_path, "revolutions = 1\nperiodic = true\nperiodicity = 0.5\ntolerance = 1e-3"
+    )
+    assert call(*command(scene, tmp_path / "out")) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    history = read_history(tmp_path / "out")
+    assert summary["cycles"] > 1
+    assert summary["periodicity_defect"] <= 0.5
+    assert set(history["cycle"]) == {summary["cycles"]}
+    assert history["cycle_time_s"][0] > 0.0
+    assert np.all(np.diff(history["cycle_time_s"]) > 0)
+    pressures = read_fields(tmp_path / "out", ("pressure_Pa",))["pressure_Pa"]
+    assert pressures.max(axis=1) == pytest.approx(history["max_pressure_Pa"], rel=1e-9)
+    assert history["max_pressure_Pa"].max() == pytest.approx(summary["max_pressure_Pa"], rel=1e-9)
+
+
+@pytest.mark.parametrize("time", ["end = 4e-3\ntolerance = 1e-7"])
+def test_a_killed_run_goes_on_to_the_last_bit(tmp_path, time):
+    scene = four_bar(tmp_path, time, force=True)
+    assert call(*command(scene, tmp_path / "whole")) == 0
+    target = tmp_path / "killed"
+    process = start(command(scene, target))
+    assert stop_after(process, target, 20, signal.SIGKILL) == -signal.SIGKILL
+    assert call("run", "--no-plots", "--resume", target) == 0
+    assert_same_results(target, tmp_path / "whole")
+
+
+def test_a_changed_table_is_refused_on_resume(tmp_path, capsys):
+    scene = four_bar(tmp_path, "end = 4e-3\ntolerance = 1e-7", force=True)
+    target = tmp_path / "killed"
+    process = start(command(scene, target))
+    stop_after(process, target, 20, signal.SIGKILL)
+    (tmp_path / "push.csv").write_text(PUSH.replace("40", "41"))
+    assert call("run", "--no-plots", "--resume", target) == 2
+    assert "push.csv changed since the run began" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("four-bra",), "four-bar"),
+        (("four-bar", "--body", "x.h5"), "--body"),
+    ],
+)
+def test_what_cannot_run_is_refused_in_one_line(tmp_path, capsys, arguments, message):
+    assert call("run", *arguments, "-o", tmp_path / "out") == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert message in lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_init_prints_a_scene_of_bodies(capsys):
+    assert call("init", "engine") == 0
+    assert capsys.readouterr().out == shipped("engine")
