@@ -15,17 +15,20 @@ MAX_ITERATIONS, TOLERANCE = 50, 1e-12
 INDEPENDENT = 1e-9
 
 
-def assemble(system: System, time: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def assemble(
+    system: System, time: float = 0.0, rough: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates nearest to the rough ones, shape (n,) each.
 
-    Frames move, eccentricities and elastic coordinates stay as far as they can.
+    Frames move, eccentricities and elastic coordinates stay as far as they can. The rough
+    coordinates are those of the bodies if none are given.
 
     Raises
     ------
     SettingsError
         The constraints cannot be met from there, or contradict or repeat each other.
     """
-    instant = system.at(time, system.start)
+    instant = system.at(time, system.start if rough is None else rough)
     rates = system.start_rates
     # Joints that repeat each other do so in any pose, the rough one too.
     _correction(system, instant, instant.defect)

@@ -24,6 +24,7 @@ from fenics_ehd.multibody.simulation import Steps
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import loads, schema
 from fenics_ehd.scenes.elastic_part import ElasticPart, elastic_part
+from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.films import (
     build_film,
     check_fit,
@@ -80,11 +81,16 @@ def build_mechanism(scene: Scene, comm: MPI.Comm, method: str | None = None) -> 
     Raises
     ------
     SettingsError
-        Naming what cannot be put together, before anything is reduced.
+        Naming what cannot be put together, before anything is reduced; or the method has
+        nothing to reduce.
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
         From meshes, files, films and reductions.
     """
     start = perf_counter()
+    if method is not None and not any(
+        isinstance(body, schema.Flexible) and body.model != NONE for body in scene.bodies.values()
+    ):
+        raise SettingsError(f"method {method}: scene {scene.name} has no model to reduce")
     ideal, parts = _ideal(scene, comm)
     bodies, reduced, found = dict(ideal.bodies), {}, {}
     for name, part in parts.items():
@@ -112,9 +118,7 @@ def build_mechanism(scene: Scene, comm: MPI.Comm, method: str | None = None) -> 
 
 def _steps(scene: Scene) -> Steps:
     time = scene.time
-    largest = time.largest_step / max(time.revolutions, time.largest_step) if (
-        time.revolutions
-    ) else time.largest_step  # fmt: skip
+    largest = time.largest_step / (time.revolutions or 1.0)
     return Steps(time.tolerance, time.order, time.first_step, time.smallest_step, largest)
 
 
@@ -158,7 +162,7 @@ def _ideal(scene: Scene, comm: MPI.Comm) -> tuple[Mechanism, dict[str, ElasticPa
                 1.0, 1.0, part.points(), held=part.held, **_start(settings)
             )  # fmt: skip
     ideal = Mechanism(bodies, joints, drives, forces, loads.gravity(scene))  # type: ignore[arg-type]
-    placed = assembled_bodies(ideal, turning)
+    placed = assembled_bodies(ideal, turning, scene.span)
     return Mechanism(placed, joints, drives, forces, ideal.gravity), parts  # type: ignore[arg-type]
 
 
@@ -243,8 +247,6 @@ def _shaft(key: str, settings: schema.Shaft) -> ShaftBody:
 def _joint(settings: Any) -> Joint:
     """An ideal joint."""
     if isinstance(settings, schema.Slider):
-        if not np.hypot(*settings.direction):
-            raise SettingsError("direction = [0, 0] of a slider is none")
         return Slider(
             settings.line,
             settings.point,

@@ -10,7 +10,6 @@ import attrs
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import ReducedBody, Structure, load_body
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
@@ -114,11 +113,9 @@ def elastic_part(
     Raises
     ------
     SettingsError, MeshError, BodyFileError
-        It has both a model and a body or neither, or naming what is wrong with them.
+        Naming what is wrong with its model or file.
     """
     key, start = f"bodies.{name}", perf_counter()
-    if (settings.model == NONE) == (settings.body == NONE):
-        raise SettingsError(f"{key}: give a model or a body, one of them")
     source = load_body(settings.body) if settings.model == NONE else _assembled(
         key, settings, film_element, comm
     )  # fmt: skip

@@ -157,8 +157,6 @@ def _over_time(name: str, settings: schema.TimeTable, key: str) -> dict[str, For
 def _over_angle(settings: schema.AngleTable, key: str) -> Force:
     from fenics_ehd.scenes.angle_table import read_angle_table
 
-    if not np.hypot(*settings.direction):
-        raise SettingsError(f"{key}.direction = [0, 0] is none")
     path, scale = table_file(settings.file, f"{key}.file"), settings.scale
     table = read_angle_table(path, f"{key}.file", "force_N")
 

@@ -20,8 +20,14 @@ from fenics_ehd.multibody.system import System
 #: A motion that meets less than this share of any inertia, spring or film meets none.
 NOTHING = 1e-10
 
+#: Places at which a driven mechanism is assembled between its start and its end, at least, and
+#: angle of the fastest drive between two [rad].
+PLACES, APART = 4, np.radians(10.0)
 
-def assembled_bodies(mechanism: Mechanism, turning: Mapping[str, AngleOverTime]) -> dict[str, Body]:
+
+def assembled_bodies(
+    mechanism: Mechanism, turning: Mapping[str, AngleOverTime], span: float
+) -> dict[str, Body]:
     """Bodies of a rigid mechanism with positions and velocities that satisfy every joint.
 
     Parameters
@@ -31,15 +37,19 @@ def assembled_bodies(mechanism: Mechanism, turning: Mapping[str, AngleOverTime])
     turning
         Angles that torques drive, with what they are at the start: they are kept where joints
         leave them free.
+    span
+        End or period [s].
 
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled, or something moves freely without inertia.
+        The mechanism cannot be assembled, at the start or where its drives bring it, or something
+        moves freely without inertia.
     """
     system = System(mechanism)
     z, rates = assemble(system)
     _check_inertia(system, z)
+    _check_way(system, z, span)
     if turning:
         pinned = System(replace(mechanism, drives={**mechanism.drives, **turning}))
         try:
@@ -51,6 +61,21 @@ def assembled_bodies(mechanism: Mechanism, turning: Mapping[str, AngleOverTime])
         places = system.bodies[name]
         found[name] = _placed(body, z[places], rates[places])
     return found
+
+
+def _check_way(system: System, z: np.ndarray, span: float) -> None:
+    """Refuse a mechanism that jams where its drives bring it, within a revolution."""
+    drives = system.mechanism.drives
+    speed = max((abs(drive(0.0)[1]) for drive in drives.values()), default=0.0)
+    if not speed:
+        return
+    within = min(span, 2 * np.pi / speed)
+    for time in np.linspace(0.0, within, max(PLACES, round(speed * within / APART)) + 1):
+        try:
+            z, _ = assemble(system, time, z)
+        except SettingsError as error:
+            turned = ", ".join(f"{n} {np.degrees(d(time)[0]):.0f}" for n, d in drives.items())
+            raise SettingsError(f"at angles of {turned} degrees: {error}") from None
 
 
 def _placed(body: Body, z: np.ndarray, rates: np.ndarray) -> Body:

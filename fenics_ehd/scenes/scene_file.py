@@ -37,6 +37,9 @@ USUAL_KINDS = {"lubricants": "constant"}
 #: Keys that name points, by the settings class's field.
 POINT_KEYS = ("between", "line", "point", "journal", "bore")
 
+#: Keys of a flexible body that only its mesh and reduction read.
+MODEL_KEYS = ("points", "held_by", "cells", "element", "material", "geometry", "reduction")
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -217,6 +220,9 @@ def _elsewhere(path: str, key: str) -> str:
 
 def _check_names(scene: Scene) -> None:
     """Refuse names of what is not there, and a bore used twice."""
+    for name, body in scene.bodies.items():
+        if isinstance(body, schema.Flexible):
+            _check_source(scene, name, body)
     for table in ("joints", "forces"):
         for name, settings in getattr(scene, table).items():
             for key in POINT_KEYS:
@@ -225,6 +231,8 @@ def _check_names(scene: Scene) -> None:
                     _check_point(scene, f"{table}.{name}.{key}", marker)
             if len(set(getattr(settings, "between", "ab"))) < 2:
                 raise SettingsError(f"{table}.{name}.between names the same point twice")
+            if not any(getattr(settings, "direction", (1.0,))):
+                raise SettingsError(f"{table}.{name}.direction = [0, 0] is none")
     for name, force in scene.forces.items():
         if isinstance(force, schema.AngleTable):
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
@@ -239,6 +247,19 @@ def _check_names(scene: Scene) -> None:
                 "already: a bore holds one journal; give the second a point of its own"
             )
         bores[joint.bore] = name
+
+
+def _check_source(scene: Scene, name: str, body: schema.Flexible) -> None:
+    """Refuse a part of a model and a file, of neither, or keys of the other one."""
+    key = f"bodies.{name}"
+    if (body.model == NONE) == (body.body == NONE):
+        raise SettingsError(f"{key}: give a model or a body, one of them")
+    idle = [k for k in MODEL_KEYS if k in scene.tables["bodies"][name]]
+    if body.body != NONE and idle:
+        raise SettingsError(
+            f"{key}.{idle[0]} does nothing beside body = {body.body!r}, which was reduced before: "
+            "drop it, or give a model"
+        )
 
 
 def points_of(body: Any) -> tuple[str, ...] | None:
@@ -292,6 +313,8 @@ def _check_film(scene: Scene, name: str, joint: schema.Lubricated) -> None:
     if isinstance(bored, schema.Shaft):
         raise SettingsError(f"{key}.bore = {joint.bore!r}: a shaft has no bore, only journals")
     elastic = isinstance(bored, schema.Flexible) and point == BORE
+    if isinstance(bored, schema.Flexible) and not point:
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: the bore of {body} is {body}.{BORE}")
     for size in ("radius", "width"):
         if not elastic and not getattr(joint, size):
             raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
