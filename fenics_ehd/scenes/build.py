@@ -66,7 +66,12 @@ class Built:
     steps: Steps
 
 
-def build_mechanism(scene: Scene, comm: MPI.Comm, method: str | None = None) -> Built:
+def build_mechanism(
+    scene: Scene,
+    comm: MPI.Comm,
+    method: str | None = None,
+    bodies: Mapping[str, ReducedBody] | None = None,
+) -> Built:
     """Put a scene together; collective.
 
     Parameters
@@ -77,6 +82,8 @@ def build_mechanism(scene: Scene, comm: MPI.Comm, method: str | None = None) -> 
         Ranks that share the reductions; all of them get the mechanism.
     method
         Of every reduction, in place of the scene's; None: that.
+    bodies
+        Reduced bodies by body name that are there already: those of a run that goes on.
 
     Raises
     ------
@@ -91,14 +98,14 @@ def build_mechanism(scene: Scene, comm: MPI.Comm, method: str | None = None) -> 
         isinstance(body, schema.Flexible) and body.model != NONE for body in scene.bodies.values()
     ):
         raise SettingsError(f"method {method}: scene {scene.name} has no model to reduce")
-    ideal, parts = _ideal(scene, comm)
-    bodies, reduced, found = dict(ideal.bodies), {}, {}
+    ideal, parts = _ideal(scene, comm, bodies or {})
+    placed, reduced, found = dict(ideal.bodies), {}, {}
     for name, part in parts.items():
         made = part.reduce(method)
         if isinstance(made, ReducedPart):
             reduced[name] = made
         found[name] = made.body if isinstance(made, ReducedPart) else made
-        bodies[name] = _flexible(part.settings, found[name], ideal.bodies[name])
+        placed[name] = _flexible(part.settings, found[name], ideal.bodies[name])
     seconds = perf_counter() - start if reduced else 0.0
     joints, rate = dict(ideal.joints), reference_rate(scene)
     for name, joint in scene.joints_of(schema.Lubricated):
@@ -106,7 +113,7 @@ def build_mechanism(scene: Scene, comm: MPI.Comm, method: str | None = None) -> 
         film = build_film(scene, name, found[part_of] if part_of else None, rate)
         joints[name] = lubricated(joint, film)
     return Built(
-        Mechanism(bodies, joints, ideal.drives, ideal.forces, ideal.gravity),
+        Mechanism(placed, joints, ideal.drives, ideal.forces, ideal.gravity),
         found,
         reduced,
         seconds,
@@ -129,7 +136,9 @@ def _elastic_bore(scene: Scene, joint: schema.Lubricated) -> str:
     return body if elastic else ""
 
 
-def _ideal(scene: Scene, comm: MPI.Comm) -> tuple[Mechanism, dict[str, ElasticPart]]:
+def _ideal(
+    scene: Scene, comm: MPI.Comm, reduced: Mapping[str, ReducedBody]
+) -> tuple[Mechanism, dict[str, ElasticPart]]:
     """The mechanism with rigid parts, assembled, and its elastic parts not yet reduced."""
     films = dict(scene.joints_of(schema.Lubricated))
     bores = {_elastic_bore(scene, joint): name for name, joint in films.items()}
@@ -155,7 +164,11 @@ def _ideal(scene: Scene, comm: MPI.Comm) -> tuple[Mechanism, dict[str, ElasticPa
     for name, settings in scene.bodies.items():
         if isinstance(settings, schema.Flexible):
             element = films[bores[name]].element if name in bores else "lagrange"
-            part = parts[name] = elastic_part(name, settings, element, comm)
+            if name in reduced:
+                part = ElasticPart(settings, reduced[name], element, 0.0)
+            else:
+                part = elastic_part(name, settings, element, comm)
+            parts[name] = part
             if name in bores:
                 check_fit(scene, bores[name], (part.radius, part.width))
             bodies[name] = RigidBody(
