@@ -163,7 +163,7 @@ class Values:
         result = self.slopes.T @ (form @ self.slopes)
         for seen, marker in self._markers:
             if marker.bend is not None:
-                acting = sum(force[columns] for columns in seen.columns)
+                acting = np.sum([force[columns] for columns in seen.columns], axis=0)
                 result[seen.places, seen.places] += marker.bend(acting)
         return result
 
