@@ -111,11 +111,14 @@ def save_film_state(path: str | Path, state: Mapping[str, object]) -> None:
 
 def to_json(values: Mapping[str, object]) -> str:
     """JSON text; a number that is not finite becomes null, which JSON has."""
-    plain = {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in values.items()
-    }
-    return json.dumps(plain, indent=2, allow_nan=False)
+    return json.dumps(_plain(values), indent=2, allow_nan=False)
+
+
+def _plain(value: object) -> object:
+    """A value with null in the place of numbers that are not finite, at any depth."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def versions(*, installed: bool = False) -> dict[str, str]:

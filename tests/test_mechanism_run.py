@@ -8,6 +8,7 @@ import pytest
 from test_resume import assert_same_results, call, start, stop_after
 
 from fenics_ehd.history_file import read_fields, read_history
+from fenics_ehd.output import to_json
 from fenics_ehd.scenes.scene_file import shipped
 
 #: Rows over the crank's angle, beside the scene.
@@ -110,3 +111,8 @@ def test_what_cannot_run_is_refused_in_one_line(tmp_path, capsys, arguments, mes
 def test_init_prints_a_scene_of_bodies(capsys):
     assert call("init", "engine") == 0
     assert capsys.readouterr().out == shipped("engine")
+
+
+def test_numbers_that_are_none_are_null_at_any_depth():
+    text = to_json({"joints": {"main": {"estimate": float("nan"), "film": 1e-6}}, "x": np.inf})
+    assert json.loads(text) == {"joints": {"main": {"estimate": None, "film": 1e-6}}, "x": None}

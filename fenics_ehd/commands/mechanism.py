@@ -196,7 +196,8 @@ def _integrate(
                     f"p {pressure * 1e-6:.1f} MPa",
                     refresh=False,
                 )
-                bar.update(1e3 * (step.time - (journey.cycle - 1) * scene.span) - bar.n)
+                into = 1e3 * (step.time - (journey.cycle - 1) * scene.span)
+                bar.update(min(into, bar.total) - bar.n)
                 check()
         return journey.tracker.verdict()
 
