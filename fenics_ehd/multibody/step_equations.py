@@ -97,7 +97,8 @@ class _Columns:
     Attributes
     ----------
     gap
-        Gap change at the Gauss points for unit xi and leading patterns, shape (g, n + k).
+        Gap change at the Gauss points for unit xi, shaft's angle and leading patterns, shape
+        (g, n + 1 + k).
     velocity
         Mean velocity for unit rates of xi and of the shaft's angle, shape (g, n + 1).
     forces
@@ -117,11 +118,12 @@ class _Columns:
         free, scale = joint.film.free, joint.film.parameters.pressure_scale
         turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
         velocity = np.hstack([joint.mean_velocity, turning])
+        gap = np.hstack([joint.thickness, np.zeros_like(turning)])
         forces = -scale * joint.load[:, free]
         if flexibility is None:
-            return cls(joint.thickness, velocity, forces, None)
+            return cls(gap, velocity, forces, None)
         shapes, shares = flexibility.leading(min(count, flexibility.size))
-        return cls(np.hstack([joint.thickness, shapes]), velocity, forces, -scale * shares[:, free])
+        return cls(np.hstack([gap, shapes]), velocity, forces, -scale * shares[:, free])
 
     @property
     def leading(self) -> int:
@@ -204,10 +206,9 @@ class StepEquations:
             past = step.past_x[place : place + flexibility.size]
             self._answers.append(flexibility.answer(step.shift, past))
             place += flexibility.size
+        # What is left without pressure, and its rate: both are multiples of the past.
         self._resting = [
-            None
-            if f is None or a is None
-            else f.outward(np.column_stack([a.rest, a.share * a.past]))
+            None if f is None or a is None else f.outward(a.share * a.past)
             for f, a in zip(self.flexibilities, self._answers, strict=True)
         ]
 
@@ -247,8 +248,8 @@ class StepEquations:
         if flexibility is not None and answer is not None and resting is not None:
             moved = self.moved(i, nodal)
             shape = gap.thickness.shape
-            change = resting[:, 0] + moved
-            rate = resting[:, 1] + answer.shift * moved
+            change = moved - flexibility.damping_time * resting
+            rate = answer.shift * moved + resting
             gap = replace(
                 gap,
                 thickness=gap.thickness + change.reshape(shape),
@@ -335,9 +336,11 @@ class StepEquations:
             borders.append(self._border(i, film, point.films[i], speed, own, len(core)))
             problem, free = point.films[i].problem, film.film.film.free
             entries = problem.entries(point.films[i].nodal[free]) / self.scales[i]
-            answer = None
-            if self.dense[i] and self.flexibilities[i] is not None:
-                answer = partial(self._answer_block, i, borders[-1].along_gap)
+            answer, own_answer = None, self._answers[i]
+            if self.dense[i] and own_answer is not None:
+                share = own_answer.share * film.film.film.parameters.pressure_scale
+                along_gap = (share / self.scales[i]) * borders[-1].along_gap
+                answer = partial(self._answer_block, i, along_gap)
             pattern = film.film.film.assembly.pattern
             matrices.append(FilmMatrix(pattern, entries, problem.weights, answer))
             place += leading[i]
@@ -347,15 +350,12 @@ class StepEquations:
         self, i: int, along_gap: sparse.csc_matrix, rows: np.ndarray, columns: np.ndarray
     ) -> np.ndarray:
         """What pressures at some free nodes do to the equations at others by the bore's answer."""
-        flexibility, answer = self.flexibilities[i], self._answers[i]
+        flexibility, film = self.flexibilities[i], self.system.films[i].film.film
         assert flexibility is not None
-        assert answer is not None
-        film = self.system.films[i].film.film
-        scale = answer.share * film.parameters.pressure_scale / self.scales[i]
         reached = film.assembly.restrict(along_gap, film.free[rows])
         if len(rows) < FEW * len(columns):
-            return scale * (reached @ flexibility.answer_matrix)[:, film.free[columns]]
-        return reached @ (scale * np.take(flexibility.answer_matrix, film.free[columns], axis=1))
+            return (reached @ flexibility.answer_matrix)[:, film.free[columns]]
+        return reached @ np.take(flexibility.answer_matrix, film.free[columns], axis=1)
 
     def _border(
         self,
@@ -370,9 +370,10 @@ class StepEquations:
         film, shift, n = place.film.film, self._step.shift, place.film.size
         along_h, along_v = film.equation.gap_slopes(point.gap, point.nodal, shift)
         columns = self._columns[i]
-        gap = (along_h @ columns.gap)[film.free]
-        velocity = (along_v @ columns.velocity)[film.free]
-        spread = np.zeros((gap.shape[1] + 1, size))
+        inputs, velocity = along_h @ columns.gap, along_v @ columns.velocity
+        inputs[:, :n] += shift * velocity[:, :n]
+        inputs[:, n] += velocity[:, n]
+        spread = np.zeros((inputs.shape[1], size))
         spread[np.arange(n), place.xi] = 1.0
         if place.journal_angle is not None:
             spread[n, : speed.shape[1]] += speed[place.journal_angle]
@@ -384,8 +385,8 @@ class StepEquations:
             outputs = np.vstack([outputs, answer.share * columns.shares])
             rows = np.concatenate([rows, np.arange(patterns.start, patterns.stop)])
             spread[n + 1 :, patterns] = np.eye(patterns.stop - patterns.start)
-        inputs = np.hstack([gap[:, :n] + shift * velocity[:, :n], velocity[:, n:], gap[:, n:]])
-        return FilmBorder(inputs / self.scales[i], spread, outputs, rows, patterns, along_h)
+        inputs = inputs[film.free] / self.scales[i]
+        return FilmBorder(inputs, spread, outputs, rows, patterns, along_h)
 
     def gap_change(
         self, borders: Sequence[FilmBorder], pressures: list[np.ndarray], x: np.ndarray
@@ -409,7 +410,7 @@ class StepEquations:
                 moved = self.moved(i, self._nodal(i, pressures[i]))
                 change = change + moved
                 if columns.shares is not None and columns.leading < flexibility.size:
-                    leading = columns.gap[:, place.film.size :] @ x[border.patterns]
+                    leading = columns.gap[:, place.film.size + 1 :] @ x[border.patterns]
                     trailing = moved - leading
                     free = place.film.film.free
                     left[-1], any_left = (border.along_gap @ trailing)[free] / self.scales[i], True
