@@ -369,6 +369,23 @@ def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_stru
     assert films["m3"] != pytest.approx(films["rigid"], rel=1e-6)
 
 
+def test_grooves_and_ambient_pressure_feed_the_film(monkeypatch, rod_structure):
+    monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
+    fed = ("grooves = []              #", "grooves = [[90, 30, 3e5]] #")
+    with pytest.raises(SettingsError, match=r"joints.big_end.cells: grooves need film cells"):
+        made(SLIDER_CRANK, fed)
+    bars = ("ambient_pressure = 0.0 ", "ambient_pressure = 1e5 ")
+    cells = ("cells = []                #", "cells = [20, 5]           #")
+    film = made(SLIDER_CRANK, fed, bars, cells, method="rigid").mechanism.joints["big_end"].film
+    (groove,) = film.parameters.regions
+    assert (groove.angle, groove.pressure) == (pytest.approx(np.pi / 2), 3e5)
+    assert film.parameters.sides.lower == 1e5
+    for wrong, message in (("1e9", "degrees wide"), ("1e-3", "cannot resolve groove edges")):
+        few = ("grooves = []              #", f"grooves = [[90, {wrong}, 3e5]] #")
+        with pytest.raises(SettingsError, match=rf"joints.rocker_end.grooves: .*{message}"):
+            made(FOUR_BAR, few)
+
+
 # --- Refusals
 
 WRONG = [
