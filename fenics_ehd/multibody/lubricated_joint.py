@@ -182,7 +182,7 @@ class JointFilm:
         if self.bore is not None and part is not None:
             modes = slice(2, 2 + part.modes)
             elastic, tangential = (
-                x[..., modes].reshape(-1, part.modes)
+                x[..., modes].reshape(len(outward), part.modes)
                 for x in (self.bore.outward, self.bore.tangential)
             )
             carried = _mean_translation(film, elastic, tangential)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_ehd.errors import SettingsError
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.grid import aligned_grid
+from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import part_settings, schema
@@ -43,7 +45,7 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
         Naming both sizes.
     """
     joint, key = scene.joints[name], f"joints.{name}"
-    radius, _ = own or (joint.radius, joint.width)
+    radius, width = own or (joint.radius, joint.width)
     if own is not None:
         for size, value in zip(("radius", "width"), own, strict=True):
             given = getattr(joint, size)
@@ -53,6 +55,14 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
                     f"{value:g} m, within {100 * FIT:g} %: drop it or change the part"
                 )
     check_thin_film(joint.clearance, radius, f"{key}.clearance")
+    if own is not None and joint.grooves and not joint.cells:
+        raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
+    if joint.grooves:
+        grid = uniform_grid(radius, width, joint.cells or DEFAULT_CELLS, joint.element)
+        try:
+            _film(scene, joint, grid, 1.0)
+        except SettingsError as error:
+            raise SettingsError(f"{key}.grooves: {error}") from None
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
     if isinstance(shaft, schema.Shaft) and not abs(0.5 * shaft.diameter - radius) <= FIT * radius:
@@ -85,10 +95,29 @@ def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -
     else:
         cells = joint.cells or DEFAULT_CELLS
         grid = uniform_grid(joint.radius, joint.width, cells, joint.element)
+    return _film(scene, joint, grid, rate)
+
+
+def _film(scene: Scene, joint: schema.Lubricated, grid: FilmGrid, rate: float) -> Film:
+    """Film on a mesh."""
     viscosity = joint.viscosity
     if joint.lubricant != NONE:
         viscosity = scene.lubricants[joint.lubricant].viscosity
-    return Film(FilmParameters(grid, joint.clearance, Lubricant(viscosity), rate))
+    grooves = tuple(
+        AxialGroove(np.radians(angle), np.radians(width), pressure)
+        for angle, width, pressure in joint.grooves
+    )
+    edges = np.array([edge for groove in grooves for edge in groove.edges])
+    return Film(
+        FilmParameters(
+            aligned_grid(grid, edges),
+            joint.clearance,
+            Lubricant(viscosity),
+            rate,
+            Sides(joint.ambient_pressure, joint.ambient_pressure),
+            grooves,
+        )
+    )
 
 
 def stand_in_film(joint: schema.Lubricated) -> Film:

@@ -207,6 +207,17 @@ class Lubricated:
     transfer: str = choice(
         "conservative", part_settings.TRANSFERS, "of pressures to a bore with another mesh"
     )
+    ambient_pressure: float = number(
+        0.0,
+        "at both sides, above that at which the film cavitates [Pa]",
+        least=0,
+        usual=(1e3, 1e9),
+        example="1e5 for 1 bar",
+    )
+    grooves: tuple[tuple[float, ...], ...] = rows(
+        ("angle", "width", "pressure"),
+        "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
+    )
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1

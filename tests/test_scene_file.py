@@ -1,0 +1,559 @@
+"""Scene files of bodies and joints: every kind, every refusal, every shipped scene."""
+
+import re
+import tomllib
+
+import attrs
+import numpy as np
+import pytest
+from mechanism_cases import deviation
+from mpi4py import MPI
+
+from fenics_ehd.errors import InputError, MeshError, SettingsError
+from fenics_ehd.multibody.forces import PointForce, SpringDamper, Torque
+from fenics_ehd.multibody.joints import Fixed
+from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody
+from fenics_ehd.multibody.shaft_body import ShaftBody
+from fenics_ehd.multibody.simulation import simulate, simulate_periodic
+from fenics_ehd.reduction import load_dependent, rigid, save_body
+from fenics_ehd.scenes import elastic_part, schema
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.scene_file import (
+    has_bodies,
+    read_scene,
+    scene_of,
+    shipped,
+    shipped_names,
+)
+
+FOUR_BAR = shipped("four-bar")
+SLIDER_CRANK = shipped("slider-crank-paper")
+ROTOR = shipped("rotor-two-bearings")
+
+
+def tables(text, *changes, extra=""):
+    """Tables of a scene with lines changed, ``(old, new)``, and others behind."""
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    return tomllib.loads(text + extra)
+
+
+def made(text, *changes, extra="", **options):
+    return build_mechanism(
+        scene_of(tables(text, *changes, extra=extra), "case"), MPI.COMM_SELF, **options
+    )
+
+
+@pytest.fixture
+def reduced_at_once(monkeypatch, rod_structure, housing_structure):
+    """Parts are not meshed, and reduced without elasticity."""
+    parts = {"conrod": rod_structure, "housing": housing_structure}
+    monkeypatch.setattr(elastic_part, "_assembled", lambda key, s, *_: parts[s.model])
+    return "rigid"
+
+
+@pytest.fixture
+def nothing_reduced(monkeypatch, rod_structure):
+    """A test whose scene has to be refused before its part is reduced."""
+    monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
+    monkeypatch.setattr(elastic_part, "reduce_part", None)
+
+
+# --- Shipped scenes
+
+
+@pytest.mark.parametrize("name", shipped_names())
+def test_shipped_scenes_read_assemble_and_run(name, reduced_at_once):
+    scene = read_scene(name)
+    assert has_bodies(scene.tables)
+    assert scene.warnings == ()
+    flexible = any(isinstance(b, schema.Flexible) for b in scene.bodies.values())
+    built = build_mechanism(scene, MPI.COMM_SELF, reduced_at_once if flexible else None)
+    assert {part.method for part in built.parts.values()} <= {"rigid"}
+    assert built.reduced.keys() == built.parts.keys()
+    assert (built.period is None) != (built.end is None)
+    result = simulate(built.mechanism, 1e-4, **{**vars(built.steps), "tolerance": 1e-2})
+    assert len(result.time) > 3
+    for joint in result.joints.values():
+        assert joint.min_film_thickness.min() > 0
+        assert joint.max_pressure.max() > 0
+
+
+def test_shipped_scenes_explain_every_setting():
+    texts = [shipped(name) for name in shipped_names()]
+    written = set(re.findall(r"^(?:# )?(\w+) *=[^#\n]*#", "\n".join(texts), re.MULTILINE))
+    written |= set(re.findall(r"\[(?:[\w.]+\.)?(\w+)\]", "\n".join(texts)))
+    classes = set(schema.KINDS) and {
+        type(entry)
+        for name in shipped_names()
+        for table in schema.KINDS
+        for entry in getattr(read_scene(name), table).values()
+    }
+    for cls in classes | {schema.Material, schema.Reduction, schema.Time, schema.Output}:
+        keys = {a.name for a in attrs.fields(cls)} - {"velocity", "speed", "end", "period"}
+        assert keys <= written, (cls, keys - written)
+
+
+def test_a_shipped_scene_is_the_file_that_init_prints(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(FOUR_BAR)
+    assert read_scene(path).tables == read_scene("four-bar").tables
+
+
+def test_shipped_geometry_is_that_of_the_models():
+    for name, body in (("slider-crank-paper", "rod"), ("rotor-paper", "housing")):
+        part = read_scene(name).bodies[body]
+        model = elastic_part.model_file(part, body).read_text()
+        for key, value in part.geometry.items():
+            found = re.search(rf"\b{key} *= \{{ *([\d.]+),", model)
+            assert float(found[1]) == value, key
+
+
+GOLDEN = [
+    ("slider-crank-paper", "slider-crank-m1", "m1", 248, 0.004),
+    ("slider-crank-paper", "slider-crank-m3", None, 246, 0.004),
+    ("slider-crank-paper", "slider-crank-m4", "m4", 247, 0.004),
+    ("rotor-paper", "rotor-m4", None, 307, 0.01),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scene", "curve", "method", "steps", "largest"), GOLDEN)
+def test_translated_scenes_give_the_golden_curves(scene, curve, method, steps, largest):
+    built = build_mechanism(read_scene(scene), MPI.COMM_SELF, method)
+    result = simulate(built.mechanism, built.end, **vars(built.steps))
+    (joint,) = result.joints.values()
+    found = deviation(curve, result.time, joint)
+    assert max(found.values()) < largest, found
+    assert len(result.time) <= 1.05 * steps
+
+
+@pytest.mark.slow
+def test_the_translated_loaded_journal_gives_the_golden_orbit():
+    scene = read_scene("loaded-journal")
+    built = build_mechanism(scene, MPI.COMM_SELF)
+    result = simulate_periodic(
+        built.mechanism,
+        built.period,
+        periodicity=scene.time.periodicity,
+        cycles=scene.time.cycles,
+        **vars(built.steps),
+    )
+    assert len(result.time) <= 1.05 * 258
+    found = deviation("loaded-journal", result.time, result.joints["bearing"])
+    # The gap leaves out terms of clearance over radius, 1e-3.
+    assert found["pressure"] < 0.004
+    assert found["film"] < 0.005
+
+
+# --- What a scene stands for
+
+
+def test_bodies_of_every_kind(reduced_at_once):
+    crank = made(SLIDER_CRANK, method="rigid").mechanism.bodies["crank"]
+    assert isinstance(crank, RigidBody)
+    assert (crank.mass, crank.inertia, crank.named_points) == (1.0, 1e-3, {"pin": (0.048, 0.0)})
+    shaft = made(ROTOR, ("[bodies.shaft]\n", "[bodies.shaft]\nangle = 90.0\n")).mechanism.bodies[
+        "shaft"
+    ]
+    assert isinstance(shaft, ShaftBody)
+    assert shaft.orientation == pytest.approx(np.pi / 2)
+    assert shaft.speed == pytest.approx(300.0)
+    # Without supports it moves as a whole, in translation and tilt.
+    assert (shaft.rotor.angular == 0).sum() == 2
+    steel = 7850.0 * np.pi / 4 * 0.04**2 * 0.6
+    assert np.linalg.norm(shaft._carried[:6, 0]) ** 2 == pytest.approx(40.0 + steel, rel=1e-3)
+    journal = made(shipped("loaded-journal")).mechanism.bodies["journal"]
+    assert (journal.mass, journal.inertia, journal.speed) == (0.0, 0.0, 300.0)
+
+
+def test_mass_of_a_part_may_be_given_in_place_of_the_models(reduced_at_once):
+    rod = made(
+        SLIDER_CRANK,
+        ("mass = 0.0  ", "mass = 0.9  "),
+        ("centre = [0.0, 0.0]       # in", "centre = [0.06, 0.0]       # in"),
+        method="rigid",
+    ).mechanism.bodies["rod"]
+    assert isinstance(rod, FlexibleBody)
+    assert rod.integrals.total_mass == pytest.approx(0.9)
+    assert rod.integrals.centre_of_mass == pytest.approx([0.06, 0.0])
+    assert rod.integrals.polar_inertia == pytest.approx(rod.reduced.inertia.polar_inertia)
+
+
+def test_a_part_may_come_from_a_file(rod_structure, tmp_path):
+    body = rigid(rod_structure)
+    save_body(body, tmp_path / "rod.h5")
+    text = re.sub(r"(?s)\[bodies.rod\].*?\[bodies.piston\]", f"""[bodies.rod]
+kind = "flexible"
+body = "{tmp_path / 'rod.h5'}"
+position = [0.048, 0.0]
+[bodies.piston]""", SLIDER_CRANK)  # fmt: skip
+    built = made(text)
+    assert built.parts["rod"].method == "rigid"
+    assert not built.reduced
+    assert built.seconds == 0.0
+    with pytest.raises(SettingsError, match=r"method m3: scene case has no model to reduce"):
+        made(text, method="m3")
+    with pytest.raises(SettingsError, match=r"bodies\.rod\.points does nothing beside body ="):
+        made(text, ("position = [0.048, 0.0]\n", 'points = ["pin"]\n'))
+    with pytest.raises(SettingsError, match=r"'rod.pni': body rod has no point pni"):
+        made(text, ("rod.pin", "rod.pni"))
+
+
+def test_the_method_of_the_command_line_wins(reduced_at_once):
+    assert made(SLIDER_CRANK, method="rigid").parts["rod"].method == "rigid"
+    assert made(SLIDER_CRANK, ('"m3"  ', '"rigid"')).parts["rod"].method == "rigid"
+
+
+@pytest.mark.slow
+def test_reductions_of_a_scene_are_those_of_the_program(monkeypatch, rod_structure):
+    monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
+    m3 = made(SLIDER_CRANK).parts["rod"]
+    assert m3.frequencies == pytest.approx(load_dependent(rod_structure, 6, 31).frequencies)
+    assert m3.provenance["method"] == "m3"
+    assert m3.provenance["geometry.rod_length"] == "0.16"
+
+
+FORCES = """
+[forces.push]
+kind = "constant"
+point = "rocker.tip"
+force = [3.0, 4.0]
+[forces.belt]
+kind = "spring-damper"
+between = ["ground.hook", "coupler.tip"]
+stiffness = 10.0
+damping = 1.0
+[forces.weight]
+kind = "gravity"
+acceleration = [0.0, -9.81]
+[forces.turning]
+kind = "rotating"
+point = "rocker"
+amplitude = 2.0
+speed = 100.0
+[forces.pull]
+kind = "time-table"
+point = "rocker"
+file = "main-bearing"
+scale = 0.5
+[forces.gas]
+kind = "angle-table"
+point = "coupler"
+file = "gas-force"
+angle_of = "crank"
+scale = 2.0
+"""
+
+
+def test_forces_of_every_kind():
+    mechanism = made(FOUR_BAR, extra=FORCES).mechanism
+    assert mechanism.gravity == (0.0, -9.81)
+    push, belt = mechanism.forces["push"], mechanism.forces["belt"]
+    assert isinstance(push, PointForce)
+    assert push.load(0.0, np.zeros(3), np.zeros(3), (3,)).value == pytest.approx([3.0, 4.0, 0.0])
+    assert belt == SpringDamper("ground.hook", "coupler.tip", 10.0, 1.0)
+    assert mechanism.forces["turning"].amplitude == 2.0
+    at_start = [mechanism.forces[f"pull.{axis}"].size(0.0)[0] for axis in "xy"]
+    assert at_start == pytest.approx([-0.5 * 8650.352, 0.0], abs=1e-6)
+    gas = mechanism.forces["gas"]
+    assert gas.markers == ("coupler", "crank")
+    assert gas.size(np.radians(14.0))[0] == pytest.approx(gas.size(np.radians(734.0))[0])
+    assert gas.size(np.radians(14.0))[0] > 5e4
+
+
+def test_a_torque_drives_a_body_from_its_speed_at_the_start(tmp_path):
+    (tmp_path / "torque.csv").write_text("angle_deg,torque_Nm\n0,1\n180,2\n360,1\n")
+    drive = f"""
+[drives.crank]
+kind = "torque"
+torque = 3.0
+table = "{tmp_path / "torque.csv"}"
+damping = 0.5
+speed = 90.0
+"""
+    text = re.sub(r"(?s)\[drives.crank\].*?\n\n", "", FOUR_BAR)
+    built = made(text, ("[bodies.crank]\n", "[bodies.crank]\nspeed = 100.0\n"), extra=drive)
+    torque = built.mechanism.forces["drive of crank"]
+    assert isinstance(torque, Torque)
+    assert (torque.damping, torque.speed, torque.over_angle) == (0.5, 90.0, True)
+    assert torque.size(np.pi)[0] == pytest.approx(5.0)
+    assert not built.mechanism.drives
+    driven = made(FOUR_BAR).mechanism.bodies
+    for name, body in built.mechanism.bodies.items():
+        if name != "ground":
+            # As under a drive of that speed: the mechanism's own motion, not the nearest to rest.
+            assert body.speed == pytest.approx(driven[name].speed, abs=1e-9)
+    assert built.mechanism.bodies["crank"].speed == pytest.approx(100.0)
+
+
+def test_a_speed_may_be_given_over_time(tmp_path):
+    (tmp_path / "speed.csv").write_text("time_s,speed_rad_per_s\n0,0\n0.1,50\n0.2,100\n")
+    path = tmp_path / "speed.csv"
+    built = made(
+        FOUR_BAR,
+        ("speed = 100.0 ", "speed = 0.0 "),
+        ('table = "none"', f'table = "{path}"'),
+        ("angle = 0.0               # at", "angle = 45.0              # at"),
+        ("periodic = true ", "periodic = false"),
+        ("revolutions = 1.0         #", "end = 0.05 #"),
+    )
+    drive = built.mechanism.drives["crank"]
+    assert drive(0.0)[0] == pytest.approx(np.pi / 4)
+    assert drive(0.2) == pytest.approx((np.pi / 4 + 10.0, 100.0))
+    assert drive(0.3) == pytest.approx((np.pi / 4 + 20.0, 100.0))
+    times = np.linspace(0.0, 0.25, 11)
+    rates = [(drive(t + 1e-6)[0] - drive(t - 1e-6)[0]) / 2e-6 for t in times]
+    assert rates == pytest.approx([drive(t)[1] for t in times], abs=1e-3)
+    result = simulate(built.mechanism, 0.02, tolerance=1e-2, order=2)
+    assert result.bodies["crank"][-1, 2] == pytest.approx(drive(0.02)[0], abs=1e-9)
+
+
+def test_a_fixed_joint_and_a_slider_in_degrees():
+    fixed = """
+[joints.weld]
+kind = "fixed"
+between = ["rocker.tip", "weight"]
+angle = 90.0
+[bodies.weight]
+kind = "rigid"
+mass = 0.1
+"""
+    built = made(FOUR_BAR, extra=fixed)
+    assert built.mechanism.joints["weld"] == Fixed("rocker.tip", "weight", np.pi / 2)
+    bodies = built.mechanism.bodies
+    # The second body is ahead of the first by 90 degrees less a revolution, or more.
+    turned = bodies["weight"].orientation - bodies["rocker"].orientation
+    assert abs(np.cos(turned)) < 1e-9
+
+
+def test_the_rough_pose_is_closed():
+    bodies = made(FOUR_BAR).mechanism.bodies
+    coupler, rocker = bodies["coupler"], bodies["rocker"]
+    ends = [
+        np.array(b.position) + b.named_points["tip"][0] * np.array([np.cos(a), np.sin(a)])
+        for b, a in ((coupler, coupler.orientation), (rocker, rocker.orientation))
+    ]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-9)
+    assert ends[0][1] > 0
+
+
+def test_steps_and_times():
+    scene = read_scene("engine")
+    assert scene.span == pytest.approx(4 * np.pi / 300)
+    built = made(FOUR_BAR, ("revolutions = 1.0 ", "revolutions = 4.0 "))
+    assert built.period == pytest.approx(8 * np.pi / 100)
+    assert built.steps.largest == pytest.approx(0.005)
+    seconds = made(FOUR_BAR, ("revolutions = 1.0 ", "period = 0.5 "))
+    assert (seconds.period, seconds.end, seconds.steps.largest) == (0.5, None, 0.02)
+
+
+# --- A rod whose pin has a rigid bore
+
+
+def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_structure):
+    monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
+    scene = scene_of(tables(shipped("slider-crank-both-ends")), "both")
+    films = {}
+    for method in ("rigid", "m3"):
+        built = build_mechanism(scene, MPI.COMM_SELF, method)
+        result = simulate(built.mechanism, 1e-3, tolerance=1e-3, order=2)
+        films[method] = result.joints["small_end"].min_film_thickness[-1]
+        pin = built.mechanism.bodies["rod"].marker(
+            "pin", np.zeros(3 + len(built.parts["rod"].kinds))
+        )
+        assert pin.values[:2] == pytest.approx([0.16, 0.0], abs=1e-6)
+    # The rod's elasticity is felt at the small end too, but it is a heavy rod.
+    assert films["m3"] == pytest.approx(films["rigid"], rel=0.05)
+    assert films["m3"] != pytest.approx(films["rigid"], rel=1e-6)
+
+
+def test_grooves_and_ambient_pressure_feed_the_film(monkeypatch, rod_structure):
+    monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
+    fed = ("grooves = []              #", "grooves = [[90, 30, 3e5]] #")
+    with pytest.raises(SettingsError, match=r"joints.big_end.cells: grooves need film cells"):
+        made(SLIDER_CRANK, fed)
+    bars = ("ambient_pressure = 0.0 ", "ambient_pressure = 1e5 ")
+    cells = ("cells = []                #", "cells = [20, 5]           #")
+    film = made(SLIDER_CRANK, fed, bars, cells, method="rigid").mechanism.joints["big_end"].film
+    (groove,) = film.parameters.regions
+    assert (groove.angle, groove.pressure) == (pytest.approx(np.pi / 2), 3e5)
+    assert film.parameters.sides.lower == 1e5
+    for wrong, message in (("1e9", "degrees wide"), ("1e-3", "cannot resolve groove edges")):
+        few = ("grooves = []              #", f"grooves = [[90, {wrong}, 3e5]] #")
+        with pytest.raises(SettingsError, match=rf"joints.rocker_end.grooves: .*{message}"):
+            made(FOUR_BAR, few)
+
+
+# --- Refusals
+
+WRONG = [
+    # keys and kinds
+    ("[bodies.crank]\n", "[bodies.crank]\nmas = 1\n", "unknown key bodies.crank.mas .*mass"),
+    ("[bodies.crank]\n", "[bodies.crank]\nmodel = 'x'\n", "a key of kind flexible"),
+    ("[bodies.crank]\nkind = \"rigid\" ", "[bodies.crank]\nkind = \"rigd\" ", "did you mean rigid"),
+    ("[bodies.crank]\nkind = \"rigid\" ", "[bodies.crank]\n", "bodies.crank.kind is missing"),
+    ("mass = 0.8\n", "", r"bodies.coupler.mass is missing: \[kg\]"),
+    ("mass = 0.8\n", "mass = -1\n", "bodies.coupler.mass = -1.0 must be at least 0"),
+    ("tip = [0.15, 0.0]", "tip = [0.15]", r"points.tip = \[0.15\] must be two numbers \[x, y\]"),
+    ("tip = [0.15, 0.0]", "tip = ['a', 0]", "must be two numbers"),
+    ("tip = [0.15, 0.0]", "tip = [150000, 0]", "must be two numbers .* below 500"),
+    ("[output]", "[outputs]", r"unknown table \[outputs\]: did you mean output\?"),
+    ('between = ["ground", "crank"] ', 'between = ["ground"]', "must be a list of 2 names"),
+    ('between = ["ground", "crank"] ', 'between = ["crank", "crank"]', "the same point twice"),
+    # names
+    ('"crank.tip", "coupler"', '"crank.tp", "coupler"', "body crank has no point 'tp', its points"),
+    ('"crank.tip", "coupler"', '"crnk.tip", "coupler"', "there is no body 'crnk', there"),
+    ("[drives.crank]", "[drives.crnk]", "drives.crnk: there is no body 'crnk'"),
+    ("[drives.crank]", "[drives.ground]", "body ground cannot turn"),
+    ('lubricant = "oil" ', 'lubricant = "oli" ', r"there is no \[lubricants.oli\], there are: oil"),
+    ('lubricant = "oil" ', "", "give a lubricant or a viscosity, one of them"),
+    ('lubricant = "oil" ', 'lubricant = "oil"\nviscosity = 0.1 ', "a lubricant or a viscosity"),
+    # films
+    ("radius = 0.01 ", "", "joints.rocker_end.radius is missing: that of a rigid bore"),
+    ("clearance = 20e-6 ", "clearance = 2e-3 ", "rocker_end.clearance = 0.002 m must be"),
+    ("eccentricity = [0.0, 0.0]", "eccentricity = [0.8, 0.8]", "lies on the bore or beyond"),
+    # times
+    ("revolutions = 1.0 ", "", "give time.period or time.revolutions, one of them"),
+    ("revolutions = 1.0 ", "revolutions = 1.0\nend = 1.0 ", "periodic = true: give time.period"),
+    ('of = "crank" ', 'of = "rocker" ', "its speed at the start is 0"),
+    ("smallest_step = 1e-13", "smallest_step = 1e-3 ", "must be below time.first_step"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "message"), WRONG)
+def test_what_a_scene_cannot_say(old, new, message):
+    with pytest.raises(SettingsError, match=message):
+        made(FOUR_BAR, (old, new))
+
+
+MORE = [
+    # A coupler's end held twice, and a body that joints hold already.
+    ('[joints.again]\nkind = "revolute"\nbetween = ["ground.hook", "rocker"]', "repeats or contr"),
+    ('[joints.stop]\nkind = "fixed"\nbetween = ["ground", "ground.hook"]', "connects nothing that"),
+    ('[bodies.wheel]\nkind = "rigid"\nmass = 1.0\n[joints.pin]\nkind = "revolute"\nbetween = '
+     '["ground", "wheel"]', "body wheel can move or turn freely without inertia"),
+    ('[bodies.ghost]\nkind = "massless"', "body ghost can move or turn freely without inertia"),
+    ('[joints.b]\nkind = "lubricated"\njournal = "crank.tip"\nbore = "coupler.tip"\nradius = 0.01\n'
+     'width = 0.01\nclearance = 2e-5\nviscosity = 0.1',
+     r"joints.b.bore = 'coupler.tip' is the bore of joints.rocker_end already"),
+    ('[forces.f]\nkind = "constant"\npoint = "crank"\nforce = [0, 0]', "does nothing"),
+    ('[forces.f]\nkind = "angle-table"\npoint = "crank"\nfile = "gas-force"\nangle_of = "x"',
+     "forces.f.angle_of: there is no body 'x'"),
+    ('[forces.f]\nkind = "angle-table"\npoint = "crank"\nfile = "gas"\nangle_of = "crank"',
+     "forces.f.file = 'gas': neither a .csv file nor a shipped table: gas-force, main-bearing"),
+    ('[forces.f]\nkind = "time-table"\npoint = "crank"\nfile = "no.csv"',
+     "forces.f.file no.csv: No such file"),
+    ('[joints.s]\nkind = "slider"\nline = "ground"\npoint = "crank"\ndirection = [0, 0]', "none"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("extra", "message"), MORE)
+def test_what_cannot_be_put_together(extra, message):
+    with pytest.raises(SettingsError, match=message):
+        made(FOUR_BAR, extra=f"\n{extra}\n")
+
+
+def test_a_rotation_without_inertia_is_none_where_a_damper_or_a_drive_holds_it():
+    wheel = """
+[bodies.wheel]
+kind = "massless"
+[joints.pin]
+kind = "revolute"
+between = ["ground", "wheel"]
+[drives.wheel]
+"""
+    for drive in ('kind = "speed"\nspeed = 1.0', 'kind = "torque"\ndamping = 1.0\nspeed = 1.0'):
+        assert made(FOUR_BAR, extra=wheel + drive)
+    with pytest.raises(SettingsError, match=r"body wheel can move or turn"):
+        made(FOUR_BAR, extra=wheel + 'kind = "torque"\ntorque = 1.0')
+
+
+def test_a_loop_that_does_not_close_and_one_that_jams():
+    with pytest.raises(SettingsError, match=r"cannot be assembled from its rough pose"):
+        made(FOUR_BAR, ("tip = [0.15, 0.0]", "tip = [0.05, 0.0]"))
+    with pytest.raises(
+        SettingsError, match=r"at angles of crank \d+ degrees: the mechanism cannot"
+    ):
+        made(FOUR_BAR, ("tip = [0.05, 0.0]", "tip = [0.13, 0.0]"), ("hook = [0.14", "hook = [0.1"))
+
+
+def test_parts_are_refused_before_they_are_reduced(nothing_reduced):
+    for changes, message in (
+        ([("clearance = 17e-6 ", "clearance = 1.7e-3 ")], "joints.big_end.clearance = 0.0017 m"),
+        ([("clearance = 17e-6", "radius = 0.02\nclearance = 17e-6")], "0.02 m must be that of"),
+        ([("pin = [0.048, 0.0]", "pin = [0.3, 0.0]")], "cannot be assembled|at angles of crank"),
+        ([('bore = "rod.bore"', 'bore = "rod"   ')], "the bore of rod is rod.bore"),
+        ([('model = "conrod"', 'model = "none"  ')], "give a model or a body, one of them"),
+        ([('points = ["pin"]', "points = []     ")], "rod has no point 'pin', its points: bore"),
+        ([("inertia = 1e-3            # [kg m2]", "#"), ("hold_rotation = true ",
+          "hold_rotation = false")], "body piston can move or turn freely without inertia"),
+    ):  # fmt: skip
+        with pytest.raises(SettingsError, match=message):
+            made(SLIDER_CRANK, *changes)
+    extra = '\n[joints.again]\nkind = "revolute"\nbetween = ["rod.pin", "piston"]\n'
+    with pytest.raises(SettingsError, match=r"joint .* repeats or contradicts other joints"):
+        made(SLIDER_CRANK, extra=extra)
+
+
+def test_a_shaft_that_does_not_fit_its_bore_or_has_none():
+    with pytest.raises(SettingsError, match=r"bodies.shaft.diameter = 0.05 m must be that of the"):
+        made(ROTOR, ("diameter = 0.04 ", "diameter = 0.05 "))
+    with pytest.raises(SettingsError, match=r"a shaft has no bore"):
+        made(ROTOR, ('bore = "ground.left" ', 'bore = "shaft.right" '))
+    with pytest.raises(SettingsError, match=r"shaft.points.left = 1.5 must be a share"):
+        made(ROTOR, ("left = 0.15", "left = 1.5 "))
+    with pytest.raises(SettingsError, match=r"shaft.modes = 11 must be even"):
+        made(ROTOR, ("modes = 12 ", "modes = 11 "))
+    with pytest.raises(SettingsError, match=r"disks: position = 1.5 must be a share"):
+        made(ROTOR, ("disks = [[0.5,", "disks = [[1.5,"))
+
+
+def test_names_of_groups_are_those_of_the_model():
+    with pytest.raises(MeshError, match=r"no physical group 'pni'"):
+        made(SLIDER_CRANK, ('points = ["pin"]', 'points = ["pni"]'), ("rod.pin", "rod.pni"))
+
+
+def test_files_and_names_that_are_no_scenes(tmp_path):
+    old = tmp_path / "old.toml"
+    old.write_text('scene = "slider-crank"\n[bearing]\nclearance = 17e-6\n')
+    assert not has_bodies(tomllib.loads(old.read_text()))
+    with pytest.raises(
+        SettingsError, match=r"no \[bodies.NAME\] tables; .* init slider-crank-paper"
+    ):
+        read_scene(old)
+    with pytest.raises(SettingsError, match=r"scene 'for-bar': did you mean four-bar"):
+        read_scene("for-bar")
+    with pytest.raises(SettingsError, match=r"absent.toml: No such file"):
+        read_scene(tmp_path / "absent.toml")
+    for text in ("bodies = 3", "bodies.crank = 3", "[bodies.ground]\nmass = 1"):
+        with pytest.raises(SettingsError):
+            scene_of(tomllib.loads(text), "case")
+
+
+def test_numbers_in_another_unit_perhaps_are_named():
+    scene = scene_of(tables(FOUR_BAR, ("viscosity = 0.05 ", "viscosity = 50 ")), "case")
+    (warning,) = scene.warnings
+    assert warning.startswith("lubricants.oil.viscosity = 50 is outside the usual")
+
+
+TIME = "time_s,speed_rad_per_s"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("time_s,speed\n0,1\n1,2\n", f"the header must be {TIME}"),
+        (f"{TIME}\n0,1\n", "1 rows of numbers, at least 2"),
+        (f"{TIME}\n0,1\n0,2\n", "line 3: the time 0 s must be above 0 s"),
+        (f"{TIME}\n0,1,2\n1,1,2\n", "line 2: 3 values for 2 columns"),
+        (f"{TIME}\n0,1\n1,x\n", "line 3: speed_rad_per_s = 'x' must be a finite number"),
+    ],
+)
+def test_a_table_over_time_that_cannot_be_read(content, message, tmp_path):
+    path = tmp_path / "speed.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match=message):
+        made(FOUR_BAR, ("speed = 100.0 ", "speed = 0.0 "), ('table = "none"', f'table = "{path}"'),
+             ("revolutions = 1.0 ", "period = 0.1 "))  # fmt: skip
