@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from mpi4py import MPI
 
-from fenics_ehd.reduction import ReducedBody, Structure, residual_flexibility
+from fenics_ehd.reduction import ReducedBody, Structure
 from fenics_ehd.scenes import part
 from fenics_ehd.scenes.part import ReducedPart, model_file, pressure_family, reduce_structure
 from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.scenes.slider_crank_settings import Reduction
 
 #: Named surface of the model by which the housing is held.
 FOOT = "foot"
@@ -39,22 +37,6 @@ def build_structure(settings: RotorSettings, comm: MPI.Comm) -> Structure:
     )
 
 
-def reduce_held(structure: Structure, reduction: Reduction) -> ReducedBody:
-    """Apply the method that the settings name to a part that does not turn."""
-    if reduction.method == "m4":
-        return residual_flexibility(
-            structure,
-            reduction.vibration_modes,
-            truncation=reduction.residual_truncation,
-            centrifugal=False,
-            estimate_error=reduction.estimate_error,
-            keep_basis=True,
-            solver=reduction.solver,
-        )
-    body = reduce_structure(structure, reduction)
-    return replace(body, frame="clamped") if reduction.method == "rigid" else body
-
-
 def reduce_housing(
     settings: RotorSettings,
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -78,7 +60,7 @@ def reduce_housing(
     """
     return part.reduce_part(
         lambda: build_structure(settings, comm),
-        lambda structure: reduce_held(structure, settings.reduction),
+        lambda structure: reduce_structure(structure, settings.reduction),
         origin(settings),
         check,
     )
