@@ -23,7 +23,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.history_file import HistoryWriter
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction import ReducedBody, Reductor
 from fenics_ehd.results import bore_constants
 from fenics_ehd.scenes.rod import build_structure, reduce_structure
 from fenics_ehd.scenes.run import Totals, simulate
@@ -96,10 +96,10 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=5)
     parser.add_argument("--keep", type=Path, help="folder for the reference")
     arguments = parser.parse_args()
-    structure = build_structure(SliderCrankSettings(), MPI.COMM_SELF)
+    part = Reductor(build_structure(SliderCrankSettings(), MPI.COMM_SELF))
 
     def reduce(reduction: dict[str, Any]) -> ReducedBody:
-        return reduce_structure(structure, settings_at(1e-5, reduction).reduction)
+        return reduce_structure(part, settings_at(1e-5, reduction).reduction)
 
     with TemporaryDirectory() as temporary:
         folder = Path(arguments.keep or temporary)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction import ReducedBody, Reductor
 from fenics_ehd.scenes.rod import build_structure, reduce_structure
 from fenics_ehd.scenes.run import Totals, build_mechanism, simulate
 from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
@@ -37,7 +37,7 @@ class Rods:
     """One structure, reduced once for every method asked for."""
 
     def __init__(self) -> None:
-        self._structure = build_structure(SliderCrankSettings(), MPI.COMM_SELF)
+        self._part = Reductor(build_structure(SliderCrankSettings(), MPI.COMM_SELF))
         self._bodies: dict[str, ReducedBody] = {}
 
     def body(self, **reduction: Any) -> ReducedBody:
@@ -46,7 +46,7 @@ class Rods:
         if name not in self._bodies:
             tables = {"reduction": {"estimate_error": False, **reduction}}
             settings = build(SliderCrankSettings, tables)
-            self._bodies[name] = reduce_structure(self._structure, settings.reduction)
+            self._bodies[name] = reduce_structure(self._part, settings.reduction)
         return self._bodies[name]
 
 

@@ -89,7 +89,7 @@ def rotor_scene(housing_structure, tmp_path_factory):
         time=attrs.evolve(settings.time, tolerance=1e-2),
     )
     part = SimpleNamespace(
-        reduce=lambda structure, s: housing.reduce_held(structure, s.reduction),
+        reduce=lambda structure, s: housing.reduce_structure(structure, s.reduction),
         origin=housing.origin,
     )
     return recorded(

@@ -19,7 +19,7 @@ from fenics_ehd.output import read_history
 from fenics_ehd.reduction import save_body
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
-from fenics_ehd.scenes.housing import build_structure, origin, reduce_held, reduce_housing
+from fenics_ehd.scenes.housing import build_structure, origin, reduce_housing, reduce_structure
 from fenics_ehd.scenes.rotor_run import simulate
 from fenics_ehd.scenes.rotor_settings import Housing, Reduction, RotorSettings, Shaft, Time
 from fenics_ehd.scenes.transient import ENERGY_LIMIT, Totals
@@ -52,7 +52,7 @@ def coarse():
 @pytest.fixture(scope="module")
 def whole(coarse):
     """The coarse housing with its full interface."""
-    return reduce_held(coarse, Reduction(method="full", vibration_modes=4))
+    return reduce_structure(coarse, Reduction(method="full", vibration_modes=4))
 
 
 def as_scipy(matrix):
@@ -104,7 +104,7 @@ def test_foot_is_held_and_the_mass_is_kept(structure):
 
 
 def test_held_modes_are_those_of_the_free_block_of_the_matrices(coarse, figure):
-    body = reduce_held(coarse, LOWEST)
+    body = reduce_structure(coarse, LOWEST)
     keep = np.setdiff1d(np.arange(coarse.size), held_dofs(coarse))
     stiffness, mass = (as_scipy(m)[keep][:, keep] for m in (coarse.stiffness, coarse.mass))
     values = eigsh(stiffness.tocsc(), 6, mass.tocsc(), sigma=0.0, return_eigenvectors=False)
@@ -128,13 +128,15 @@ def test_frequencies_converge_from_above():
             "web_layers": 2 * n, "foot_layers": n, "foot_cells": n,
         }  # fmt: skip
         part = build_structure(housing_settings(geometry), MPI.COMM_SELF)
-        found.append(reduce_held(part, LOWEST).frequencies)
+        found.append(reduce_structure(part, LOWEST).frequencies)
     fallen, falling = -np.diff(found, axis=0)
     # Refined once and once more: order 1 would be a ratio of 3. The corners between ring, web and
     # foot, where stresses are infinite, keep it from the elements' own.
     assert np.all(falling > 0)
     assert np.all(fallen > 4 * falling)
-    default = reduce_held(build_structure(housing_settings(), MPI.COMM_SELF), LOWEST).frequencies
+    default = reduce_structure(
+        build_structure(housing_settings(), MPI.COMM_SELF), LOWEST
+    ).frequencies
     assert np.all((found[2] < default) & (default < found[1]))
 
 
@@ -150,7 +152,7 @@ METHODS = {
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_reduces_the_held_housing(coarse, whole, method):
-    body = reduce_held(coarse, Reduction(method=method, **METHODS[method]))
+    body = reduce_structure(coarse, Reduction(method=method, **METHODS[method]))
     assert body.frame == "clamped"
     pushed = 1.0 + np.cos(np.arctan2(body.pressure_nodes[:, 1], body.pressure_nodes[:, 0]))
     followed = body.basis_flexibility() @ pushed
@@ -318,7 +320,7 @@ def test_bad_command_exits_2_with_its_name(arguments, named, tmp_path):
 def test_quasi_static_bore_moves_as_the_full_interface(coarse, whole):
     settings = RotorSettings(shaft=Shaft(revolutions=0.1), time=Time(tolerance=1e-4))
     ends = []
-    for body in (reduce_held(coarse, Reduction(method="m4", vibration_modes=4)), whole):
+    for body in (reduce_structure(coarse, Reduction(method="m4", vibration_modes=4)), whole):
         rows = []
         totals = simulate(settings, body, Totals(), lambda row, _, rows=rows: rows.append(row))
         assert totals.energy_error < ENERGY_LIMIT
@@ -330,7 +332,7 @@ def test_quasi_static_bore_moves_as_the_full_interface(coarse, whole):
 def test_held_housing_is_the_same_on_any_number_of_ranks(coarse):
     shared = build_structure(housing_settings(COARSE), MPI.COMM_WORLD)
     assert rigid_body_modes(shared).shape[1] == 0
-    own, found = (reduce_held(part, LOWEST) for part in (coarse, shared))
+    own, found = (reduce_structure(part, LOWEST) for part in (coarse, shared))
     np.testing.assert_allclose(found.frequencies, own.frequencies, rtol=1e-8)
     assert found.inertia.total_mass == pytest.approx(own.inertia.total_mass, rel=1e-12)
 
@@ -341,7 +343,7 @@ def test_a_revolution_with_30_and_50_modes(structure, residual_modes):
     settings = RotorSettings(
         reduction=Reduction(residual_modes=residual_modes), time=Time(tolerance=1e-4)
     )
-    body = reduce_held(structure, settings.reduction)
+    body = reduce_structure(structure, settings.reduction)
     assert body.modes == 10 + residual_modes
     totals = simulate(settings, body, Totals())
     assert totals.time == pytest.approx(2 * np.pi / 600)

@@ -4,9 +4,11 @@ The rod is as coarse as its model allows. Its nodes are numbered along the rod: 
 the last one owns no node of the bore.
 """
 
+import gc
 import os
 import subprocess
 import sys
+import weakref
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
 
@@ -25,6 +27,7 @@ from fenics_ehd.reduction import (
     PRESSURE_SETS,
     SELECTIONS,
     ReducedBody,
+    Reductor,
     Structure,
     column_store,
     craig_bampton,
@@ -33,7 +36,9 @@ from fenics_ehd.reduction import (
     full_interface,
     linear_solver,
     load_dependent,
+    loads,
     residual_flexibility,
+    rigid,
     two_step_craig_bampton,
 )
 from fenics_ehd.reduction.eigenmodes import lowest_modes
@@ -1044,6 +1049,123 @@ def test_a_structure_can_be_reduced_again_after_an_iterative_solver():
     load_dependent(given_one, 0, 1, snapshots()[:, :1], solver="iterative", estimate_error=False)
     again = craig_bampton(given_one, 5)
     assert defect(followed(again), followed(craig_bampton(structure("free"), 5))) < TOLERANCE
+
+
+# --- many reductions of one part --------------------------------------------------------------
+
+#: In an order in which little of what one computes is what the next one needs.
+IN_TURN = {
+    "rigid": lambda s, **options: rigid(s, estimate_error=True, **options),
+    **REDUCTIONS,
+    "m1 with more": lambda s, **options: craig_bampton(s, 9, **options),
+    "m1 with fewer": lambda s, **options: craig_bampton(s, 3, **options),
+    "m2 with more": lambda s, **options: two_step_craig_bampton(s, 9, 3, **options),
+    "m3 pc1": lambda s, **options: load_dependent(s, 4, 9, "pc1", "largest-eigenvalue", **options),
+    "m3 again": lambda s, **options: load_dependent(s, 4, 3, "pc1", **options),
+    "m3 snapshots": lambda s, **options: load_dependent(s, 2, 5, snapshots(), **options),
+    "m4 truncated": lambda s, **options: residual_flexibility(s, 4, truncation=0.05, **options),
+    "full with fewer": lambda s, **options: full_interface(s, 2, **options),
+}
+
+
+def counted(monkeypatch, kind, name):
+    """Calls of a method from here on, a list that grows."""
+    calls, original = [], getattr(kind, name)
+
+    def count(self, *arguments, **options):
+        calls.append(arguments)
+        return original(self, *arguments, **options)
+
+    monkeypatch.setattr(kind, name, count)
+    return calls
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", ["free", "clamped", "clamped with a point"])
+def test_bodies_of_one_reductor_are_those_of_a_structure_each(name):
+    shared = Reductor(structure(name))
+    for method, reduce_it in IN_TURN.items():
+        ours, alone = reduce_it(shared), reduce_it(structure(name))
+        assert (ours.method, ours.frame, ours.kinds) == (alone.method, alone.frame, alone.kinds)
+        assert ours.accuracy.keys() == alone.accuracy.keys()
+        assert [r.dropped for r in ours.inventory] == [r.dropped for r in alone.inventory], method
+        if method != "rigid":
+            assert defect(followed(ours), followed(alone)) < TOLERANCE, method
+            frequencies = elastic_frequencies(ours), elastic_frequencies(alone)
+            np.testing.assert_allclose(*frequencies, rtol=1e-7, err_msg=method)
+        scale = alone.basis_flexibility() + alone.missing_flexibility
+        missing = ours.missing_flexibility, alone.missing_flexibility
+        assert defect(*missing, scale) < TOLERANCE, method
+        if alone.residual is not None:
+            masses = ours.residual.mass, alone.residual.mass
+            np.testing.assert_allclose(*map(np.trace, masses), rtol=1e-7)
+
+
+@pytest.mark.mpi
+def test_a_reductor_factorises_once_and_its_interior_once(monkeypatch):
+    made = counted(monkeypatch, LinearSolver, "__init__")
+    shared = Reductor(structure("free"))
+    rigid(shared)
+    assert len(made) == 0
+    two_step_craig_bampton(shared, 5, 3, estimate_error=False)
+    assert len(made) == 1
+    for reduce_it in IN_TURN.values():
+        reduce_it(shared)
+    assert len(made) == 2
+
+
+@pytest.mark.mpi
+def test_a_reductor_does_not_solve_for_what_it_has(monkeypatch):
+    shared = Reductor(structure("free"))
+    craig_bampton(shared, 9)
+    load_dependent(shared, 4, 9, "pc1")
+    residual_flexibility(shared, 4)
+    solves = counted(monkeypatch, LinearSolver, "solve")
+    craig_bampton(shared, 5)
+    load_dependent(shared, 4, 3, "pc1", "largest-eigenvalue")
+    residual_flexibility(shared, 4, truncation=0.05, estimate_error=False)
+    assert not solves
+    load_dependent(shared, 4, 3, "pc2")
+    assert solves
+
+
+@pytest.mark.mpi
+def test_fewer_modes_are_the_first_of_more():
+    shared = Reductor(structure("free"))
+    more, fewer = (craig_bampton(shared, n, estimate_error=False) for n in (9, 5))
+    np.testing.assert_array_equal(fewer.bore_basis[..., :5], more.bore_basis[..., :5])
+    more, fewer = (residual_flexibility(shared, n, estimate_error=False) for n in (6, 2))
+    np.testing.assert_array_equal(fewer.bore_basis[..., :2], more.bore_basis[..., :2])
+    alike = [load_dependent(shared, 4, n, selection="largest-eigenvalue") for n in (9, 5)]
+    missed_by = [np.linalg.norm(reduced.missing_flexibility) for reduced in alike]
+    assert missed_by[0] < missed_by[1]
+
+
+def test_a_reductor_keeps_the_responses_to_one_pressure_set(monkeypatch):
+    kept = weakref.WeakSet()
+    original = loads.ColumnStore.__init__
+
+    def remember(store, *arguments):
+        kept.add(store)
+        original(store, *arguments)
+
+    monkeypatch.setattr(loads.ColumnStore, "__init__", remember)
+    shared = Reductor(structure("free"))
+    for pressure_set in ("pc1", "pc2", snapshots()):
+        load_dependent(shared, 4, 6, pressure_set)
+        residual_flexibility(shared, 4)
+        gc.collect()
+        assert len(kept) == 1
+    del shared
+    gc.collect()
+    assert not kept
+
+
+def test_options_belong_where_a_reductor_is_made():
+    shared = Reductor(structure("free"), attachment_directions=(0,))
+    assert craig_bampton(shared, 3, estimate_error=False).kinds.count("constraint") == 1
+    with pytest.raises(SettingsError, match="solver: say so where the Reductor is made"):
+        craig_bampton(shared, 3, solver="direct")
 
 
 # --- units, shapes and shares -----------------------------------------------------------------

@@ -96,7 +96,7 @@ def test_sizes_that_do_not_fit_the_part_are_refused_once_it_is_meshed(
     text, message, scene, tmp_path, capfd, monkeypatch
 ):
     monkeypatch.delattr("fenics_ehd.scenes.rod.reduce_structure")
-    monkeypatch.delattr("fenics_ehd.scenes.housing.reduce_held")
+    monkeypatch.delattr("fenics_ehd.scenes.housing.reduce_structure")
     status, _, errors = exit_of(capfd, "run", scene(text), "-o", tmp_path / "out")
     assert status == 2, errors
     assert message in errors.splitlines()[-1]

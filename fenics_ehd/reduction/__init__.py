@@ -21,6 +21,7 @@ from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
 from fenics_ehd.reduction.load_dependent import full_interface, load_dependent
 from fenics_ehd.reduction.matrices import as_matrix, reorder
 from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
+from fenics_ehd.reduction.reductor import Reductor
 from fenics_ehd.reduction.residual_flexibility import residual_flexibility
 from fenics_ehd.reduction.residual_modes import SELECTIONS
 from fenics_ehd.reduction.rigid import rigid
@@ -39,6 +40,7 @@ __all__ = [
     "PointWeights",
     "Recovery",
     "ReducedBody",
+    "Reductor",
     "ResidualFlexibility",
     "SpatialInertia",
     "Structure",

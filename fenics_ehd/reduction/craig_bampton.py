@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Unpack
+
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.distributed import inner, spread_rows
-from fenics_ehd.reduction.eigenmodes import lowest_modes
+from fenics_ehd.reduction.eigenmodes import LowestModes
 from fenics_ehd.reduction.fixed_boundary import FixedBoundary, Flexibility
-from fenics_ehd.reduction.load_dependent import bore_flexibility
-from fenics_ehd.reduction.loads import attachment_loads
-from fenics_ehd.reduction.projection import Basis, gram_matrices, project, require_small
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.projection import Basis, gram_matrices, require_small
+from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.structure import Bore, Structure
 
 
 def craig_bampton(
-    structure: Structure,
+    part: Structure | Reductor,
     n_modes: int,
     *,
-    attachment_directions: tuple[int, ...] = (0, 1),
     estimate_error: bool = True,
     keep_basis: bool = False,
-    solver: str = "auto",
-    options_prefix: str = "",
+    **options: Unpack[Options],
 ) -> ReducedBody:
     """M1: reduce a part with fixed-boundary modes and one static mode per boundary dof.
 
@@ -35,14 +32,13 @@ def craig_bampton(
 
     Parameters
     ----------
-    structure
-        The part, free or clamped.
+    part
+        The part, free or clamped, or a `Reductor` of it.
     n_modes
         Fixed-boundary modes kept of (20).
-    attachment_directions
-        Components of the boundary points that are boundary dofs ``x_b``.
-    estimate_error, keep_basis, solver, options_prefix
-        As in `load_dependent`.
+    estimate_error, keep_basis, options
+        As in `load_dependent`; the boundary dofs ``x_b`` are the `attachment_directions` of
+        every boundary point.
 
     Returns
     -------
@@ -57,24 +53,21 @@ def craig_bampton(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    check_structure(structure)
+    reductor = Reductor.of(part, **options)
     if n_modes < 1:
         raise SettingsError(f"modes {n_modes}: ask for at least 1 fixed-boundary mode")
-    static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
-    held = centre_constraints(structure) if static.rigid_modes.shape[1] else None
-    points = attachment_loads(structure, attachment_directions)
-    support, constraint_modes = hold(static, held, points)
-    angular, modes = lowest_modes(support, n_modes, options_prefix=f"{options_prefix}modes_")
-    basis = boundary_basis(static, angular, modes, constraint_modes, held, points)
-    return project(
-        structure,
-        static.mass,
-        basis,
-        method="m1",
-        frame="clamped" if held is None else "bore-centre",
-        full_flexibility=bore_flexibility(static) if estimate_error else None,
-        keep_basis=keep_basis,
+    centre, constraint_modes, lowest = reductor.once("m1", None, lambda: _boundary(reductor))
+    basis = boundary_basis(reductor, *lowest(n_modes), constraint_modes, centre)
+    return reductor.project(
+        basis, "m1", frame="bore-centre", estimate_error=estimate_error, keep_basis=keep_basis
     )
+
+
+def _boundary(reductor: Reductor) -> tuple[np.ndarray | None, np.ndarray, LowestModes]:
+    """Constraints of C2, static modes of the boundary dofs, modes with both held."""
+    centre = centre_constraints(reductor.structure) if reductor.free else None
+    support, constraint_modes = hold(reductor.static, centre, reductor.points)
+    return centre, constraint_modes, LowestModes(support, f"{reductor.options_prefix}modes_")
 
 
 def centre_weights(bore: Bore) -> np.ndarray:
@@ -118,12 +111,11 @@ def hold(
 
 
 def boundary_basis(
-    static: Flexibility,
+    reductor: Reductor,
     angular: np.ndarray,
     modes: np.ndarray,
     constraint_modes: np.ndarray,
     centre: np.ndarray | None,
-    points: np.ndarray,
 ) -> Basis:
     """T of (19) with its reduced matrices, checked against their block form.
 
@@ -132,9 +124,9 @@ def boundary_basis(
     VerificationError
         The blocks are not decoupled in stiffness, or the boundary is not where it should be.
     """
-    structure = static.structure
+    structure, points = reductor.structure, reductor.points
     columns = np.asfortranarray(np.hstack([modes, constraint_modes]))
-    stiffness, mass = gram_matrices(structure, static.mass, columns)
+    stiffness, mass = gram_matrices(structure, reductor.mass, columns)
     n, comm = modes.shape[1], structure.comm
     scale = np.sqrt(np.diag(stiffness))
     wanted = np.zeros_like(stiffness)

@@ -89,6 +89,21 @@ def lowest_modes(
     return np.sqrt(eigenvalues), _orient(structure, modes)
 
 
+class LowestModes:
+    """The same for any count: a smaller one is cut from the largest asked for so far."""
+
+    def __init__(self, flexibility: Flexibility, options_prefix: str):
+        self._flexibility, self._prefix = flexibility, options_prefix
+        self._angular, self._modes = lowest_modes(flexibility, 0)
+
+    def __call__(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """See `lowest_modes`."""
+        if not 0 <= count <= len(self._angular):
+            found = lowest_modes(self._flexibility, count, options_prefix=self._prefix)
+            self._angular, self._modes = found
+        return self._angular[:count], self._modes[:, :count]
+
+
 def _solve(
     flexibility: Flexibility,
     count: int,

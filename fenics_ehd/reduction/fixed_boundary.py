@@ -17,10 +17,8 @@ import numpy as np
 
 from fenics_ehd.errors import VerificationError
 from fenics_ehd.reduction.distributed import combine, inner
-from fenics_ehd.reduction.linear_solver import LinearSolver, is_direct
 from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.reduction.static import mean_stiffness
+from fenics_ehd.reduction.static import held_solver
 from fenics_ehd.reduction.structure import Structure
 
 #: Smallest reciprocal condition number at which constraints count as independent.
@@ -149,6 +147,8 @@ class InteriorSolver:
     ----------
     structure
         The part.
+    mass
+        Products with M.
     nodes
         Global numbers of the held nodes, the same on every rank.
     solver, options_prefix
@@ -158,29 +158,19 @@ class InteriorSolver:
     def __init__(
         self,
         structure: Structure,
+        mass: MassOperator,
         nodes: np.ndarray,
         *,
         solver: str = "auto",
         options_prefix: str = "interior_",
     ):
-        self.structure, self.mass = structure, MassOperator(structure.mass)
+        self.structure, self.mass = structure, mass
         self.rigid_modes = np.zeros((structure.stiffness.local_size[0], 0))
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
         first, last = structure.stiffness.getOwnershipRange()
-        mine = dofs[(dofs >= first) & (dofs < last)]
-        self._held = mine - first
-        matrix = structure.stiffness.copy()
-        matrix.zeroRowsColumns(mine.astype(np.int32), diag=mean_stiffness(structure))
-        direct = is_direct(solver, structure.size)
-        self._linear = LinearSolver(
-            matrix,
-            direct=direct,
-            near_kernel=rigid_fields(structure.coordinates),
-            kernel=False,
-            options_prefix=options_prefix,
-        )
-        if direct:
-            matrix.destroy()
+        held = dofs[(dofs >= first) & (dofs < last)]
+        self._held = held - first
+        self._linear = held_solver(structure, held, solver, options_prefix, kernel=False)
 
     def apply(self, loads: np.ndarray) -> np.ndarray:
         """Static response with the nodes held, owned rows (owned dofs, k)."""

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from hashlib import sha256
+from typing import Unpack
 
 import numpy as np
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.distributed import inner
-from fenics_ehd.reduction.eigenmodes import lowest_modes
-from fenics_ehd.reduction.loads import LoadSet, StaticResponses, attachment_loads, bore_responses
+from fenics_ehd.reduction.loads import LoadSet, StaticResponses
 from fenics_ehd.reduction.pressure_sets import pressure_patterns
 from fenics_ehd.reduction.projection import (
     Basis,
-    BoreFlexibility,
     gram_matrices,
-    project,
     require_small,
 )
+from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.residual_modes import (
     PROPER_ORTHOGONAL,
     RANKINGS,
@@ -34,24 +33,22 @@ from fenics_ehd.reduction.structure import Structure
 
 
 def load_dependent(
-    structure: Structure,
+    part: Structure | Reductor,
     n_vibration: int,
     n_residual: int,
     pressure_set: str | np.ndarray = "pc2",
     selection: str = "lowest-frequency",
     *,
-    attachment_directions: tuple[int, ...] = (0, 1),
     estimate_error: bool = True,
     keep_basis: bool = False,
-    solver: str = "auto",
-    options_prefix: str = "",
+    **options: Unpack[Options],
 ) -> ReducedBody:
     """M3: reduce a part with vibration, attachment and load-dependent residual modes.
 
     Parameters
     ----------
-    structure
-        The part, free or clamped.
+    part
+        The part, free or clamped, or a `Reductor` that shares what has been computed of it.
     n_vibration
         Vibration modes ``n_v`` (27).
     n_residual
@@ -62,18 +59,13 @@ def load_dependent(
         snapshots of a former run, for instance.
     selection
         Which residual modes: one of `SELECTIONS`.
-    attachment_directions
-        Components of the unit forces at every boundary point: ``n_a`` is their
-        number times the number of points.
     estimate_error
         Also compute the bore flexibility that the basis misses, one static
         solve per pressure node.
     keep_basis
         Leave the part-size basis in the body.
-    solver
-        ``"direct"``, ``"iterative"`` or ``"auto"``.
-    options_prefix
-        Put before the prefixes ``static_`` and ``modes_`` of the PETSc options.
+    options
+        Of a `Reductor`: `attachment_directions`, `solver`, `options_prefix`.
 
     Returns
     -------
@@ -89,9 +81,9 @@ def load_dependent(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    check_structure(structure)
+    reductor = Reductor.of(part, **options)
     check_selection(selection)
-    patterns = pressure_patterns(structure, pressure_set)
+    patterns = pressure_patterns(reductor.structure, pressure_set)
     _check_counts(n_vibration, n_residual, patterns.shape[1])
     asked = n_residual
     if selection == PROPER_ORTHOGONAL:
@@ -99,61 +91,28 @@ def load_dependent(
         n_residual = max(n_residual, patterns.shape[1])
     elif selection != "every-column":
         patterns = without_redundancy(patterns)
-    static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
-    fields = attachment_loads(structure, attachment_directions)
-    basis = _basis(
-        static, n_vibration, n_residual, fields, patterns, selection, f"{options_prefix}modes_"
-    )
-    added = {"static_added": float(n_residual - asked)}
-    return project(
-        structure,
-        static.mass,
-        replace(basis, accuracy={**basis.accuracy, **added}),
-        method="m3",
-        frame="mean-axis" if static.rigid_modes.shape[1] else "clamped",
-        full_flexibility=bore_flexibility(static) if estimate_error else None,
-        keep_basis=keep_basis,
-    )
+    basis = _basis(reductor, n_vibration, n_residual, patterns, selection)
+    accuracy = {**basis.accuracy, "static_added": float(n_residual - asked)}
+    basis = replace(basis, accuracy=accuracy)
+    return reductor.project(basis, "m3", estimate_error=estimate_error, keep_basis=keep_basis)
 
 
 def full_interface(
-    structure: Structure,
+    part: Structure | Reductor,
     n_vibration: int = 20,
     *,
-    attachment_directions: tuple[int, ...] = (0, 1),
     keep_basis: bool = False,
-    solver: str = "auto",
-    options_prefix: str = "",
+    **options: Unpack[Options],
 ) -> ReducedBody:
     """Keep the response to every nodal pressure: the reference.
 
     `load_dependent` with all columns of ``P_c1`` (34). It misses no flexibility, so its
     error estimate is zero; parameters as there.
     """
-    check_structure(structure)
-    static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
-    patterns = pressure_patterns(structure, "pc1")
-    n = patterns.shape[1]
-    fields = attachment_loads(structure, attachment_directions)
-    prefix = f"{options_prefix}modes_"
-    basis = _basis(static, n_vibration, n, fields, patterns, "every-column", prefix)
-    return project(
-        structure,
-        static.mass,
-        basis,
-        method="full",
-        frame="mean-axis" if static.rigid_modes.shape[1] else "clamped",
-        full_flexibility=bore_flexibility(static),
-        keep_basis=keep_basis,
-    )
-
-
-def bore_flexibility(static: StaticSolver) -> BoreFlexibility:
-    """Static response of the whole part's bore to every nodal pressure."""
-    identity = np.eye(len(static.structure.lubricated_bore.pressure_coordinates))
-    found = [(rows, work) for _, rows, work in bore_responses(static, identity)]
-    rows, work = zip(*found, strict=True)
-    return BoreFlexibility(np.concatenate(rows, axis=2), np.hstack(work))
+    reductor = Reductor.of(part, **options)
+    patterns = pressure_patterns(reductor.structure, "pc1")
+    basis = _basis(reductor, n_vibration, patterns.shape[1], patterns, "every-column")
+    return reductor.project(basis, "full", keep_basis=keep_basis)
 
 
 def _check_counts(n_vibration: int, n_residual: int, available: int) -> None:
@@ -169,40 +128,39 @@ def _check_counts(n_vibration: int, n_residual: int, available: int) -> None:
 
 
 def _basis(
-    static: StaticSolver,
-    n_vibration: int,
-    n_residual: int,
-    fields: np.ndarray,
-    patterns: np.ndarray,
-    selection: str,
-    modes_prefix: str,
+    reductor: Reductor, n_vibration: int, n_residual: int, patterns: np.ndarray, selection: str
 ) -> Basis:
     """T of (26) without the rigid-body modes."""
-    structure = static.structure
-    angular, modes = lowest_modes(static, n_vibration, options_prefix=modes_prefix)
-    loads = LoadSet(structure, fields, patterns)
-    responses = StaticResponses.of(
-        static, loads, angular, modes, with_mass=selection == "lowest-frequency"
-    )
-    a = fields.shape[1]
+
+    def respond() -> tuple[np.ndarray, np.ndarray, StaticResponses]:
+        angular, modes = reductor.vibration(n_vibration)
+        loads = LoadSet(reductor.structure, reductor.points, patterns)
+        return angular, modes, StaticResponses.of(reductor.static, loads, angular, modes)
+
+    # Of one rank, or some might have to solve while the others have not.
+    digest = reductor.structure.comm.bcast(sha256(patterns.tobytes()).digest())
+    angular, modes, responses = reductor.once("responses", (n_vibration, digest), respond)
+    count, a = responses.loads.count, reductor.points.shape[1]
     candidates = slice(a, None)
-    ranked = RANKINGS[selection](
-        responses.stiffness[candidates, candidates], responses.mass[candidates, candidates]
-    )
-    chosen = without_round_off(ranked[:, :n_residual], responses.stiffness[candidates, candidates])
-    weights = np.zeros((loads.count, a + chosen.shape[1]))
+    stiffness = responses.stiffness[candidates, candidates]
+    mass = None
+    if selection == "lowest-frequency":
+        mass = responses.mass[candidates, candidates]
+    ranked = RANKINGS[selection](stiffness, mass)
+    chosen = without_round_off(ranked[:, :n_residual], stiffness)
+    weights = np.zeros((count, a + chosen.shape[1]))
     weights[:a, :a] = np.eye(a)
     weights[a:, a:] = chosen
     found = static_modes(responses, weights)
     accuracy = {
-        "static_candidates": float(loads.count),
+        "static_candidates": float(count),
         "static_requested": float(a + n_residual),
         "static_rank": float(len(found.angular)),
         "static_dropped": float(a + n_residual - len(found.angular)),
         "static_exactness": _exactness(responses, weights, found),
     }
-    dropped = dropped_patterns(responses, candidates, ranked, n_residual)
-    return dual_basis(static, angular, modes, found, dropped, accuracy)
+    dropped = dropped_patterns(responses, candidates, mass, ranked, n_residual)
+    return dual_basis(reductor.static, angular, modes, found, dropped, accuracy)
 
 
 def _exactness(responses: StaticResponses, weights: np.ndarray, found: StaticModes) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from fenics_ehd.reduction.distributed import (
     combine,
     inner,
     load_columns,
-    node_rows,
     symmetric,
     transpose_multiply,
 )
+from fenics_ehd.reduction.projection import BoreFlexibility, bore_rows
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 
@@ -82,8 +82,6 @@ class StaticResponses:
     ----------
     stiffness
         ``X^T K X = L^T X``, shape (count, count).
-    mass
-        ``X^T M X``, same shape; empty when not asked for.
     nodal_work
         ``J^T X``, shape (k, count).
     columns
@@ -93,18 +91,12 @@ class StaticResponses:
     solver: StaticSolver
     loads: LoadSet
     stiffness: np.ndarray
-    mass: np.ndarray
     nodal_work: np.ndarray
     columns: ColumnStore
 
     @staticmethod
     def of(
-        solver: StaticSolver,
-        loads: LoadSet,
-        angular: np.ndarray,
-        modes: np.ndarray,
-        *,
-        with_mass: bool = True,
+        solver: StaticSolver, loads: LoadSet, angular: np.ndarray, modes: np.ndarray
     ) -> StaticResponses:
         """Solve for every load.
 
@@ -116,8 +108,6 @@ class StaticResponses:
             L.
         angular, modes
             Modes to be filtered out, mass-normalised and uncoupled in stiffness.
-        with_mass
-            Also compute ``X^T M X``.
         """
         comm, count = solver.structure.comm, loads.count
         covered = loads.work(modes).T / angular[:, None] ** 2
@@ -130,8 +120,20 @@ class StaticResponses:
             works.append(nodal)
             stiffness[:, part] = loads.work(responses, nodal)
             columns.put(part, responses)
-        mass = mass_products(solver, columns) if with_mass else np.empty((0, 0))
-        return StaticResponses(solver, loads, symmetric(stiffness), mass, np.hstack(works), columns)
+        return StaticResponses(solver, loads, symmetric(stiffness), np.hstack(works), columns)
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """``X^T M X``, shape (count, count), two blocks in memory at a time; collective."""
+        mass = np.empty((self.loads.count,) * 2)
+        for part, right in self.columns:
+            inertia = self.solver.mass.multiply(right)
+            for other in self.columns.parts:
+                if other.start <= part.start:
+                    left = self.columns.get(other)
+                    product = inner(left, inertia, self.solver.structure.comm)
+                    mass[other, part], mass[part, other] = product, product.T
+        return symmetric(mass)
 
     def combination(self, weights: np.ndarray) -> np.ndarray:
         """Owned rows of ``X @ weights``, shape (owned dofs, r)."""
@@ -142,40 +144,14 @@ class StaticResponses:
         return result
 
 
-def mass_products(solver: StaticSolver, columns: ColumnStore) -> np.ndarray:
-    """``X^T M X`` on every rank, two blocks in memory at a time."""
-    mass = np.empty((columns.count, columns.count))
-    for part, right in columns:
-        inertia = solver.mass.multiply(right)
-        for other in columns.parts:
-            if other.start <= part.start:
-                product = inner(columns.get(other), inertia, solver.structure.comm)
-                mass[other, part], mass[part, other] = product, product.T
-    return symmetric(mass)
-
-
-def bore_responses(
-    solver: StaticSolver, pressures: np.ndarray
-) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-    """Bore rows of ``G J`` for blocks of pressure patterns.
-
-    Yields
-    ------
-    part : slice
-        Columns of `pressures`.
-    rows : numpy.ndarray
-        Displacement of the bore nodes, shape (m, 3, width).
-    work : numpy.ndarray
-        ``J^T G J`` times the patterns, shape (k, width).
-    """
+def bore_flexibility(solver: StaticSolver) -> BoreFlexibility:
+    """Static response of the bore to every nodal pressure."""
     structure = solver.structure
-    bore = structure.lubricated_bore
-    first = structure.stiffness.getOwnershipRange()[0] // 3
-    rows = structure.stiffness.local_size[0]
-    for part in blocks(pressures.shape[1], rows, structure.comm):
-        responses = solver.solve(load_columns(bore.load, pressures[:, part]))
-        yield (
-            part,
-            node_rows(responses, first, bore.nodes, structure.comm),
-            transpose_multiply(bore.load, responses),
-        )
+    bore, owned = structure.lubricated_bore, structure.stiffness.local_size[0]
+    identity = np.eye(len(bore.pressure_coordinates))
+    rows, work = [], []
+    for part in blocks(len(identity), owned, structure.comm):
+        responses = solver.solve(load_columns(bore.load, identity[:, part]))
+        rows.append(bore_rows(structure, responses))
+        work.append(transpose_multiply(bore.load, responses))
+    return BoreFlexibility(np.concatenate(rows, axis=2), np.hstack(work))

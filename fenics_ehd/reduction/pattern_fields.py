@@ -6,7 +6,8 @@ import numpy as np
 
 from fenics_ehd.errors import VerificationError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.distributed import blocks, combine, load_columns, node_rows
+from fenics_ehd.reduction.distributed import blocks, combine, load_columns
+from fenics_ehd.reduction.projection import bore_rows
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 
@@ -55,9 +56,7 @@ def pattern_fields(
     for some in blocks(residual.rank, len(columns), structure.comm):
         responses = static.solve(load_columns(bore.load, patterns[:, some]))
         fields[:, some] = responses - combine(columns, covered[:, some])
-    first = structure.stiffness.getOwnershipRange()[0] // 3
-    found = node_rows(fields, first, bore.nodes, structure.comm)
-    defect = np.abs(found - residual.displacement).max()
+    defect = np.abs(bore_rows(structure, fields) - residual.displacement).max()
     if not defect <= AGREEMENT * np.abs(residual.displacement).max():
         raise VerificationError(
             f"residual patterns move the bore by {defect:.1e} m/Pa else than the body says, "

@@ -79,6 +79,12 @@ class BoreFlexibility:
     energy: np.ndarray
 
 
+def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
+    """Rows of the bore nodes of part-size columns, on every rank, shape (m, 3, n)."""
+    first = structure.stiffness.getOwnershipRange()[0] // 3
+    return node_rows(columns, first, structure.lubricated_bore.nodes, structure.comm)
+
+
 def gram_matrices(
     structure: Structure, mass: MassOperator, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -186,7 +192,6 @@ def project(
     rigid = rigid_fields(structure.coordinates)
     fields = np.hstack([position, rigid[:, :2], basis.columns])
     bore = structure.lubricated_bore
-    first = structure.stiffness.getOwnershipRange()[0] // 3
     mass_rigid = mass.multiply(rigid)
     body = ReducedBody(
         method=method,
@@ -198,7 +203,7 @@ def project(
         bore_radius=bore.radius,
         bore_width=bore.width,
         bore_nodes=bore.coordinates,
-        bore_basis=node_rows(basis.columns, first, bore.nodes, structure.comm),
+        bore_basis=bore_rows(structure, basis.columns),
         pressure_nodes=bore.pressure_coordinates,
         load_projection=transpose_multiply(bore.load, fields).T,
         spin_load_projection=transpose_multiply(bore.load, spin(fields)).T,

@@ -9,17 +9,18 @@ coordinates q keep what they cover:
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Unpack
+
 import numpy as np
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility, outward
-from fenics_ehd.reduction.checks import check_structure
-from fenics_ehd.reduction.distributed import node_rows, symmetric
-from fenics_ehd.reduction.eigenmodes import lowest_modes
-from fenics_ehd.reduction.load_dependent import bore_flexibility, dual_basis
-from fenics_ehd.reduction.loads import LoadSet, StaticResponses, attachment_loads
-from fenics_ehd.reduction.projection import Basis, BoreFlexibility, project
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.distributed import symmetric
+from fenics_ehd.reduction.load_dependent import dual_basis
+from fenics_ehd.reduction.loads import LoadSet, StaticResponses
+from fenics_ehd.reduction.projection import Basis, bore_rows
+from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.static_basis import static_modes
 from fenics_ehd.reduction.structure import Structure
 
@@ -28,36 +29,32 @@ TRUNCATION = 1e-4
 
 
 def residual_flexibility(
-    structure: Structure,
+    part: Structure | Reductor,
     n_vibration: int,
     *,
     truncation: float = TRUNCATION,
-    attachment_directions: tuple[int, ...] = (0, 1),
     centrifugal: bool = True,
     estimate_error: bool = True,
     keep_basis: bool = False,
-    solver: str = "auto",
-    options_prefix: str = "",
+    **options: Unpack[Options],
 ) -> ReducedBody:
     """M4: reduce a part to vibration and static modes with the rest of the bore quasi-static.
 
     Parameters
     ----------
-    structure
-        The part, free or clamped.
+    part
+        The part, free or clamped, or a `Reductor` of it.
     n_vibration
         Vibration modes.
     truncation
         Residual pressure patterns that move no bore node by more than this fraction of what
         the first pattern does are dropped; 0 keeps all that are not round-off.
-    attachment_directions
-        As in `load_dependent`.
     centrifugal
         Also keep the static response to the centrifugal load ``M x`` (x and y components) of
         a part that turns about z.
     estimate_error
         Also compute the inertia of the residual patterns, which the method neglects.
-    keep_basis, solver, options_prefix
+    keep_basis, options
         As in `load_dependent`.
 
     Returns
@@ -72,90 +69,89 @@ def residual_flexibility(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    check_structure(structure)
+    reductor = Reductor.of(part, **options)
     if n_vibration < 0:
         raise SettingsError(f"vibration_modes {n_vibration} is below 0")
     if not 0.0 <= truncation < 1.0:
         raise SettingsError(f"residual_truncation {truncation:g} is not in [0, 1)")
-    static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
-    fields = attachment_loads(structure, attachment_directions)
-    if centrifugal:
-        fields = np.hstack([fields, _centrifugal_load(static)])
-    if not n_vibration + fields.shape[1]:
+    if not n_vibration + reductor.points.shape[1] + centrifugal:
         raise SettingsError("vibration_modes 0, no boundary point and no centrifugal mode: no mode")
-    basis = _dynamic_basis(static, n_vibration, fields, f"{options_prefix}modes_")
-    whole = bore_flexibility(static)
-    residual = _residual(static, basis, whole, truncation, estimate_error)
-    return project(
-        structure,
-        static.mass,
-        basis,
-        method="m4",
-        frame="mean-axis" if static.rigid_modes.shape[1] else "clamped",
-        residual=residual,
-        full_flexibility=whole,
-        keep_basis=keep_basis,
+    basis, residual = reductor.once(
+        "m4", (n_vibration, centrifugal), lambda: _whole(reductor, n_vibration, centrifugal)
     )
+    residual = _truncated(reductor, residual, truncation)
+    if estimate_error:
+        residual = replace(residual, mass=_inertia(reductor, basis, residual.patterns.T))
+    return reductor.project(basis, "m4", residual=residual, keep_basis=keep_basis)
 
 
-def _centrifugal_load(static: StaticSolver) -> np.ndarray:
+def _whole(
+    reductor: Reductor, n_vibration: int, centrifugal: bool
+) -> tuple[Basis, ResidualFlexibility]:
+    """Dynamic modes, and all that is left of the bore's flexibility."""
+    fields = reductor.points
+    if centrifugal:
+        fields = np.hstack([fields, _centrifugal_load(reductor)])
+    basis = _dynamic_basis(reductor, n_vibration, fields)
+    return basis, _residual(reductor, basis)
+
+
+def _centrifugal_load(reductor: Reductor) -> np.ndarray:
     """``M (x, y, 0)``: inertia of unit rate about z, owned rows (owned dofs, 1)."""
-    radius = static.structure.coordinates.copy()
+    radius = reductor.structure.coordinates.copy()
     radius[:, 2] = 0.0
-    return static.mass.multiply(np.asfortranarray(radius.reshape(-1, 1)))
+    return reductor.mass.multiply(np.asfortranarray(radius.reshape(-1, 1)))
 
 
-def _dynamic_basis(
-    static: StaticSolver, n_vibration: int, fields: np.ndarray, modes_prefix: str
-) -> Basis:
+def _dynamic_basis(reductor: Reductor, n_vibration: int, fields: np.ndarray) -> Basis:
     """Vibration modes and the static responses to the given loads."""
-    angular, modes = lowest_modes(static, n_vibration, options_prefix=modes_prefix)
-    loads = LoadSet(static.structure, fields, None)
-    responses = StaticResponses.of(static, loads, angular, modes)
+    angular, modes = reductor.vibration(n_vibration)
+    loads = LoadSet(reductor.structure, fields, None)
+    responses = StaticResponses.of(reductor.static, loads, angular, modes)
     found = static_modes(responses, np.eye(loads.count))
     accuracy = {"static_dropped": float(found.dependent)}
-    return dual_basis(static, angular, modes, found, (), accuracy)
+    return dual_basis(reductor.static, angular, modes, found, (), accuracy)
 
 
-def _residual(
-    static: StaticSolver,
-    basis: Basis,
-    whole: BoreFlexibility,
-    truncation: float,
-    with_mass: bool,
-) -> ResidualFlexibility:
-    """Low-rank factors of ``S_res`` by the eigenvectors of ``J^T S_res``.
+def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
+    """``S_res`` by the eigenvectors of ``J^T S_res``, the most flexible first, without mass.
 
     ``J^T S_res`` is symmetric and positive semidefinite: its eigenvectors V are pressure
     patterns that store energy apart from each other, ``S_res = (S_res V) V^T``.
     """
-    structure = static.structure
-    bore = structure.lubricated_bore
+    structure, whole = reductor.structure, reductor.flexibility
     load = LoadSet(structure, basis.columns[:, :0], None).nodal_work(basis.columns).T
     covered = np.linalg.solve(basis.stiffness, load)
-    first = structure.stiffness.getOwnershipRange()[0] // 3
-    shape = node_rows(basis.columns, first, bore.nodes, structure.comm)
+    shape = bore_rows(structure, basis.columns)
     m = len(shape)
     rest = whole.displacement - (shape.reshape(3 * m, -1) @ covered).reshape(m, 3, -1)
     values, vectors = np.linalg.eigh(symmetric(whole.energy - load.T @ covered))
     values, vectors = values[::-1], vectors[:, ::-1]
     moved = (rest.reshape(3 * m, -1) @ vectors).reshape(m, 3, -1)
-    sizes = np.abs(outward(bore.coordinates, moved)).max(axis=0)
+    return ResidualFlexibility(moved, vectors.T, values, np.zeros((0, 0)))
+
+
+def _truncated(
+    reductor: Reductor, residual: ResidualFlexibility, truncation: float
+) -> ResidualFlexibility:
+    """Patterns up to the last that moves the bore, but no round-off."""
+    nodes, values = reductor.structure.lubricated_bore.coordinates, residual.stiffness
+    sizes = np.abs(outward(nodes, residual.displacement)).max(axis=0)
     # Round-off of the covered part leaves eigenvalues of either sign at the end.
-    real = values > 1e-13 * np.abs(np.diag(whole.energy)).max() * len(values)
+    largest = np.abs(np.diag(reductor.flexibility.energy)).max()
+    real = values > 1e-13 * largest * len(values)
     wanted = (sizes > truncation * sizes.max()) & real
     rank = int(np.flatnonzero(wanted)[-1]) + 1 if wanted.any() else 0
     rank = min(rank, int(np.argmin(real)) if not real.all() else len(real))
-    values, vectors = values[:rank], vectors[:, :rank]
-    mass = _inertia(static, basis, vectors) if with_mass else np.zeros((0, 0))
-    return ResidualFlexibility(moved[:, :, :rank], vectors.T, values, mass)
+    return ResidualFlexibility(
+        residual.displacement[:, :, :rank], residual.patterns[:rank], values[:rank], residual.mass
+    )
 
 
-def _inertia(static: StaticSolver, basis: Basis, patterns: np.ndarray) -> np.ndarray:
+def _inertia(reductor: Reductor, basis: Basis, patterns: np.ndarray) -> np.ndarray:
     """Mass matrix of the residual responses to pressure patterns (k, r), shape (r, r)."""
-    structure = static.structure
     modes = basis.columns
     angular = np.sqrt(np.diag(basis.stiffness))
     # The static modes are covered like vibration modes: both are uncoupled in stiffness.
-    loads = LoadSet(structure, modes[:, :0], patterns)
-    return StaticResponses.of(static, loads, angular, modes).mass
+    loads = LoadSet(reductor.structure, modes[:, :0], patterns)
+    return StaticResponses.of(reductor.static, loads, angular, modes).mass

@@ -26,23 +26,23 @@ def _ascending(stiffness: np.ndarray) -> np.ndarray:
     return np.linalg.eigh(stiffness)[1]
 
 
-def smallest_eigenvalue(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def smallest_eigenvalue(stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
     """(31), (32) to the letter: eigenvectors of ``K_cc``, smallest eigenvalues first."""
     return _ascending(stiffness)
 
 
-def largest_eigenvalue(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def largest_eigenvalue(stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
     """Eigenvectors of ``K_cc``, the most flexible pressure patterns first."""
     return _ascending(stiffness)[:, ::-1]
 
 
-def lowest_frequency(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def lowest_frequency(stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
     """Eigenvectors of ``(K_cc, M_cc)``, lowest frequency first, within the range of ``K_cc``."""
     basis = energy_orthonormal(stiffness)
     return basis @ np.linalg.eigh(basis.T @ mass @ basis)[1][:, ::-1]
 
 
-def every_column(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def every_column(stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
     """The columns themselves, in their own order."""
     return np.eye(len(stiffness))
 

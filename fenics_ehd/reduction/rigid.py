@@ -2,49 +2,39 @@
 
 from __future__ import annotations
 
+from typing import Unpack
+
 import numpy as np
 
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.load_dependent import bore_flexibility
-from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.projection import Basis, project
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.projection import Basis
+from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.structure import Structure
 
 
 def rigid(
-    structure: Structure,
+    part: Structure | Reductor,
     *,
     estimate_error: bool = False,
     keep_basis: bool = False,
-    options_prefix: str = "",
+    **options: Unpack[Options],
 ) -> ReducedBody:
     """Body without elastic coordinates; nothing is factorised unless the error is asked for.
 
     Parameters
     ----------
-    structure
-        The part, free.
+    part
+        The part, free or clamped, or a `Reductor` of it.
     estimate_error
         Also compute the bore flexibility that is left out, one static solve per
         pressure node.
     keep_basis
         Leave the basis of no columns in the body.
-    options_prefix
-        Put before the prefix ``static_`` of the PETSc options.
+    options
+        As in `load_dependent`.
     """
-    flexibility = None
-    if estimate_error:
-        static = StaticSolver(structure, options_prefix=f"{options_prefix}static_")
-        flexibility = bore_flexibility(static)
+    reductor = Reductor.of(part, **options)
     nothing = np.zeros((0, 0))
-    columns = np.zeros((structure.stiffness.local_size[0], 0))
-    return project(
-        structure,
-        MassOperator(structure.mass),
-        Basis(columns, nothing, nothing, (), (), {}),
-        method="rigid",
-        frame="mean-axis",
-        full_flexibility=flexibility,
-        keep_basis=keep_basis,
-    )
+    columns = np.zeros((reductor.structure.stiffness.local_size[0], 0))
+    basis = Basis(columns, nothing, nothing, (), (), {})
+    return reductor.project(basis, "rigid", estimate_error=estimate_error, keep_basis=keep_basis)

@@ -59,6 +59,8 @@ class StaticSolver:
         ``"direct"``, ``"iterative"`` or ``"auto"``, by size.
     options_prefix
         Prefix of the PETSc options of the linear solver.
+    mass
+        Products with M, if there are some already.
 
     Attributes
     ----------
@@ -76,31 +78,25 @@ class StaticSolver:
     """
 
     def __init__(
-        self, structure: Structure, *, solver: str = "auto", options_prefix: str = "static_"
+        self,
+        structure: Structure,
+        *,
+        solver: str = "auto",
+        options_prefix: str = "static_",
+        mass: MassOperator | None = None,
     ):
         self.structure = structure
-        self.mass = MassOperator(structure.mass)
+        self.mass = mass or MassOperator(structure.mass)
         self.rigid_modes = rigid_body_modes(structure)
         self._mass_rigid = self.mass.multiply(self.rigid_modes)
-        direct = is_direct(solver, structure.size)
-        matrix = structure.stiffness
-        rows = matrix.local_size[0]
-        self._held = np.zeros(0, dtype=np.int64)
-        matrix = matrix.copy()
-        if direct:
-            first = matrix.getOwnershipRange()[0]
+        first, last = structure.stiffness.getOwnershipRange()
+        held = np.zeros(0, dtype=np.int32)
+        if is_direct(solver, structure.size):
             held = supporting_rows(self.rigid_modes, first, structure.comm)
-            self._held = held[(held >= first) & (held < first + rows)] - first
-            matrix.zeroRowsColumns(held, diag=mean_stiffness(structure))
-        self.linear = LinearSolver(
-            matrix,
-            direct=direct,
-            near_kernel=rigid_fields(structure.coordinates),
-            kernel=self.rigid_modes.shape[1] > 0,
-            options_prefix=options_prefix,
-        )
-        if direct:
-            matrix.destroy()
+            held = held[(held >= first) & (held < last)]
+        self._held = held - first
+        kernel = self.rigid_modes.shape[1] > 0
+        self.linear = held_solver(structure, held, solver, options_prefix, kernel=kernel)
         self._check_compliance()
 
     def equilibrate(self, loads: np.ndarray) -> np.ndarray:
@@ -163,6 +159,34 @@ class StaticSolver:
                     f"{COMPLIANCE_LIMIT:.0e}): is a node or a piece of the part loose?"
                 )
             load = response
+
+
+def held_solver(
+    structure: Structure, held: np.ndarray, solver: str, options_prefix: str, *, kernel: bool
+) -> LinearSolver:
+    """Solver of K with given dofs held, those owned by this rank.
+
+    Parameters
+    ----------
+    structure, solver, options_prefix
+        As in `StaticSolver`.
+    held
+        Global dofs.
+    kernel
+        Whether a rigid motion is left free where the solver iterates.
+    """
+    matrix, direct = structure.stiffness.copy(), is_direct(solver, structure.size)
+    matrix.zeroRowsColumns(held.astype(np.int32), diag=mean_stiffness(structure))
+    linear = LinearSolver(
+        matrix,
+        direct=direct,
+        near_kernel=rigid_fields(structure.coordinates),
+        kernel=kernel,
+        options_prefix=options_prefix,
+    )
+    if direct:
+        matrix.destroy()
+    return linear
 
 
 def norm(columns: np.ndarray, comm: MPI.Comm) -> float:

@@ -63,7 +63,11 @@ def _diagonalise(responses: StaticResponses, columns: np.ndarray) -> tuple[np.nd
 
 
 def dropped_patterns(
-    responses: StaticResponses, candidates: slice, combinations: np.ndarray, kept: int
+    responses: StaticResponses,
+    candidates: slice,
+    mass: np.ndarray | None,
+    combinations: np.ndarray,
+    kept: int,
 ) -> tuple[ModeRecord, ...]:
     """Inventory lines of the selected-against combinations of the candidates.
 
@@ -73,6 +77,8 @@ def dropped_patterns(
         All static responses.
     candidates
         Where the pressure patterns are among them.
+    mass
+        Of these; None when unknown.
     combinations
         Every combination that the selection ranked, best first, shape (candidates, c).
     kept
@@ -81,7 +87,6 @@ def dropped_patterns(
     left = combinations[:, kept:]
     stiffness = responses.stiffness[candidates, candidates]
     energy = np.einsum("ij,ij->j", left, stiffness @ left)
-    mass = responses.mass[candidates, candidates] if responses.mass.size else None
     work = responses.nodal_work[:, candidates] @ left
     records = []
     for i in range(left.shape[1]):

@@ -10,13 +10,13 @@ dof, ``Psi^T K Psi`` and ``Psi^T M Psi`` are bore rows of ``K Psi`` and of
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from petsc4py import PETSc
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.craig_bampton import (
     boundary_basis,
     centre_constraints,
@@ -28,31 +28,25 @@ from fenics_ehd.reduction.distributed import (
     inner,
     load_columns,
     multiply,
-    node_rows,
     spread_rows,
     symmetric,
     transpose_multiply,
 )
 from fenics_ehd.reduction.eigenmodes import lowest_modes
 from fenics_ehd.reduction.fixed_boundary import Flexibility, InteriorSolver
-from fenics_ehd.reduction.load_dependent import bore_flexibility
-from fenics_ehd.reduction.loads import attachment_loads
-from fenics_ehd.reduction.projection import project
-from fenics_ehd.reduction.rigid_body import rigid_body_modes
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.projection import bore_rows
+from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.structure import Structure
 
 
 def two_step_craig_bampton(
-    structure: Structure,
+    part: Structure | Reductor,
     n_modes: int,
     n_interior_modes: int = 20,
     *,
-    attachment_directions: tuple[int, ...] = (0, 1),
     estimate_error: bool = True,
     keep_basis: bool = False,
-    solver: str = "auto",
-    options_prefix: str = "",
+    **options: Unpack[Options],
 ) -> ReducedBody:
     """M2: reduce a part to all bore dofs first, then to fixed-boundary modes of that.
 
@@ -62,13 +56,13 @@ def two_step_craig_bampton(
 
     Parameters
     ----------
-    structure
-        The part, free or clamped.
+    part
+        The part, free or clamped, or a `Reductor` of it.
     n_modes
         Fixed-boundary modes kept of (24).
     n_interior_modes
         Fixed-interface modes of the first step, bore and boundary held.
-    attachment_directions, estimate_error, keep_basis, solver, options_prefix
+    estimate_error, keep_basis, options
         As in `craig_bampton`; the interior has the prefix ``interior_``.
 
     Returns
@@ -83,9 +77,8 @@ def two_step_craig_bampton(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    check_structure(structure)
-    bore = structure.lubricated_bore
-    free = rigid_body_modes(structure).shape[1] > 0
+    reductor = Reductor.of(part, **options)
+    bore, free = reductor.structure.lubricated_bore, reductor.free
     # The six of C2 are held in a free part.
     available = 3 * len(bore.nodes) - (6 if free else 0) + n_interior_modes
     if not 1 <= n_modes <= available:
@@ -94,35 +87,14 @@ def two_step_craig_bampton(
         )
     if n_interior_modes < 0:
         raise SettingsError(f"interior_modes {n_interior_modes} is below 0")
-    interior = InteriorSolver(
-        structure, bore.nodes, solver=solver, options_prefix=f"{options_prefix}interior_"
-    )
-    points = attachment_loads(structure, attachment_directions)
-    first = _first_step(interior, points, n_interior_modes, f"{options_prefix}modes_")
-    centre = centre_weights(bore).reshape(-1, 6) if free else None
-    angular, modes, constraints = _second_step(first, centre, n_modes)
+    first = reductor.once("m2", n_interior_modes, lambda: _first_step(reductor, n_interior_modes))
+    weights = centre_weights(bore).reshape(-1, 6) if free else None
+    angular, modes, constraints = _second_step(first, weights, n_modes)
     columns = _expand(first, np.hstack([modes, constraints]))
-    split = modes.shape[1]
-    basis = boundary_basis(
-        interior,
-        angular,
-        columns[:, :split],
-        columns[:, split:],
-        None if centre is None else centre_constraints(structure),
-        points,
-    )
-    flexibility = None
-    if estimate_error:
-        static = StaticSolver(structure, solver=solver, options_prefix=f"{options_prefix}static_")
-        flexibility = bore_flexibility(static)
-    return project(
-        structure,
-        interior.mass,
-        basis,
-        method="m2",
-        frame="bore-centre" if free else "clamped",
-        full_flexibility=flexibility,
-        keep_basis=keep_basis,
+    centre = centre_constraints(reductor.structure) if free else None
+    basis = boundary_basis(reductor, angular, columns[:, :n_modes], columns[:, n_modes:], centre)
+    return reductor.project(
+        basis, "m2", frame="bore-centre", estimate_error=estimate_error, keep_basis=keep_basis
     )
 
 
@@ -134,6 +106,8 @@ class FirstStep:
     ----------
     support
         The interior, with the boundary points held.
+    bore
+        The bore dofs.
     angular, modes
         Fixed-interface modes, owned rows (owned dofs, v).
     boundary_modes
@@ -143,6 +117,7 @@ class FirstStep:
     """
 
     support: Flexibility
+    bore: BoreColumns
     angular: np.ndarray
     modes: np.ndarray
     boundary_modes: np.ndarray
@@ -150,16 +125,26 @@ class FirstStep:
     mass: np.ndarray
 
 
-def _first_step(
-    interior: InteriorSolver, points: np.ndarray, n_interior_modes: int, options_prefix: str
-) -> FirstStep:
+def _interior(reductor: Reductor) -> InteriorSolver:
+    """The part with its bore held."""
+    return InteriorSolver(
+        reductor.structure,
+        reductor.mass,
+        reductor.structure.lubricated_bore.nodes,
+        solver=reductor.solver,
+        options_prefix=f"{reductor.options_prefix}interior_",
+    )
+
+
+def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     """Reduce to interior modes, every bore dof and the boundary dofs (21), (22)."""
-    structure = interior.structure
-    comm, nodes = structure.comm, structure.lubricated_bore.nodes
+    structure, points = reductor.structure, reductor.points
+    interior = reductor.once("interior", None, lambda: _interior(reductor))
     support, boundary_modes = hold(interior, None, points)
-    angular, modes = lowest_modes(support, n_interior_modes, options_prefix=options_prefix)
-    bore = BoreColumns.of(structure)
-    v, p, b = modes.shape[1], 3 * len(nodes), points.shape[1]
+    prefix = f"{reductor.options_prefix}modes_"
+    angular, modes = lowest_modes(support, n_interior_modes, options_prefix=prefix)
+    comm, bore = structure.comm, BoreColumns.of(structure)
+    v, p, b = modes.shape[1], 3 * len(structure.lubricated_bore.nodes), points.shape[1]
     stiffness, mass = np.zeros((v + p + b,) * 2), np.zeros((v + p + b,) * 2)
     stiffness[:v, :v], mass[:v, :v] = np.diag(angular**2), np.eye(v)
     others = np.hstack([modes, boundary_modes])
@@ -168,7 +153,7 @@ def _first_step(
         unit = np.zeros((p, part.stop - part.start))
         unit[part.start + np.arange(unit.shape[1]), np.arange(unit.shape[1])] = 1.0
         bore_modes = bore.static_modes(support, unit)
-        inertia = interior.mass.multiply(bore_modes)
+        inertia = reductor.mass.multiply(bore_modes)
         into = slice(v + part.start, v + part.stop)
         stiffness[v : v + p, into] = bore.forces(bore_modes)
         mass[v : v + p, into] = bore.rows(inertia) - bore.forces(support.apply(inertia))
@@ -176,12 +161,14 @@ def _first_step(
     boundary_forces = multiply(structure.stiffness, boundary_modes)
     stiffness[v : v + p, v + p :] = bore.rows(boundary_forces)
     stiffness[v + p :, v + p :] = inner(boundary_modes, boundary_forces, comm)
-    mass[:, v + p :][outer] = inner(others, interior.mass.multiply(boundary_modes), comm)
+    mass[:, v + p :][outer] = inner(others, reductor.mass.multiply(boundary_modes), comm)
     # What was computed by columns of the bore, by its rows.
     stiffness[v + p :, v : v + p] = stiffness[v : v + p, v + p :].T
     mass[v : v + p][:, outer] = mass[outer, v : v + p].T
     mass[v + p :, :v] = mass[:v, v + p :].T
-    return FirstStep(support, angular, modes, boundary_modes, symmetric(stiffness), symmetric(mass))
+    return FirstStep(
+        support, bore, angular, modes, boundary_modes, symmetric(stiffness), symmetric(mass)
+    )
 
 
 def _second_step(
@@ -227,10 +214,10 @@ def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
     """``T_1`` of (21) times columns of coordinates, owned rows (owned dofs, n)."""
     structure = first.support.structure
     v, b = len(first.angular), first.boundary_modes.shape[1]
-    bore, own = BoreColumns.of(structure), slice(v, len(coordinates) - b)
+    own = slice(v, len(coordinates) - b)
     columns = first.modes @ coordinates[:v] + first.boundary_modes @ coordinates[own.stop :]
     for part in blocks(coordinates.shape[1], len(columns), structure.comm):
-        columns[:, part] += bore.static_modes(first.support, coordinates[own, part])
+        columns[:, part] += first.bore.static_modes(first.support, coordinates[own, part])
     return np.asfortranarray(columns)
 
 
@@ -275,7 +262,5 @@ class BoreColumns:
 
     def rows(self, columns: np.ndarray) -> np.ndarray:
         """Bore rows of part-size columns on every rank, shape (3 m, w)."""
-        nodes = self.structure.lubricated_bore.nodes
-        first = self.structure.stiffness.getOwnershipRange()[0] // 3
-        found = node_rows(columns, first, nodes, self.structure.comm)
-        return found.reshape(3 * len(nodes), -1)
+        found = bore_rows(self.structure, columns)
+        return found.reshape(3 * len(found), -1)

@@ -60,7 +60,7 @@ def reduce_housing(
     """
     return part.reduce_part(
         lambda: build_structure(settings, comm),
-        lambda structure: reduce_held(structure, settings.reduction),
+        lambda structure: reduce_structure(structure, settings.reduction),
         origin(settings),
         check,
     )

@@ -16,6 +16,7 @@ from fenics_ehd.errors import SettingsError
 from fenics_ehd.models import check_model, model_path
 from fenics_ehd.reduction import (
     ReducedBody,
+    Reductor,
     Structure,
     craig_bampton,
     full_interface,
@@ -122,33 +123,35 @@ def reduce_part(
     return ReducedPart(body, structure, columns, perf_counter() - start)
 
 
-def reduce_structure(structure: Structure, reduction: Reduction) -> ReducedBody:
-    """Apply the method that the settings name, and keep the part-size basis."""
-    common: dict[str, Any] = {"keep_basis": True}
-    if reduction.method == "rigid":
-        return rigid(structure, estimate_error=reduction.estimate_error, **common)
-    common["solver"] = reduction.solver
+def reduce_structure(part: Structure | Reductor, reduction: Reduction) -> ReducedBody:
+    """Apply the method that the settings name, and keep the part-size basis.
+
+    A `Reductor` solves as it was made, whatever `solver` the settings name.
+    """
+    if isinstance(part, Structure):
+        part = Reductor(part, solver=reduction.solver)
     if reduction.method == "full":
-        return full_interface(structure, reduction.vibration_modes, **common)
-    common["estimate_error"] = reduction.estimate_error
+        return full_interface(part, reduction.vibration_modes, keep_basis=True)
+    common: dict[str, Any] = {"keep_basis": True, "estimate_error": reduction.estimate_error}
+    if reduction.method == "rigid":
+        return rigid(part, **common)
     if reduction.method == "m1":
-        return craig_bampton(structure, reduction.modes, **common)
+        return craig_bampton(part, reduction.modes, **common)
     if reduction.method == "m2":
-        return two_step_craig_bampton(
-            structure, reduction.modes, reduction.interior_modes, **common
-        )
+        return two_step_craig_bampton(part, reduction.modes, reduction.interior_modes, **common)
     if reduction.method == "m4":
         return residual_flexibility(
-            structure,
+            part,
             reduction.vibration_modes,
             truncation=reduction.residual_truncation,
+            centrifugal=part.free,
             **common,
         )
     return load_dependent(
-        structure,
+        part,
         reduction.vibration_modes,
         reduction.residual_modes,
-        _pressures(structure, reduction),
+        _pressures(part.structure, reduction),
         reduction.selection,
         **common,
     )
