@@ -18,7 +18,6 @@ from fenics_ehd.scenes.part import (
     model_file,
     origin,
     pressure_family,
-    reduce_held,
     reduce_part,
     reduce_structure,
 )
@@ -90,10 +89,9 @@ class ElasticPart:
         if method is not None:
             reduction = attrs.evolve(reduction, method=method)
         made = origin(settings, model_file(settings, "body"), self.film_element, reduction)
-        reduce = reduce_held if self.held else reduce_structure
         return reduce_part(
             lambda: source,
-            lambda structure: reduce(structure, reduction),
+            lambda structure: reduce_structure(structure, reduction),
             {**made, "cells": settings.cells},
         )
 

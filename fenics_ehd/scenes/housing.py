@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from fenics_ehd.reduction import ReducedBody, Structure
 from fenics_ehd.scenes import part
-from fenics_ehd.scenes.part import ReducedPart, model_file, pressure_family, reduce_held
+from fenics_ehd.scenes.part import ReducedPart, model_file, pressure_family, reduce_structure
 from fenics_ehd.scenes.rotor_settings import RotorSettings
 
 #: Named surface of the model by which the housing is held.

@@ -157,22 +157,6 @@ def reduce_structure(part: Structure | Reductor, reduction: Reduction) -> Reduce
     )
 
 
-def reduce_held(structure: Structure, reduction: Reduction) -> ReducedBody:
-    """The same to a part that is held."""
-    if reduction.method == "m4":
-        return residual_flexibility(
-            structure,
-            reduction.vibration_modes,
-            truncation=reduction.residual_truncation,
-            centrifugal=False,
-            estimate_error=reduction.estimate_error,
-            keep_basis=True,
-            solver=reduction.solver,
-        )
-    body = reduce_structure(structure, reduction)
-    return replace(body, frame="clamped") if reduction.method == "rigid" else body
-
-
 def _pressures(structure: Structure, reduction: Reduction) -> str | np.ndarray:
     """Name of the pressure set, or the pressures of a former run, shape (k, steps) [Pa]."""
     if reduction.snapshots == "none":
