@@ -15,6 +15,7 @@ from fenics_ehd.commands.rotor import read_settings
 from fenics_ehd.errors import MeshError
 from fenics_ehd.geometry import build_mesh
 from fenics_ehd.models import model_path
+from fenics_ehd.multibody.energy import ENERGY_LIMIT
 from fenics_ehd.output import read_history
 from fenics_ehd.reduction import save_body
 from fenics_ehd.reduction.checks import check_structure
@@ -22,7 +23,7 @@ from fenics_ehd.reduction.rigid_body import rigid_body_modes
 from fenics_ehd.scenes.housing import build_structure, origin, reduce_housing, reduce_structure
 from fenics_ehd.scenes.rotor_run import simulate
 from fenics_ehd.scenes.rotor_settings import Housing, Reduction, RotorSettings, Shaft, Time
-from fenics_ehd.scenes.transient import ENERGY_LIMIT, Totals
+from fenics_ehd.scenes.transient import Totals
 from fenics_ehd.settings import build, to_toml
 
 HEIGHT, THICKNESS, FOOT = 0.060, 0.022, 0.104
