@@ -1,7 +1,8 @@
 """Inertia of a body in a planar floating frame, with exact derivatives.
 
 A material point lies at ``x + A(theta) p`` with ``p = B s``, ``s = (0, 0, 1, q)`` and B the
-fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. In the body's frame its acceleration is
+fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. In the body's frame its
+acceleration is
 
     p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
 

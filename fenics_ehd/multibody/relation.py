@@ -163,8 +163,8 @@ class Values:
         result = self.slopes.T @ (form @ self.slopes)
         for seen, marker in self._markers:
             if marker.bend is not None:
-                acting = sum(force[columns] for columns in seen.columns)
-                result[seen.places, seen.places] += marker.bend(acting)
+                for columns in seen.columns:
+                    result[seen.places, seen.places] += marker.bend(force[columns])
         return result
 
     def carry(self, rates: np.ndarray) -> np.ndarray:
