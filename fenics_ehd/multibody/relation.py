@@ -130,7 +130,8 @@ class Relations:
                 self.seen[name] = Seen(body, point, body.marker(point, body.start), places)
             sizes.append(len(self.seen[name].rough.values))
             self.seen[name].columns.append(self._more(sizes[-1]))
-        self.own.append((self._more(own.stop - own.start), own))
+        if own.stop > own.start:
+            self.own.append((self._more(own.stop - own.start), own))
         return Layout(slice(first, self.size), tuple(sizes))
 
     def _more(self, count: int) -> slice:
