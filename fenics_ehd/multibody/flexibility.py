@@ -101,7 +101,7 @@ class BodyFlexibility:
             return self._own, self._shapes
         return (self._shapes @ self._own,)
 
-    @cached_property
+    @property
     def answer_matrix(self) -> np.ndarray:
         """Gap change at the Gauss points for unit nodal pressures, shape (g, nodes) [m/Pa]."""
         spread = (self._spread.T @ self._own.T).T

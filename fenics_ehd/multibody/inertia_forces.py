@@ -37,7 +37,9 @@ class FrameInertia:
     integrals
         Of the body, `in_order_of_coordinates`.
     coordinates, rates, accelerations
-        shape (3 + n,); gravity is taken from the accelerations of x and y.
+        shape (3 + n,).
+    lift
+        Added to the accelerations of x and y: gravity, against its pull, shape (2,) [m/s^2].
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class FrameInertia:
         coordinates: np.ndarray,
         rates: np.ndarray,
         accelerations: np.ndarray,
+        lift: np.ndarray,
     ):
         self._integrals, self._frame_rates = integrals, rates[:3]
         self._turn = rotation(coordinates[2])
@@ -53,7 +56,7 @@ class FrameInertia:
         # s, s' and p'' + A^T x'' in the fields of the integrals.
         s, rate, acceleration = coordinates.copy(), rates.copy(), accelerations.copy()
         s[:2], s[2], rate[:3], acceleration[2] = 0.0, 1.0, 0.0, 0.0
-        acceleration[:2] = accelerations[:2] @ self._turn
+        acceleration[:2] = (accelerations[:2] + lift) @ self._turn
         self._fields = s, rate, acceleration
         self._spun, self._drawn = integrals.spin @ s, integrals.centrifugal @ s
 

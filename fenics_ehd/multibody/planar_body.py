@@ -165,13 +165,12 @@ class PlanarBody:
         *,
         lift: np.ndarray,
     ) -> FrameInertia:
-        lifted = self._whole(accelerations, 0.0).copy()
-        lifted[:2] += lift
         return FrameInertia(
             self._inertia_integrals,
             self._whole(coordinates, self._pose),
             self._whole(rates, 0.0),
-            lifted,
+            self._whole(accelerations, 0.0),
+            lift,
         )
 
     def forces(

@@ -130,7 +130,8 @@ class Relations:
                 self.seen[name] = Seen(body, point, body.marker(point, body.start), places)
             sizes.append(len(self.seen[name].rough.values))
             self.seen[name].columns.append(self._more(sizes[-1]))
-        self.own.append((self._more(own.stop - own.start), own))
+        if own.stop > own.start:
+            self.own.append((self._more(own.stop - own.start), own))
         return Layout(slice(first, self.size), tuple(sizes))
 
     def _more(self, count: int) -> slice:
@@ -163,8 +164,8 @@ class Values:
         result = self.slopes.T @ (form @ self.slopes)
         for seen, marker in self._markers:
             if marker.bend is not None:
-                acting = np.sum([force[columns] for columns in seen.columns], axis=0)
-                result[seen.places, seen.places] += marker.bend(acting)
+                for columns in seen.columns:
+                    result[seen.places, seen.places] += marker.bend(force[columns])
         return result
 
     def carry(self, rates: np.ndarray) -> np.ndarray:

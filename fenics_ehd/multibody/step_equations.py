@@ -157,6 +157,16 @@ class StepEquations:
         self.sizes = [len(place.film.film.free) for place in system.films]
         self.dense = [size <= dense_limit for size in self.sizes]
         self.flexibilities = [_flexibility(system, place) for place in system.films]
+        films = [place.film.film for place in system.films]
+        # Of unit pressures at free nodes, and of the pressures that are given.
+        self._answer_matrices = [
+            np.ascontiguousarray(f.answer_matrix[:, film.free]) if f and dense else None
+            for f, film, dense in zip(self.flexibilities, films, self.dense, strict=True)
+        ]
+        self._given = [
+            f.moved(film.parameters.pressure_scale * film.equation.given) if f else np.zeros(0)
+            for f, film in zip(self.flexibilities, films, strict=True)
+        ]
         self.lead(0)
 
     def lead(self, count: int) -> None:
@@ -246,7 +256,7 @@ class StepEquations:
         gap = place.film.gap(z[place.xi], rates[place.xi], place.shaft_rate(rates))
         resting, answer, flexibility = self._resting[i], self._answers[i], self.flexibilities[i]
         if flexibility is not None and answer is not None and resting is not None:
-            moved = self.moved(i, nodal)
+            moved = self.moved(i, pressure) + answer.share * self._given[i]
             shape = gap.thickness.shape
             change = moved - flexibility.damping_time * resting
             rate = answer.shift * moved + resting
@@ -270,15 +280,14 @@ class StepEquations:
         """
         self._holding = True
 
-    def moved(self, i: int, nodal: np.ndarray) -> np.ndarray:
-        """Gap change that the patterns answer to dimensionless nodal pressures, shape (g,) [m]."""
+    def moved(self, i: int, free: np.ndarray) -> np.ndarray:
+        """Gap change that the patterns answer to dimensionless pressures at free nodes [m]."""
         flexibility, answer = self.flexibilities[i], self._answers[i]
         assert flexibility is not None
         assert answer is not None
-        scale = answer.share * self.system.films[i].film.film.parameters.pressure_scale
-        if self.dense[i]:
-            return flexibility.answer_matrix @ (scale * nodal)
-        return flexibility.moved(scale * nodal)
+        pressure = answer.share * self.system.films[i].film.film.parameters.pressure_scale * free
+        matrix = self._answer_matrices[i]
+        return flexibility.moved(self._nodal(i, pressure)) if matrix is None else matrix @ pressure
 
     def _nodal(self, i: int, free: np.ndarray) -> np.ndarray:
         """Changes at all nodes of a film from those at the free ones."""
@@ -350,12 +359,12 @@ class StepEquations:
         self, i: int, along_gap: sparse.csc_matrix, rows: np.ndarray, columns: np.ndarray
     ) -> np.ndarray:
         """What pressures at some free nodes do to the equations at others by the bore's answer."""
-        flexibility, film = self.flexibilities[i], self.system.films[i].film.film
-        assert flexibility is not None
+        film, matrix = self.system.films[i].film.film, self._answer_matrices[i]
+        assert matrix is not None
         reached = film.assembly.restrict(along_gap, film.free[rows])
         if len(rows) < FEW * len(columns):
-            return (reached @ flexibility.answer_matrix)[:, film.free[columns]]
-        return reached @ np.take(flexibility.answer_matrix, film.free[columns], axis=1)
+            return (reached @ matrix)[:, columns]
+        return reached @ np.take(matrix, columns, axis=1)
 
     def _border(
         self,
@@ -407,7 +416,7 @@ class StepEquations:
             flexibility, columns = self.flexibilities[i], self._columns[i]
             left.append(np.zeros(self.sizes[i]))
             if flexibility is not None:
-                moved = self.moved(i, self._nodal(i, pressures[i]))
+                moved = self.moved(i, pressures[i])
                 change = change + moved
                 if columns.shares is not None and columns.leading < flexibility.size:
                     leading = columns.gap[:, place.film.size + 1 :] @ x[border.patterns]
