@@ -73,7 +73,7 @@ def test_shipped_scenes_read_assemble_and_run(name, reduced_at_once):
     assert {part.method for part in built.parts.values()} <= {"rigid"}
     assert built.reduced.keys() == built.parts.keys()
     assert (built.period is None) != (built.end is None)
-    result = simulate(built.mechanism, 1e-4, **{**vars(built.steps), "tolerance": 1e-2})
+    result = simulate(built.mechanism, 1e-5, **{**vars(built.steps), "tolerance": 1e-2})
     assert len(result.time) > 3
     for joint in result.joints.values():
         assert joint.min_film_thickness.min() > 0

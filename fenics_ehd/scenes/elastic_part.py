@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from time import perf_counter
 
 import attrs
 import numpy as np
@@ -21,7 +20,7 @@ from fenics_ehd.scenes.part import (
     reduce_part,
     reduce_structure,
 )
-from fenics_ehd.scenes.scene_file import BORE
+from fenics_ehd.scenes.scene import BORE
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +35,11 @@ class ElasticPart:
         The assembled structure, or the reduced body of a file.
     film_element
         Of the film in its bore.
-    seconds
-        Time to mesh and assemble it [s].
     """
 
     settings: schema.Flexible
     source: Structure | ReducedBody
     film_element: str
-    seconds: float
 
     @property
     def radius(self) -> float:
@@ -104,7 +100,7 @@ def _mean_place(structure: Structure, name: str) -> np.ndarray:
 
 
 def elastic_part(
-    name: str, settings: schema.Flexible, film_element: str, comm: MPI.Comm
+    settings: schema.Flexible, key: str, film_element: str, comm: MPI.Comm
 ) -> ElasticPart:
     """Mesh and assemble a part, or read its reduced body; collective.
 
@@ -113,11 +109,9 @@ def elastic_part(
     SettingsError, MeshError, BodyFileError
         Naming what is wrong with its model or file.
     """
-    key, start = f"bodies.{name}", perf_counter()
-    source = load_body(settings.body) if settings.model == NONE else _assembled(
-        key, settings, film_element, comm
-    )  # fmt: skip
-    return ElasticPart(settings, source, film_element, perf_counter() - start)
+    if settings.body != NONE:
+        return ElasticPart(settings, load_body(settings.body), film_element)
+    return ElasticPart(settings, _assembled(key, settings, film_element, comm), film_element)
 
 
 def _assembled(key: str, settings: schema.Flexible, film_element: str, comm: MPI.Comm) -> Structure:

@@ -13,7 +13,7 @@ from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import part_settings, schema
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.film_mesh import DEFAULT_CELLS, film_mesh
-from fenics_ehd.scenes.scene_file import Scene
+from fenics_ehd.scenes.scene import Scene
 from fenics_ehd.scenes.sizes import FEWEST_CELLS
 from fenics_ehd.scenes.thin_film import check_thin_film
 

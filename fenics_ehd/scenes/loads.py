@@ -21,7 +21,7 @@ from fenics_ehd.multibody.forces import (
 from fenics_ehd.multibody.joints import AngleOverTime, Speed
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
-from fenics_ehd.scenes.scene_file import Scene
+from fenics_ehd.scenes.scene import Scene
 
 
 def table_file(name: str, key: str) -> Path:

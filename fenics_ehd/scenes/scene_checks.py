@@ -1,0 +1,143 @@
+"""What a scene may not say although every value is a possible one: names and times."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.errors import SettingsError
+from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes.scene import BORE, GROUND, Scene
+
+#: Keys that name points, by the settings class's field.
+POINT_KEYS = ("between", "line", "point", "journal", "bore")
+
+#: Keys of a flexible body that only its mesh and reduction read.
+MODEL_KEYS = ("points", "held_by", "cells", "element", "material", "geometry", "reduction")
+
+
+def check_names(scene: Scene) -> None:
+    """Refuse names of what is not there, and a bore used twice."""
+    for name, body in scene.bodies.items():
+        if isinstance(body, schema.Flexible):
+            _check_source(scene, name, body)
+    for table in ("joints", "forces"):
+        for name, settings in getattr(scene, table).items():
+            for key in POINT_KEYS:
+                value = getattr(settings, key, ())
+                for marker in (value,) if isinstance(value, str) else value:
+                    _check_point(scene, f"{table}.{name}.{key}", marker)
+            if len(set(getattr(settings, "between", "ab"))) < 2:
+                raise SettingsError(f"{table}.{name}.between names the same point twice")
+            if not any(getattr(settings, "direction", (1.0,))):
+                raise SettingsError(f"{table}.{name}.direction = [0, 0] is none")
+    for name, force in scene.forces.items():
+        if isinstance(force, schema.AngleTable):
+            _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
+    for name in scene.drives:
+        _check_turning(scene, f"drives.{name}", name)
+    bores: dict[str, str] = {}
+    for name, joint in scene.joints_of(schema.Lubricated):
+        _check_film(scene, name, joint)
+        if joint.bore in bores:
+            raise SettingsError(
+                f"joints.{name}.bore = {joint.bore!r} is the bore of joints.{bores[joint.bore]} "
+                "already: a bore holds one journal; give the second a point of its own"
+            )
+        bores[joint.bore] = name
+
+
+def _check_source(scene: Scene, name: str, body: schema.Flexible) -> None:
+    """Refuse a part of a model and a file, of neither, or keys of the other one."""
+    key = f"bodies.{name}"
+    if (body.model == NONE) == (body.body == NONE):
+        raise SettingsError(f"{key}: give a model or a body, one of them")
+    idle = [k for k in MODEL_KEYS if k in scene.tables["bodies"][name]]
+    if body.body != NONE and idle:
+        raise SettingsError(
+            f"{key}.{idle[0]} does nothing beside body = {body.body!r}, which was reduced before: "
+            "drop it, or give a model"
+        )
+
+
+def points_of(body: Any) -> tuple[str, ...] | None:
+    """Names of a body's points, None where only its file knows them."""
+    if isinstance(body, schema.Flexible):
+        return None if body.body != NONE else (BORE, *body.points)
+    return tuple(body.points)
+
+
+def _check_point(scene: Scene, key: str, marker: str) -> None:
+    name, dot, point = marker.partition(".")
+    if name != GROUND:
+        _body(scene, key, name)
+    known = points_of(scene.bodies.get(name, schema.Ground()))
+    if dot and known is not None and point not in known:
+        has = f"its points: {', '.join(known)}" if known else "it has none but its origin"
+        raise SettingsError(f"{key} = {marker!r}: body {name} has no point {point!r}, {has}")
+
+
+def _body(scene: Scene, key: str, name: str) -> Any:
+    if name not in scene.bodies:
+        known = ", ".join(sorted({GROUND, *scene.bodies}))
+        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
+    return scene.bodies[name]
+
+
+def _check_turning(scene: Scene, key: str, name: str) -> None:
+    body = _body(scene, key, name)
+    if isinstance(body, schema.Ground) or getattr(body, "held_by", NONE) != NONE:
+        raise SettingsError(f"{key}: body {name} cannot turn")
+
+
+def _check_film(scene: Scene, name: str, joint: schema.Lubricated) -> None:
+    """Refuse an oil that is not there, and a rigid bore without a size."""
+    key = f"joints.{name}"
+    if (joint.lubricant == NONE) == (joint.viscosity == 0.0):
+        raise SettingsError(f"{key}: give a lubricant or a viscosity, one of them")
+    if joint.lubricant not in (NONE, *scene.lubricants):
+        known = ", ".join(scene.lubricants) or "none"
+        raise SettingsError(
+            f"{key}.lubricant = {joint.lubricant!r}: there is no [lubricants.{joint.lubricant}], "
+            f"there are: {known}"
+        )
+    if not np.hypot(*joint.eccentricity) < 1.0:
+        raise SettingsError(
+            f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
+            "length must be below 1"
+        )
+    body, _, point = joint.bore.partition(".")
+    bored = scene.bodies.get(body)
+    if isinstance(bored, schema.Shaft):
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: a shaft has no bore, only journals")
+    elastic = isinstance(bored, schema.Flexible) and point == BORE
+    if isinstance(bored, schema.Flexible) and not point:
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: the bore of {body} is {body}.{BORE}")
+    for size in ("radius", "width"):
+        if not elastic and not getattr(joint, size):
+            raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
+
+
+def check_time(scene: Scene) -> None:
+    """Refuse a time that is given twice or not at all."""
+    time, key = scene.time, "time.period" if scene.time.periodic else "time.end"
+    given, other = (time.period, time.end) if time.periodic else (time.end, time.period)
+    if other:
+        raise SettingsError(f"time.periodic = {str(time.periodic).lower()}: give {key}")
+    if bool(given) == bool(time.revolutions):
+        raise SettingsError(f"give {key} or time.revolutions, one of them")
+    if time.revolutions:
+        _body(scene, "time.of", time.of)
+        if not scene.speed_of(time.of):
+            raise SettingsError(
+                f"time.of = {time.of!r}: its speed at the start is 0, so that revolutions say no "
+                f"time: give {key}"
+            )
+    share = time.largest_step * scene.span / (time.revolutions or 1.0)
+    for name, value in (("time.first_step", time.first_step), ("time.largest_step", share)):
+        if not time.smallest_step < value:
+            raise SettingsError(
+                f"time.smallest_step = {time.smallest_step:g} s must be below {name} = {value:g} s"
+            )
