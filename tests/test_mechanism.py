@@ -258,6 +258,7 @@ def ideal_force(time, step=1e-5):
     return np.linalg.solve(np.moveaxis(rows, 2, 0), torque.T[:, :, None])[:, :, 0].T
 
 
+@pytest.mark.slow
 def test_a_lubricated_four_bar_approaches_the_ideal_one_with_the_clearance():
     cycle = 2 * np.pi / TURNING
     angles, forces = [], []

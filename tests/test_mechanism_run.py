@@ -55,6 +55,7 @@ def test_a_run_leaves_history_summary_and_scene(tmp_path, capsys):
     assert (target / "history.csv").read_bytes() == (again / "history.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_periodic_run_keeps_its_last_cycle(tmp_path):
     scene = four_bar(
         tmp_path, "revolutions = 1\nperiodic = true\nperiodicity = 0.5\ntolerance = 1e-3"
@@ -72,9 +73,9 @@ def test_a_periodic_run_keeps_its_last_cycle(tmp_path):
     assert history["max_pressure_Pa"].max() == pytest.approx(summary["max_pressure_Pa"], rel=1e-9)
 
 
-@pytest.mark.parametrize("time", ["end = 4e-3\ntolerance = 1e-7"])
-def test_a_killed_run_goes_on_to_the_last_bit(tmp_path, time):
-    scene = four_bar(tmp_path, time, force=True)
+@pytest.mark.slow
+def test_a_killed_run_goes_on_to_the_last_bit(tmp_path):
+    scene = four_bar(tmp_path, "end = 4e-3\ntolerance = 1e-7", force=True)
     assert call(*command(scene, tmp_path / "whole")) == 0
     target = tmp_path / "killed"
     process = start(command(scene, target))
