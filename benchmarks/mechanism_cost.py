@@ -95,7 +95,7 @@ def linkage(rod: Any, bore: str, big_end: Film, gudgeon: Film | None = None) -> 
 
 def rotor() -> dict[str, Code]:
     """The paper's rotor, its housing by M4."""
-    settings = RotorSettings()
+    settings = build(RotorSettings, {"force": {"ramp": 0.5}})
     body = residual_flexibility(housing.build_structure(settings, MPI.COMM_SELF), 10)
     modal = rotor_run.build_rotor(settings)
     inertia = modal.beam.shaft.polar_inertia + settings.disk.polar_inertia
