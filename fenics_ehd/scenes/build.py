@@ -80,7 +80,7 @@ def build_mechanism(scene: Scene, comm: MPI.Comm, method: str | None = None) -> 
         Naming what cannot be put together, before anything is reduced; or the method has
         nothing to reduce.
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
-        From meshes, files, films and reductions.
+        From meshes, files, bores and reductions.
     """
     start = perf_counter()
     if method is not None and not any(
@@ -143,6 +143,8 @@ def _parts(scene: Scene, comm: MPI.Comm) -> dict[str, ElasticPart]:
             part = found[name] = elastic_part(settings, f"bodies.{name}", element, comm)
             if name in bores:
                 check_fit(scene, bores[name], (part.radius, part.width))
+                if not scene.joints[bores[name]].cells:
+                    part.check_cells()
     return found
 
 
