@@ -87,7 +87,7 @@ def build_mechanism(
         Naming what cannot be put together, before anything is reduced; or the method has
         nothing to reduce.
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
-        From meshes, files, films and reductions.
+        From meshes, files, bores and reductions.
     """
     start = perf_counter()
     if method is not None and not any(
@@ -156,6 +156,8 @@ def _parts(
             found[name] = part
             if name in bores:
                 check_fit(scene, bores[name], (part.radius, part.width))
+                if not scene.joints[bores[name]].cells:
+                    part.check_cells()
     return found
 
 

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.film.layout import film_grid
 from fenics_ehd.reduction import ReducedBody, Structure, load_body
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
@@ -54,6 +55,22 @@ class ElasticPart:
         if isinstance(self.source, ReducedBody):
             return self.source.bore_width
         return self.source.lubricated_bore.width
+
+    def check_cells(self) -> None:
+        """Refuse a bore that offers no cells to a film without cells of its own.
+
+        Raises
+        ------
+        InterfaceMismatchError
+            See `film_grid`.
+        """
+        if isinstance(self.source, ReducedBody):
+            nodes, family = self.source.pressure_nodes, self.source.pressure_family
+        else:
+            bore = self.source.lubricated_bore
+            nodes, family = bore.pressure_coordinates, bore.pressure_family or ""
+        if family != "triangle":
+            film_grid(nodes)
 
     @property
     def held(self) -> bool:

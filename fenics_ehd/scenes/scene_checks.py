@@ -29,8 +29,7 @@ def check_names(scene: Scene) -> None:
                 value = getattr(settings, key, ())
                 for marker in (value,) if isinstance(value, str) else value:
                     _check_point(scene, f"{table}.{name}.{key}", marker)
-            if len(set(getattr(settings, "between", "ab"))) < 2:
-                raise SettingsError(f"{table}.{name}.between names the same point twice")
+            _check_apart(f"{table}.{name}", settings)
             if not any(getattr(settings, "direction", (1.0,))):
                 raise SettingsError(f"{table}.{name}.direction = [0, 0] is none")
     for name, force in scene.forces.items():
@@ -47,6 +46,16 @@ def check_names(scene: Scene) -> None:
                 "already: a bore holds one journal; give the second a point of its own"
             )
         bores[joint.bore] = name
+
+
+def _check_apart(key: str, settings: Any) -> None:
+    """Refuse a joint or a spring of a body with itself."""
+    for first, second in (("between", "between"), ("line", "point"), ("journal", "bore")):
+        if hasattr(settings, first):
+            ends = getattr(settings, first), getattr(settings, second)
+            a, b = ends[0] if first == second else ends
+            if a.partition(".")[0] == b.partition(".")[0]:
+                raise SettingsError(f"{key}: {a} and {b} are points of one body")
 
 
 def _check_source(scene: Scene, name: str, body: schema.Flexible) -> None:
