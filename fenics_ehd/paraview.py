@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction import ReducedBody, Structure
-from fenics_ehd.reduction.pattern_fields import pattern_fields
+from fenics_ehd.reduction.residual_flexibility import pattern_fields
 
 #: meshio's names of quadratic cells, by their number of nodes.
 _CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}

@@ -120,8 +120,7 @@ def _check_positions(structure: Structure, bore: Bore) -> None:
 
 def _check_numbers(structure: Structure, bore: Bore) -> None:
     """The bore's nodes lie where the part has them: numbers from 1 or of another mesh do not."""
-    first = structure.stiffness.getOwnershipRange()[0] // 3
-    local = bore.nodes - first
+    local = bore.nodes - structure.node_range[0]
     mine = np.flatnonzero((local >= 0) & (local < len(structure.coordinates)))
     apart = np.linalg.norm(structure.coordinates[local[mine]] - bore.coordinates[mine], axis=1)
     problem = None
@@ -140,9 +139,8 @@ def _check_load(structure: Structure, bore: Bore) -> None:
     pressure.set(1.0)
     bore.load.mult(pressure, force)
     x = structure.coordinates
-    first = structure.stiffness.getOwnershipRange()[0] // 3
     force = force.array.reshape(-1, 3)
-    on_bore = np.isin(np.arange(first, first + len(x)), bore.nodes)
+    on_bore = np.isin(np.arange(*structure.node_range), bore.nodes)
     work = np.sum(force[on_bore, :2] * x[on_bore, :2]) / bore.radius
     comm = structure.comm
     there, elsewhere = (

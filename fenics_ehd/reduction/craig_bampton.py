@@ -9,10 +9,10 @@ from mpi4py import MPI
 
 from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.distributed import inner, spread_rows
+from fenics_ehd.reduction.distributed import inner
 from fenics_ehd.reduction.eigenmodes import LowestModes
 from fenics_ehd.reduction.fixed_boundary import FixedBoundary, Flexibility
-from fenics_ehd.reduction.projection import Basis, gram_matrices, require_small
+from fenics_ehd.reduction.projection import Basis, gram_matrices, on_bore, require_small
 from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.structure import Bore, Structure
 
@@ -85,9 +85,7 @@ def centre_weights(bore: Bore) -> np.ndarray:
 
 def centre_constraints(structure: Structure) -> np.ndarray:
     """C2 as six load columns, owned rows (owned dofs, 6)."""
-    bore = structure.lubricated_bore
-    first, last = (row // 3 for row in structure.stiffness.getOwnershipRange())
-    return spread_rows(centre_weights(bore), first, last - first, bore.nodes)
+    return on_bore(structure, centre_weights(structure.lubricated_bore))
 
 
 def hold(

@@ -33,6 +33,14 @@ def dense_matrix(columns: np.ndarray, comm: PETSc.Comm) -> PETSc.Mat:
     return PETSc.Mat().createDense(((rows, None), (None, width)), array=array, comm=comm)
 
 
+def column_vectors(matrix: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
+    """Vectors with the rows of a matrix, of columns of the rows this rank owns."""
+    vectors = [matrix.createVecLeft() for _ in columns.T]
+    for vector, column in zip(vectors, columns.T, strict=True):
+        vector.array = column
+    return vectors
+
+
 def multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     """Owned rows of ``matrix @ columns``."""
     if columns.shape[1] == 0:

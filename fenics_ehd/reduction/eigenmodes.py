@@ -9,7 +9,7 @@ from slepc4py import SLEPc
 
 from fenics_ehd.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.petsc_options import configure
-from fenics_ehd.reduction.distributed import inner, multiply
+from fenics_ehd.reduction.distributed import column_vectors, inner, multiply
 from fenics_ehd.reduction.fixed_boundary import Flexibility
 from fenics_ehd.reduction.structure import Structure
 
@@ -99,8 +99,9 @@ class LowestModes:
     def __call__(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """See `lowest_modes`."""
         if not 0 <= count <= len(self._angular):
-            found = lowest_modes(self._flexibility, count, options_prefix=self._prefix)
-            self._angular, self._modes = found
+            self._angular, self._modes = lowest_modes(
+                self._flexibility, count, options_prefix=self._prefix
+            )
         return self._angular[:count], self._modes[:, :count]
 
 
@@ -124,7 +125,7 @@ def _solve(
     eps.setTolerances(tolerance, 500)
     # One more product with the inverse for every mode; `admissible` does what it is for.
     eps.setPurify(False)
-    vectors = [_vectors(structure, columns) for columns in (start, deflated)]
+    vectors = [column_vectors(structure.stiffness, columns) for columns in (start, deflated)]
     eps.setInitialSpace(vectors[0])
     if vectors[1]:
         eps.setDeflationSpace(vectors[1])
@@ -155,15 +156,6 @@ def _solve(
             owned.destroy()
     order = np.argsort(eigenvalues)
     return eigenvalues[order], modes[:, order]
-
-
-def _vectors(structure: Structure, columns: np.ndarray) -> list[PETSc.Vec]:
-    vectors = []
-    for column in columns.T:
-        vector = structure.stiffness.createVecLeft()
-        vector.array = column
-        vectors.append(vector)
-    return vectors
 
 
 def _scattered(structure: Structure, phase: float) -> np.ndarray:

@@ -182,6 +182,5 @@ class InteriorSolver:
         columns[self._held] = 0.0
         return columns
 
-    def without_reactions(self, forces: np.ndarray) -> np.ndarray:
-        """Forces but those on the held nodes."""
-        return self.admissible(forces)
+    #: Forces but those on the held nodes.
+    without_reactions = admissible

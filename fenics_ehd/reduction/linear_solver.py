@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from fenics_ehd.errors import SettingsError, SolverError
 from fenics_ehd.petsc_options import configured, destroy_with, solve_columns
 from fenics_ehd.reduction.column_store import scratch_folder
-from fenics_ehd.reduction.distributed import dense_matrix
+from fenics_ehd.reduction.distributed import column_vectors, dense_matrix
 
 SOLVERS = ("auto", "direct", "iterative")
 
@@ -125,7 +125,7 @@ class LinearSolver:
         options_prefix: str,
     ):
         self._comm = matrix.comm
-        if not direct:
+        if not direct and near_kernel.shape[1]:
             _describe_kernel(matrix, near_kernel, kernel)
         self._ksp = ksp = PETSc.KSP().create(matrix.comm)
         ksp.setOperators(matrix)
@@ -179,13 +179,7 @@ class LinearSolver:
 
 def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -> None:
     """Tell the multigrid hierarchy which fields cost next to nothing, the solver which nothing."""
-    if not near_kernel.shape[1]:
-        return
-    vectors = []
-    for column in near_kernel.T:
-        vector = matrix.createVecLeft()
-        vector.array = column
-        vectors.append(vector)
+    vectors = column_vectors(matrix, near_kernel)
     for i, vector in enumerate(vectors):
         for other in vectors[:i]:
             vector.axpy(-vector.dot(other), other)

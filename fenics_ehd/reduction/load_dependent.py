@@ -92,8 +92,8 @@ def load_dependent(
     elif selection != "every-column":
         patterns = without_redundancy(patterns)
     basis = _basis(reductor, n_vibration, n_residual, patterns, selection)
-    accuracy = {**basis.accuracy, "static_added": float(n_residual - asked)}
-    basis = replace(basis, accuracy=accuracy)
+    added = {"static_added": float(n_residual - asked)}
+    basis = replace(basis, accuracy={**basis.accuracy, **added})
     return reductor.project(basis, "m3", estimate_error=estimate_error, keep_basis=keep_basis)
 
 
@@ -135,7 +135,7 @@ def _basis(
     def respond() -> tuple[np.ndarray, np.ndarray, StaticResponses]:
         angular, modes = reductor.vibration(n_vibration)
         loads = LoadSet(reductor.structure, reductor.points, patterns)
-        return angular, modes, StaticResponses.of(reductor.static, loads, angular, modes)
+        return angular, modes, StaticResponses(reductor.static, loads, angular, modes)
 
     # Of one rank, or some might have to solve while the others have not.
     digest = reductor.structure.comm.bcast(sha256(patterns.tobytes()).digest())
@@ -143,9 +143,8 @@ def _basis(
     count, a = responses.loads.count, reductor.points.shape[1]
     candidates = slice(a, None)
     stiffness = responses.stiffness[candidates, candidates]
-    mass = None
-    if selection == "lowest-frequency":
-        mass = responses.mass[candidates, candidates]
+    by_frequency = selection == "lowest-frequency"
+    mass = responses.mass[candidates, candidates] if by_frequency else None
     ranked = RANKINGS[selection](stiffness, mass)
     chosen = without_round_off(ranked[:, :n_residual], stiffness)
     weights = np.zeros((count, a + chosen.shape[1]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -40,10 +39,6 @@ class LoadSet:
         self.pressures = np.zeros((0, 0)) if pressures is None else pressures
         self.count = fields.shape[1] + self.pressures.shape[1]
 
-    def columns(self, part: slice) -> np.ndarray:
-        """Owned rows of some of the columns, shape (owned dofs, width)."""
-        return self.combination(np.eye(self.count)[:, part])
-
     def combination(self, weights: np.ndarray) -> np.ndarray:
         """Owned rows of ``L @ weights``."""
         a = self.fields.shape[1]
@@ -54,10 +49,8 @@ class LoadSet:
         return np.asfortranarray(columns)
 
     def nodal_work(self, columns: np.ndarray) -> np.ndarray:
-        """``J^T @ columns``, on every rank, shape (k, width); no rows without a bore."""
-        if self.structure.bore is None:
-            return np.zeros((0, columns.shape[1]))
-        return transpose_multiply(self.structure.bore.load, columns)
+        """``J^T @ columns``, on every rank, shape (k, width)."""
+        return transpose_multiply(self.structure.lubricated_bore.load, columns)
 
     def work(self, columns: np.ndarray, nodal: np.ndarray | None = None) -> np.ndarray:
         """``L^T @ columns`` on every rank, shape (count, width); `nodal` if known already."""
@@ -68,15 +61,17 @@ class LoadSet:
         return np.vstack([by_fields, self.pressures.T @ nodal])
 
 
-def attachment_loads(structure: Structure, directions: tuple[int, ...]) -> np.ndarray:
-    """Unit forces ``J_a`` at every boundary point along the given axes, owned rows."""
-    vectors = [point[d].array for point in structure.attachments.values() for d in directions]
-    return np.column_stack(vectors or [np.zeros((structure.stiffness.local_size[0], 0))])
-
-
-@dataclass(frozen=True, eq=False)
 class StaticResponses:
     """Static responses ``X = G L`` of (29), less what given modes cover (30).
+
+    Parameters
+    ----------
+    solver
+        Free or clamped part.
+    loads
+        L.
+    angular, modes
+        Modes to be filtered out, mass-normalised and uncoupled in stiffness.
 
     Attributes
     ----------
@@ -88,39 +83,20 @@ class StaticResponses:
         X.
     """
 
-    solver: StaticSolver
-    loads: LoadSet
-    stiffness: np.ndarray
-    nodal_work: np.ndarray
-    columns: ColumnStore
-
-    @staticmethod
-    def of(
-        solver: StaticSolver, loads: LoadSet, angular: np.ndarray, modes: np.ndarray
-    ) -> StaticResponses:
-        """Solve for every load.
-
-        Parameters
-        ----------
-        solver
-            Free or clamped part.
-        loads
-            L.
-        angular, modes
-            Modes to be filtered out, mass-normalised and uncoupled in stiffness.
-        """
-        comm, count = solver.structure.comm, loads.count
+    def __init__(
+        self, solver: StaticSolver, loads: LoadSet, angular: np.ndarray, modes: np.ndarray
+    ):
+        self.solver, self.loads = solver, loads
         covered = loads.work(modes).T / angular[:, None] ** 2
-        stiffness, works = np.empty((count, count)), [loads.nodal_work(modes[:, :0])]
-        columns = ColumnStore(len(modes), count, comm)
-        for part in columns.parts:
-            responses = solver.solve(loads.columns(part))
+        stiffness, works = np.empty((loads.count,) * 2), [loads.nodal_work(modes[:, :0])]
+        self.columns = ColumnStore(len(modes), loads.count, solver.structure.comm)
+        for part in self.columns.parts:
+            responses = solver.solve(loads.combination(np.eye(loads.count)[:, part]))
             responses -= combine(modes, covered[:, part])
-            nodal = loads.nodal_work(responses)
-            works.append(nodal)
-            stiffness[:, part] = loads.work(responses, nodal)
-            columns.put(part, responses)
-        return StaticResponses(solver, loads, symmetric(stiffness), np.hstack(works), columns)
+            works.append(loads.nodal_work(responses))
+            stiffness[:, part] = loads.work(responses, works[-1])
+            self.columns.put(part, responses)
+        self.stiffness, self.nodal_work = symmetric(stiffness), np.hstack(works)
 
     @cached_property
     def mass(self) -> np.ndarray:

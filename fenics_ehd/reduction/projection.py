@@ -21,11 +21,12 @@ from fenics_ehd.reduction.distributed import (
     inner,
     multiply,
     node_rows,
+    spread_rows,
     symmetric,
     transpose_multiply,
 )
 from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.rigid_motion import rigid_fields, spin
+from fenics_ehd.reduction.rigid_motion import rigid_fields, turned
 from fenics_ehd.reduction.structure import Structure
 
 #: Largest defect of the reduced matrices from the form they must have, relative.
@@ -81,8 +82,14 @@ class BoreFlexibility:
 
 def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
     """Rows of the bore nodes of part-size columns, on every rank, shape (m, 3, n)."""
-    first = structure.stiffness.getOwnershipRange()[0] // 3
-    return node_rows(columns, first, structure.lubricated_bore.nodes, structure.comm)
+    nodes = structure.lubricated_bore.nodes
+    return node_rows(columns, structure.node_range[0], nodes, structure.comm)
+
+
+def on_bore(structure: Structure, values: np.ndarray) -> np.ndarray:
+    """Owned rows (owned dofs, n) of fields that are zero but at the bore nodes, (m, 3, n)."""
+    first, last = structure.node_range
+    return spread_rows(values, first, last - first, structure.lubricated_bore.nodes)
 
 
 def gram_matrices(
@@ -139,7 +146,7 @@ def inertia_integrals(
     """Inertia coupling of the given fields, owned rows (owned dofs, 3 + n)."""
     n, comm = fields.shape[1], structure.comm
     whole = [np.empty((n, n)) for _ in range(3)]
-    spun = spin(fields)
+    spun = turned(fields, 2)
     for part in blocks(n, len(fields), comm):
         mass_fields = mass.multiply(fields[:, part])
         whole[0][:, part] = inner(fields, mass_fields, comm)
@@ -206,7 +213,7 @@ def project(
         bore_basis=bore_rows(structure, basis.columns),
         pressure_nodes=bore.pressure_coordinates,
         load_projection=transpose_multiply(bore.load, fields).T,
-        spin_load_projection=transpose_multiply(bore.load, spin(fields)).T,
+        spin_load_projection=transpose_multiply(bore.load, turned(fields, 2)).T,
         inertia=inertia_integrals(structure, mass, fields),
         rigid_mass=symmetric(inner(rigid, mass_rigid, structure.comm)),
         rigid_coupling=inner(mass_rigid, basis.columns, structure.comm),

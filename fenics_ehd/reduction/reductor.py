@@ -12,7 +12,7 @@ from fenics_ehd.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.eigenmodes import LowestModes
-from fenics_ehd.reduction.loads import attachment_loads, bore_flexibility
+from fenics_ehd.reduction.loads import bore_flexibility
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.projection import Basis, BoreFlexibility, project
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
@@ -113,8 +113,10 @@ class Reductor:
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Unit forces at the boundary points, owned rows (owned dofs, n_a)."""
-        return attachment_loads(self.structure, self._directions)
+        """Unit forces ``J_a`` at the boundary points, owned rows (owned dofs, n_a)."""
+        points = self.structure.attachments.values()
+        vectors = [point[d].array for point in points for d in self._directions]
+        return np.column_stack(vectors or [np.zeros((self.structure.stiffness.local_size[0], 0))])
 
     @cached_property
     def flexibility(self) -> BoreFlexibility:

@@ -14,18 +14,29 @@ from typing import Unpack
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility, outward
-from fenics_ehd.reduction.distributed import symmetric
+from fenics_ehd.reduction.distributed import (
+    blocks,
+    combine,
+    load_columns,
+    symmetric,
+    transpose_multiply,
+)
 from fenics_ehd.reduction.load_dependent import dual_basis
 from fenics_ehd.reduction.loads import LoadSet, StaticResponses
 from fenics_ehd.reduction.projection import Basis, bore_rows
 from fenics_ehd.reduction.reductor import Options, Reductor
+from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.static_basis import static_modes
 from fenics_ehd.reduction.structure import Structure
 
 #: Largest bore displacement of a dropped residual pattern, relative to the largest of any.
 TRUNCATION = 1e-4
+
+#: Largest difference of the patterns' whole fields from the body's own bore rows, relative to the
+#: largest of these.
+AGREEMENT = 1e-6
 
 
 def residual_flexibility(
@@ -88,11 +99,17 @@ def residual_flexibility(
 def _whole(
     reductor: Reductor, n_vibration: int, centrifugal: bool
 ) -> tuple[Basis, ResidualFlexibility]:
-    """Dynamic modes, and all that is left of the bore's flexibility."""
+    """Vibration modes and static responses, and all that is left of the bore's flexibility."""
     fields = reductor.points
     if centrifugal:
         fields = np.hstack([fields, _centrifugal_load(reductor)])
-    basis = _dynamic_basis(reductor, n_vibration, fields)
+    angular, modes = reductor.vibration(n_vibration)
+    responses = StaticResponses(
+        reductor.static, LoadSet(reductor.structure, fields, None), angular, modes
+    )
+    found = static_modes(responses, np.eye(fields.shape[1]))
+    accuracy = {"static_dropped": float(found.dependent)}
+    basis = dual_basis(reductor.static, angular, modes, found, (), accuracy)
     return basis, _residual(reductor, basis)
 
 
@@ -103,16 +120,6 @@ def _centrifugal_load(reductor: Reductor) -> np.ndarray:
     return reductor.mass.multiply(np.asfortranarray(radius.reshape(-1, 1)))
 
 
-def _dynamic_basis(reductor: Reductor, n_vibration: int, fields: np.ndarray) -> Basis:
-    """Vibration modes and the static responses to the given loads."""
-    angular, modes = reductor.vibration(n_vibration)
-    loads = LoadSet(reductor.structure, fields, None)
-    responses = StaticResponses.of(reductor.static, loads, angular, modes)
-    found = static_modes(responses, np.eye(loads.count))
-    accuracy = {"static_dropped": float(found.dependent)}
-    return dual_basis(reductor.static, angular, modes, found, (), accuracy)
-
-
 def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
     """``S_res`` by the eigenvectors of ``J^T S_res``, the most flexible first, without mass.
 
@@ -120,7 +127,7 @@ def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
     patterns that store energy apart from each other, ``S_res = (S_res V) V^T``.
     """
     structure, whole = reductor.structure, reductor.flexibility
-    load = LoadSet(structure, basis.columns[:, :0], None).nodal_work(basis.columns).T
+    load = transpose_multiply(structure.lubricated_bore.load, basis.columns).T
     covered = np.linalg.solve(basis.stiffness, load)
     shape = bore_rows(structure, basis.columns)
     m = len(shape)
@@ -154,4 +161,54 @@ def _inertia(reductor: Reductor, basis: Basis, patterns: np.ndarray) -> np.ndarr
     angular = np.sqrt(np.diag(basis.stiffness))
     # The static modes are covered like vibration modes: both are uncoupled in stiffness.
     loads = LoadSet(reductor.structure, modes[:, :0], patterns)
-    return StaticResponses.of(reductor.static, loads, angular, modes).mass
+    return StaticResponses(reductor.static, loads, angular, modes).mass
+
+
+def pattern_fields(
+    structure: Structure, body: ReducedBody, columns: np.ndarray, *, solver: str = "auto"
+) -> np.ndarray:
+    """Displacements of unit amplitudes of the residual patterns V.
+
+        (G_c - T K_r^-1 T^T J) V
+
+    A body keeps their bore rows only, `ResidualFlexibility.displacement`; this solves for all
+    rows again, one solve per pattern. Collective.
+
+    Parameters
+    ----------
+    structure
+        The part.
+    body
+        Its reduction with M4.
+    columns
+        The part-size basis T, owned rows, shape (owned dofs, n).
+    solver
+        As in `StaticSolver`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Owned rows, shape (owned dofs, r) [m/Pa]; no columns for a body without patterns.
+
+    Raises
+    ------
+    VerificationError
+        The bore rows are not those of the body: it was made from another part.
+    """
+    residual = body.residual
+    if residual is None or not residual.rank:
+        return np.zeros((len(columns), 0))
+    bore, patterns = structure.lubricated_bore, residual.patterns.T
+    static = StaticSolver(structure, solver=solver)
+    covered = np.linalg.solve(body.stiffness, body.load_projection[3:] @ patterns)
+    fields = np.empty((len(columns), residual.rank))
+    for some in blocks(residual.rank, len(columns), structure.comm):
+        responses = static.solve(load_columns(bore.load, patterns[:, some]))
+        fields[:, some] = responses - combine(columns, covered[:, some])
+    defect = np.abs(bore_rows(structure, fields) - residual.displacement).max()
+    if not defect <= AGREEMENT * np.abs(residual.displacement).max():
+        raise VerificationError(
+            f"residual patterns move the bore by {defect:.1e} m/Pa else than the body says, "
+            f"limit {AGREEMENT:.0e} of the largest: was the body made from this part?"
+        )
+    return fields

@@ -36,5 +36,9 @@ def rigid(
     reductor = Reductor.of(part, **options)
     nothing = np.zeros((0, 0))
     columns = np.zeros((reductor.structure.stiffness.local_size[0], 0))
-    basis = Basis(columns, nothing, nothing, (), (), {})
-    return reductor.project(basis, "rigid", estimate_error=estimate_error, keep_basis=keep_basis)
+    return reductor.project(
+        Basis(columns, nothing, nothing, (), (), {}),
+        "rigid",
+        estimate_error=estimate_error,
+        keep_basis=keep_basis,
+    )

@@ -16,9 +16,10 @@ def rigid_fields(coordinates: np.ndarray) -> np.ndarray:
     return fields.reshape(-1, 6)
 
 
-def spin(columns: np.ndarray) -> np.ndarray:
-    """``e_z x u`` node by node, for displacement fields of shape (3 nodes, k)."""
-    fields = columns.reshape(-1, 3, columns.shape[1])
-    rotated = np.zeros_like(fields)
-    rotated[:, 0], rotated[:, 1] = -fields[:, 1], fields[:, 0]
-    return rotated.reshape(columns.shape)
+def turned(columns: np.ndarray, axis: int) -> np.ndarray:
+    """``e_axis x u`` node by node, for displacement fields of shape (3 nodes, k)."""
+    result = np.zeros_like(columns)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    result[first::3] = -columns[second::3]
+    result[second::3] = columns[first::3]
+    return result

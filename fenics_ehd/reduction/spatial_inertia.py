@@ -9,7 +9,7 @@ import numpy as np
 from fenics_ehd.errors import StructureError
 from fenics_ehd.reduction.distributed import blocks, inner, symmetric
 from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.rigid_motion import rigid_fields
+from fenics_ehd.reduction.rigid_motion import rigid_fields, turned
 from fenics_ehd.reduction.structure import Structure
 
 #: Largest difference of the inertia along x, y and z, relative to the inertia of the fields.
@@ -105,15 +105,6 @@ def spatial_inertia(
         spin=0.5 * (spin - spin.transpose(0, 2, 1)),
         centrifugal=0.5 * (centrifugal + centrifugal.transpose(1, 0, 3, 2)),
     )
-
-
-def turned(columns: np.ndarray, axis: int) -> np.ndarray:
-    """``e_axis x u`` node by node, for displacement fields of shape (3 nodes, k)."""
-    result = np.zeros_like(columns)
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    result[first::3] = -columns[second::3]
-    result[second::3] = columns[first::3]
-    return result
 
 
 def _check_isotropic(gram: np.ndarray, spin: np.ndarray, centrifugal: np.ndarray) -> None:

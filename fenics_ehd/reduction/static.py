@@ -95,8 +95,9 @@ class StaticSolver:
             held = supporting_rows(self.rigid_modes, first, structure.comm)
             held = held[(held >= first) & (held < last)]
         self._held = held - first
-        kernel = self.rigid_modes.shape[1] > 0
-        self.linear = held_solver(structure, held, solver, options_prefix, kernel=kernel)
+        self.linear = held_solver(
+            structure, held, solver, options_prefix, kernel=self.rigid_modes.shape[1] > 0
+        )
         self._check_compliance()
 
     def equilibrate(self, loads: np.ndarray) -> np.ndarray:
@@ -109,9 +110,8 @@ class StaticSolver:
         moved = inner(self._mass_rigid, columns, self.structure.comm)
         return columns - combine(self.rigid_modes, moved)
 
-    def without_reactions(self, forces: np.ndarray) -> np.ndarray:
-        """Part of the forces that an elastic response answers."""
-        return self.equilibrate(forces)
+    #: Part of the forces that an elastic response answers.
+    without_reactions = equilibrate
 
     def apply(self, loads: np.ndarray) -> np.ndarray:
         """Static response without the check of `solve`, for use inside an eigensolver."""

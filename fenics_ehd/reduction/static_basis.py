@@ -85,16 +85,14 @@ def dropped_patterns(
         How many of them were kept.
     """
     left = combinations[:, kept:]
-    stiffness = responses.stiffness[candidates, candidates]
-    energy = np.einsum("ij,ij->j", left, stiffness @ left)
-    work = responses.nodal_work[:, candidates] @ left
+    energy = np.einsum("ij,ij->j", left, responses.stiffness[candidates, candidates] @ left)
+    inertia = np.zeros(len(energy)) if mass is None else np.einsum("ij,ij->j", left, mass @ left)
+    work = np.sum((responses.nodal_work[:, candidates] @ left) ** 2, axis=0)
     records = []
-    for i in range(left.shape[1]):
-        if not energy[i] > 0:
+    for e, i, w in zip(energy, inertia, work, strict=True):
+        if not e > 0:
             records.append(ModeRecord("static", np.inf, 0.0, "depends on the others"))
             continue
-        inertia = left[:, i] @ mass @ left[:, i] if mass is not None else 0.0
-        frequency = np.sqrt(energy[i] / inertia) / (2 * np.pi) if inertia > 0 else np.inf
-        share = float(work[:, i] @ work[:, i] / energy[i])
-        records.append(ModeRecord("static", float(frequency), share, "not selected"))
+        frequency = np.sqrt(e / i) / (2 * np.pi) if i > 0 else np.inf
+        records.append(ModeRecord("static", float(frequency), float(w / e), "not selected"))
     return tuple(records)

@@ -174,6 +174,12 @@ class Structure:
         return self.bore
 
     @property
+    def node_range(self) -> tuple[int, int]:
+        """Global numbers of the first node this rank owns and of the one behind its last."""
+        first, last = self.stiffness.getOwnershipRange()
+        return first // 3, last // 3
+
+    @property
     def size(self) -> int:
         """Number of degrees of freedom of the whole part."""
         return self.stiffness.size[0]

@@ -28,13 +28,12 @@ from fenics_ehd.reduction.distributed import (
     inner,
     load_columns,
     multiply,
-    spread_rows,
     symmetric,
     transpose_multiply,
 )
 from fenics_ehd.reduction.eigenmodes import lowest_modes
 from fenics_ehd.reduction.fixed_boundary import Flexibility, InteriorSolver
-from fenics_ehd.reduction.projection import bore_rows
+from fenics_ehd.reduction.projection import bore_rows, on_bore
 from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.structure import Structure
 
@@ -125,26 +124,25 @@ class FirstStep:
     mass: np.ndarray
 
 
-def _interior(reductor: Reductor) -> InteriorSolver:
-    """The part with its bore held."""
-    return InteriorSolver(
-        reductor.structure,
-        reductor.mass,
-        reductor.structure.lubricated_bore.nodes,
-        solver=reductor.solver,
-        options_prefix=f"{reductor.options_prefix}interior_",
-    )
-
-
 def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     """Reduce to interior modes, every bore dof and the boundary dofs (21), (22)."""
     structure, points = reductor.structure, reductor.points
-    interior = reductor.once("interior", None, lambda: _interior(reductor))
+    nodes, prefix = structure.lubricated_bore.nodes, reductor.options_prefix
+    interior = reductor.once(
+        "interior",
+        None,
+        lambda: InteriorSolver(
+            structure,
+            reductor.mass,
+            nodes,
+            solver=reductor.solver,
+            options_prefix=f"{prefix}interior_",
+        ),
+    )
     support, boundary_modes = hold(interior, None, points)
-    prefix = f"{reductor.options_prefix}modes_"
-    angular, modes = lowest_modes(support, n_interior_modes, options_prefix=prefix)
-    comm, bore = structure.comm, BoreColumns.of(structure)
-    v, p, b = modes.shape[1], 3 * len(structure.lubricated_bore.nodes), points.shape[1]
+    angular, modes = lowest_modes(support, n_interior_modes, options_prefix=f"{prefix}modes_")
+    comm, bore = structure.comm, BoreColumns(structure)
+    v, p, b = modes.shape[1], 3 * len(nodes), points.shape[1]
     stiffness, mass = np.zeros((v + p + b,) * 2), np.zeros((v + p + b,) * 2)
     stiffness[:v, :v], mass[:v, :v] = np.diag(angular**2), np.eye(v)
     others = np.hstack([modes, boundary_modes])
@@ -221,7 +219,6 @@ def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
     return np.asfortranarray(columns)
 
 
-@dataclass(frozen=True, eq=False)
 class BoreColumns:
     """The bore dofs of a part: their columns of K, and between them and part-size fields.
 
@@ -230,29 +227,23 @@ class BoreColumns:
     structure
         The part.
     stiffness
-        ``K_p``, all rows and the columns of the bore dofs in the bore's order.
+        ``K_p``, all rows and the columns of the bore dofs in the bore's order, which the ranks
+        share.
     """
 
-    structure: Structure
-    stiffness: PETSc.Mat
-
-    @staticmethod
-    def of(structure: Structure) -> BoreColumns:
-        """Cut the columns out of K, shared by the ranks."""
-        stiffness = structure.stiffness
+    def __init__(self, structure: Structure):
+        self.structure, stiffness = structure, structure.stiffness
         comm = stiffness.comm
         dofs = (3 * structure.lubricated_bore.nodes[:, None] + np.arange(3)).ravel()
         mine = np.array_split(dofs, comm.size)[comm.rank].astype(PETSc.IntType)
         first, last = stiffness.getOwnershipRange()
         rows = PETSc.IS().createStride(last - first, first, 1, comm=comm)
         columns = PETSc.IS().createGeneral(mine, comm=comm)
-        return BoreColumns(structure, stiffness.createSubMatrix(rows, columns))
+        self.stiffness = stiffness.createSubMatrix(rows, columns)
 
     def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
         """Static modes of bore displacements, shape (3 m, w), owned rows (owned dofs, w)."""
-        nodes = self.structure.lubricated_bore.nodes
-        first, last = (row // 3 for row in self.structure.stiffness.getOwnershipRange())
-        columns = spread_rows(values.reshape(len(nodes), 3, -1), first, last - first, nodes)
+        columns = on_bore(self.structure, values.reshape(-1, 3, values.shape[1]))
         columns -= support.apply(load_columns(self.stiffness, values))
         return columns
 
