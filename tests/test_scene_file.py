@@ -6,7 +6,7 @@ import tomllib
 import attrs
 import numpy as np
 import pytest
-from mechanism_cases import deviation
+from mechanism_cases import GOLDEN, deviation
 from mpi4py import MPI
 
 from fenics_ehd.errors import InputError, InterfaceMismatchError, MeshError, SettingsError
@@ -110,7 +110,7 @@ def test_shipped_geometry_is_that_of_the_models():
             assert float(found[1]) == value, key
 
 
-GOLDEN = [
+GOLDEN_CURVES = [
     ("slider-crank-paper", "slider-crank-m1", "m1", 248, 0.004),
     ("slider-crank-paper", "slider-crank-m3", None, 246, 0.004),
     ("slider-crank-paper", "slider-crank-m4", "m4", 247, 0.004),
@@ -119,7 +119,7 @@ GOLDEN = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "curve", "method", "steps", "largest"), GOLDEN)
+@pytest.mark.parametrize(("scene", "curve", "method", "steps", "largest"), GOLDEN_CURVES)
 def test_translated_scenes_give_the_golden_curves(scene, curve, method, steps, largest):
     built = build_mechanism(read_scene(scene), MPI.COMM_SELF, method)
     result = simulate(built.mechanism, built.end, **vars(built.steps))
@@ -127,6 +127,20 @@ def test_translated_scenes_give_the_golden_curves(scene, curve, method, steps, l
     found = deviation(curve, result.time, joint)
     assert max(found.values()) < largest, found
     assert len(result.time) <= 1.05 * steps
+
+
+@pytest.mark.slow
+def test_a_torque_gas_and_friction_give_the_golden_curves():
+    changed = tables(SLIDER_CRANK, ("friction = false", "friction = true "))
+    changed["bodies"]["crank"]["speed"] = 500.0
+    changed["drives"]["crank"] = {"kind": "torque", "torque": 1.0, "damping": 0.05, "speed": 500.0}
+    gas = {"kind": "angle-table", "point": "piston", "angle_of": "crank"}
+    changed["forces"] = {"gas": gas | {"file": str(GOLDEN / "slider-crank-driven-gas.csv")}}
+    built = build_mechanism(scene_of(changed, "driven"), MPI.COMM_SELF, "m4")
+    result = simulate(built.mechanism, built.end, **vars(built.steps))
+    found = deviation("slider-crank-driven", result.time, result.joints["big_end"])
+    assert max(found.values()) < 0.004, found
+    assert result.body_rates["crank"][-1, 2] == pytest.approx(630.0824, rel=1e-4)
 
 
 @pytest.mark.slow
