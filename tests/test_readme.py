@@ -35,6 +35,8 @@ SLOW = {
             "From Python",
         )
     ),
+    ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
+    ("docs/mechanisms.md", "As a scene file"),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -65,7 +67,7 @@ def sections(document):
     return [Section(document, title, tuple(found)) for title, found in blocks.items()]
 
 
-DOCUMENTS = ("README.md", "docs/tutorial.md", "docs/own-scene.md")
+DOCUMENTS = ("README.md", "docs/tutorial.md", "docs/own-scene.md", "docs/mechanisms.md")
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]
 
