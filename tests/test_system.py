@@ -186,5 +186,5 @@ def test_a_loop_is_assembled_on_the_branch_that_the_rough_pose_says(above):
     _, _, angle = z[system.bodies["rocker"]]
     tip = np.array([0.25, 0.0]) + 0.2 * np.array([np.cos(angle), np.sin(angle)])
     assert np.hypot(*(tip - [0.0, 0.1])) == pytest.approx(0.25, abs=1e-11)
-    assert (np.cross([0.25, -0.1], tip - [0.0, 0.1]) > 0) == above
+    assert (0.25 * (tip[1] - 0.1) + 0.1 * tip[0] > 0) == above
     assert v[system.bodies["crank"]][2] == pytest.approx(10.0)
