@@ -153,6 +153,7 @@ def test_body_that_contradicts_the_scene_is_refused(body, tmp_path):
     assert "youngs_modulus = 210000000000.0" in result.stderr
 
 
+@pytest.mark.slow
 def test_plot_draws_several_runs(scene, tmp_path):
     call("run", scene, "-o", tmp_path / "one", "--no-plots")
     call("run", scene, "-o", tmp_path / "two", "--no-plots")

@@ -15,6 +15,7 @@ def test_rotor_tilts_in_its_bearing():
     assert tilt[-1, 1] > 0 > tilt[-1, 0]
 
 
+@pytest.mark.slow
 def test_study_finds_what_each_method_costs(tmp_path):
     rows = demo("study").main(tmp_path)
     assert all(row["status"] == "complete" for row in rows.values())

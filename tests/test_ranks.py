@@ -42,6 +42,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_scene_that_one_rank_does_not_find(folder):
     status, said, errors = two_ranks(f"{COMMAND} run scene$RANK.toml -o out", folder)
     assert status == 2, errors

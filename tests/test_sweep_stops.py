@@ -91,6 +91,7 @@ def stopped(process, directory, rows, number):
     return errors, rows_of(directory)
 
 
+@pytest.mark.slow
 def test_stopped_sweep_keeps_its_rows_and_is_completed(scene, tmp_path):
     command = ["sweep", scene, "--set", MANY, "-o", tmp_path, "--workers", 1]
     interrupted = start(*command)
