@@ -122,6 +122,7 @@ def test_run_writes_everything_it_promises(scene, tmp_path):
     assert not (tmp_path / "vtk").exists()
 
 
+@pytest.mark.slow
 def test_run_from_body_file_equals_run_from_mesh(body, tmp_path):
     short = SHORT.replace('[reduction]\nmethod = "rigid"\nestimate_error = false\n', "")
     whole, online = tmp_path / "whole.toml", tmp_path / "online.toml"

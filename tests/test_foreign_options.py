@@ -50,6 +50,7 @@ for cells in ("hex", "tet"):
 """
 
 
+@pytest.mark.slow
 def test_gmsh_obeys_the_model_alone(tmp_path):
     model = model_path("conrod").read_text()
     (tmp_path / "rod.geo").write_text(model)

@@ -265,6 +265,7 @@ def test_run_reports_in_a_few_lines(scene, body_file, tmp_path):
     assert "20 modes of the shaft, m3 with 8 of the housing" in result.stdout
 
 
+@pytest.mark.slow
 def test_reduce_housing_writes_a_body(scene, tmp_path):
     path = tmp_path / "housing.h5"
     options = ["--scene", scene, "--vibration-modes", 3, "--no-estimate-error", "--json"]

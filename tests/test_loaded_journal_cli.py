@@ -139,6 +139,7 @@ grooves = [[180.0, 30.0, 2e5]]""",
 @pytest.mark.parametrize(
     "text", [SHORT, pytest.param(OIL, marks=pytest.mark.slow)], ids=["film", "oil"]
 )
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_result(text, scene_file, tmp_path, capfd):
     scene_file.write_text(text)
     whole, killed = tmp_path / "whole", tmp_path / "killed"

@@ -108,6 +108,7 @@ def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body)
     assert np.abs(estimate - expected).max() < 0.05 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_every_method_runs(rod_structure, residual_body):
     bodies = [
         craig_bampton(rod_structure, 10),

@@ -82,6 +82,7 @@ def test_static_response_is_exact_for_the_whole_set(structure, pressure_set, fig
 
 
 @pytest.mark.parametrize("selection", SELECTIONS)
+@pytest.mark.slow
 def test_more_residual_modes_miss_less_flexibility(structure, selection):
     missing = [
         load_dependent(structure, 6, n, "pc2", selection).missing_flexibility

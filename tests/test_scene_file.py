@@ -389,6 +389,7 @@ def test_a_bore_that_offers_no_cells_is_refused_before_reduction(nothing_reduced
 # --- A rod whose pin has a rigid bore
 
 
+@pytest.mark.slow
 def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_structure):
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
     scene = scene_of(tables(shipped("slider-crank-both-ends")), "both")
