@@ -56,10 +56,11 @@ figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation pa
 docs: set-up $(VENV)/docs-stamp  ## build the documentation site into build/site
 	$(VENV)/bin/python -m sphinx -q -W --keep-going docs build/site
 
-lint: set-up $(LINT_VENV)/stamp  ## ruff and mypy
+lint: set-up $(LINT_VENV)/stamp  ## ruff, mypy, and which room knows which
 	$(LINT_VENV)/bin/ruff check .
 	$(LINT_VENV)/bin/ruff format --check .
 	$(LINT_VENV)/bin/mypy --python-executable $(VENV)/bin/python
+	$(VENV)/bin/python tests/lint_rooms.py
 
 clean:  ## remove the environments and everything built, but no results
 	rm -rf $(VENV) $(LINT_VENV) build *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache

@@ -4,4 +4,4 @@ Importing the package imports nothing heavy: `fenics_ehd.reduction` works
 without dolfinx, and ``fenics-ehd --help`` answers without either.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -21,16 +21,15 @@ from figures import (  # noqa: F401
 from mpi4py import MPI
 
 from fenics_ehd.reduction import load_dependent
-from fenics_ehd.scenes import housing
-from fenics_ehd.scenes.rod import build_structure
-from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.scene_file import read_scene
 
 
 @pytest.fixture(scope="session")
 def rod_structure():
     """Default rod on this rank alone."""
-    return build_structure(SliderCrankSettings(), MPI.COMM_SELF)
+    rod = read_scene("slider-crank-paper").bodies["rod"]
+    return elastic_part(rod, "rod", "lagrange", MPI.COMM_SELF).source
 
 
 @pytest.fixture(scope="session")
@@ -42,7 +41,8 @@ def rod_body(rod_structure):
 @pytest.fixture(scope="session")
 def housing_structure():
     """Default housing on this rank alone, its foot held."""
-    return housing.build_structure(RotorSettings(), MPI.COMM_SELF)
+    housing = read_scene("rotor-paper").bodies["housing"]
+    return elastic_part(housing, "housing", "lagrange", MPI.COMM_SELF).source
 
 
 @pytest.fixture(scope="session")

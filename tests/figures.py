@@ -30,7 +30,7 @@ def pytest_collection_modifyitems(config, items):
 def pytest_sessionfinish(session, exitstatus):
     path = session.config.getoption("--figures")
     if path and exitstatus == 0:
-        from fenics_ehd.output import versions
+        from fenics_ehd.base.output import versions
 
         document = {"versions": versions(), "figures": session.config.stash[RECORDED]}
         Path(path).write_text(json.dumps(document, indent=1) + "\n")

@@ -79,7 +79,7 @@ def ring_arguments(**changes):
         "stiffness": stiffness,
         "mass": mass,
         "coordinates": nodes,
-        "bore": bore_from_faces(nodes, faces, "bilinear"),
+        "bores": bore_from_faces(nodes, faces, "bilinear"),
         "attachments": {
             "right": outer[nodes[outer, 0] > 0],
             "left": PointWeights(

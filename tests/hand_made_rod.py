@@ -1,11 +1,17 @@
 """A rod by hand: point masses inside, pressure integrated over the nodes of its bore."""
 
+from dataclasses import replace
+
 import numpy as np
+from mechanism_cases import slider_crank
 
 from fenics_ehd.film import Film, FilmParameters, Gap, Lubricant, uniform_grid
-from fenics_ehd.multibody.crank import ConstantSpeedCrank
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
-from fenics_ehd.scenes.slider_crank import SliderCrank
+from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
+from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 RADIUS, WIDTH, CLEARANCE, VISCOSITY = 0.0225, 0.022, 17e-6, 0.01
 CRANK, ROD, SPEED, PISTON = 0.048, 0.16, 500.0, 0.5
@@ -158,11 +164,15 @@ def make_body(joint, masses=ROD_MASSES, points=ROD_POINTS, modes=(), stiffness=N
         mass=inertia.mass[3:, 3:],
         frequencies=frequencies,
         kinds=("vibration",) * n,
-        bore_radius=RADIUS,
-        bore_width=WIDTH,
-        bore_nodes=joint.bore_nodes,
+        bores={
+            "bore": BoreSurface(
+                radius=RADIUS,
+                width=WIDTH,
+                coordinates=joint.bore_nodes,
+                pressure_coordinates=joint.pressure_nodes,
+            )
+        },
         bore_basis=bore[:, :, 3:],
-        pressure_nodes=joint.pressure_nodes,
         load_projection=pressure_work(joint, bore),
         spin_load_projection=pressure_work(joint, spun(bore)),
         inertia=inertia,
@@ -171,8 +181,26 @@ def make_body(joint, masses=ROD_MASSES, points=ROD_POINTS, modes=(), stiffness=N
     )
 
 
-def make_mechanism(body, joint, damping_time=1e-3):
-    return SliderCrank(ConstantSpeedCrank(CRANK, SPEED), body, joint.film, PISTON, damping_time)
+def make_mechanism(body, joint, damping_time=1e-3, **settings):
+    """The paper's machine with this rod, its crank at constant speed; settings of the joint."""
+    # Velocities of the rigid mechanism, for a crank whose speed nothing imposes.
+    rod = FlexibleBody(
+        body, damping_time, position=(CRANK, 0.0), velocity=(0.0, CRANK * SPEED),
+        speed=-CRANK * SPEED / ROD,
+    )  # fmt: skip
+    return slider_crank(rod, joint.film, **settings)
+
+
+def driven(mechanism, inertia, **forces):
+    """The same machine with a crank that nothing but forces drives."""
+    crank = RigidBody(1.0, inertia, {"pin": (CRANK, 0.0)}, speed=SPEED)
+    return replace(mechanism, bodies={**mechanism.bodies, "crank": crank}, drives={}, forces=forces)
+
+
+def run(mechanism, revolutions, tolerance):
+    """A run with steps of a fiftieth of a revolution at most."""
+    steps = {"tolerance": tolerance, "largest": 0.02 / revolutions}
+    return simulate(mechanism, revolutions * REVOLUTION, **steps)
 
 
 def flexible(joint, seed=0, extra=None):
@@ -206,6 +234,30 @@ def flexible(joint, seed=0, extra=None):
     stiffness = root @ np.diag((2 * np.pi * np.array([2e3, 3e3, 5e3, 8e3])) ** 2) @ root.T
     stiffness = 0.5 * (stiffness + stiffness.T)
     return make_body(joint, masses, points, modes, stiffness), masses, points, modes
+
+
+def with_residual(joint, body, rank=7, seed=0):
+    """A body with a residual flexibility of smooth random patterns: ``d = J sigma^-1``-like."""
+    rng = np.random.default_rng(seed)
+    x, y, z = joint.bore_nodes.T
+    angle, height = np.arctan2(y, x), z / z.max()
+    k = len(joint.pressure_nodes)
+    shapes = np.stack(
+        [np.cos((i + 1) * angle + i) * (1 + 0.5 * np.cos(i * height)) for i in range(rank)], axis=-1
+    )
+    outward = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    displacement = outward[:, :, None] * shapes[:, None, :]
+    load = pressure_work(joint, displacement)
+    # Unit amplitudes move the bore by a micrometre under 20 MPa.
+    stiffness = 20e6 * rng.uniform(0.5, 2.0, rank) * np.abs(load).sum(axis=1) / 1e-6
+    # Amplitudes in pascal: y = V p with V = load / (stiffness of y).
+    factor = np.abs(load).sum(axis=1) / stiffness
+    displacement = displacement * factor
+    load = load * factor[:, None]
+    energy = stiffness * factor**2
+    residual = ResidualFlexibility(displacement, load / energy[:, None], energy, np.zeros((0, 0)))
+    assert residual.patterns.shape == (rank, k)
+    return replace(body, residual=residual)
 
 
 def some_state(seed, modes=4):

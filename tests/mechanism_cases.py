@@ -8,11 +8,12 @@ import numpy as np
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.layout import film_grid
+from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.joints import Revolute, Slider, Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody
 from fenics_ehd.multibody.result import JointResult
+from fenics_ehd.multibody.rigid_body import RigidBody
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0
 REVOLUTION = 2 * np.pi / SPEED

@@ -1,4 +1,4 @@
-"""The cavitation problem without fenics_ehd: every partition tried, and finite volumes.
+"""The cavitation problem without fenics_ehd: every active set tried, and finite volumes.
 
 ``0 <= p`` complementary to ``A p - b >= 0``. The finite volumes are the 5-point
 scheme on a uniform grid of an unwrapped rigid bearing, whose gap ``H`` depends on
@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-#: Partitions are tried all at once: 2^14 systems of 14 equations take 26 MB.
+#: Active sets are tried all at once: 2^14 systems of 14 equations take 26 MB.
 LARGEST_ENUMERATION = 14
 
 
-def enumerate_partitions(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Pressure (n,) of the partition whose worst sign is the least wrong.
+def enumerate_active_sets(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Pressure (n,) of the active set whose worst sign is the least wrong.
 
     Solves with every one of the ``2^n`` principal blocks of ``matrix`` (n, n), the
     equations of the other nodes replaced by ``p = 0``.

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
+from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 
 def massless_coordinates(body: ReducedBody) -> ReducedBody:

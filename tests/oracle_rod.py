@@ -21,7 +21,9 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
+from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 MODEL = Path(__file__).resolve().parents[1] / "meshes" / "conrod.geo"
 GEOMETRY = {"bore_radius": 0.0225, "rod_length": 0.16, "pin_radius": 0.012}
@@ -319,11 +321,15 @@ def _project(rod: OracleRod, basis: np.ndarray, n_vibration: int) -> ReducedBody
         mass=inertia.mass[3:, 3:],
         frequencies=np.sqrt(np.diag(stiffness)) / (2 * np.pi),
         kinds=("vibration",) * n_vibration + ("static",) * (basis.shape[1] - n_vibration),
-        bore_radius=float(np.hypot(*bore[:, :2].T).mean()),
-        bore_width=float(np.ptp(bore[:, 2])),
-        bore_nodes=bore,
+        bores={
+            "bore": BoreSurface(
+                radius=float(np.hypot(*bore[:, :2].T).mean()),
+                width=float(np.ptp(bore[:, 2])),
+                coordinates=bore,
+                pressure_coordinates=rod.pressure_nodes,
+            )
+        },
         bore_basis=basis.reshape(len(rod.nodes), 3, -1)[rod.bore],
-        pressure_nodes=rod.pressure_nodes,
         load_projection=load,
         spin_load_projection=(rod.load.T @ spun).T,
         inertia=inertia,

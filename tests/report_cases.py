@@ -2,34 +2,42 @@
 
 import csv
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from foreign_parts import ring
 
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.history_file import HistoryWriter
 from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility, save_body
-from fenics_ehd.report.reading import read_study
-from fenics_ehd.report.study_data import Study, StudyRun
+from fenics_ehd.results.history_file import HistoryWriter
+from fenics_ehd.study.errors_file import errors_path
+from fenics_ehd.study.report.reading import TEXTS, read_study
+from fenics_ehd.study.report.study_data import StudyData, StudyRow
 
-END = {"slider-crank": 0.0125, "rotor": 0.0105}
+PAPER = {"slider-crank-paper": ("big_end", 0.0125), "rotor-paper": ("bearing", 0.0105)}
 ERRORS = {"pressure_error_max": 0.01, "pressure_error_l2": 0.005, "film_error_max": 0.02,
           "film_error_l2": 0.01}  # fmt: skip
-FLOOR = {"pressure_floor": 1e-3, "film_floor": 2e-3}
+OWN = {"pressure_max": 1e-3, "pressure_l2": 5e-4, "film_max": 2e-3, "film_l2": 1e-3}
 
-#: Names of the columns that are not written in lower case.
-UNITS = {"highest_frequency_hz": "highest_frequency_Hz", "max_pressure_pa": "max_pressure_Pa"}
+NAN = float("nan")
 
 
 def run(name, **values):
     """A row of a table: complete, with errors of a per cent or two unless said otherwise."""
     usual = {"group": "methods", "method": "m3", "status": "complete", "tolerance": 1e-5,
              "order": 2, "film_cells": "20x5", "coordinates": 39, "offline_s": 4.0,
-             "online_s": 8.0, "steps": 500, "newton_iterations": 700, "max_pressure_pa": 45e6,
+             "online_s": 8.0, "steps": 500, "newton_iterations": 700, "max_pressure_Pa": 45e6,
              "min_film_thickness_m": 2.5e-6, "estimated_gap_error_m": 1e-7,
-             "true_gap_error_m": 6e-8, "highest_frequency_hz": 2e5, **ERRORS, **FLOOR}  # fmt: skip
-    return StudyRun(run=name, **(usual | values))
+             "true_gap_error_m": 6e-8, "highest_frequency_Hz": 2e5, **ERRORS,
+             "pressure_floor": 1e-3, "film_floor": 2e-3}  # fmt: skip
+    numbers = ("vibration_modes", "residual_modes", "residual_truncation", "pressure_floor_l2",
+               "film_floor_l2", "own_pressure_error_max", "own_film_error_max")  # fmt: skip
+    empty = dict.fromkeys(TEXTS, "") | dict.fromkeys(numbers, NAN)
+    return StudyRow(empty | {"run": name} | usual | values)
+
+
+def changed(row, **values):
+    return StudyRow({**row.values, **values})
 
 
 def m1(modes, pressure=0.2, film=0.2, **values):
@@ -39,7 +47,7 @@ def m1(modes, pressure=0.2, film=0.2, **values):
 
 
 def m2(modes, pressure=0.1, film=0.1, **values):
-    return replace(m1(modes, pressure, film, **values), run=f"m2-{modes}", method="m2")
+    return changed(m1(modes, pressure, film, **values), run=f"m2-{modes}", method="m2")
 
 
 def m3(modes, pressure=0.01, film=0.02, **values):
@@ -59,36 +67,37 @@ def m4(pressure=1e-3, film=2e-3, **values):
 def without_end(row, status="not run"):
     """A planned run of which there are no figures."""
     names = ("coordinates", "pressure_error_max", "film_error_max", "online_s")
-    return replace(row, status=status, **dict.fromkeys(names, float("nan")))
+    return changed(row, status=status, **dict.fromkeys(names, NAN))
 
 
-def study(*runs, scene="slider-crank", directory=None, status="complete", **info):
+def bearing(*rows, scene="slider-crank-paper", directory=None, status="complete", **info):
+    """The lubricated joint of a study of one of the paper's machines."""
     reference = {"status": status, "step": {"pressure_max": 1e-3, "film_max": 2e-3}}
-    return Study(directory, {"scene": scene, **info}, reference, runs)
+    about = {"scene": scene, "joints": [PAPER[scene][0]], "runs": len({row["run"] for row in rows})}
+    return StudyData(directory, about | info, reference, rows).joints[0]
 
 
-def write_study(directory, rows, scene="slider-crank", reference=None, **info):
-    """Tables of a study on disk."""
+def write_study(directory, rows, joints=("big_end",), reference=None, **info):
+    """Tables of a study on disk, the same rows for every joint that they do not name."""
     directory.mkdir(parents=True, exist_ok=True)
-    (directory / "study.json").write_text(json.dumps({"scene": scene, "version": "0", **info}))
-    own = dict(zip(("pressure_max", "pressure_l2", "film_max", "film_l2"),
-                   (1e-3, 5e-4, 2e-3, 1e-3), strict=True))  # fmt: skip
+    about = {"scene": "slider-crank-paper", "joints": joints, "version": "0", "start": 1e-4,
+             "runs": len({row["run"] for row in rows}), **info}  # fmt: skip
+    (directory / "study.json").write_text(json.dumps(about))
+    own = OWN if len(joints) == 1 else {"joints": dict.fromkeys(joints, OWN)}
     found = {"method": "full", "status": "complete", "tolerance": 1e-8, "order": 3,
-             "step": own | {"how": "other steps"},
+             "step": {"run": "reference-step", "how": "other steps", **own},
              "basis": {"pressure_max": None, "why": "full-6: not run"}}  # fmt: skip
     (directory / "reference.json").write_text(json.dumps(reference or found))
-    names = [field.name for field in fields(StudyRun)]
     with open(directory / "table.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([UNITS.get(name, name) for name in names])
+        # The table tells no floor of root mean squares.
+        names = [name for name in run("").values if not name.endswith("floor_l2")]
+        writer = csv.DictWriter(file, names, extrasaction="ignore")
+        writer.writeheader()
         for row in rows:
-            cells = [getattr(row, name) for name in names]
-            writer.writerow(["" if cell != cell else cell for cell in cells])
+            for joint in joints if not row["joint"] else (row["joint"],):
+                cells = {k: "" if v != v else v for k, v in row.values.items()}
+                writer.writerow(cells | {"joint": joint})
     return read_study(directory)
-
-
-def times(scene="slider-crank", steps=200):
-    return np.linspace(END[scene] / steps, END[scene], steps)
 
 
 def peak_pressure(time):
@@ -102,41 +111,59 @@ def film_thickness(time):
 
 def profile(nodes, time, tilt=0.0):
     """Pressure shape on the bore, peak 1 at angle 0; behind it the flatter, the later."""
-    angle, height = np.arctan2(nodes[:, 1], nodes[:, 0]), nodes[:, 2]
+    angle, height = np.mod(nodes[:, 0] + np.pi, 2 * np.pi) - np.pi, nodes[:, 1]
     width = np.where(angle < 0, 0.4, 0.4 + 100 * np.maximum(time - 6e-3, 0.0))
     axial = 1 - (2 * height / np.ptp(height)) ** 2
     return np.exp(-((angle / width) ** 2)) * axial * (1 + tilt * height / np.ptp(height))
 
 
 def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True, steps=200,
-                  end=np.inf):  # fmt: skip
-    """History of a run whose pressure is this share of the peak above, its film this thicker."""
-    nodes = uniform_grid(0.0225, 0.022, (20, 5)).nodes
-    with HistoryWriter(study.folder(name), {"pressure_nodes_m": nodes}) as history:
-        moments = times(study.scene, steps)
-        for time in moments[moments <= end]:
-            exact = peak_pressure(time)
-            pressure = exact + above * peak_pressure(7e-3) * (exact > 0.75 * peak_pressure(7e-3))
-            film = film_thickness(time if falling else 7e-3) * (1 + thicker)
-            row = {"time_s": time, "max_pressure_Pa": pressure, "min_film_thickness_m": film,
-                   "max_pressure_angle_deg": 0.0}  # fmt: skip
-            history.add(row, {"pressure_Pa": pressure * profile(nodes, time, tilt)})
+                  end=np.inf, periodic=False):  # fmt: skip
+    """History of a run whose pressure is this share of the peak above, its film this thicker.
+
+    Of several joints the second has twice the pressure of the first. With the errors that such a
+    run has.
+    """
+    nodes = uniform_grid(0.0225, 0.022, (20, 5)).node_positions
+    joints, top = study.info["joints"], peak_pressure(7e-3)
+    prefixes = [f"{joint}." for joint in joints] if len(joints) > 1 else [""]
+    whole = PAPER.get(study.info["scene"], ("", 0.0125))[1]
+    time = np.linspace(whole / steps, whole, steps)
+    time = time[time <= end]
+    high = peak_pressure(time) > 0.75 * top
+    rows, errors = {"time_s": time + (3 * whole if periodic else 0.0)}, {"time_s": time}
+    if periodic:
+        rows |= {"cycle": np.full(len(time), 4.0), "cycle_time_s": time}
+    for factor, prefix in enumerate(prefixes, start=1):
+        film = film_thickness(time) if falling else film_thickness(0 * time + 7e-3)
+        rows[f"{prefix}max_pressure_Pa"] = factor * (peak_pressure(time) + above * top * high)
+        rows[f"{prefix}min_film_thickness_m"] = film * (1 + thicker)
+        rows[f"{prefix}max_pressure_angle_deg"] = 0.0 * time
+        errors[f"{prefix}pressure_error"] = above * high
+        errors[f"{prefix}film_error"] = thicker + 0.0 * time
+    constants = {f"{prefix}film_nodes": nodes for prefix in prefixes}
+    with HistoryWriter(study.folder(name), constants) as history:
+        for i, moment in enumerate(time):
+            row = {column: values[i] for column, values in rows.items()}
+            fields = {
+                f"{prefix}pressure_Pa": row[f"{prefix}max_pressure_Pa"]
+                * profile(nodes, moment, tilt)
+                for prefix in prefixes
+            }
+            history.add(row, fields)
+    np.savez(errors_path(study.folder(name), "reference"), **errors)
 
 
-def write_bodies(directory):
-    """Reduced rings by M1, M3 with two numbers of residual modes, and M4."""
+def write_bodies(study, *names):
+    """Reduced rings of M1, M3 with two numbers of residual modes, and M4, beside these runs."""
     part = ring()
     told = {"pressure_set": "pc2", "selection": "lowest-frequency"}
-    bodies = {
-        "m1": craig_bampton(part, 8),
-        **{f"m3-{n}": _named(load_dependent(part, 6, n), told | {"residual_modes": str(n)})
-           for n in (6, 12)},
-        "m4": residual_flexibility(part, 6),
-    }  # fmt: skip
-    for name, body in bodies.items():
-        (directory / "bodies").mkdir(parents=True, exist_ok=True)
-        save_body(body, directory / "bodies" / f"{name}.h5")
-
-
-def _named(body, provenance):
-    return replace(body, provenance=provenance)
+    bodies = [
+        craig_bampton(part, 8),
+        *(replace(load_dependent(part, 6, n), provenance=told | {"residual_modes": str(n)})
+          for n in (6, 12)),
+        residual_flexibility(part, 6),
+    ]  # fmt: skip
+    for name, body in zip(names, bodies, strict=True):
+        study.folder(name).mkdir(parents=True, exist_ok=True)
+        save_body(body, study.folder(name) / "body-rod.h5")

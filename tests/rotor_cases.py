@@ -1,21 +1,13 @@
-"""Rotors in bearings written down by hand, for the tests: no mesh of a part is needed."""
+"""Bodies with a bore written down by hand, for the tests: no mesh of a part is needed."""
 
 import numpy as np
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.kinematics import GapSlopes
-from fenics_ehd.multibody.bdf import integrate
-from fenics_ehd.multibody.coupled import CoupledSteps
-from fenics_ehd.multibody.dry_system import DrySystem
-from fenics_ehd.multibody.shaft_journal import ShaftJournal
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
-from fenics_ehd.scenes.rotor import Rotor
+from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 R, WIDTH, C, ETA, SPEED = 0.0225, 0.022, 17e-6, 0.01, 600.0
-
-#: (e_x, e_y, psi_x, psi_y) of a shaft that has these four coordinates, or the first two.
-FREE_SHAFT = np.eye(4)
-PARALLEL_SHAFT = np.eye(4)[:, :2]
 
 
 def make_film(cells=(12, 3), *, width=WIDTH, clearance=C, speed=SPEED, family="lagrange"):
@@ -32,6 +24,8 @@ def held_body(film, modes=(), frequencies=()):
     cosine, sine = film.points.normal
     rigid = film.load(np.stack([R + 0 * cosine, cosine, sine], axis=-1))
     nothing = np.zeros((3 + n, 3 + n))
+    # Four kilograms about the bore's centre; the modes leave that where it is.
+    mass = np.diag([4.0 * R**2, 4.0, 4.0, *np.ones(n)])
     frequencies = np.array(frequencies, dtype=float)
     return ReducedBody(
         method="by hand",
@@ -40,15 +34,19 @@ def held_body(film, modes=(), frequencies=()):
         mass=np.eye(n),
         frequencies=frequencies,
         kinds=("vibration",) * n,
-        bore_radius=R,
-        bore_width=grid.width,
-        bore_nodes=grid.nodes,
+        bores={
+            "bore": BoreSurface(
+                radius=R,
+                width=grid.width,
+                coordinates=grid.nodes,
+                pressure_coordinates=grid.nodes,
+            )
+        },
         bore_basis=basis,
-        pressure_nodes=grid.nodes,
         # Of the modes' rows nobody asks where film and bore have the same nodes.
         load_projection=np.vstack([rigid, np.zeros((n, rigid.shape[1]))]),
         spin_load_projection=np.zeros((3 + n, rigid.shape[1])),
-        inertia=InertiaIntegrals(nothing, nothing, nothing),
+        inertia=InertiaIntegrals(mass, nothing, nothing),
         points={},
         missing_flexibility=np.zeros((0, 0)),
     )
@@ -80,31 +78,3 @@ def flexible(film):
     """Body whose modes, of some kilograms, answer pressures by micrometres."""
     scaled = [lambda x, mode=mode: 0.5 * mode(x) for mode in MODES]
     return held_body(film, scaled, (1500.0, 2200.0, 3000.0, 6000.0))
-
-
-def rigid_rotor(film, mass, load, speed):
-    """Rigid rotor that does not tilt, in a rigid bearing under a constant load (2,) [N]."""
-    journal = ShaftJournal(held_body(film), film, PARALLEL_SHAFT)
-    nothing = np.zeros((2, 2))
-    load = np.asarray(load, dtype=float)
-    return Rotor(DrySystem(mass * np.eye(2), nothing, nothing, lambda time: load), journal, speed)
-
-
-def linearise(rotor, time, x, rate, acceleration, shifts, guess=None):
-    """Residual of the motion with the film solved by itself, its total derivative and the film."""
-    journal = rotor.journal
-    shape = (*journal.film.points.angle.shape, -1)
-    state = journal.film.solve(journal.film_gap(x, rate, rotor.speed), guess)
-    slopes = GapSlopes(
-        journal.thickness.reshape(shape),
-        shifts[0] * journal.thickness.reshape(shape),
-        shifts[0] * journal.mean_velocity.reshape(shape),
-    )
-    slope = journal.film.sensitivity(state, slopes)
-    load = journal.load[1:]
-    residual = rotor.dry.residual(time, x, rate, acceleration) - load @ state.pressure
-    return residual, rotor.dry.derivative(shifts) - load @ slope, state
-
-
-def steps_of(rotor, end, x, rate, control):
-    return integrate(rotor, (0.0, end), x, rate, control, CoupledSteps(rotor))

@@ -7,48 +7,61 @@ from concurrent.futures import Future
 
 import pytest
 
-from fenics_ehd.cli import main
-from fenics_ehd.sweeps.sweep import run_sweep
-from fenics_ehd.sweeps.table import SweepTable
-from fenics_ehd.sweeps.work import CaseTask
+from fenics_ehd.cli.main import main
+from fenics_ehd.scenes.scene_text import as_stored, scene_text
+from fenics_ehd.study.keys import with_values
+from fenics_ehd.study.sweep_run import run_sweep
+from fenics_ehd.study.sweep_table import SweepTable
+from fenics_ehd.study.variants import FILM, values_in
+from fenics_ehd.study.work import CaseTask
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
-SLIDER_CRANK = """
-scene = "slider-crank"
-[mechanism]
-revolutions = 0.002
-[reduction]
-method = "rigid"
-estimate_error = false
-[time]
-tolerance = 1e-3
-"""
-ROTOR = """
-scene = "rotor"
-[shaft]
-revolutions = 0.002
-[reduction]
-method = "rigid"
-estimate_error = false
-[time]
-tolerance = 1e-3
-"""
+
+def scene_as(name, values):
+    """Text of a shipped scene with other values, those of reductions in all of its parts."""
+    scene = as_stored(name)
+    return scene_text(with_values(scene, values_in(scene, values)))
+
+
+#: First steps of shipped scenes, their parts rigid.
+RIGID = {"reduction.method": "rigid", "reduction.estimate_error": False, "time.tolerance": 1e-3}
+SLIDER_CRANK = scene_as("slider-crank-paper", {**RIGID, "time.revolutions": 0.002})
+ROTOR = scene_as("rotor-paper", {**RIGID, "time.revolutions": 0.01, "time.first_step": 1e-8})
+#: Two films on one crank.
+ENGINE = scene_as("engine", {**RIGID, "time.periodic": False, "time.revolutions": 0.002, FILM: 0.5})
 LOADED_JOURNAL = """
-scene = "loaded-journal"
-[load]
-file = "load.csv"
-[film]
+[bodies.journal]
+kind = "massless"
+[bodies.ground.points]
+bearing = [0.0, 0.0]
+[joints.bearing]
+kind = "lubricated"
+journal = "journal"
+bore = "ground.bearing"
+radius = 0.025
+width = 0.02
+clearance = 25e-6
+viscosity = 0.01
 cells = [12, 2]
+[drives.journal]
+kind = "speed"
+speed = 300.0
+[forces.load]
+kind = "time-table"
+point = "journal"
+file = "load.csv"
 [time]
+periodic = true
+period = 0.02
+periodicity = 1e-3
 tolerance = 1e-3
 largest_step = 0.1
-periodicity = 1e-3
 """
 LOAD_FILE = "time_ms,Fx_N,Fy_N\n0,500,900\n5,0,500\n10,-500,900\n15,0,1200\n20,500,900\n"
 
-#: Cases 1 and 3 can run; a clearance is not thin, a smallest step too long.
-SOME_FAIL = ("clearance=14e-6,17e-6,2e-3", "smallest_step=1e-13,1e-5")
+#: Cases 1 and 3 can run; a clearance is not thin, a film soon thinner than it may be.
+SOME_FAIL = ("clearance=14e-6,17e-6,2e-3", "smallest_film=0.01,0.9999")
 #: Enough cases to be stopped in the middle of them.
 MANY = "clearance=10e-6:30e-6:8"
 
@@ -69,7 +82,7 @@ class Inline:
 
     @property
     def cases(self):
-        return [task.case.number for task in self.tasks if isinstance(task, CaseTask)]
+        return [task.case.name for task in self.tasks if isinstance(task, CaseTask)]
 
 
 def write_scene(directory, text=SLIDER_CRANK):
@@ -107,8 +120,8 @@ def results(rows):
     return {row["case"]: {k: v for k, v in row.items() if k not in timed} for row in rows}
 
 
-def sweep_inline(plan, directory, **options):
+def sweep_inline(sweep, directory, **options):
     pool = Inline()
-    with SweepTable(directory, plan) as table:
-        run_sweep(plan, table, pool, **options)
+    with SweepTable(directory, sweep) as table:
+        run_sweep(table, pool, **options)
         return pool, table.rows()

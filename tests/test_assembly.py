@@ -4,21 +4,22 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx_cases import create_mesh, quadrature_element
 from film_cases import FAMILIES, R
 from mpi4py import MPI
 from scipy import sparse
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
-from fenics_ehd import compat
-from fenics_ehd.elements import quadratic_element
+from fenics_ehd.base import compat
+from fenics_ehd.fem.elements import quadratic_element
 from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.forms import QUADRATURE_DEGREE, cell_tensors
+from fenics_ehd.film.forms import GAUSS_POINTS, cell_tensors
 from fenics_ehd.film.grid import FilmGrid
 
 pytestmark = pytest.mark.kernels
 
-DX = ufl.dx(metadata={"quadrature_degree": QUADRATURE_DEGREE})
+DX = ufl.dx(metadata={"quadrature_degree": 2 * GAUSS_POINTS - 1})
 
 
 def crooked_grid(family):
@@ -47,7 +48,7 @@ class Prism:
         number = [((i + a) % around) * (along + 1) + j + b for b in (0, 1) for a in (0, 1)]
         self.cells = np.column_stack(number)
         geometry = compat.lagrange_element("quadrilateral", 1, (3,))
-        self.mesh = compat.create_mesh(MPI.COMM_SELF, self.cells, geometry, corners)
+        self.mesh = create_mesh(MPI.COMM_SELF, self.cells, geometry, corners)
         centres = corners[self.cells].mean(axis=1)
         own = self.mesh.geometry.x[compat.geometry_dofmap(self.mesh)].mean(axis=1)
         #: Film cell of every dolfinx cell.
@@ -60,7 +61,7 @@ class Prism:
 
     def coefficient(self, values):
         """Function with given values (film cells, points) at the quadrature points."""
-        element = compat.quadrature_element("quadrilateral", QUADRATURE_DEGREE)
+        element = quadrature_element("quadrilateral", 2 * GAUSS_POINTS - 1)
         function = fem.Function(compat.functionspace(self.mesh, element))
         function.x.array[compat.space_dofmap(function.function_space)] = values[self.order]
         return function

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from newton_steps import integrate
 
-from fenics_ehd.errors import GapClosedError, StepSizeError
-from fenics_ehd.multibody.bdf import IntegratorState, StepControl, integrate
+from fenics_ehd.base.errors import GapClosedError, StepSizeError
+from fenics_ehd.multibody.bdf import IntegratorState, StepControl
 from fenics_ehd.multibody.differentiation import (
     blended,
     derivative_weights,
@@ -36,10 +37,10 @@ class Linear:
         jacobian = np.diag(shifts[1] + shifts[0] * self.damping + self.stiffness)
         return residual, jacobian, (guess or 0) + 1
 
-    def watch(self, x):
+    def observe(self, x):
         return x
 
-    def error_norm(self, watched, error):
+    def error_norm(self, observed, error):
         return float(np.abs(error).max())
 
     norm = error_norm
@@ -280,11 +281,11 @@ class Squeeze:
         slope = shifts[1] + shifts[0] / x**3 - 3 * rate / x**4
         return residual, np.diag(slope), None
 
-    def watch(self, x):
+    def observe(self, x):
         return x
 
-    def error_norm(self, watched, error):
-        return float(np.abs(error / watched).max())
+    def error_norm(self, observed, error):
+        return float(np.abs(error / observed).max())
 
     norm = error_norm
 
@@ -465,9 +466,9 @@ def test_history_is_that_of_accepted_steps_only():
         assert residual == pytest.approx(0.0, abs=1e-10 + 1e-14 * weights[0] ** 2)
 
 
-def test_every_step_starts_from_the_auxiliary_state_of_the_last_accepted_one():
+def test_every_step_starts_from_the_solution_of_the_last_accepted_one():
     problem = oscillator(1.0, 4.0, lambda t: 1e3 * (t > 0.5))
     steps = run(problem, 1.0, 1, 0)
     # The state counts evaluations since the start, those of rejected attempts left out.
-    rejected_calls = len(problem.calls) - steps[-1].auxiliary
+    rejected_calls = len(problem.calls) - steps[-1].solution
     assert rejected_calls == 2 * sum(sum(s.rejected.values()) for s in steps)

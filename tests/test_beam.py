@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
-from fenics_ehd.multibody.bdf import StepControl, integrate
 from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
-from fenics_ehd.multibody.rotor import ModalRotor, RotatingForce
+from fenics_ehd.multibody.forces import RotatingForce
+from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rotor import ModalRotor
+from fenics_ehd.multibody.shaft_body import ShaftBody
+from fenics_ehd.multibody.simulation import simulate
 
 LENGTH, MODULUS, DENSITY = 1.0, 210e9, 7446.0
 FORCE, BEARING_WIDTH = 3600.0, 0.022
-NOTHING = RotatingForce(0.0, 1.0)
 
 
 def shaft(diameter=0.045, *, elements=20, density=DENSITY, supports=1e13):
@@ -24,12 +27,21 @@ def pinned_frequencies(beam, modes):
     return k**2 * np.sqrt(MODULUS * moment / (beam.density * (area + moment * k**2)))
 
 
-def whirl_frequencies(system):
+def turning(rotor, speed, damping=0.0):
+    """``M, C, K`` of the deflections of a shaft that turns at a speed, and its body."""
+    body = ShaftBody(rotor, 1.0, damping)
+    rest, rates = np.zeros((2, body.size))
+    rates[0] = speed
+    found = body.derivatives(rest, rates, rest, lift=np.zeros(2))
+    return [part[1:, 1:] for part in (found.acceleration, found.rate, found.position)]
+
+
+def whirl_frequencies(mass, damping, stiffness):
     """Positive imaginary parts of the eigenvalues of ``M x'' + C x' + K x = 0``, ascending."""
-    n = system.size
-    inverse = np.linalg.inv(system.mass)
+    n = len(mass)
+    inverse = np.linalg.inv(mass)
     first_order = np.block(
-        [[np.zeros((n, n)), np.eye(n)], [-inverse @ system.stiffness, -inverse @ system.damping]]
+        [[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]]
     )
     values = np.linalg.eigvals(first_order)
     return np.sort(values.imag[values.imag > 0])
@@ -110,7 +122,7 @@ def test_points_see_any_cubic(position):
 def test_forward_and_backward_whirl_of_a_turning_shaft(speed, figure):
     beam = shaft(0.1, elements=24)
     rotor = ModalRotor.of(beam_plane(beam), 10)
-    found = whirl_frequencies(rotor.system(speed, 0.0, NOTHING, 0.5))[:8]
+    found = whirl_frequencies(*turning(rotor, speed))[:8]
     # (A + I k^2) w^2 -+ 2 I k^2 Omega w - E I k^4 / rho = 0
     k = np.pi * np.arange(1, 11) / LENGTH
     inertia = beam.area + beam.second_moment * k**2
@@ -127,7 +139,7 @@ def test_forward_and_backward_whirl_of_a_disk(speed, figure):
     beam = shaft(0.02, density=1e-6)
     disk = Disk(0.5, 5.0, 0.04, 0.025)
     rotor = ModalRotor.of(beam_plane(beam, [disk]), 2)
-    found = whirl_frequencies(rotor.system(speed, 0.0, NOTHING, 0.5))
+    found = whirl_frequencies(*turning(rotor, speed))
     rigidity = MODULUS * beam.second_moment
     bounce = np.sqrt(48 * rigidity / LENGTH**3 / disk.mass)
     half = disk.polar_inertia * speed / 2
@@ -139,83 +151,76 @@ def test_forward_and_backward_whirl_of_a_disk(speed, figure):
 
 def test_forward_whirl_turns_with_the_shaft():
     rotor = ModalRotor.of(beam_plane(shaft(0.02, density=1e-6), [Disk(0.5, 5, 0.04, 0.025)]), 2)
-    system = rotor.system(3000.0, 0.0, NOTHING, 0.5)
-    a, b = system.damping[:2, :2], system.damping[:2, 2:]
+    mass, damping, stiffness = turning(rotor, 3000.0)
+    a, b = damping[:2, :2], damping[:2, 2:]
     # In w = u + i v, of which e^(i w t) is forward.
-    forward = whirl_frequencies(system)[-1]
-    matrix = system.stiffness[:2, :2] - forward**2 * np.eye(2) + 1j * forward * (a - 1j * b)
+    forward = whirl_frequencies(mass, damping, stiffness)[-1]
+    matrix = stiffness[:2, :2] - forward**2 * np.eye(2) + 1j * forward * (a - 1j * b)
     smallest = np.linalg.svd(matrix, compute_uv=False)[-1]
     assert smallest < 1e-6 * forward**2
 
 
 def test_gyroscopic_forces_do_no_work():
-    system = ModalRotor.of(beam_plane(shaft()), 10).system(600.0, 0.0, NOTHING, 0.5)
-    rate = np.random.default_rng(3).standard_normal(20)
-    powers = system.powers(0.0, np.zeros(20), rate)
-    assert np.abs(system.damping).max() > 1.0
-    assert powers.damping == pytest.approx(0.0, abs=1e-12)
+    rotor = ModalRotor.of(beam_plane(shaft()), 10)
+    body = ShaftBody(rotor, 1.0)
+    rates = np.append(600.0, np.random.default_rng(3).standard_normal(20))
+    forces = body.forces(np.zeros(21), rates, np.zeros(21), lift=np.zeros(2))
+    assert np.abs(forces).max() > 1.0
+    assert forces @ rates == pytest.approx(0.0, abs=1e-9)
 
 
 # --- Jeffcott's rotor
 
 
-class Unlubricated:
-    """A dry system for the integrator."""
-
-    def __init__(self, system, size):
-        self.system, self._size = system, size
-
-    def linearise(self, time, x, rate, acceleration, shifts, guess):
-        residual = self.system.residual(time, x, rate, acceleration)
-        return residual, self.system.derivative(shifts), None
-
-    def norm(self, x, change):
-        return np.abs(change).max() / self._size
-
-    def watch(self, x):
-        return x
-
-    error_norm = norm
-
-    def admissible_fraction(self, x, change):
-        return np.inf
-
-
-def jeffcott(ratio, damping, modes=1):
-    """A disk half way on a shaft without mass, at a share of its critical speed."""
+def jeffcott(ratio, modes=1):
+    """A disk half way on a shaft without mass, its speed a share of the critical one."""
     beam, disk = shaft(0.02, density=1e-6), Disk(0.5, 5.0, 0.0, 0.0)
     rotor = ModalRotor.of(beam_plane(beam, [disk]), modes)
     critical = np.sqrt(48 * MODULUS * beam.second_moment / LENGTH**3 / disk.mass)
     speed = ratio * critical
-    unbalance = RotatingForce(disk.mass * 1e-5 * speed**2, speed)
-    # 10 um off centre: the circle of the whirl, as a complex number of the force's direction.
-    circle = 1e-5 * ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
-    return rotor, rotor.system(speed, damping, unbalance, 0.5), speed, circle
+    # 10 um off centre.
+    return rotor, critical, speed, disk.mass * 1e-5 * speed**2
+
+
+def circle(ratio, damping):
+    """Of the whirl, as a complex number of the unbalance's direction [m]."""
+    return 1e-5 * ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.95, 1.0, 1.4, 5.0])
 @pytest.mark.parametrize("damping", [0.001, 0.2])
 def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping, figure):
-    rotor, system, speed, circle = jeffcott(ratio, damping, modes=2)
+    rotor, _, speed, amplitude = jeffcott(ratio, modes=2)
+    mass, damped, stiffness = turning(rotor, speed, damping)
     # f(t) = Re (f e^(i speed t)), whose imaginary part is that of a quarter of a turn before.
-    force = system.force(0.0) - 1j * system.force(0.5 * np.pi / speed)
-    matrix = system.stiffness - speed**2 * system.mass + 1j * speed * system.damping
-    response = np.linalg.solve(matrix, force)
-    x, y = rotor.deflection(0.5) @ response
-    figure("rotor", "unbalance response of a Jeffcott rotor", abs(x / circle - 1), most=2e-6)
-    assert y == pytest.approx(-1j * circle, rel=2e-6)
+    force = amplitude * rotor.motion(0.5)[:2].T @ [1.0, -1.0j]
+    x, y = rotor.motion(0.5)[:2] @ np.linalg.solve(
+        stiffness - speed**2 * mass + 1j * speed * damped, force
+    )
+    expected = circle(ratio, damping)
+    figure("rotor", "unbalance response of a Jeffcott rotor", abs(x / expected - 1), most=2e-6)
+    assert y == pytest.approx(-1j * expected, rel=2e-6)
 
 
 def test_unbalance_whirl_in_time(figure):
-    rotor, system, speed, circle = jeffcott(1.4, 0.05)
-    start = np.array([circle.real, circle.imag])
-    shape = rotor.deflection(0.5)
-    x, rate = (np.linalg.solve(shape, v) for v in (start, speed * np.array([-start[1], start[0]])))
+    ratio, damping = 1.4, 0.05
+    rotor, critical, speed, amplitude = jeffcott(ratio)
+    mechanism = Mechanism(
+        {"shaft": ShaftBody(rotor, 1e-3, damping, {"middle": 0.5})},
+        joints={},
+        drives={"shaft": Speed(speed)},
+        forces={"unbalance": RotatingForce("shaft.middle", amplitude, speed)},
+    )
+    # From rest: the whirl, and what dies out of the free vibration.
+    radius, free = circle(ratio, damping), critical * (-damping + 1j * np.sqrt(1 - damping**2))
+    other = np.conj(free)
+    shares = np.linalg.solve([[1.0, 1.0], [free, other]], [-radius, -1j * speed * radius])
     errors = []
-    for tolerance in (1e-5, 1e-7):
-        problem = Unlubricated(system, np.abs(x).max())
-        control = StepControl(tolerance, 1e-6, 1e-12, 1.0)
-        *_, last = integrate(problem, (0.0, 2 * np.pi / speed), x, rate, control)
-        errors.append(np.abs(shape @ last.x - start).max() / abs(circle))
-    figure("rotor", "the same, integrated over a revolution", errors[1], most=3e-4, unit="%")
+    for tolerance in (1e-6, 1e-8):
+        result = simulate(mechanism, 4 * np.pi / speed, tolerance=tolerance, order=2)
+        found = result.bodies["shaft"][:, 1:] @ rotor.motion(0.5)[:2].T @ [1.0, 1.0j]
+        time = result.time
+        exact = radius * np.exp(1j * speed * time) + shares @ np.exp(np.outer([free, other], time))
+        errors.append(np.abs(found - exact).max() / np.abs(exact).max())
+    figure("rotor", "the same in time, from rest", errors[1], most=3e-3, unit="%")
     assert errors[0] / errors[1] > 10  # order 2: tolerance^(2/3), 21

@@ -8,11 +8,11 @@ import attrs
 import numpy as np
 import pytest
 
+from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.bearing.coefficients import stability
 from fenics_ehd.bearing.film import BearingFilm
 from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings, Groove
-from fenics_ehd.errors import SettingsError, SolverError
 
 pytestmark = pytest.mark.kernels
 
@@ -156,7 +156,7 @@ def test_slopes_are_the_derivatives_of_the_force(settings):
     position = c * np.array([0.45, 0.35])
     film = BearingFilm(settings, position)
     middle = film.operate(position)
-    place, rate = film.slopes(middle)
+    place, rate = film.derivatives(middle)
     step = 1e-6
     for column, direction in enumerate(np.eye(2)):
         ends = [film.operate(position + s * step * c * direction, middle.state) for s in (1, -1)]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import fenics_ehd.bearing.operating_point
-from fenics_ehd.cli import main
-from fenics_ehd.errors import CavitationError
+from fenics_ehd.base.errors import CavitationError
+from fenics_ehd.cli.main import main
 
 PROMISED = {
     "load_N", "attitude_angle_deg", "max_pressure_Pa", "max_pressure_angle_deg",
@@ -36,7 +36,15 @@ def refuse(name):
 
 
 def test_a_process_of_its_own_prints_json_and_nothing_else():
-    command = [sys.executable, "-m", "fenics_ehd.cli", "bearing", "--eccentricity", "0.6", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "fenics_ehd.cli",
+        "bearing",
+        "--eccentricity",
+        "0.6",
+        "--json",
+    ]
     result = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stderr
     values = json.loads(result.stdout, parse_constant=refuse)
@@ -53,7 +61,7 @@ def test_a_process_of_its_own_prints_json_and_nothing_else():
 
 def test_help_imports_no_numerics():
     code = (
-        "import sys\nfrom fenics_ehd.cli import cli\n"
+        "import sys\nfrom fenics_ehd.cli.main import cli\n"
         "cli.main(['bearing', '--help'], standalone_mode=False)\n"
         "heavy = {'dolfinx', 'petsc4py', 'numpy', 'matplotlib'} & set(sys.modules)\n"
         "sys.exit(', '.join(heavy) or 0)"

@@ -1,4 +1,4 @@
-"""The competitors of SNES-VI against each other, against all partitions and against tables."""
+"""The competitors of SNES-VI against each other, against all active sets and against tables."""
 
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ from film_solvers import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracle_cavitation import enumerate_partitions, finite_volumes, journal_load
+from oracle_cavitation import enumerate_active_sets, finite_volumes, journal_load
 from scipy import sparse
 
 EPSILON = 1e-9  # of the penalty
@@ -94,9 +94,9 @@ def close(pressure, expected, accuracy=1e-7):
 @pytest.mark.parametrize("solver", SOLVERS)
 @given(problem=problems())
 @settings(deadline=None, max_examples=25)
-def test_every_solver_finds_the_one_right_partition(solver, problem):
+def test_every_solver_finds_the_one_right_active_set(solver, problem):
     matrix, rhs = problem
-    expected = enumerate_partitions(matrix.toarray(), rhs)
+    expected = enumerate_active_sets(matrix.toarray(), rhs)
     result = solver(matrix, rhs)
     # Exchanging whole zones may cycle, and says so; the other two always arrive.
     assert result.converged or solver in (by_goenka, by_penalty)
@@ -109,7 +109,7 @@ def test_every_solver_finds_the_one_right_partition(solver, problem):
 
 @given(problem=problems(largest=30))
 @settings(deadline=None, max_examples=25)
-def test_relaxation_and_pivots_agree_where_partitions_are_too_many(problem):
+def test_relaxation_and_pivots_agree_where_active_sets_are_too_many(problem):
     matrix, rhs = problem
     relaxed, pivoted = by_relaxation(matrix, rhs), by_block_pivots(matrix, rhs)
     assert relaxed.converged
@@ -126,7 +126,7 @@ def test_the_start_does_not_change_the_solution(problem, start):
     matrix, rhs = problem
     n = len(rhs)
     guess = ((start >> np.arange(n)) % 2).astype(float)
-    expected = enumerate_partitions(matrix.toarray(), rhs)
+    expected = enumerate_active_sets(matrix.toarray(), rhs)
     for solver in (by_relaxation, by_block_pivots):
         assert close(solver(matrix, rhs, guess).pressure, expected)
 
@@ -134,9 +134,9 @@ def test_the_start_does_not_change_the_solution(problem, start):
 def test_enumeration_finds_a_known_solution():
     # The second node would have the pressure -1 in a full film.
     matrix, rhs = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([3.0, 0.0])
-    np.testing.assert_allclose(enumerate_partitions(matrix, rhs), [1.5, 0.0])
+    np.testing.assert_allclose(enumerate_active_sets(matrix, rhs), [1.5, 0.0])
     with pytest.raises(ValueError, match="15 nodes"):
-        enumerate_partitions(np.eye(15), np.ones(15))
+        enumerate_active_sets(np.eye(15), np.ones(15))
 
 
 def test_exchange_of_whole_zones_can_cycle_and_single_pivots_end_it():
@@ -147,7 +147,7 @@ def test_exchange_of_whole_zones_can_cycle_and_single_pivots_end_it():
     assert not by_penalty(matrix, rhs).converged
     result = by_block_pivots(matrix, rhs)
     assert result.converged
-    assert close(result.pressure, enumerate_partitions(dense, rhs))
+    assert close(result.pressure, enumerate_active_sets(dense, rhs))
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.05, 0.3, 0.6])
@@ -158,7 +158,7 @@ def test_consistent_mass_is_taken_as_printed(shift):
     mass = sparse.diags([1.0, 4.0, 1.0], [-1, 0, 1], (n, n), format="csr") / 6 / (n + 1)
     rhs = mass @ np.sin(2 * np.pi * (np.arange(1, n + 1) / (n + 1) + shift))
     printed = np.linalg.solve(mass.toarray(), np.column_stack([matrix.toarray(), rhs]))
-    expected = enumerate_partitions(printed[:, :n], printed[:, n])
+    expected = enumerate_active_sets(printed[:, :n], printed[:, n])
     pivoted = block_pivot(matrix, rhs, None, 1e-13, direct(), mass=mass)
     penalised = penalty(matrix, rhs, None, 1e-12, direct(), epsilon=EPSILON, mass=mass)
     assert 0 < np.count_nonzero(expected) < n

@@ -1,11 +1,9 @@
-"""Reduced bodies for others: plain arrays, Matrix Market, and Exudyn, which must move them right.
+"""Reduced bodies for others: plain arrays, Matrix Market; Exudyn, a demo, must move them right.
 
 What needs Exudyn is skipped without it; it runs with ``pip install --no-deps --target DIR exudyn``
 and DIR on PYTHONPATH.
 """
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,19 +11,18 @@ import pytest
 from mpi4py import MPI
 from scipy import sparse
 from scipy.io import mmread
-from scipy.linalg import eigh
+from test_demos import demo
 
-from fenics_ehd.errors import ExportError, StructureError
+from fenics_ehd.base.errors import ExportError
 from fenics_ehd.reduction import ResidualFlexibility, craig_bampton, load_dependent, rigid
 from fenics_ehd.reduction.export import contents, export_matrix_market, export_npz
-from fenics_ehd.reduction.export_exudyn import export_exudyn
-from fenics_ehd.reduction.exudyn_body import ExudynMissingError, add_body, frequencies, read
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.projection import Basis, gram_matrices, project
 from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.reduction.spatial_inertia import spatial_inertia
-from fenics_ehd.scenes.rod import build_structure
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.scene_file import read_scene
+
+exudyn_body = demo("exudyn_body")
 
 METHODS = ("m3", "m1")
 
@@ -45,14 +42,9 @@ def bodies(rod_structure):
 
 
 @pytest.fixture(scope="module")
-def spatial(rod_structure, mass, bodies):
-    return {m: spatial_inertia(rod_structure, mass, b.columns) for m, b in bodies.items()}
-
-
-@pytest.fixture(scope="module")
-def files(bodies, spatial, tmp_path_factory):
+def files(bodies, rod_structure, tmp_path_factory):
     folder = tmp_path_factory.mktemp("exudyn")
-    return {m: export_exudyn(b, folder / m, spatial[m]) for m, b in bodies.items()}
+    return {m: exudyn_body.export(b, rod_structure, folder / f"{m}.npz") for m, b in bodies.items()}
 
 
 def with_residual(body):
@@ -75,19 +67,13 @@ def test_npz_holds_the_body_bit_for_bit_under_documented_names(bodies, tmp_path,
     with np.load(path, allow_pickle=False) as file:
         found = dict(file)
     assert {name for name in found if f"``{name}``" not in export_npz.__doc__} == set()
-    for name, item in contents(body).items():
-        np.testing.assert_array_equal(found[name], item.value)
-    for name in ("stiffness", "mass", "bore_basis", "pressure_nodes", "rigid_mass", "rigid_load"):
+    for name, value in contents(body).items():
+        np.testing.assert_array_equal(found[name], value)
+    np.testing.assert_array_equal(found["pressure_nodes"], body.pressure_nodes)
+    for name in ("stiffness", "mass", "bore_basis", "rigid_mass", "rigid_load"):
         assert found[name].tobytes() == getattr(body, name).tobytes()
     assert tuple(found["kinds"]) == body.kinds
     assert ("residual_patterns" in found) == residual
-    inertia = body.inertia
-    np.testing.assert_allclose(found["total_mass"], inertia.total_mass, rtol=1e-12)
-    np.testing.assert_allclose(found["centre_of_mass"][:2], inertia.centre_of_mass, atol=1e-12)
-    polar = inertia.polar_inertia + inertia.total_mass * inertia.centre_of_mass @ (
-        inertia.centre_of_mass
-    )
-    np.testing.assert_allclose(found["inertia_tensor"][2, 2], polar, rtol=1e-12)
 
 
 def test_a_rigid_body_has_empty_matrices(rod_structure, tmp_path):
@@ -118,6 +104,7 @@ def test_matrix_market_returns_every_bit(bodies, tmp_path):
         found = found.toarray() if sparse.issparse(found) else found
         np.testing.assert_array_equal(found, matrix)
         assert f"{name}.mtx, {len(matrix)} x " in readme
+        assert f"``{name}``" in readme
     assert {path.name for path in folder.glob("*.mtx")} == {
         line.split(",")[0] for line in readme.splitlines() if ".mtx," in line
     }
@@ -134,24 +121,28 @@ def test_matrices_that_are_not_quite_symmetric_keep_both_halves(bodies, tmp_path
     np.testing.assert_array_equal(mmread(folder / "stiffness.mtx").toarray(), stiffness)
 
 
+def test_a_rigid_body_has_no_matrices_for_matrix_market(rod_structure, tmp_path):
+    with pytest.raises(ExportError, match=r"this body is rigid: .* use npz"):
+        export_matrix_market(rigid(rod_structure), tmp_path / "rod")
+
+
+def test_several_bores_stand_one_after_the_other():
+    bodies = read_scene("slider-crank-both-ends").bodies
+    part = elastic_part(bodies["rod"], "rod", "lagrange", MPI.COMM_SELF).source
+    body = load_dependent(part, 6, 8, estimate_error=False)
+    found = contents(body)
+    first, second = body.bores.values()
+    m, k = found["bore_sizes"].T
+    assert list(found["bore_names"]) == ["bore", "pin"]
+    assert (m.sum(), k.sum()) == (len(body.bore_basis), body.load_projection.shape[1])
+    np.testing.assert_allclose(found["bore_centre"], [[0, 0, 0], [0.16, 0, 0]], atol=1e-12)
+    there = found["bore_nodes"][found["bore_cells"]]
+    for bore, cells in ((first, there[: len(first.cells)]), (second, there[len(first.cells) :])):
+        around = np.linalg.norm((cells - bore.centre)[..., :2], axis=-1)
+        np.testing.assert_allclose(around, bore.radius, rtol=1e-6)
+
+
 # Inertia couplings
-
-
-@pytest.mark.mpi
-def test_plane_motion_is_a_part_of_spatial_motion():
-    structure = build_structure(SliderCrankSettings(), MPI.COMM_WORLD)
-    body = load_dependent(structure, 6, 8, keep_basis=True, estimate_error=False)
-    found = spatial_inertia(structure, MassOperator(structure.mass), body.columns)
-    plane = np.delete(np.arange(4 + body.modes), 3)
-    square = np.ix_(plane, plane)
-    for ours, theirs in (
-        (found.mass, body.inertia.mass),
-        (found.spin[2], body.inertia.spin),
-        (found.centrifugal[2, 2], body.inertia.centrifugal),
-    ):
-        size = np.sqrt(np.diag(body.inertia.mass))
-        assert np.abs((ours[square] - theirs) / np.outer(size, size)).max() < 1e-12
-    np.testing.assert_allclose(found.inertia_tensor, body.rigid_mass[3:, 3:], atol=1e-14)
 
 
 def tilde(columns):
@@ -159,6 +150,21 @@ def tilde(columns):
     nodes = columns.reshape(-1, 3, columns.shape[1])
     skew = np.cross(nodes[:, None, :, :], np.eye(3)[None, :, :, None], axis=2)
     return skew.transpose(0, 2, 3, 1).reshape(len(columns), -1)
+
+
+def test_plane_motion_is_a_part_of_spatial_motion(rod_structure, bodies):
+    body = bodies["m3"]
+    mass, spin, centrifugal = exudyn_body.inertia(rod_structure, body.columns)
+    plane = np.delete(np.arange(4 + body.modes), 3)
+    square = np.ix_(plane, plane)
+    size = np.sqrt(np.diag(body.inertia.mass))
+    for ours, theirs in (
+        (mass, body.inertia.mass),
+        (spin[2], body.inertia.spin),
+        (centrifugal[2, 2], body.inertia.centrifugal),
+    ):
+        assert np.abs((ours[square] - theirs) / np.outer(size, size)).max() < 1e-12
+    np.testing.assert_allclose(centrifugal[:, :, 0, 0], body.rigid_mass[3:, 3:], atol=1e-14)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -184,70 +190,28 @@ def test_couplings_are_the_sums_over_the_part(rod_structure, bodies, files, meth
         "mPsiTildePsi": psi_tilde.T @ (m @ psi),
         "mPsiTildePsiTilde": psi_tilde.T @ (m @ psi_tilde),
     }
-    found = read(files[method])
-    assert {name for name in found if f"``{name}``" not in export_exudyn.__doc__} == set()
+    with np.load(files[method], allow_pickle=False) as file:
+        found = dict(file)
     for name, value in expected.items():
         assert found[name].shape == value.shape
         # What the symmetry of the rod makes zero is round-off.
         np.testing.assert_allclose(found[name], value, atol=1e-9 * np.abs(value).max() + 1e-13)
     mean = [v.array @ x[:, 0] for v in rod_structure.attachments["pin"]]
     np.testing.assert_allclose(found["xRef"][-3:], mean, atol=1e-12)
-    triangles = found["trigList"]
-    assert np.array_equal(np.unique(triangles), np.arange(int(found["bore_node_count"])))
-
-
-def test_mass_that_differs_along_the_axes_is_refused(rod_structure):
-    uneven = rod_structure.mass.copy()
-    scale = uneven.createVecRight()
-    scale.array = np.tile([1.0, 1.0, 1.01], scale.local_size // 3)
-    uneven.diagonalScale(scale, scale)
-    with pytest.raises(StructureError, match="mass is not the same along x, y and z"):
-        spatial_inertia(rod_structure, MassOperator(uneven), np.zeros((scale.local_size, 0)))
-
-
-def test_columns_of_another_part_are_refused(rod_structure, mass):
-    with pytest.raises(StructureError, match=r"columns of shape \(3, 2\)"):
-        spatial_inertia(rod_structure, mass, np.zeros((3, 2)))
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        (with_residual, "4 residual patterns, flexibility without mass.*m3 or full"),
-        (lambda b: replace(b, frame="clamped"), "clamped.*ObjectGenericODE2"),
-        (lambda b: replace(b, frequencies=np.zeros(0)), "rigid"),
-        (lambda b: replace(b, rigid_mass=np.zeros((0, 0))), "rigid_mass is empty"),
-        (lambda b: replace(b, mass=b.mass[::-1, ::-1]), "of other modes than the body"),
-        (lambda b: replace(b, frequencies=b.frequencies[1:]), "39 modes, the body has 38"),
+        with_residual,
+        lambda b: replace(b, frame="clamped"),
+        lambda b: replace(b, frequencies=np.zeros(0)),
     ],
 )
-def test_what_exudyn_cannot_hold_is_refused(bodies, spatial, tmp_path, change, message):
-    with pytest.raises(ExportError, match=message):
-        export_exudyn(change(bodies["m1"]), tmp_path / "rod.npz", spatial["m1"])
+def test_what_exudyn_cannot_hold_is_refused(bodies, rod_structure, tmp_path, change):
+    with pytest.raises(ExportError, match="M1, M2, M3"):
+        exudyn_body.export(change(bodies["m1"]), rod_structure, tmp_path / "rod.npz")
     assert not list(tmp_path.iterdir())
-
-
-def test_unknown_couplings_are_asked_for(bodies, tmp_path):
-    with pytest.raises(ExportError, match="spatial = spatial_inertia"):
-        export_exudyn(bodies["m1"], tmp_path / "rod.npz")
-
-
-# The script beside the file
-
-
-def test_script_stands_alone(files):
-    code = "import sys, exudyn_body; sys.exit('fenics_ehd' in sys.modules)"
-    path = f"import sys; sys.path.insert(0, {str(files['m3'].parent)!r}); "
-    subprocess.run([sys.executable, "-I", "-c", path + code], check=True)
-
-
-def test_missing_exudyn_and_a_foreign_file_are_named(files, bodies, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "exudyn.FEM", None)
-    with pytest.raises(ExudynMissingError, match="pip install exudyn"):
-        add_body(None, files["m3"])
-    path = export_npz(bodies["m3"], tmp_path / "rod.npz")
-    with pytest.raises(ValueError, match="is not a fenics_ehd body for Exudyn"):
-        read(path)
 
 
 # In Exudyn
@@ -258,16 +222,10 @@ def exudyn():
     return pytest.importorskip("exudyn")
 
 
-def free_frequencies(body):
-    """Elastic frequencies of the free part [Hz], rigid motion eliminated."""
-    share = body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_coupling)
-    values = eigh(body.stiffness, body.mass - share, eigvals_only=True)
-    return np.sqrt(values) / (2 * np.pi)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_exudyn_finds_the_free_frequencies(exudyn, bodies, files, method):
-    found, expected = frequencies(files[method]), free_frequencies(bodies[method])
+    found = exudyn_body.frequencies(files[method])
+    expected = exudyn_body.free_frequencies(bodies[method])
     assert found[:6].max() < 1e-3 * expected[0]
     np.testing.assert_allclose(found[6:], expected, rtol=1e-8)
 
@@ -279,15 +237,17 @@ def test_the_frame_does_not_change_the_frequencies(exudyn, rod_structure, mass, 
     matrices = gram_matrices(rod_structure, mass, columns)
     basis = Basis(columns, *matrices, body.kinds, (), {})
     other = project(rod_structure, mass, basis, method="m3", frame="bore-centre")
-    path = export_exudyn(other, tmp_path / "c2", spatial_inertia(rod_structure, mass, columns))
-    np.testing.assert_allclose(frequencies(path)[6:], free_frequencies(body), rtol=1e-7)
+    other = replace(other, columns=columns)
+    path = exudyn_body.export(other, rod_structure, tmp_path / "c2.npz")
+    expected = exudyn_body.free_frequencies(body)
+    np.testing.assert_allclose(exudyn_body.frequencies(path)[6:], expected, rtol=1e-7)
 
 
 def moving_body(exudyn, path, rates, **motion):
     """System with the body, its numbers, and modal coordinates and rates at the start."""
     container = exudyn.SystemContainer()
     mbs = container.AddSystem()
-    ids = add_body(mbs, path, **motion)
+    ids = exudyn_body.add_body(mbs, path, **motion)
     for name, values in zip(("initialCoordinates", "initialCoordinates_t"), rates, strict=True):
         mbs.SetNodeParameter(ids["nGenericODE2"], name, list(values))
     mbs.Assemble()
@@ -330,10 +290,10 @@ def test_inertia_in_exudyn_is_that_of_every_node(
         exudyn,
         files[method],
         (q, q_rate),
-        position=(0.1, 0.2, 0.3),
-        rotation=axes,
-        velocity=(1, 2, 3),
-        angular_velocity=omega,
+        positionRef=[0.1, 0.2, 0.3],
+        rotationMatrixRef=axes,
+        initialVelocity=[1, 2, 3],
+        initialAngularVelocity=list(omega),
     )
     solver, options = exudyn.MainSolverImplicitSecondOrder(), exudyn.SimulationSettings()
     options.solution.file.write = False
@@ -384,8 +344,8 @@ def test_free_motion_conserves_energy_and_momentum(
             exudyn,
             files[method],
             (0 * rate, rate),
-            velocity=(1, 2, 3),
-            angular_velocity=(50, -80, 500),
+            initialVelocity=[1, 2, 3],
+            initialAngularVelocity=[50, -80, 500],
         )
         figures = []
         for end in (None, 1e-3):
@@ -408,7 +368,7 @@ def test_free_motion_conserves_energy_and_momentum(
 def test_free_fall_neither_turns_nor_bends(exudyn, bodies, files, method):
     rest = np.zeros((2, bodies[method].modes))
     gravity = np.array([0.5, -9.81, 1.0])
-    _container, mbs, ids = moving_body(exudyn, files[method], rest, gravity=gravity)
+    _container, mbs, ids = moving_body(exudyn, files[method], rest, gravity=list(gravity))
     solve(exudyn, mbs, 1e-2, 50)
     kind = exudyn.OutputVariableType.Coordinates
     rigid = mbs.GetNodeOutput(ids["nRigidBody"], kind)
@@ -426,7 +386,7 @@ def test_force_at_a_boundary_point_bends_the_part(exudyn, bodies, files):
     pin = mbs.AddMarker(
         item.MarkerSuperElementPosition(
             bodyNumber=ids["oFFRFreducedOrder"],
-            meshNodeNumbers=[ids["points"]["pin"]],
+            meshNodeNumbers=[len(body.bore_nodes)],
             weightingFactors=[1.0],
         )
     )

@@ -1,7 +1,5 @@
 """Stiff and extreme runs: what was found wrong with them, and quick rows of the benchmark."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from extremes import measured
@@ -9,11 +7,10 @@ from extremes_case import scene
 from extremes_machines import machines
 from extremes_numerics import numerics
 from extremes_runs import Workshop
+from scene_runs import changed, follow
 
-from fenics_ehd.errors import FilmTooThinError
-from fenics_ehd.reduction import residual_flexibility
-from fenics_ehd.scenes.run import Totals, build_mechanism, simulate
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.base.errors import FilmTooThinError
+from fenics_ehd.multibody.run import Run
 
 QUICK = (
     "E = 1 GPa, 500 rad/s",
@@ -47,36 +44,46 @@ def test_a_row_goes_as_expected(shop, rows, name):
     assert row.passed, row.cells()
 
 
-def test_a_film_without_thickness_is_an_infinite_error(rod_body):
-    machine = build_mechanism(SliderCrankSettings(), rod_body)
-    gap = machine.watch(np.zeros(machine.size))
-    error = np.full_like(gap, 1e-9)
-    assert machine.error_norm(gap, error) == pytest.approx(1e-9 / gap.min())
-    gap[3] = -1e-7
-    assert machine.error_norm(gap, error) == np.inf
+def new_run(shop, settings):
+    built = shop.build(settings)
+    return Run(built.mechanism, built.steps, settings.span)
 
 
-def test_a_run_does_not_step_through_the_bore(rod_body):
+def test_a_film_without_thickness_is_an_infinite_error(shop):
+    run = new_run(shop, scene("m3"))
+    observed = run.norm.observe(run.state.x[0])
+    error = np.zeros_like(observed)
+    gaps = run.norm.gaps(observed)
+    error[: len(gaps)] = 1e-9
+    assert run.norm.error_norm(observed, error) == pytest.approx(1e-9 / gaps.min())
+    observed[3] = -1e-7
+    assert run.norm.error_norm(observed, error) == np.inf
+
+
+def test_a_run_does_not_step_through_the_bore(shop):
     """A rod as soft as rubber: the film closes at its nodes before it does at Gauss points."""
-    soft = replace(rod_body, stiffness=rod_body.stiffness / 210)
-    settings = scene("m3", 0.1)
-    films = []
-    with pytest.raises(FilmTooThinError):
-        simulate(settings, soft, Totals(), lambda row, _: films.append(row["min_film_thickness_m"]))
-    assert min(films) > 0
+    soft = {"bodies.rod.material.youngs_modulus": 1e9}
+    found = follow(new_run(shop, scene("m3", 0.1, soft)), 1.0)
+    assert isinstance(found.error, FilmTooThinError)
+    assert found.film.min() > 0
 
 
-def test_few_patterns_without_damping_start_a_film(rod_structure):
-    """Full updates lead from one partition to another and back there, from 1e-8 s down."""
-    body = residual_flexibility(rod_structure, 6, truncation=0.1, estimate_error=False)
-    settings = scene("m4", 0.002, rod__damping_time=0.0)
-    totals = simulate(settings, body, Totals())
-    assert totals.max_pressure > 1e6
-    assert totals.rejections.keys() <= {"error above tolerance"}
+def test_few_patterns_without_damping_start_a_film(shop):
+    """Full updates lead from one active set to another and back there, from 1e-8 s down."""
+    few = {"bodies.rod.reduction.residual_truncation": 0.1, "bodies.rod.damping_time": 0.0}
+    settings = scene("m4", 0.002, few)
+    run = new_run(shop, settings)
+    found = follow(run, settings.span)
+    assert found.error is None
+    assert found.figures["max_pressure_Pa"] > 1e6
+    assert found.figures["rejected_because"].keys() <= {"error above tolerance"}
     # Only where full updates fail are others tried.
-    assert totals.steps + totals.rejected_steps < totals.film_solves < 1.5 * totals.steps
+    attempts = found.figures["steps"] + found.figures["rejected_steps"]
+    assert attempts < run._solve.solves < 1.5 * found.figures["steps"]
 
 
-def test_steps_that_converge_at_once_need_no_search(rod_body):
-    totals = simulate(scene("m3", 0.01), rod_body, Totals())
-    assert totals.film_solves == totals.steps + totals.rejected_steps
+def test_steps_that_converge_at_once_need_no_search(shop):
+    settings = changed(scene("m3", 0.01), {"time.tolerance": 1e-5})
+    run = new_run(shop, settings)
+    figures = follow(run, settings.span).figures
+    assert run._solve.solves == figures["steps"] + figures["rejected_steps"]

@@ -4,12 +4,12 @@ import h5py
 import numpy as np
 import pytest
 
-from fenics_ehd.errors import CavitationError, MeshError, StepSizeError
-from fenics_ehd.output import keeping_failed_film
+from fenics_ehd.base.errors import CavitationError, MeshError, StepSizeError
+from fenics_ehd.base.output import keeping_failed_film
 
 
 def test_film_behind_a_step_that_fell_too_short_is_kept(tmp_path):
-    film = CavitationError("no partition", {"pressure": np.arange(4.0), "thickness": np.eye(2)})
+    film = CavitationError("no active set", {"pressure": np.arange(4.0), "thickness": np.eye(2)})
     with (
         pytest.raises(StepSizeError, match=r"too short; the film is kept in .*failed_film\.h5"),
         keeping_failed_film(tmp_path),

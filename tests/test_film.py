@@ -15,10 +15,11 @@ from film_cases import (
     shaft,
     solve,
 )
+from film_grids import graded_grid
 
-from fenics_ehd.errors import GapClosedError, SettingsError
+from fenics_ehd.base.errors import GapClosedError, SettingsError
 from fenics_ehd.film import Gap, Lubricant
-from fenics_ehd.film.grid import FilmGrid, graded_grid, uniform_grid
+from fenics_ehd.film.grid import FilmGrid, uniform_grid
 from fenics_ehd.film.supply import AxialGroove, Sides
 
 pytestmark = pytest.mark.kernels

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from differences import slope
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, given_gap, make_film
+from film_grids import graded_grid
 
 from fenics_ehd.film import Lubricant
-from fenics_ehd.film.grid import graded_grid, uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 
 HALF = 0.6  # half width over radius
 RATES = {"bilinear": 2.0, "serendipity": 3.0, "lagrange": 3.0}

@@ -9,10 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from fenics_ehd.multibody.crank import CrankMotion
-from fenics_ehd.multibody.floating_frame import inertia_forces, kinetic_energy, with_point_mass
-from fenics_ehd.multibody.guide import RodAngle
-from fenics_ehd.reduction.body import InertiaIntegrals
+from fenics_ehd.multibody.inertia_forces import (
+    FrameInertia,
+    in_order_of_coordinates,
+    rigid_integrals,
+    with_total,
+)
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 pytestmark = pytest.mark.kernels
 
@@ -40,40 +43,17 @@ class Cloud:
 
         return InertiaIntegrals(total(fields, fields), total(fields, turned), total(turned, turned))
 
-    def places(self, c1, xi, theta):
-        """Where the points are: ``C1 + A(theta) (x + Phi q - e)``, also for complex arguments."""
-        local = self.positions + self.modes @ xi[2:]
-        x, y = local[:, 0] + xi[0], local[:, 1] + xi[1]
-        c, s = np.cos(theta), np.sin(theta)
-        return np.stack([c1[0] + c * x - s * y, c1[1] + s * x + c * y, local[:, 2]], axis=1)
+    def places(self, z):
+        """Where the points are for ``(x, y, theta, q)``, also complex ones."""
+        local = self.positions + self.modes @ z[3:]
+        c, s = np.cos(z[2]), np.sin(z[2])
+        x, y = local[:, 0], local[:, 1]
+        return np.stack([z[0] + c * x - s * y, z[1] + s * x + c * y, local[:, 2]], axis=1)
 
-
-@dataclass
-class Motion:
-    """Parabolas ``value + t rate + t^2/2 acceleration`` of xi, theta and C1."""
-
-    xi: np.ndarray
-    theta: np.ndarray
-    c1: np.ndarray
-
-    @staticmethod
-    def _at(rows, t):
-        return rows[0] + t * rows[1] + 0.5 * t**2 * rows[2]
-
-    def coordinates(self, t):
-        """All coordinates that are free to vary: xi, then theta."""
-        return np.append(self._at(self.xi, t), self._at(self.theta, t))
-
-    def rates(self, t):
-        return np.append(self.xi[1] + t * self.xi[2], self.theta[1] + t * self.theta[2])
-
-    def crank(self):
-        return CrankMotion(*self.c1, speed=1.0)
-
-    def angle(self, slopes=None):
-        n = self.xi.shape[1]
-        slopes = np.zeros((3, n)) if slopes is None else slopes
-        return RodAngle(*self.theta, *slopes, curvature=lambda: np.zeros((n, n)))
+    def kinetic_energy(self, z, rates):
+        """Velocities by complex step, so exact, from positions alone."""
+        velocity = self.places(z + 1e-40j * rates).imag / 1e-40
+        return 0.5 * self.masses @ np.sum(velocity**2, axis=1)
 
 
 @st.composite
@@ -85,35 +65,33 @@ def clouds(draw):
 
 @st.composite
 def moving_clouds(draw):
+    """A cloud, its coordinates, rates and accelerations, and what gravity is felt as."""
     cloud = draw(clouds())
-    size = 2 + cloud.modes.shape[2]
-    motion = Motion(draw(numbers(3, size)), draw(numbers(3, largest=1.5)), draw(numbers(3, 2)))
-    return cloud, motion
+    return cloud, draw(numbers(3, 3 + cloud.modes.shape[2], largest=1.5)), draw(numbers(2))
 
 
-def point_energy(cloud, motion, coordinates, rates, t):
-    """Kinetic energy of the points; velocities by complex step, so exact, from positions alone."""
-    tiny = 1e-40
-    x, c1 = coordinates + 1j * tiny * rates, motion._at(motion.c1, t + 1j * tiny)
-    velocity = cloud.places(c1, x[:-1], x[-1]).imag / tiny
-    return 0.5 * cloud.masses @ np.sum(velocity**2, axis=1)
+def frame(cloud, motion, lift):
+    return FrameInertia(in_order_of_coordinates(cloud.integrals()), *motion, lift)
 
 
-def lagrange_forces(cloud, motion):
-    """``d/dt (dT/dx') - dT/dx`` at time zero for every coordinate."""
+def lagrange_forces(cloud, motion, lift):
+    """``d/dt (dT/dz') - d(T - V)/dz`` at time zero for every coordinate."""
+    z, v, a = motion
 
     def energy(t, change=0.0, rate_change=0.0):
-        return point_energy(
-            cloud, motion, motion.coordinates(t) + change, motion.rates(t) + rate_change, t
-        )
+        place = z + t * v + 0.5 * t**2 * a + change
+        return cloud.kinetic_energy(place, v + t * a + rate_change)
+
+    def lagrangian(change):
+        return energy(0.0, change) - cloud.masses @ cloud.places(z + change)[:, :2] @ lift
 
     forces = []
-    for unit in np.eye(len(motion.rates(0.0))):
+    for unit in np.eye(len(z)):
         # T is quadratic in the rates: a central difference over any step is exact.
         def momentum(t, unit=unit):
             return 0.5 * (energy(t, rate_change=unit) - energy(t, rate_change=-unit))
 
-        varied = slope(lambda h, unit=unit: energy(0.0, change=h * unit), step=0.02)
+        varied = slope(lambda h, unit=unit: lagrangian(h * unit), step=0.02)
         forces.append(slope(momentum, step=0.02) - varied)
     return np.array(forces)
 
@@ -121,68 +99,68 @@ def lagrange_forces(cloud, motion):
 @profile
 @given(moving_clouds())
 def test_inertia_forces_are_the_lagrange_equations_of_the_points(case):
-    cloud, motion = case
-    forces = inertia_forces(
-        cloud.integrals(), motion.crank(), motion.angle(), tuple(motion.xi), (0.0, 0.0)
-    )
-    found = np.append(forces.on_xi, forces.on_theta)
-    expected = lagrange_forces(cloud, motion)
+    cloud, motion, lift = case
+    expected = lagrange_forces(cloud, motion, lift)
+    found = frame(cloud, motion, lift).forces
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * cloud.masses.sum())
 
 
 @profile
-@given(moving_clouds(), st.data())
-def test_slopes_of_the_inertia_forces_equal_central_differences(case, data):
-    cloud, motion = case
-    size = motion.xi.shape[1]
-    # The angle may follow xi in any way: that is for the guide to say.
-    angle_slopes = data.draw(numbers(3, size, largest=3.0))
-    shifts = data.draw(st.floats(0.0, 50.0)), data.draw(st.floats(0.0, 2500.0))
-    integrals = cloud.integrals()
+@given(moving_clouds())
+def test_derivatives_of_the_inertia_forces_equal_central_differences(case):
+    cloud, motion, lift = case
+    derivatives = frame(cloud, motion, lift).derivatives()
+    found = derivatives.position, derivatives.rate, derivatives.acceleration
+    for row, derivative in enumerate(found):
 
-    def forces(change):
-        xi = motion.xi + np.outer([1.0, *shifts], change)
-        theta = motion.theta + angle_slopes @ change
-        moved = Motion(xi, theta, motion.c1)
-        return inertia_forces(
-            integrals, motion.crank(), moved.angle(angle_slopes), tuple(xi), shifts
-        )
+        def forces(change, row=row):
+            moved = motion.copy()
+            moved[row] += change
+            return frame(cloud, moved, lift).forces
 
-    here = forces(np.zeros(size))
-    # Differences over a step that moves the rates by 1e-2 at most.
-    step = 1e-2 / (1.0 + max(shifts))
-    found = np.vstack([here.on_xi_slope, here.on_theta_slope])
-    expected = np.column_stack([
-        slope(lambda h, u=unit: np.append((f := forces(h * u)).on_xi, f.on_theta), step=step / 4)
-        for unit in np.eye(size)
-    ])  # fmt: skip
-    scale = cloud.masses.sum() * (1.0 + max(shifts))
-    assert found == pytest.approx(expected, rel=1e-8, abs=1e-8 * scale)
+        columns = [slope(lambda h, u=u: forces(h * u)) for u in np.eye(motion.shape[1])]
+        expected = np.column_stack(columns)
+        assert derivative == pytest.approx(expected, rel=1e-9, abs=1e-9 * cloud.masses.sum())
 
 
 @profile
 @given(moving_clouds())
 def test_kinetic_energy_is_the_sum_over_the_points(case):
-    cloud, motion = case
-    found = kinetic_energy(cloud.integrals(), motion.crank(), motion.angle(), *motion.xi[:2])
-    expected = point_energy(cloud, motion, motion.coordinates(0.0), motion.rates(0.0), 0.0)
+    cloud, motion, lift = case
+    expected = cloud.kinetic_energy(*motion[:2])
+    found = frame(cloud, motion, lift).kinetic_energy
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-12 * cloud.masses.sum())
 
 
 @profile
-@given(clouds(), st.floats(0.1, 2.0), st.data())
-def test_a_point_mass_joins_the_cloud(cloud, mass, data):
-    position = data.draw(numbers(2))
-    modes = data.draw(numbers(2, cloud.modes.shape[2]))
-    # The planar frame carries the piston in its plane: no height, no motion along z.
-    larger = Cloud(
-        np.append(cloud.masses, mass),
-        np.vstack([cloud.positions, [*position, 0.0]]),
-        np.concatenate([cloud.modes, np.vstack([modes, 0 * modes[:1]])[None]]),
-    ).integrals()
-    found = with_point_mass(cloud.integrals(), np.column_stack([position, np.eye(2), modes]), mass)
+@given(clouds(), st.data())
+def test_another_total_is_that_of_masses_fixed_to_the_frame(cloud, data):
+    # In the plane, where the frame has its inertia.
+    added = Cloud(np.array([0.3, 0.5]), np.zeros((2, 3)), np.zeros((2, 3, cloud.modes.shape[2])))
+    added.positions[:, :2] = data.draw(numbers(2, 2))
+    parts = (np.concatenate(pair) for pair in zip(*(vars(c).values() for c in (cloud, added))))  # noqa: B905
+    larger = Cloud(*parts).integrals()
+    found = with_total(
+        cloud.integrals(), larger.total_mass, larger.polar_inertia, larger.centre_of_mass
+    )
+    # Heights of the points are none of a planar frame's business.
+    for name in ("spin", "centrifugal"):
+        assert getattr(found, name) == pytest.approx(getattr(larger, name), rel=1e-9, abs=1e-11)
+    assert found.mass[1:, 1:] == pytest.approx(larger.mass[1:, 1:], rel=1e-9, abs=1e-11)
+    assert found.centre_of_mass == pytest.approx(larger.centre_of_mass, rel=1e-9, abs=1e-11)
+    same = with_total(cloud.integrals(), None, None, None)
+    assert same.mass == pytest.approx(cloud.integrals().mass, abs=1e-12)
+
+
+@profile
+@given(numbers(3, 2), numbers(2))
+def test_integrals_of_a_rigid_body_are_those_of_its_points(positions, offset):
+    flat = np.column_stack([positions + offset, np.zeros(3)])
+    cloud = Cloud(np.array([0.4, 1.0, 1.6]), flat, np.zeros((3, 3, 0)))
+    expected = cloud.integrals()
+    found = rigid_integrals(expected.total_mass, expected.polar_inertia, expected.centre_of_mass)
     for name in ("mass", "spin", "centrifugal"):
-        assert getattr(found, name) == pytest.approx(getattr(larger, name), rel=1e-12, abs=1e-13)
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-12)
 
 
 def test_named_integrals_are_those_of_the_points():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film import Film, FilmParameters, Lubricant, ShaftMotion, shaft_gap
 from fenics_ehd.film.flow import flow_balance
 from fenics_ehd.film.forces import film_forces

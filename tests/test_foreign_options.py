@@ -7,12 +7,21 @@ import sys
 import pytest
 from mpi4py import MPI
 
-from fenics_ehd.errors import MeshError
-from fenics_ehd.geometry import build_mesh
-from fenics_ehd.models import model_path
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.models import model_path
 
 #: Where PETSc may be started from.
-MODULES = ("reduction", "film", "compat", "geometry", "structure", "surface_mesh", "sweeps.work")
+MODULES = (
+    "reduction",
+    "film",
+    "base.compat",
+    "fem.geometry",
+    "fem.structure",
+    "fem.surface_mesh",
+    "multibody.simulation",
+    "study.work",
+)
 
 
 def in_home(code, home, **environment):
@@ -44,7 +53,7 @@ def test_petsc_obeys_what_is_given_on_purpose_alone(module, tmp_path):
 
 MESHED = """
 from mpi4py import MPI
-from fenics_ehd.geometry import build_mesh
+from fenics_ehd.fem.geometry import build_mesh
 for cells in ("hex", "tet"):
     print(build_mesh("rod.geo", cells=cells, comm=MPI.COMM_SELF).mesh.geometry.x.shape[0])
 """

@@ -13,14 +13,15 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import io, sparse
 
-from fenics_ehd.errors import StructureError
+from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.reduction import load_dependent
+from fenics_ehd.reduction.bore import mean_motion
 from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.matrices import as_matrix, reorder
-from fenics_ehd.reduction.structure import Structure, mean_motion
+from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.reduction.structure_file import load_structure, save_structure
-from fenics_ehd.sealed_file import seal
 
 COMM = MPI.COMM_WORLD
 
@@ -113,13 +114,13 @@ def test_scipy_matrices_keep_the_rows_of_each_rank(arguments, form):
     given = arguments["mass"].asformat(form)
     matrix = as_matrix(given, COMM, "mass")
     np.testing.assert_array_equal(whole(matrix), given.toarray())
-    load = as_matrix(arguments["bore"].load, COMM, "load", rows=matrix.local_size[0])
-    np.testing.assert_array_equal(whole(load), arguments["bore"].load.toarray())
+    load = as_matrix(arguments["bores"].load, COMM, "load", rows=matrix.local_size[0])
+    np.testing.assert_array_equal(whole(load), arguments["bores"].load.toarray())
 
 
 @pytest.mark.mpi
 def test_rectangular_files_have_the_rows_of_the_stiffness_matrix(folder, arguments):
-    load = arguments["bore"].load
+    load = arguments["bores"].load
     if COMM.rank == 0:
         write_binary(folder / "load.dat", load)
         write_hdf5(folder / "load.h5", load)
@@ -419,13 +420,13 @@ def test_file_of_another_program_may_be_plainer(folder, arguments):
         for name in ("stiffness", "mass"):
             write_hdf5(folder / "part.h5", arguments[name], name)
         with h5py.File(folder / "part.h5", "a") as file:
-            file.attrs.update(format="fenics_ehd structure", format_version=1)
+            file.attrs.update(format="fenics_ehd structure", format_version=2)
             file["coordinates"] = arguments["coordinates"]
             file["attachments/pin/nodes"] = [3, 5]
             file["attachments/pin/weights"] = [1, 3]
     COMM.barrier()
     part = load_structure(folder / "part.h5")
-    assert part.bore is None
+    assert not part.bores
     assert part.comm.allreduce(part.attachments["pin"][1].array.sum()) == pytest.approx(1)
     check_structure(part)
 
@@ -435,11 +436,11 @@ def test_file_of_another_program_may_be_plainer(folder, arguments):
     ("change", "message"),
     [
         ({"format": "something"}, "not a fenics_ehd structure"),
-        ({"format_version": 7}, "format version 7, this program reads 1"),
+        ({"format_version": 7}, "format version 7, this program reads 2"),
         ("truncate", "part.h5"),
         ("coordinates", "coordinates"),
-        ("bore/nodes", "nodes"),
-        ("bore/load", "load"),
+        ("bores/bore/nodes", "nodes"),
+        ("bores/bore/load", "load"),
         ("mass/data", "data"),
     ],
 )
@@ -464,7 +465,7 @@ def test_spoiled_files_are_named(folder, change, message):
 def test_file_that_cannot_be_written_is_named(folder):
     with pytest.raises(StructureError, match=r"nowhere/part\.h5"):
         save_structure(ring(), folder / "nowhere" / "part.h5")
-    with pytest.raises(StructureError, match="attachment 'a/b': a file needs a name without"):
+    with pytest.raises(StructureError, match="name 'a/b': a file needs one without"):
         save_structure(ring(attachments={"a/b": [3]}), folder / "part.h5")
 
 

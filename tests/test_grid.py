@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from film_cases import FAMILIES, R
+from film_grids import graded_grid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fenics_ehd.errors import InterfaceMismatchError, SettingsError
-from fenics_ehd.film.grid import FilmGrid, aligned_grid, graded_grid, uniform_grid
+from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
+from fenics_ehd.film.grid import FilmGrid, aligned_grid, uniform_grid
 from fenics_ehd.film.layout import film_grid, film_layout, match
 
 COUNTS = {"bilinear": 120, "serendipity": 340, "lagrange": 440}
@@ -49,29 +50,6 @@ def test_interpolation_is_exact_for_the_nodes_and_for_polynomials(family):
     turns = 2 * np.pi * random.integers(-3, 4, 300)
     found = grid.interpolation(phi + turns, z) @ field(angle, height)
     np.testing.assert_allclose(found, field(phi, z), rtol=1e-10, atol=1e-10)
-
-
-@given(
-    around=st.integers(3, 200), focus=st.floats(-10, 10), ratio=st.floats(1, 1e4, exclude_min=True)
-)
-@settings(deadline=None)
-def test_graded_cells_follow_their_density(around, focus, ratio):
-    angles = graded_grid(R, R, (around, 1), focus=focus, ratio=ratio).angles - focus
-    density = (ratio - 1) / (ratio + 1)
-    np.testing.assert_allclose(
-        angles + density * np.sin(angles), 2 * np.pi * np.arange(around + 1) / around, atol=1e-9
-    )
-    sizes = np.diff(angles)
-    # Symmetric about the focus, where the cells are smallest.
-    np.testing.assert_allclose(sizes, sizes[::-1], atol=1e-7)
-    assert sizes[0] == pytest.approx(sizes.min(), rel=1e-6)
-    # Cells are means of the density over themselves: the ratio is reached with many cells.
-    assert sizes.max() / sizes.min() <= ratio * (1 + 1e-6)
-
-
-def test_grading_reaches_its_ratio_with_many_cells():
-    sizes = np.diff(graded_grid(R, R, (4000, 1), focus=0.0, ratio=50.0).angles)
-    assert sizes.max() / sizes.min() == pytest.approx(50.0, rel=1e-2)
 
 
 @given(
@@ -135,10 +113,6 @@ def test_coarser_grid_keeps_every_other_boundary(family):
         (lambda: uniform_grid(R, -R, (20, 5)), "must ascend"),
         (lambda: uniform_grid(R, np.nan, (20, 5)), "must ascend"),
         (lambda: uniform_grid(R, R, (20, 5), "hermite"), "'hermite' is not one of bilinear"),
-        (lambda: graded_grid(R, R, (20, 5), focus=0, ratio=0.5), "ratio is 0.5"),
-        (lambda: graded_grid(R, R, (20, 5), focus=0, ratio=np.nan), "ratio is nan"),
-        (lambda: graded_grid(R, R, (20, 5), focus=np.nan, ratio=2.0), "must ascend"),
-        (lambda: graded_grid(R, R, (-3, 5), focus=0, ratio=2.0), "at least 3"),
         (lambda: FilmGrid(R, np.linspace(0, 6, 9), np.arange(3.0)), "6 rad, not one turn"),
         (lambda: uniform_grid(-R, R, (20, 5)), "radius"),
         (lambda: uniform_grid(np.nan, R, (20, 5)), "radius"),

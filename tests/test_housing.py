@@ -1,43 +1,52 @@
-"""The housing: its mesh, its clamped foot, its reduction, and the rotor in it."""
+"""The housing: its mesh, its clamped foot, its reduction, and a shaft in it."""
 
 import json
 import subprocess
 import sys
-import tomllib
+from dataclasses import replace
 
+import attrs
 import numpy as np
 import pytest
 from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
-from fenics_ehd.commands.rotor import read_settings
-from fenics_ehd.errors import MeshError
-from fenics_ehd.geometry import build_mesh
-from fenics_ehd.models import model_path
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.models import model_path
 from fenics_ehd.multibody.energy import ENERGY_LIMIT
-from fenics_ehd.output import read_history
-from fenics_ehd.reduction import save_body
+from fenics_ehd.multibody.simulation import simulate
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
-from fenics_ehd.scenes.housing import build_structure, origin, reduce_housing, reduce_structure
-from fenics_ehd.scenes.rotor_run import simulate
-from fenics_ehd.scenes.rotor_settings import Housing, Reduction, RotorSettings, Shaft, Time
-from fenics_ehd.scenes.transient import Totals
-from fenics_ehd.settings import build, to_toml
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.part import (
+    reduce_structure,
+    reduction_provenance,
+    structure_provenance,
+)
+from fenics_ehd.scenes.part_settings import ReductionSettings
+from fenics_ehd.scenes.scene_file import read_scene
 
 HEIGHT, THICKNESS, FOOT = 0.060, 0.022, 0.104
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
 #: Six modes of the held housing, nothing else.
-LOWEST = Reduction(method="m1", modes=6, estimate_error=False)
+LOWEST = ReductionSettings(method="m1", modes=6, estimate_error=False)
 
 #: Two layers along, one through the ring: for what does not depend on the mesh.
 COARSE = {"bore_cells_around": 10, "bore_cells_along": 2, "ring_layers": 1, "web_layers": 2}
 
 
-def housing_settings(geometry=None, **reduction):
-    return RotorSettings(housing=Housing(geometry=geometry or {}), reduction=Reduction(**reduction))
+def housing_settings(geometry=None, **changes):
+    return attrs.evolve(
+        read_scene("rotor-paper").bodies["housing"], geometry=geometry or {}, **changes
+    )
+
+
+def build_structure(settings, comm=MPI.COMM_SELF):
+    return elastic_part(settings, "bodies.housing", "lagrange", comm).source
 
 
 @pytest.fixture(scope="module")
@@ -47,13 +56,13 @@ def structure(housing_structure):
 
 @pytest.fixture(scope="module")
 def coarse():
-    return build_structure(housing_settings(COARSE), MPI.COMM_SELF)
+    return build_structure(housing_settings(COARSE))
 
 
 @pytest.fixture(scope="module")
 def whole(coarse):
     """The coarse housing with its full interface."""
-    return reduce_structure(coarse, Reduction(method="full", vibration_modes=4))
+    return reduce_structure(coarse, ReductionSettings(method="full", vibration_modes=4))
 
 
 def as_scipy(matrix):
@@ -79,7 +88,7 @@ def profile_area():
 
 def test_default_housing_has_the_papers_degrees_of_freedom(structure):
     assert structure.size == 8931
-    bore = structure.lubricated_bore
+    bore = structure.bore
     assert len(bore.nodes) == 340
     assert (bore.radius, bore.width) == pytest.approx((0.0225, THICKNESS))
     # A cell boundary at angle zero, where the film mesh starts.
@@ -128,16 +137,14 @@ def test_frequencies_converge_from_above():
             "bore_cells_around": 10 * n, "bore_cells_along": 2 * n, "ring_layers": n,
             "web_layers": 2 * n, "foot_layers": n, "foot_cells": n,
         }  # fmt: skip
-        part = build_structure(housing_settings(geometry), MPI.COMM_SELF)
+        part = build_structure(housing_settings(geometry))
         found.append(reduce_structure(part, LOWEST).frequencies)
     fallen, falling = -np.diff(found, axis=0)
     # Refined once and once more: order 1 would be a ratio of 3. The corners between ring, web and
     # foot, where stresses are infinite, keep it from the elements' own.
     assert np.all(falling > 0)
     assert np.all(fallen > 4 * falling)
-    default = reduce_structure(
-        build_structure(housing_settings(), MPI.COMM_SELF), LOWEST
-    ).frequencies
+    default = reduce_structure(build_structure(housing_settings()), LOWEST).frequencies
     assert np.all((found[2] < default) & (default < found[1]))
 
 
@@ -153,7 +160,7 @@ METHODS = {
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_reduces_the_held_housing(coarse, whole, method):
-    body = reduce_structure(coarse, Reduction(method=method, **METHODS[method]))
+    body = reduce_structure(coarse, ReductionSettings(method=method, **METHODS[method]))
     assert body.frame == "clamped"
     pushed = 1.0 + np.cos(np.arctan2(body.pressure_nodes[:, 1], body.pressure_nodes[:, 0]))
     followed = body.basis_flexibility() @ pushed
@@ -186,148 +193,35 @@ def test_geometry_that_cannot_be_is_named(geometry, message):
         build_mesh(model_path("housing"), geometry, comm=MPI.COMM_SELF)
 
 
-def test_settings_read_back_as_printed():
-    assert build(RotorSettings, tomllib.loads(to_toml(RotorSettings()))) == RotorSettings()
-
-
-def test_a_model_is_found_again_from_elsewhere(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    settings = read_settings("scene.toml", {"scene": "rotor", "housing": {"model": "mine.geo"}})
-    assert settings.housing.model == str(tmp_path / "mine.geo")
-
-
 def test_structure_without_a_foot_is_named(tmp_path):
     text = model_path("housing").read_text().replace('Physical Surface("foot", 3)', "x[]")
     (tmp_path / "loose.geo").write_text(text)
-    settings = RotorSettings(housing=Housing(model=str(tmp_path / "loose.geo")))
     with pytest.raises(MeshError, match="'foot'"):
-        build_structure(settings, MPI.COMM_SELF)
+        build_structure(housing_settings(model=str(tmp_path / "loose.geo")))
 
 
-# --- The rotor in it
-
-
-@pytest.fixture(scope="module")
-def body_file(tmp_path_factory):
-    settings = housing_settings(COARSE, vibration_modes=4, residual_modes=4)
-    path = tmp_path_factory.mktemp("body") / "housing.h5"
-    save_body(reduce_housing(settings, MPI.COMM_SELF).body, path)
-    return path
-
-
-def call(*arguments):
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300
-    )
-
-
-SCENE = """
-scene = "rotor"
-[shaft]
-revolutions = 0.01
-[reduction]
-vibration_modes = 4
-residual_modes = 4
-[time]
-tolerance = 1e-3
-"""
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    path = tmp_path_factory.mktemp("scene") / "short.toml"
-    path.write_text(SCENE)
-    return path
-
-
-def test_run_writes_everything_it_promises(scene, body_file, tmp_path):
-    result = call("run", scene, "--body", body_file, "-o", tmp_path, "--json")
-    assert result.returncode == 0, result.stderr
-    summary = json.loads(result.stdout)
-    promised = {
-        "max_pressure_Pa", "min_film_thickness_m", "steps", "newton_iterations",
-        "basis_error_estimate_m", "energy_balance_error", "modes", "method", "status",
-        "reduction_time_s", "wall_time_s", "versions",
-    }  # fmt: skip
-    assert promised <= set(summary)
-    assert (summary["scene"], summary["method"], summary["modes"]) == ("rotor", "m3", 8)
-    assert summary["rotor_mass_kg"] == pytest.approx(12.642, rel=1e-4)
-    assert summary["rotor_polar_inertia_kg_m2"] == pytest.approx(3.998e-3, rel=1e-3)
-    history = read_history(tmp_path)
-    assert len(history["time_s"]) == summary["steps"]
-    assert {"eccentricity_x_m", "tilt_y_rad", "kinetic_energy_J", "drive_W"} <= set(history)
-    assert (tmp_path / "max_pressure.png").stat().st_size > 1000
-
-
-def test_run_reports_in_a_few_lines(scene, body_file, tmp_path):
-    result = call("run", scene, "--body", body_file, "-o", tmp_path, "--no-plots")
-    assert result.returncode == 0, result.stderr
-    assert "20 modes of the shaft, m3 with 8 of the housing" in result.stdout
+def test_provenance_names_what_the_body_depends_on():
+    settings = housing_settings({"wall": 0.011}, reduction=ReductionSettings(method="m4"))
+    found = structure_provenance(settings, model_path("housing"), "lagrange")
+    found |= reduction_provenance(settings.reduction)
+    assert found["geometry.wall"] == "0.011"
+    assert found["residual_truncation"] == "0.0001"
+    assert "modes" not in found
 
 
 @pytest.mark.slow
-def test_reduce_housing_writes_a_body(scene, tmp_path):
+def test_reduce_housing_writes_a_body(tmp_path):
     path = tmp_path / "housing.h5"
-    options = ["--scene", scene, "--vibration-modes", 3, "--no-estimate-error", "--json"]
-    result = call("reduce", "housing", "-o", path, *options)
+    options = ["--vibration-modes", "3", "--no-estimate-error", "--json"]
+    result = subprocess.run(
+        [*COMMAND, "reduce", "housing", "-o", path, *options],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
     assert result.returncode == 0, result.stderr
     summary = json.loads(result.stdout)
-    assert (summary["frame"], summary["modes"], summary["part"]) == ("clamped", 7, "housing")
+    assert (summary["frame"], summary["modes"], summary["part"]) == ("clamped", 3, "housing")
     assert summary["degrees_of_freedom"] == "8931"
     assert summary["mass_kg"] == pytest.approx(0.7596, rel=1e-3)
-    other = tmp_path / "other.toml"
-    other.write_text('scene = "rotor"\n[housing]\nyoungs_modulus = 200e9\n')
-    refused = call("run", other, "--body", path, "-o", tmp_path / "out")
-    assert refused.returncode == 2
-    assert "youngs_modulus = 210000000000.0" in refused.stderr
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("[shaft]\nlenght = 1.0", "shaft.length"),
-        ("[shaft]\nmodes = 5", "shaft.modes = 5"),
-        ("[housing]\nmodel = 'absent.geo'", "absent.geo"),
-        ("[rod]\nelement = 'lagrange'", "rod"),
-    ],
-)
-def test_bad_scene_exits_2_with_one_line(text, named, body_file, tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text(f'scene = "rotor"\n{text}\n')
-    more = [] if "absent" in text else ["--body", body_file]
-    result = call("run", path, *more, "-o", tmp_path / "out")
-    assert result.returncode == 2, result.stderr
-    last = result.stderr.strip().splitlines()[-1]
-    assert last.startswith("fenics-ehd: ")
-    assert named in last
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["reduce", "housing", "-o", "h.h5", "--cells", "tet"], "hex"),
-        (["run", "rotor", "--vtk", "--body", "a.h5"], "--vtk"),
-        (["run", "rotor", "--body", "a.h5", "--method", "m3"], "--body"),
-    ],
-)
-def test_bad_command_exits_2_with_its_name(arguments, named, tmp_path):
-    result = subprocess.run(
-        [*COMMAND, *arguments], capture_output=True, text=True, timeout=300, cwd=tmp_path
-    )
-    assert result.returncode == 2, result.stderr
-    assert named in result.stderr.splitlines()[-1]
-
-
-@pytest.mark.slow
-def test_quasi_static_bore_moves_as_the_full_interface(coarse, whole):
-    settings = RotorSettings(shaft=Shaft(revolutions=0.1), time=Time(tolerance=1e-4))
-    ends = []
-    for body in (reduce_structure(coarse, Reduction(method="m4", vibration_modes=4)), whole):
-        rows = []
-        totals = simulate(settings, body, Totals(), lambda row, _, rows=rows: rows.append(row))
-        assert totals.energy_error < ENERGY_LIMIT
-        ends.append([rows[-1][name] for name in ("max_pressure_Pa", "min_film_thickness_m")])
-    np.testing.assert_allclose(*ends, rtol=0.01)
 
 
 @pytest.mark.mpi
@@ -339,22 +233,35 @@ def test_held_housing_is_the_same_on_any_number_of_ranks(coarse):
     assert found.inertia.total_mass == pytest.approx(own.inertia.total_mass, rel=1e-12)
 
 
+# --- A shaft in it
+
+
+def part_of_a_turn(body, turns, tolerance=1e-4):
+    """The paper's rotor in this housing, from rest."""
+    scene = read_scene("rotor-paper")
+    time = attrs.evolve(scene.time, revolutions=turns, tolerance=tolerance)
+    built = build_mechanism(replace(scene, time=time), MPI.COMM_SELF, bodies={"housing": body})
+    result = simulate(built.mechanism, built.end, **vars(built.steps))
+    assert result.energy_balance_error < ENERGY_LIMIT
+    return result.joints["bearing"], result.time
+
+
+@pytest.mark.slow
+def test_quasi_static_bore_moves_as_the_full_interface(coarse, whole):
+    m4 = reduce_structure(coarse, ReductionSettings(method="m4", vibration_modes=4))
+    found, expected = (part_of_a_turn(body, 0.1)[0] for body in (m4, whole))
+    assert found.max_pressure[-1] == pytest.approx(expected.max_pressure[-1], rel=0.01)
+    assert found.min_film_thickness[-1] == pytest.approx(expected.min_film_thickness[-1], rel=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("residual_modes", [20, 40])
 def test_a_revolution_with_30_and_50_modes(structure, residual_modes):
-    settings = RotorSettings(
-        reduction=Reduction(residual_modes=residual_modes), time=Time(tolerance=1e-4)
+    reduction = attrs.evolve(
+        housing_settings().reduction, method="m3", residual_modes=residual_modes
     )
-    body = reduce_structure(structure, settings.reduction)
+    body = reduce_structure(structure, reduction)
     assert body.modes == 10 + residual_modes
-    totals = simulate(settings, body, Totals())
-    assert totals.time == pytest.approx(2 * np.pi / 600)
-    assert totals.energy_error < ENERGY_LIMIT
-    assert 0 < totals.min_film_thickness < 17e-6
-
-
-def test_origin_names_what_the_body_depends_on():
-    found = origin(housing_settings({"wall": 0.011}, method="m4"))
-    assert found["geometry.wall"] == "0.011"
-    assert found["residual_truncation"] == "0.0001"
-    assert "modes" not in found
+    joint, time = part_of_a_turn(body, 1.0)
+    assert time[-1] == pytest.approx(2 * np.pi / 600)
+    assert 0 < joint.min_film_thickness.min() < 17e-6

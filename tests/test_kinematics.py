@@ -7,8 +7,8 @@ from film_cases import ETA, OMEGA, C, R, make_film
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.film.kinematics import ShaftMotion, SurfacePoints, shaft_gap, shaft_gap_slopes
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.kinematics import ShaftMotion, SurfacePoints, shaft_gap, shaft_gap_derivatives
 from fenics_ehd.film.lubricant import Lubricant
 
 WIDTH = 0.022
@@ -110,7 +110,7 @@ def test_bore_displacement_adds_to_the_gap_and_its_motion():
 @settings(deadline=None, max_examples=30)
 def test_slopes_are_exact_derivatives(position, rate, speed):
     scale = C * np.array([1, 1, 1 / WIDTH, 1 / WIDTH])
-    slopes = shaft_gap_slopes(POINTS, R, C, motion(position, rate, speed))
+    slopes = shaft_gap_derivatives(POINTS, R, C, motion(position, rate, speed))
     for i, unit in enumerate(np.eye(4)):
         moves = (
             lambda t, u=unit: motion(position + t * u, rate, speed),

@@ -3,11 +3,16 @@
 import subprocess
 import sys
 
-import numpy as np
 import pytest
-from hand_made_rod import Joint, flexible, make_body, make_mechanism
+from hand_made_rod import Joint, flexible, make_body
+from mechanism_cases import flexible_slider_crank, rigid_rod, short_films, slider_crank
+from scene_cases import ROD_OF_A_FILE, write_scene
 
-from fenics_ehd.multibody.coupled_equations import CoupledEquations
+from fenics_ehd.multibody import powers, step_equations, tracking
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.system import System
+from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import save_body
 
 #: Modules that no run with a ready body needs, and what each is for.
@@ -16,21 +21,18 @@ NEVER = {
     "matplotlib": "pictures",
     "scipy.interpolate": "tables over time or angle",
     "scipy.optimize": "equilibrium of a bearing",
-    "fenics_ehd.geometry": "meshes",
-    "fenics_ehd.structure": "finite elements of the part",
-    "fenics_ehd.paraview": "ParaView",
-    "fenics_ehd.multibody.beam": "the rotor",
-    "fenics_ehd.multibody.rotor": "the rotor",
-    "fenics_ehd.multibody.massless_journal": "the loaded journal",
+    "fenics_ehd.fem.geometry": "meshes",
+    "fenics_ehd.fem.structure": "finite elements of the part",
+    "fenics_ehd.results.paraview": "ParaView",
     "fenics_ehd.film.mass_conserving": "oil that is conserved",
-    "fenics_ehd.film.mixed": "oil that is conserved",
+    "fenics_ehd.film.mass_conserving_solver": "oil that is conserved",
     "fenics_ehd.bearing.equilibrium": "a bearing alone",
-    "fenics_ehd.sweeps": "sweeps",
+    "fenics_ehd.study": "sweeps and studies",
 }
 
 LIST_MODULES = """
 import sys
-from fenics_ehd.cli import main
+from fenics_ehd.cli.main import main
 try:
     main(sys.argv[1:])
 except SystemExit as end:
@@ -49,13 +51,9 @@ def modules_after(*arguments):
 
 def test_a_run_imports_what_its_scene_needs(tmp_path):
     save_body(make_body(Joint()), tmp_path / "rod.h5")
-    (tmp_path / "scene.toml").write_text(
-        'scene = "slider-crank"\n[mechanism]\nrevolutions = 0.001\n[time]\ntolerance = 1e-3\n'
-    )
-    loaded = modules_after(
-        "run", tmp_path / "scene.toml", "--body", tmp_path / "rod.h5", "--no-plots",
-        "-o", tmp_path / "out",
-    )  # fmt: skip
+    times = {"time.revolutions": 0.001, "time.tolerance": 1e-3}
+    scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", ROD_OF_A_FILE, times)
+    loaded = modules_after("run", scene, "--no-plots", "-o", tmp_path / "out")
     assert {name: use for name, use in NEVER.items() if name in loaded} == {}
 
 
@@ -65,43 +63,37 @@ def test_help_needs_neither_solvers_nor_arrays(arguments):
     assert not loaded & {"dolfinx", "petsc4py", "slepc4py", "gmsh", "matplotlib", "scipy"}
 
 
-def test_a_rod_without_residual_patterns_has_no_compliance():
-    joint = Joint()
-    mechanism = make_mechanism(flexible(joint)[0], joint)
-    equations = CoupledEquations(mechanism, dense_patterns=True)
-    assert mechanism.journal.compliance is None
-    arrays = [v for v in vars(equations).values() if isinstance(v, np.ndarray)]
-    # Nothing as wide as the film's nodes is high.
-    assert all(array.ndim == 1 for array in arrays)
+def big_end(body):
+    """The film of a big end, and the equations of its mechanism."""
+    equations = StepEquations(System(flexible_slider_crank(body)), dense_limit=700)
+    return equations.system.films[0].film, equations
 
 
-def test_a_rigid_rod_has_two_columns_and_no_stiffness():
-    joint = Joint()
-    mechanism = make_mechanism(make_body(joint), joint)
-    journal = mechanism.journal
-    assert journal.thickness.shape[1] == journal.mean_velocity.shape[1] == 2
-    assert mechanism.size == 2
+def test_a_rod_without_residual_patterns_has_no_flexibility():
+    _, equations = big_end(flexible(Joint())[0])
+    assert not any(equations.responses.flexibilities)
+    assert equations.responses.size == 0
+
+
+def test_a_rigid_rod_has_no_elastic_coordinates():
+    film, equations = big_end(make_body(Joint()))
+    # Three of the frames of crank, rod and piston each, two of the journal in the bore.
+    assert equations.system.n == 11
+    assert film.thickness.shape[1] == 2
 
 
 def test_a_bore_with_the_films_mesh_needs_no_transfer():
-    joint = Joint()
-    bore = make_mechanism(make_body(joint), joint).journal.bore
-    assert bore.matching
+    bore = big_end(make_body(Joint()))[0].bore
     assert bore._mortar is None
 
 
-def test_a_crank_at_constant_speed_computes_nothing_of_a_free_one(monkeypatch):
-    from fenics_ehd.scenes import slider_crank
-
+def test_a_machine_without_friction_computes_none(monkeypatch):
     def must_not(*arguments):
         raise AssertionError("not needed here")
 
-    for name in ("FreeAngleJournal", "gas_forces", "piston_velocity", "film_friction"):
-        monkeypatch.setattr(slider_crank, name, must_not)
-    joint = Joint()
-    mechanism = make_mechanism(flexible(joint)[0], joint)
-    n = mechanism.size
-    pressure = np.zeros(len(joint.pressure_nodes))
-    found = mechanism.equations(0.0, *np.zeros((3, n)), (1e3, 1e6), pressure)
-    assert found.shear is None
-    assert found.state.crank.along is None
+    for module in (powers, step_equations, tracking):
+        monkeypatch.setattr(module, "film_friction", must_not)
+    run = Run(slider_crank(rigid_rod(), *short_films()), Steps(tolerance=1e-2), 1e-7)
+    tracker = Tracker(run.equations, run.norm)
+    rows = [tracker.add(step)[0] for step in run.until(1e-7)]
+    assert not any("friction" in name for row in rows for name in row)

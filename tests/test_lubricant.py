@@ -7,7 +7,7 @@ from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, given_gap, mak
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fenics_ehd.errors import CavitationError, SettingsError
+from fenics_ehd.base.errors import CavitationError, SettingsError
 from fenics_ehd.film import Lubricant
 from fenics_ehd.film.lubricant import Barus, Constant, DowsonHigginson, Roelands
 from fenics_ehd.film.supply import AxialGroove, Sides

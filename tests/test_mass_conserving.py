@@ -7,10 +7,10 @@ import pytest
 from differences import slope
 from oracle_mass_conserving import JournalFilm, SqueezedPlates
 
-from fenics_ehd.errors import CavitationError, SettingsError
+from fenics_ehd.base.errors import CavitationError, SettingsError
 from fenics_ehd.film import Film, FilmParameters, Gap, Lubricant, ShaftMotion, shaft_gap
 from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.film.kinematics import GapSlopes
+from fenics_ehd.film.kinematics import GapDerivatives
 from fenics_ehd.film.lubricant import Barus, DowsonHigginson
 from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
@@ -101,7 +101,7 @@ def test_squeezed_plates_follow_the_free_boundary_in_time(figure):
     figure("film", f"{name}, its volume", errors[-1, 1], most=0.005, unit="%")
 
 
-def test_partition_is_the_only_one_that_satisfies_all_signs():
+def test_active_set_is_the_only_one_that_satisfies_all_signs():
     bearing = film((6, 1), CLOSED, (AxialGroove(np.pi, 0.0, 1e5),), width=R)
     oil = MassConservingFilm(bearing)
     gap = eccentric(bearing, 0.6, 0.2)
@@ -110,13 +110,13 @@ def test_partition_is_the_only_one_that_satisfies_all_signs():
     stiffness = oil.balance.assembly.pattern.matrix(problem.entries(np.zeros(n))).toarray()
     transport = oil.balance.assembly.pattern.matrix(problem.weights).toarray()
     rhs = -problem.residual(np.zeros(n))
-    partitions = np.array(list(product([False, True], repeat=n)))
-    systems = np.where(partitions[:, None, :], stiffness, -transport)
+    active_sets = np.array(list(product([False, True], repeat=n)))
+    systems = np.where(active_sets[:, None, :], stiffness, -transport)
     solutions = np.linalg.solve(systems, np.broadcast_to(rhs, (len(systems), n))[..., None])[..., 0]
-    scale = np.where(partitions, state.cavitation.pressure.max(), 1.0)
+    scale = np.where(active_sets, state.cavitation.pressure.max(), 1.0)
     good = np.flatnonzero((solutions / scale).min(axis=1) > -1e-12)
     assert len(good) == 1
-    full = partitions[good[0]]
+    full = active_sets[good[0]]
     assert 0 < full.sum() < n
     np.testing.assert_allclose(
         np.where(full, solutions[good[0]], 0), state.cavitation.pressure, rtol=1e-9, atol=1e-15
@@ -208,7 +208,7 @@ def test_sensitivity_is_the_exact_derivative(lubricant):
     speeds = 0.02 * OMEGA * R * np.stack([np.cos(angle), 1 + 0 * angle], axis=-1)
     state = oil.solve(base, content, 0.5 / OMEGA)
     assert 0.1 < (state.fluid_fraction < 1).mean() < 0.9
-    slopes = oil.sensitivity(state, GapSlopes(changes, np.full_like(changes, np.nan), speeds))
+    slopes = oil.sensitivity(state, GapDerivatives(changes, np.full_like(changes, np.nan), speeds))
 
     def at(shift, direction):
         gap = Gap(

@@ -2,14 +2,21 @@
 
 import json
 import signal
+from functools import partial
 
 import numpy as np
 import pytest
-from test_resume import assert_same_results, call, start, stop_after
+from command_line import assert_same_results, call, start, stop_after
+from mpi4py import MPI
+from scene_cases import RIGID_ROD, tables_of
 
-from fenics_ehd.history_file import read_fields, read_history
-from fenics_ehd.output import to_json
-from fenics_ehd.scenes.scene_file import shipped
+from fenics_ehd.base.output import to_json
+from fenics_ehd.multibody import run as run_module
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.step_solver import CoupledSteps
+from fenics_ehd.results.history_file import read_fields, read_history
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.scene_file import scene_of, shipped
 
 #: Rows over the crank's angle, beside the scene.
 PUSH = "angle_deg,force_N\n0,0\n90,40\n180,0\n270,-40\n360,0\n"
@@ -74,12 +81,21 @@ def test_a_periodic_run_keeps_its_last_cycle(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_to_the_last_bit(tmp_path):
-    scene = four_bar(tmp_path, "end = 4e-3\ntolerance = 1e-7", force=True)
+@pytest.mark.parametrize(
+    ("time", "rows"),
+    [
+        ("end = 4e-3\ntolerance = 1e-7", 20),
+        # 77 steps a cycle: killed in the second and last one.
+        ("revolutions = 1\nperiodic = true\nperiodicity = 0.01\ntolerance = 1e-3", 100),
+    ],
+    ids=["once", "periodic"],
+)
+def test_a_killed_run_goes_on_to_the_last_bit(tmp_path, time, rows):
+    scene = four_bar(tmp_path, time, force=True)
     assert call(*command(scene, tmp_path / "whole")) == 0
     target = tmp_path / "killed"
     process = start(command(scene, target))
-    assert stop_after(process, target, 20, signal.SIGKILL) == -signal.SIGKILL
+    assert stop_after(process, target, rows, signal.SIGKILL) == -signal.SIGKILL
     assert call("run", "--no-plots", "--resume", target) == 0
     assert_same_results(target, tmp_path / "whole")
 
@@ -117,3 +133,19 @@ def test_init_prints_a_scene_of_bodies(capsys):
 def test_numbers_that_are_none_are_null_at_any_depth():
     text = to_json({"joints": {"main": {"estimate": float("nan"), "film": 1e-6}}, "x": np.inf})
     assert json.loads(text) == {"joints": {"main": {"estimate": None, "film": 1e-6}}, "x": None}
+
+
+@pytest.mark.parametrize("element", ["serendipity", "bilinear"])
+@pytest.mark.parametrize("dense_limit", [700, 0])
+def test_films_of_all_elements_agree(element, dense_limit, monkeypatch):
+    """8-node films weigh what is left of their equations, bilinear ones are coarser."""
+    monkeypatch.setattr(run_module, "CoupledSteps", partial(CoupledSteps, dense_limit=dense_limit))
+    peaks = {}
+    for name in ("lagrange", element):
+        changes = RIGID_ROD | {"joints.big_end.element": name, "joints.big_end.cells": [20, 5]}
+        scene = scene_of(tables_of("slider-crank-paper", changes), name)
+        mechanism = build_mechanism(scene, MPI.COMM_SELF).mechanism
+        result = simulate(mechanism, 4e-6, tolerance=1e-3)
+        assert result.rejected_steps == 0
+        peaks[name] = result.joints["big_end"].max_pressure[-1]
+    assert peaks[element] == pytest.approx(peaks["lagrange"], rel=5e-3)

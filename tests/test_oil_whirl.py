@@ -1,24 +1,34 @@
-"""Rigid rotors in rigid bearings, in time, against a table of bearings: onset of oil whirl."""
+"""Rotors in lubricated bearings, in time, against bearing coefficients: onset of oil whirl."""
+
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import pytest
-from rotor_cases import (
-    PARALLEL_SHAFT,
-    SPEED,
-    R,
-    held_body,
-    linearise,
-    make_film,
-    rigid_rotor,
-    steps_of,
-)
 from scipy.linalg import eig
+from scipy.optimize import brentq, least_squares
 
-from fenics_ehd.multibody.bdf import StepControl
-from fenics_ehd.multibody.dry_system import DrySystem
-from fenics_ehd.multibody.energy import EnergyBalance
-from fenics_ehd.multibody.shaft_journal import ShaftJournal
-from fenics_ehd.scenes.rotor import Rotor
+from fenics_ehd.bearing.coefficients import coefficients
+from fenics_ehd.bearing.equilibrium import at_eccentricity
+from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.kinematics import GapDerivatives
+from fenics_ehd.multibody.assembly import assemble
+from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
+from fenics_ehd.multibody.forces import PointForce, RotatingForce
+from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.motion import Instant
+from fenics_ehd.multibody.rigid_body import RigidBody, ground
+from fenics_ehd.multibody.rotor import ModalRotor
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.shaft_body import ShaftBody
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.system import System
+
+R, VISCOSITY, SPEED = 0.0225, 0.01, 600.0
+TURN = 2 * np.pi / SPEED
 
 #: Plain bearing, L/D = 1, Reynolds' condition, by finite volumes: x along the load, y a quarter
 #: turn on in the shaft's direction, K = k c / W, C = b c Omega / W; the mass at the threshold of
@@ -43,101 +53,137 @@ TABLE = {
 }  # fmt: skip
 
 
-class Balanced:
-    """A bearing of the table (L/D = 1, thin film) and a load that it bears at an eccentricity."""
+def film_of(width, clearance, cells):
+    grid = uniform_grid(R, width, cells, "lagrange")
+    return Film(FilmParameters(grid, clearance, Lubricant(VISCOSITY), SPEED))
+
+
+class Balance:
+    """Film of a journal that turns, under a load along x: where it rests, and how it answers."""
+
+    def __init__(self, film, load):
+        self.film, self.load = film, load
+        self._joint = JointFilm(LubricatedJoint("shaft", "ground", film), None, tilting=False)
+
+    def force(self, place):
+        """Of the film on the journal, and its derivatives along place and velocity."""
+        joint, film, rest = self._joint, self.film, np.zeros(2)
+        state = film.solve(joint.gap(place, rest, SPEED))
+        shape = (*film.points.angle.shape, -1)
+        fields = joint.thickness.reshape(shape), joint.mean_velocity.reshape(shape)
+        nothing = np.zeros_like(fields[0])
+        along_place = film.sensitivity(state, GapDerivatives(fields[0], nothing, nothing))
+        along_rate = film.sensitivity(state, GapDerivatives(nothing, *fields))
+        return joint.load @ state.pressure, joint.load @ along_place, joint.load @ along_rate
+
+    def rest(self, place):
+        """Eccentricity at rest, by Newton's method."""
+        for _ in range(6):
+            force, derivative, _ = self.force(place)
+            place = place - np.linalg.solve(derivative, force + np.array([self.load, 0.0]))
+        return place
+
+    def coefficients(self, place):
+        """Stiffness and damping in the units of the table."""
+        _, along_place, along_rate = self.force(place)
+        scale = self.film.parameters.clearance / self.load
+        return -scale * along_place, -scale * SPEED * along_rate
+
+
+class Bearing:
+    """A bearing of the table (thin film) and a load that it bears at an eccentricity."""
 
     def __init__(self, ratio, cells=(48, 6)):
         self.row = TABLE[ratio]
         self.clearance = 1e-4 * R
-        self.film = make_film(cells, width=2 * R, clearance=self.clearance)
-        revolutions = SPEED / (2 * np.pi)
-        unit = (1e4) ** 2 * 0.01 * revolutions * 4 * R**2
-        self.weight = unit / self.row["S"]
+        unit = (1e4) ** 2 * VISCOSITY * SPEED / (2 * np.pi) * 4 * R**2
+        self.load = unit / self.row["S"]
+        self.balance = Balance(film_of(2 * R, self.clearance, cells), self.load)
         angle = np.radians(self.row["attitude"])
         # The load along x; the shaft turns from x to y and rests off the load by the attitude.
         self.start = ratio * self.clearance * np.array([np.cos(angle), np.sin(angle)])
-        self.threshold = self.row["critical"] * self.weight / (self.clearance * SPEED**2)
+        self.threshold = self.row["critical"] * self.load / (self.clearance * SPEED**2)
 
-    def rotor(self, mass):
-        return rigid_rotor(self.film, mass, [self.weight, 0.0], SPEED)
-
-    def equilibrium(self):
-        """Eccentricity at rest, by Newton's method on the film's own forces."""
-        rotor, x, rest = self.rotor(1.0), self.start, np.zeros(2)
-        for _ in range(6):
-            residual, derivative, _ = linearise(rotor, 0.0, x, rest, rest, (0.0, 0.0))
-            x = x - np.linalg.solve(derivative, residual)
-        return x
-
-    def coefficients(self, x):
-        """Stiffness and damping of the film in the units of the table."""
-        rotor, rest = self.rotor(0.0), np.zeros(2)
-        _, stiffness, _ = linearise(rotor, 0.0, x, rest, rest, (0.0, 0.0))
-        shift = 1e9
-        _, both, _ = linearise(rotor, 0.0, x, rest, rest, (shift, 0.0))
-        damping = (both - stiffness) / shift
-        scale = self.clearance / self.weight
-        return scale * stiffness, scale * SPEED * damping
+    def rotor(self, mass, force, place, rate):
+        joint = LubricatedJoint(
+            "rotor", "ground", self.balance.film,
+            eccentricity=tuple(place), eccentricity_rate=tuple(rate),
+        )  # fmt: skip
+        return Mechanism(
+            {"rotor": RigidBody(mass)}, {"film": joint}, {"rotor": Speed(SPEED)}, {"load": force}
+        )
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.6, 0.75])
 def test_equilibrium_and_coefficients_of_a_rigid_rotor(ratio):
-    bearing = Balanced(ratio)
-    x = bearing.equilibrium()
-    assert np.hypot(*(x - bearing.start)) < 5e-4 * bearing.clearance
-    stiffness, damping = bearing.coefficients(x)
+    bearing = Bearing(ratio)
+    place = bearing.balance.rest(bearing.start)
+    assert np.hypot(*(place - bearing.start)) < 5e-4 * bearing.clearance
+    stiffness, damping = bearing.balance.coefficients(place)
     for found, expected in ((stiffness, bearing.row["K"]), (damping, bearing.row["C"])):
         np.testing.assert_allclose(found, expected, rtol=0, atol=7e-3 * np.abs(expected).max())
 
 
-def whirl(stiffness, damping, mass):
-    """Least stable eigenvalue over Omega, all in the table's units: right and left vectors."""
-    matrix = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness / mass, -damping / mass]])
-    values, left, right = eig(matrix, left=True, right=True)
+def least_stable(mass, damping, stiffness):
+    """Eigenvalue and right vector ``(x, x')`` of ``M x'' + D x' + K x = 0``."""
+    n = len(mass)
+    inverse = np.linalg.inv(mass)
+    matrix = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]])
+    values, vectors = eig(matrix)
     least = int(np.argmax(values.real + 1e-9 * values.imag))
-    return values[least], right[:, least], left[:, least].conj()
+    return values[least], vectors[:, least]
 
 
-def growth_of(bearing, x, mass, revolutions, tolerance=3e-7):
-    """Growth rate and frequency over Omega of a small whirl about the equilibrium, in time.
+def whirl_of(time, orbit, guess):
+    """Eigenvalue of an orbit (2, steps) about its place of rest: growth and frequency."""
+    start = 0.25 * time[-1]
+    time, orbit = time[time > start], orbit[:, time > start]
 
-    Also as the eigenvalue of the film's own coefficients.
-    """
-    critical = mass * bearing.row["critical"]
-    value, right, left = whirl(*bearing.coefficients(x), critical)
-    c = bearing.clearance
-    start = 2e-3 * (right / np.abs(right[:2]).max()).real
-    control = StepControl(tolerance, 1e-6, 1e-12, 1e-2)
-    end = revolutions * 2 * np.pi / SPEED
-    rotor = bearing.rotor(mass * bearing.threshold)
-    steps = steps_of(rotor, end, x + c * start[:2], c * SPEED * start[2:], control)
-    times, states = zip(
-        *[(step.time, np.append((step.x - x) / c, step.rate / (c * SPEED))) for step in steps],
-        strict=True,
+    def left(found):
+        wave = np.exp(complex(*found) * time)
+        basis = np.stack([wave.real, wave.imag, np.ones_like(time)], axis=1)
+        return (orbit.T - basis @ np.linalg.lstsq(basis, orbit.T, rcond=None)[0]).ravel()
+
+    scale = np.abs(orbit).max()
+    found = least_squares(
+        lambda x: left(x * SPEED) / scale, [guess.real / SPEED, guess.imag / SPEED]
     )
-    times, amplitude = SPEED * np.array(times), np.array(states) @ left
-    later = times > 0.25 * times[-1]
-    logarithm = np.log(np.abs(amplitude[later])), np.unwrap(np.angle(amplitude[later]))
-    growth, frequency = (np.polyfit(times[later], part, 1)[0] for part in logarithm)
-    return growth, abs(frequency), value
+    return complex(*found.x)
 
 
-@pytest.mark.parametrize("ratio", [0.3, pytest.param(0.6, marks=pytest.mark.slow)])
+def threshold(light, heavy):
+    """Mass without growth, of growths at 0.95 and 1.05 of what is expected."""
+    assert light.real < 0.0 < heavy.real
+    return 0.95 - 0.1 * light.real / (heavy.real - light.real)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.6])
 def test_onset_of_oil_whirl(ratio, figure):
     # Masses 5 % below and above the table's threshold, at its speed and load.
-    bearing = Balanced(ratio)
-    x = bearing.equilibrium()
-    light, heavy = (growth_of(bearing, x, mass, 3.0) for mass in (0.95, 1.05))
-    assert light[0] < 0.0 < heavy[0]
-    for growth, frequency, value in (light, heavy):
-        assert growth == pytest.approx(value.real, abs=4e-4)
-        assert frequency == pytest.approx(abs(value.imag), rel=0.01)
-    threshold = 0.95 - 0.1 * light[0] / (heavy[0] - light[0])
-    error = abs(threshold - 1.0)
+    bearing = Bearing(ratio)
+    place = bearing.balance.rest(bearing.start)
+    stiffness, damping = bearing.balance.coefficients(place)
+    c, found = bearing.clearance, []
+    for mass in (0.95, 1.05):
+        critical = mass * bearing.row["critical"] * np.eye(2)
+        value, vector = least_stable(critical, damping, stiffness)
+        start = 2e-3 * c * (vector / np.abs(vector[:2]).max()).real
+        mechanism = bearing.rotor(
+            mass * bearing.threshold,
+            PointForce("rotor", (1.0, 0.0), lambda _: (bearing.load, 0.0)),
+            place + start[:2],
+            SPEED * start[2:],
+        )
+        result = simulate(mechanism, 3 * TURN, tolerance=3e-7, order=2, first=1e-6)
+        orbit = result.joints["film"].eccentricity.T - place[:, None]
+        found.append(whirl_of(result.time, orbit, SPEED * value))
+        assert found[-1].real == pytest.approx(value.real, abs=4e-4)
+        assert abs(found[-1].imag) == pytest.approx(abs(value.imag), rel=0.01)
+    error = abs(threshold(*found) - 1.0)
     figure("rotor", "onset of oil whirl in time, mass of the table", error, most=0.02, unit="%")
     # Half the speed of the shaft, and less on a heavily loaded one.
-    ratio_of_whirl = 0.5 * (light[1] + heavy[1])
-    error = abs(ratio_of_whirl / {0.3: 0.50038, 0.6: 0.45233}[ratio] - 1)
+    frequency = 0.5 * sum(abs(value.imag) for value in found)
+    error = abs(frequency / {0.3: 0.50038, 0.6: 0.45233}[ratio] - 1)
     figure("rotor", "its frequency", error, most=0.01, unit="%")
 
 
@@ -147,31 +193,148 @@ def test_onset_of_oil_whirl(ratio, figure):
 def test_a_load_that_turns_with_the_shaft_runs_the_table_backwards():
     # In the frame of the load the shaft stands still and the bore turns back at its speed: the
     # journal of the table, seen in a mirror, on a circle.
-    bearing = Balanced(0.6, (36, 5))
-    weight, angle = bearing.weight, np.radians(bearing.row["attitude"])
-    radius = 0.6 * bearing.clearance
-    zero = np.zeros((2, 2))
-
-    def load(time):
-        return weight * np.array([np.cos(SPEED * time), np.sin(SPEED * time)])
-
-    journal = ShaftJournal(held_body(bearing.film), bearing.film, PARALLEL_SHAFT)
-    mass = 1e-3 * bearing.threshold
-    rotor = Rotor(DrySystem(mass * np.eye(2), zero, zero, load), journal, SPEED)
-    x = radius * np.array([np.cos(angle), -np.sin(angle)])
-    rate = SPEED * np.array([-x[1], x[0]])
-    control = StepControl(1e-5, 1e-6, 1e-13, 1e-2)
-    balance = None
-    for step in steps_of(rotor, 0.5 * np.pi / SPEED, x, rate, control):
-        powers = rotor.powers(step.x, step.rate, step.auxiliary)
-        if balance is None:
-            balance = EnergyBalance(step.time, powers)
-        else:
-            balance.add(step.time, powers)
+    bearing = Bearing(0.6, (36, 5))
+    angle = np.radians(bearing.row["attitude"])
+    place = 0.6 * bearing.clearance * np.array([np.cos(angle), -np.sin(angle)])
+    rate = SPEED * np.array([-place[1], place[0]])
+    mechanism = bearing.rotor(
+        1e-3 * bearing.threshold, RotatingForce("rotor", bearing.load, SPEED), place, rate
+    )
+    result = simulate(mechanism, 0.25 * TURN, tolerance=1e-5, order=2, first=1e-6)
     # A quarter of a turn later.
-    expected = np.array([-x[1], x[0]])
-    assert np.hypot(*(step.x - expected)) < 3e-3 * bearing.clearance
-    # The motor brakes: the oil's drag feeds back a good part of what the force puts in.
-    assert powers.drive + powers.drag == pytest.approx(powers.film, rel=5e-3)
-    assert abs(powers.drag) > 0.2 * powers.film
-    assert balance.error < 2e-3
+    found = result.joints["film"].eccentricity[-1]
+    assert np.hypot(*(found - [-place[1], place[0]])) < 3e-3 * bearing.clearance
+    assert result.energy_balance_error < 2e-3
+
+
+# --- An elastic shaft in two bearings
+
+
+class TwoBearings:
+    """Free shaft with a disk in its middle, in two narrow bearings that are loaded alike.
+
+    The load acts at the journals: the shaft rests straight, whatever the disk's mass.
+    """
+
+    ratio = 0.3
+    width = 0.010
+    clearance = 30e-6
+    shaft = Shaft(0.5, 0.03, 210e9, 7850.0, 0.0, 10)
+    stations: ClassVar = {"left": 0.1, "right": 0.9}
+
+    @cached_property
+    def table(self):
+        """Load of one bearing, and its coefficients by the program for bearings."""
+        settings = BearingSettings(
+            radius=R, width=self.width, clearance=self.clearance, viscosity=VISCOSITY, speed=SPEED
+        )
+        bearing, operation = at_eccentricity(settings, self.ratio)
+        return float(np.hypot(*operation.force)), coefficients(bearing, operation)
+
+    def beam(self, mass):
+        return beam_plane(self.shaft, [Disk(0.5, mass, 1e-3 * mass, 5e-4 * mass)])
+
+    def matrices(self, mass):
+        """Of all beams and both bearings: mass, damping and gyroscopic, stiffness."""
+        beam, (_, linear) = self.beam(mass), self.table
+        plane = np.eye(2)
+        damping = SPEED * np.kron([[0.0, 1.0], [-1.0, 0.0]], beam.gyroscopic)
+        stiffness = np.kron(plane, beam.stiffness)
+        for share in self.stations.values():
+            row = np.kron(plane, beam.point(share)[0])
+            damping, stiffness = (
+                damping + row.T @ linear.damping @ row,
+                stiffness + row.T @ linear.stiffness @ row,
+            )
+        return np.kron(plane, beam.mass), damping, stiffness
+
+    @cached_property
+    def threshold(self):
+        """Mass of the disk at which the rotor begins to whirl [kg]."""
+        rigid = 2 * self.table[1].critical_mass
+
+        def growth(mass):
+            return least_stable(*self.matrices(mass))[0].real
+
+        return brentq(growth, 0.1 * rigid, rigid)
+
+    def mechanism(self, mass, film, place):
+        load, names = self.table[0], self.stations
+        shaft = ShaftBody(ModalRotor.of(self.beam(mass), 6), 0.02, 0.0, self.stations)
+        return Mechanism(
+            {"shaft": shaft, "ground": ground(dict.fromkeys(names, (0.0, 0.0)))},
+            {
+                name: LubricatedJoint(
+                    f"shaft.{name}", f"ground.{name}", film, eccentricity=tuple(place)
+                )
+                for name in names
+            },
+            {"shaft": Speed(SPEED)},
+            {n: PointForce(f"shaft.{n}", (1.0, 0.0), lambda _: (load, 0.0)) for n in names},
+        )
+
+    def whirl(self, mass):
+        """Eigenvalue that the rotor shows in time and that of its matrices, over its speed."""
+        value, vector = least_stable(*self.matrices(mass))
+        film = film_of(self.width, self.clearance, (48, 4))
+        place = Balance(film, self.table[0]).rest(self.clearance * np.array([0.1, 0.28]))
+        run = Run(
+            self.mechanism(mass, film, place),
+            Steps(tolerance=3e-7, order=2, first=1e-6),
+            3 * TURN,
+        )
+        self._disturb(run, vector, mass)
+        time, orbit = [], []
+        for step in run.until(3 * TURN):
+            time.append(step.time)
+            orbit.append(step.x[run.equations.system.films[0].xi[:2]] - place)
+        return whirl_of(np.array(time), np.array(orbit).T, value), value / SPEED
+
+    def _disturb(self, run, vector, mass):
+        """Begin with a whirl, as small as a five hundredth of the clearance."""
+        beam, system = self.beam(mass), run.equations.system
+        both = np.kron(np.eye(2), (ModalRotor.of(beam, 6).shapes.T @ beam.mass))
+        journal = np.kron(np.eye(2), beam.point(self.stations["left"])[0])
+        d = 2 * len(beam.mass)
+        size = 2e-3 * self.clearance / np.abs(journal @ vector[:d]).max()
+        memory = run.stored_state()
+        x, rate = memory["integrator"]["x"][0].copy(), memory["integrator"]["rate"][0].copy()
+        modes = slice(system.bodies["shaft"].start + 1, system.bodies["shaft"].stop)
+        for values, part in ((x, vector[:d]), (rate, vector[d:])):
+            change = np.zeros(system.n)
+            change[modes] = both @ (size * part).real
+            # Eccentricities follow the shaft.
+            markers = Instant(system, 0.0, system.start).jacobian
+            own = np.concatenate([film.xi for film in system.films])
+            change[own] = -np.linalg.solve(markers[: len(own), own], markers[: len(own)] @ change)
+            values[: system.n] += change
+        memory["integrator"] |= {
+            "x": x[None], "rate": rate[None], "observed": run.norm.observe(x)[None]
+        }  # fmt: skip
+        run.load_state(memory)
+
+
+def test_onset_of_whirl_of_an_elastic_rotor_on_two_bearings(figure):
+    rotor = TwoBearings()
+    # The shaft's elasticity halves the mass that runs smoothly.
+    rigid = 2 * rotor.table[1].critical_mass
+    assert 0.4 * rigid < rotor.threshold < 0.6 * rigid
+    found = []
+    for share in (0.95, 1.05):
+        seen, expected = rotor.whirl(share * rotor.threshold)
+        assert abs(seen.imag) == pytest.approx(abs(expected.imag), rel=0.01)
+        found.append(seen)
+    error = abs(threshold(*found) - 1.0)
+    figure("rotor", "onset of whirl of an elastic rotor on two bearings, mass by their "
+           "coefficients", error, most=0.02, unit="%")  # fmt: skip
+
+
+def test_a_shaft_begins_where_its_journals_are_said_to_be():
+    rotor = TwoBearings()
+    place = np.array([0.2, -0.4]) * rotor.clearance
+    film = film_of(rotor.width, rotor.clearance, (12, 2))
+    system = System(rotor.mechanism(40.0, film, place))
+    z, _ = assemble(system)
+    for joint in system.films:
+        assert z[joint.xi[:2]] == pytest.approx(place, rel=1e-4)
+        assert np.abs(z[joint.xi[2:]]).max() < 1e-4 * rotor.clearance / rotor.width

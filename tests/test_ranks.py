@@ -6,17 +6,14 @@ import subprocess
 import sys
 
 import pytest
+from scene_cases import write_scene
 
-SHORT = """
-scene = "slider-crank"
-[mechanism]
-revolutions = 0.02
-[reduction]
-method = "rigid"
-estimate_error = false
-[time]
-tolerance = 1e-3
-"""
+#: A rod without elasticity, over the first degrees.
+SHORT = {
+    "bodies.rod.reduction": {"method": "rigid", "estimate_error": False},
+    "time.revolutions": 0.02,
+    "time.tolerance": 1e-3,
+}
 
 COMMAND = f"exec {sys.executable} -m fenics_ehd.cli"
 
@@ -38,7 +35,7 @@ def two_ranks(line, folder):
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "scene0.toml").write_text(SHORT)
+    write_scene(tmp_path / "scene0.toml", "slider-crank-paper", SHORT)
     return tmp_path
 
 
@@ -95,7 +92,8 @@ def test_error_of_all_ranks_is_said_once_and_aborts_nothing(arguments, expected,
 @pytest.mark.slow
 def test_error_of_the_rank_that_works_alone(folder):
     """The other one has done its share of the reduction, and waits at its end."""
-    (folder / "thin.toml").write_text(SHORT + "[bearing]\nsmallest_film = 0.99\n")
+    thin = {"joints.big_end.smallest_film": 0.99}
+    write_scene(folder / "thin.toml", "slider-crank-paper", SHORT, thin)
     status, said, errors = two_ranks(f"{COMMAND} run thin.toml --no-plots -o out", folder)
     assert status == 1, errors
     assert len(said) == 1, errors

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from scene_cases import write_scene
 
 ROOT = Path(__file__).parents[1]
 
@@ -37,6 +38,7 @@ SLOW = {
     ),
     ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
     ("docs/mechanisms.md", "As a scene file"),
+    ("docs/mechanisms.md", "Pictures of a run"),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -113,8 +115,8 @@ def test_code_runs_as_it_is_printed(part, folders):
 
 def test_bad_value_is_answered_as_printed(tmp_path):
     printed = [text for part in ALL for language, text in part.blocks if language == "text"]
-    scene = 'scene = "slider-crank"\n[bearing]\nclearance = -10e-6\n'
-    (tmp_path / "press.toml").write_text(scene)
+    changes = {"joints.big_end.clearance": -10e-6}
+    write_scene(tmp_path / "press.toml", "slider-crank-paper", changes)
     command = [sys.executable, "-m", "fenics_ehd.cli", "run", "press.toml"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert result.returncode == 2

@@ -10,33 +10,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from mpi4py import MPI
+from scene_cases import structure as structure_of
 from scipy import linalg, sparse
 from scipy.spatial import cKDTree
 
-from fenics_ehd.errors import BodyFileError, SettingsError
-from fenics_ehd.geometry import build_mesh
+from fenics_ehd.base.errors import BodyFileError, SettingsError
+from fenics_ehd.base.sealed_file import seal
+from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.material import Material
+from fenics_ehd.fem.stress import StressField
+from fenics_ehd.fem.structure import assemble_structure
 from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
-from fenics_ehd.scenes.rod import build_structure
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.sealed_file import seal
-from fenics_ehd.settings import build
-from fenics_ehd.stress import StressField
-from fenics_ehd.structure import Material, assemble_structure
 
 STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 PARTS = {
-    "serendipity": {"element": "serendipity"},
-    "lagrange": {"element": "lagrange"},
-    "tetrahedra": {"cells": "tet"},
+    "serendipity": {"bodies.rod.element": "serendipity"},
+    "lagrange": {"bodies.rod.element": "lagrange"},
+    "tetrahedra": {"bodies.rod.cells": "tet"},
 }
 
 
 @pytest.fixture(scope="module", params=PARTS)
 def structure(request):
     """A rod of curved cells of one kind, on all ranks."""
-    return build_structure(
-        build(SliderCrankSettings, {"rod": PARTS[request.param]}), MPI.COMM_WORLD
-    )
+    return structure_of("slider-crank-paper", "rod", MPI.COMM_WORLD, PARTS[request.param])
 
 
 @pytest.fixture(scope="module")
@@ -218,8 +215,8 @@ def test_rank_count_does_not_change_the_fields(structure, request, tmp_path):
     save_basis(folder / "shared.h5", structure, waves(structure.coordinates))
     if comm.rank:
         return
-    rod = PARTS[request.node.callspec.params["structure"]]
-    alone = build_structure(build(SliderCrankSettings, {"rod": rod}), MPI.COMM_SELF)
+    changes = PARTS[request.node.callspec.params["structure"]]
+    alone = structure_of("slider-crank-paper", "rod", MPI.COMM_SELF, changes)
     save_basis(folder / "alone.h5", alone, waves(alone.coordinates))
     q = np.random.default_rng(7).normal(size=7)
     with BasisFile(folder / "shared.h5") as ours, BasisFile(folder / "alone.h5") as theirs:

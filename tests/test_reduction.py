@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mechanism_cases import flexible_slider_crank
 from mpi4py import MPI
+from scene_cases import structure as structure_of
+from snapshot_cases import WAYS, reduce_by
 
-from fenics_ehd.errors import BodyFileError, InterfaceMismatchError, SettingsError
+from fenics_ehd.base.errors import BodyFileError, InterfaceMismatchError, SettingsError
+from fenics_ehd.multibody.system import System
 from fenics_ehd.reduction import (
-    SELECTIONS,
     InertiaIntegrals,
     ReducedBody,
     craig_bampton,
@@ -23,20 +26,17 @@ from fenics_ehd.reduction import (
     rigid,
     save_body,
 )
+from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.reduction.linear_solver import LinearSolver
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
 from fenics_ehd.reduction.residual_modes import energy_orthonormal, without_redundancy
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
-from fenics_ehd.scenes.rod import build_structure
-from fenics_ehd.scenes.run import build_mechanism
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.settings import build
 
 
 @pytest.fixture(scope="module")
 def structure():
-    return build_structure(SliderCrankSettings(), MPI.COMM_WORLD)
+    return structure_of("slider-crank-paper", "rod", MPI.COMM_WORLD)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_reduced_matrices_are_diagonal_with_ascending_groups(body):
     assert body.accuracy["static_rank"] == 33
 
 
-@pytest.mark.parametrize("pressure_set", ["pc2", "pc1"])
+@pytest.mark.parametrize("pressure_set", ["pc2", pytest.param("pc1", marks=pytest.mark.slow)])
 def test_static_response_is_exact_for_the_whole_set(structure, pressure_set, figure):
     pressures = PRESSURE_SETS[pressure_set](structure.bore)
     size = pressures.shape[1]
@@ -81,11 +81,11 @@ def test_static_response_is_exact_for_the_whole_set(structure, pressure_set, fig
     assert whole.accuracy["static_dropped"] < 0.2 * size
 
 
-@pytest.mark.parametrize("selection", SELECTIONS)
+@pytest.mark.parametrize("selection", WAYS)
 @pytest.mark.slow
 def test_more_residual_modes_miss_less_flexibility(structure, selection):
     missing = [
-        load_dependent(structure, 6, n, "pc2", selection).missing_flexibility
+        reduce_by(structure, 6, n, "pc2", selection).missing_flexibility
         for n in ((0, 40, 80) if selection == "proper-orthogonal" else (0, 16, 48, 80))
     ]
     energies = [np.linalg.norm(m) for m in missing]
@@ -105,7 +105,7 @@ def test_unknown_names_and_too_many_modes_are_refused(structure):
 
 @pytest.mark.mpi
 def test_rank_count_does_not_change_the_body(structure, body):
-    alone = load_dependent(build_structure(SliderCrankSettings(), MPI.COMM_SELF), 6, 31)
+    alone = load_dependent(structure_of("slider-crank-paper", "rod", MPI.COMM_SELF), 6, 31)
     np.testing.assert_allclose(body.frequencies, alone.frequencies, rtol=1e-8)
     np.testing.assert_allclose(body.bore_nodes, alone.bore_nodes, atol=1e-12)
     for part in ("basis", "missing"):
@@ -155,6 +155,12 @@ def test_body_file_returns_every_bit(body, tmp_path):
         elif f.name == "inertia":
             for g in fields(InertiaIntegrals):
                 np.testing.assert_array_equal(getattr(ours, g.name), getattr(theirs, g.name))
+        elif f.name == "bores":
+            assert ours.keys() == theirs.keys() == {"bore"}
+            for g in fields(BoreSurface):
+                np.testing.assert_array_equal(
+                    getattr(body.bore, g.name), getattr(again.bore, g.name)
+                )
         elif f.name == "points":
             assert ours.keys() == theirs.keys()
             for name in ours:
@@ -194,9 +200,9 @@ def test_rigid_part_misses_the_whole_flexibility(structure, body):
 
 @pytest.mark.parametrize("factor", [1e-4, 1e4])
 def test_modes_of_a_softer_or_stiffer_part_only_scale(body, factor):
-    settings = build(SliderCrankSettings, {"rod": {"youngs_modulus": 210e9 * factor}})
-    structure = build_structure(settings, MPI.COMM_WORLD)
-    scaled = load_dependent(structure, 6, 31, estimate_error=False)
+    modulus = {"bodies.rod.material.youngs_modulus": 210e9 * factor}
+    softer = structure_of("slider-crank-paper", "rod", MPI.COMM_WORLD, modulus)
+    scaled = load_dependent(softer, 6, 31, estimate_error=False)
     np.testing.assert_allclose(scaled.frequencies, body.frequencies * factor**0.5, rtol=1e-6)
 
 
@@ -208,15 +214,17 @@ def test_modes_of_a_softer_or_stiffer_part_only_scale(body, factor):
         ("stiffness", np.full((39, 39), np.nan), "stiffness holds a value that is not finite"),
         ("bore_basis", np.zeros((340, 3)), "bore_basis has shape"),
         ("missing_flexibility", np.zeros((3, 4)), "missing_flexibility has shape"),
-        ("pressure_nodes", np.zeros((0, 3)), "load_projection has shape"),
+        ("pressure_coordinates", np.zeros((0, 3)), "pressure_cells must use each of the 0 nodes"),
         ("points", {"pin": np.zeros((2, 2))}, "points/pin has shape"),
-        ("bore_radius", -1.0, "bore of radius -1"),
-        ("bore_radius", 0.02, r"bore_nodes are up to 2.5e-03 m off the cylinder"),
+        ("radius", -1.0, "bore.radius -1 m"),
+        ("radius", 0.02, r"bore.coordinates: node \d+ lies 2.5e-03 m off the cylinder"),
     ],
 )
 def test_inconsistent_body_file_is_refused(body, tmp_path, name, value, message):
-    path = tmp_path / "rod.h5"
-    save_body(replace(body, **{name: value}), path)
+    path, change = tmp_path / "rod.h5", {name: value}
+    if hasattr(body.bore, name):
+        change = {"bores": {"bore": replace(body.bore, **change)}}
+    save_body(replace(body, **change), path)
     with pytest.raises(BodyFileError, match=message):
         load_body(path)
 
@@ -258,7 +266,7 @@ def test_residual_flexibility_without_its_displacement_is_refused(rod_structure,
 def test_another_load_matrix_than_the_film_has_is_refused(body):
     other = replace(body, load_projection=1.001 * body.load_projection)
     with pytest.raises(InterfaceMismatchError, match="disagree on the work of a pressure"):
-        build_mechanism(SliderCrankSettings(), other)
+        System(flexible_slider_crank(other))
 
 
 def test_journal_pressures_need_fewer_modes_than_single_positions(structure):

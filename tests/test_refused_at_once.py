@@ -4,16 +4,28 @@ import json
 import os
 
 import pytest
+from command_line import exit_of
 from hand_made_rod import Joint, make_body
-from sweep_cases import LOADED_JOURNAL, exit_of, write_scene
+from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 
-from fenics_ehd.commands.reduction import reduce_part
-from fenics_ehd.errors import MeshError, SettingsError
-from fenics_ehd.key_hints import key_hint
+from fenics_ehd.base.errors import MeshError, SettingsError
+from fenics_ehd.base.key_hints import key_hint
+from fenics_ehd.cli.reduction import reduce_part
 from fenics_ehd.reduction import save_body
 
-KIND = 'scene = "slider-crank"\n'
 GAS = "angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n"
+
+#: A table named table.csv, by what it is of.
+TABLES = {
+    "forces.gas.file": {
+        "forces.gas": {
+            "kind": "angle-table", "point": "piston", "angle_of": "crank", "file": "table.csv"
+        }
+    },
+    "drives.crank.table": {
+        "drives.crank": {"kind": "torque", "table": "table.csv"}, "bodies.crank.speed": 500.0
+    },
+}  # fmt: skip
 
 
 def refused(capfd, *arguments):
@@ -28,10 +40,8 @@ def refused(capfd, *arguments):
 
 @pytest.fixture
 def scene(tmp_path):
-    def write(text):
-        path = tmp_path / "mine.toml"
-        path.write_text(text)
-        return path
+    def write(*changes, name="slider-crank-paper"):
+        return write_scene(tmp_path / "mine.toml", name, *changes)
 
     return write
 
@@ -39,91 +49,112 @@ def scene(tmp_path):
 @pytest.mark.parametrize(
     ("key", "text", "message"),
     [
-        ("gas_force", None, "mechanism.gas_force"),
-        ("gas_force", GAS.replace("90", "10e"), "line 3: angle_deg = '10e' must be a finite"),
-        ("gas_force", GAS.replace(",", ";"), "line 1, has 'angle_deg;force_N': separate by commas"),
-        ("gas_force", GAS.replace("360,80", "360,90"), "close the period"),
-        ("gas_force", GAS.replace("10", 200_000 * "1"), "line 3: field larger than field limit"),
-        ("gas_force", GAS.replace("10", "1e308"), "'1e308' must be a finite number below 1e+15"),
-        ("drive_torque_table", GAS, "the header must be angle_deg,torque_Nm"),
+        ("forces.gas.file", None, "forces.gas.file"),
+        ("forces.gas.file", GAS.replace("90", "10e"), "line 3: angle_deg = '10e' must be a finite"),
+        ("forces.gas.file", GAS.replace(",", ";"), "line 1, has 'angle_deg;force_N': separate by"),
+        ("forces.gas.file", GAS.replace("360,80", "360,90"), "close the period"),
+        ("forces.gas.file", GAS.replace("10", 200_000 * "1"), "line 3: field larger than field li"),
+        ("forces.gas.file", GAS.replace("10", "1e308"), "'1e308' must be a finite number below 1e"),
+        (
+            "drives.crank.table",
+            GAS,
+            "line 1: column 'force_N' is not one of angle, torque, with a unit",
+        ),
     ],
 )
 @pytest.mark.parametrize("with_body", [False, True])
 def test_tables(key, text, message, with_body, scene, tmp_path, capfd):
     if text is not None:
         (tmp_path / "table.csv").write_text(text)
-    drive = 'drive = "torque"\n' if key == "drive_torque_table" else ""
-    path = scene(f'{KIND}[mechanism]\n{drive}{key} = "table.csv"\n')
-    more = []
+    path = scene(TABLES[key], ROD_OF_A_FILE if with_body else {})
     if with_body:
         save_body(make_body(Joint()), tmp_path / "rod.h5")
-        more = ["--body", tmp_path / "rod.h5"]
-    assert message in refused(capfd, "run", path, "-o", tmp_path / "out", *more)
+    assert message in refused(capfd, "run", path, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("changes", "message"),
     [
-        ("[start]\neccentricity_x = 0.9\neccentricity_y = 0.9", "start.eccentricity_x"),
-        ("[time]\nsmallest_step = 1e-5", "time.smallest_step = 1e-05"),
-        ("[mechanism]\ndrive_torque = 5.0", 'set mechanism.drive = "torque"'),
-        ("[mechanism]\nclearance = 17e-6", "did you mean bearing.clearance?"),
+        ({"joints.big_end.eccentricity": [0.9, 0.9]}, "joints.big_end.eccentricity"),
+        ({"time.smallest_step": 1e-5}, "time.smallest_step = 1e-05"),
+        ({"drives.crank.torque": 5.0}, "a key of kind torque"),
+        ({"bodies.rod.disks": []}, "unknown key bodies.rod.disks of kind 'flexible': a key of kind "
+         "shaft"),
+        ({"joints.big_end.bore": "rod.boer"}, "joints.big_end.bore = 'rod.boer': body rod has no"),
+        ({"bodies.crank.mass": None}, "bodies.crank.mass is missing"),
     ],
-)
-def test_settings_that_need_no_rod_to_be_seen(text, message, scene, tmp_path, capfd):
-    assert message in refused(capfd, "run", scene(KIND + text), "-o", tmp_path / "out")
+)  # fmt: skip
+def test_settings_that_need_no_rod_to_be_seen(changes, message, scene, tmp_path, capfd):
+    assert message in refused(capfd, "run", scene(changes), "-o", tmp_path / "out")
 
 
 def test_settings_that_need_no_housing_to_be_seen(scene, tmp_path, capfd):
-    path = scene('scene = "rotor"\n[shaft]\nmodes = 7\n')
-    assert "shaft.modes = 7 must be even" in refused(capfd, "run", path, "-o", tmp_path / "out")
+    path = scene({"bodies.shaft.modes": 7}, name="rotor-paper")
+    line = refused(capfd, "run", path, "-o", tmp_path / "out")
+    assert "bodies.shaft.modes = 7 must be even" in line
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("name", "changes", "message"),
     [
         (
-            f"{KIND}[mechanism]\ncrank_length = 0.2",
-            "0.2 m must be below the rod's length of 0.16 m",
+            "slider-crank-paper",
+            {"bodies.crank.points.pin": [0.2, 0.0], "bodies.rod.position": [0.2, 0.0]},
+            "cannot",
         ),
-        (f"{KIND}[bearing]\nclearance = 2e-3", "bearing.clearance = 0.002 m must be below 0.05"),
-        (f"{KIND}[bearing]\nclearance = 2e-8", "0.0225 m: lengths are in metres"),
-        ('scene = "rotor"\n[shaft]\ndiameter = 0.05', "shaft.diameter = 0.05 m must be that of"),
+        (
+            "slider-crank-paper",
+            {"joints.big_end.clearance": 2e-3},
+            "joints.big_end.clearance = 0.002 m must be below 0.05",
+        ),
+        (
+            "slider-crank-paper",
+            {"joints.big_end.clearance": 2e-8},
+            "0.0225 m: lengths are in metres",
+        ),
+        (
+            "rotor-paper",
+            {"bodies.shaft.diameter": 0.05},
+            "bodies.shaft.diameter = 0.05 m must be that of",
+        ),
     ],
 )
 def test_sizes_that_do_not_fit_the_part_are_refused_once_it_is_meshed(
-    text, message, scene, tmp_path, capfd, monkeypatch
+    name, changes, message, scene, tmp_path, capfd, monkeypatch
 ):
-    monkeypatch.delattr("fenics_ehd.scenes.rod.reduce_structure")
-    monkeypatch.delattr("fenics_ehd.scenes.housing.reduce_structure")
-    status, _, errors = exit_of(capfd, "run", scene(text), "-o", tmp_path / "out")
+    monkeypatch.delattr("fenics_ehd.scenes.elastic_part.reduce_structure")
+    path = scene(changes, name=name)
+    status, _, errors = exit_of(capfd, "run", path, "-o", tmp_path / "out")
     assert status == 2, errors
     assert message in errors.splitlines()[-1]
 
 
-@pytest.mark.parametrize("command", [("run",), ("sweep", "--set", "clearance=1e-5")])
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[mechanism]\n", "scene is missing: slider-crank, rotor or loaded-journal"),
-        (LOADED_JOURNAL.replace('scene = "loaded-journal"', ""), "scene is missing: slider-crank"),
-        (
-            'scene = "slidercrank"\n',
-            "scene = 'slidercrank' must be slider-crank, rotor or loaded-journal: did you mean "
-            "slider-crank?",
-        ),
-        ("scene = 3\n", "scene = 3 must be slider-crank, rotor or loaded-journal"),
-        ("[scene]\n", "scene = {} must be slider-crank, rotor or loaded-journal"),
+        ("", "no [bodies.NAME] tables; write bodies, joints, drives and forces: 'fenics-ehd init"),
+        ('scene = "slider-crank"\n', "a scene file of version 0.1; write bodies, joints"),
+        ("[mechanism]\ncrank_length = 0.05\n", "docs/scene-keys.md says where every old key went"),
+        ("scene = 3\n", "a scene file of version 0.1"),
+        ("bodies = 3\n", "bodies = 3 must be tables: [bodies.NAME]"),
+        ("[bodies]\nrod = 3\n", "bodies.rod = 3 must be a table: [bodies.rod]"),
+        ("[bodies.rod]\n", "bodies.rod.kind is missing: one of rigid, flexible"),
+        ('[bodies.rod]\nkind = "rigit"\nmass = 1.0\n', "did you mean rigid?"),
+        ("[bodies.rod]\nkind = 3\n", "bodies.rod.kind = 3: "),
+        ("[bodies.rod]\nkind = []\n", "bodies.rod.kind = []: "),
+        ("[body.rod]\n[bodies.rod]\n", "unknown table [body]: did you mean bodies?"),
     ],
 )
-def test_file_that_is_of_no_machine(command, text, message, scene, tmp_path, capfd):
-    assert message in refused(capfd, *command, scene(text), "-o", tmp_path / "out")
+def test_file_that_is_of_no_mechanism(text, message, tmp_path, capfd):
+    (tmp_path / "mine.toml").write_text(text)
+    line = refused(capfd, "run", tmp_path / "mine.toml", "-o", tmp_path / "out")
+    assert message in line
 
 
 def test_table_that_is_no_file_is_not_waited_for(scene, tmp_path, capfd):
     os.mkfifo(tmp_path / "table.csv")
-    path = scene(f'{KIND}[mechanism]\ngas_force = "table.csv"\n')
+    path = scene(TABLES["forces.gas.file"])
     assert "pipe or device, not a file" in refused(capfd, "run", path, "-o", tmp_path / "out")
 
 
@@ -149,27 +180,35 @@ def test_argument_of_a_shell_variable_that_is_not_set(
 
 def test_name_of_a_machine_that_is_misspelt(tmp_path, capfd):
     line = refused(capfd, "run", "slider_crank", "-o", tmp_path / "out")
-    assert line.endswith("did you mean slider-crank?")
+    assert "scene 'slider_crank': did you mean slider-crank? not a .toml file, nor engine" in line
 
 
-def reduce_rod_of(path, target):
-    reduce_part("conrod", str(target), str(path), None, None, (), {}, False)
+def reduce_rod_of(path, target, part="rod"):
+    reduce_part(part, str(target), str(path), None, None, (), {}, False)
 
 
-def test_part_of_another_machine_or_of_an_unknown_one(scene, tmp_path):
-    with pytest.raises(SettingsError, match="scene = 'rotor' must be slider-crank here"):
-        reduce_rod_of(scene('scene = "rotor"\n'), tmp_path / "rod.h5")
-    with pytest.raises(SettingsError, match=r"unknown key load: .*slider-crank assumed"):
-        reduce_rod_of(scene("[load]\nscale = 2\n"), tmp_path / "rod.h5")
+def test_part_of_another_mechanism_or_of_an_unknown_one(scene, tmp_path):
+    with pytest.raises(SettingsError, match="has 0 flexible bodies of that name or model, not one"):
+        reduce_rod_of(scene(name="rotor-paper"), tmp_path / "rod.h5")
+    with pytest.raises(SettingsError, match="its flexible bodies with a model: rod"):
+        reduce_rod_of(scene(), tmp_path / "rod.h5", "crank")
 
 
 def test_parameter_that_the_model_does_not_have(scene, tmp_path):
     with pytest.raises(MeshError) as caught:
-        reduce_rod_of(scene("[rod.geometry]\nbore_diameter = 0.05\n"), tmp_path / "rod.h5")
+        reduce_rod_of(scene({"bodies.rod.geometry.bore_diameter": 0.05}), tmp_path / "rod.h5")
     message = str(caught.value)
     assert "did you mean bore_width or bore_radius? it has big_end_layers," in message
     assert "Model dimension" not in message
     assert "Input files" not in message
+
+
+def test_model_beside_its_scene_is_found_from_anywhere(scene, tmp_path, monkeypatch):
+    (tmp_path / "mine.geo").write_text("Point(1) = {0, 0, 0};\n")
+    path = scene({"bodies.rod.model": "mine.geo"})
+    monkeypatch.chdir("/")
+    with pytest.raises(MeshError, match=r"mine\.geo"):
+        reduce_rod_of(path, tmp_path / "rod.h5")
 
 
 @pytest.mark.parametrize(
@@ -194,7 +233,7 @@ def test_output_that_cannot_be_written(tmp_path, capfd, monkeypatch):
     (tmp_path / "run" / "history.csv").write_text(
         "time_s,max_pressure_Pa,min_film_thickness_m\n0,0,1\n1,1,1\n"
     )
-    path = write_scene(tmp_path, LOADED_JOURNAL)
+    path = write_scene(tmp_path / "journal.toml", "loaded-journal", LOADED_JOURNAL)
     for arguments in (["plot", "run"], ["run", path], ["run", "slider-crank"]):
         line = refused(capfd, *arguments, "-o", "/proc/no_folder")
         assert "output /proc/no_folder: " in line
@@ -208,12 +247,14 @@ def test_output_without_permission_says_what_helps_in_a_container(tmp_path, capf
 
 
 def test_numbers_in_another_unit_perhaps_are_named_and_kept(scene, tmp_path, capfd):
-    text = f"{KIND}[mechanism]\nrevolutions = 0.002\n[bearing]\nviscosity = 10\n"
+    changes = {"time.revolutions": 0.002, "lubricants.oil.viscosity": 10.0}
     save_body(make_body(Joint()), tmp_path / "rod.h5")
-    given = ["--body", tmp_path / "rod.h5", "-o", tmp_path / "out", "--no-plots"]
-    status, _, errors = exit_of(capfd, "run", scene(text), *given)
+    path = scene(ROD_OF_A_FILE, changes)
+    status, _, errors = exit_of(capfd, "run", path, "-o", tmp_path / "out", "--no-plots")
     assert status == 0, errors
-    warning = "bearing.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s"
+    warning = (
+        "lubricants.oil.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s"
+    )
     assert f"fenics-ehd: warning: {warning}\n" in errors
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
 
@@ -250,7 +291,9 @@ def test_outputs_of_a_reduction(options, message, tmp_path, monkeypatch, capfd):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "here-mtx", "pipe"]
 
 
-def test_a_pipe_for_a_body(tmp_path, scene, capfd):
+@pytest.mark.parametrize("option", [False, True])
+def test_a_pipe_for_a_body(option, tmp_path, scene, capfd):
     os.mkfifo(tmp_path / "rod.h5")
-    arguments = ("run", scene(KIND), "--body", tmp_path / "rod.h5", "-o", tmp_path / "out")
+    more = ("--body", tmp_path / "rod.h5") if option else ()
+    arguments = ("run", scene({} if option else ROD_OF_A_FILE), *more, "-o", tmp_path / "out")
     assert "rod.h5: not a regular file" in refused(capfd, *arguments)

@@ -7,94 +7,62 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
+from command_line import (
+    COMMAND,
+    assert_same_results,
+    call,
+    killed_again_and_again,
+    start,
+    stop_after,
+)
 from hand_made_rod import Joint, make_body
-from interrupt_case import heed_interrupt, interrupted_run, rows_in
+from interrupt_case import interrupted_run, rows_in
+from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 
-from fenics_ehd.checkpoint import CHECKPOINT, Checkpoints, load_checkpoint, save_checkpoint
-from fenics_ehd.cli import main
-from fenics_ehd.commands.scenes import read_scene
-from fenics_ehd.errors import InputError
-from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.base.errors import InputError
 from fenics_ehd.reduction import load_body, save_body
+from fenics_ehd.results.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
+from fenics_ehd.results.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.results.recorded_run import Checkpoints
 
-SCENE = 'scene = "slider-crank"\n[mechanism]\nrevolutions = 0.03\n[time]\ntolerance = 1e-8\n'
-
-
-def call(*arguments):
-    with pytest.raises(SystemExit) as caught:
-        main([str(a) for a in arguments])
-    return caught.value.code
+TIMES = {"time.revolutions": 0.03, "time.tolerance": 1e-8}
 
 
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory):
     """Folder with a scene, a body and the results of an undisturbed run."""
     folder = tmp_path_factory.mktemp("resume")
-    (folder / "scene.toml").write_text(SCENE)
+    write_scene(folder / "press.toml", "slider-crank-paper", ROD_OF_A_FILE, TIMES)
     save_body(make_body(Joint()), folder / "rod.h5")
     assert call(*command(folder, "whole")) == 0
     return folder
 
 
-def command(folder, name, every=0):
-    return ("run", folder / "scene.toml", "--body", folder / "rod.h5", "--no-plots",
-            "--checkpoint-every", every, "-o", folder / name)  # fmt: skip
-
-
-def start(arguments):
-    return subprocess.Popen(
-        [sys.executable, "-m", "fenics_ehd.cli", *map(str, arguments)],
-        preexec_fn=heed_interrupt,
-        stderr=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-    )
-
-
-def stop_after(process, folder, rows, how):
-    """Send a signal as soon as the history has so many rows; returns the exit status."""
-    deadline = time.monotonic() + 120
-    while rows_in(folder) < rows and process.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(1e-3)
-    assert process.poll() is None, f"the run was over before the signal: {process.returncode}"
-    process.send_signal(how)
-    return process.wait(timeout=60)
-
-
-def assert_same_results(one, other):
-    assert (one / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
-    names = ("coordinates", "rates", "pressure_Pa")
-    for name, values in read_fields(one, names).items():
-        np.testing.assert_array_equal(values, read_fields(other, (name,))[name])
-    ours, theirs = (json.loads((f / "summary.json").read_text()) for f in (one, other))
-    # Versions are those of what was imported, by one process or another.
-    for key in set(theirs) - {"wall_time_s", "processor_time_s", "reduction_time_s", "versions"}:
-        assert ours[key] == theirs[key], key
+def command(folder, name, every=0, scene="press.toml"):
+    return ("run", folder / scene, "--no-plots", "--checkpoint-every", every, "-o", folder / name)
 
 
 @pytest.mark.parametrize("every", [0, pytest.param(1000, marks=pytest.mark.slow)])
 def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
-    folder = prepared / f"killed_{every}"
-    process = start(command(prepared, folder.name, every))
-    for rows in (15, 45):
-        stop_after(process, folder, rows, signal.SIGKILL)
-        (run,) = folder.glob(".run-*")
+    folder, whole = prepared / f"killed_{every}", prepared / "whole"
+    resume = ("run", "--resume", folder, "--no-plots", "--checkpoint-every", every)
+    moments = iter((15, 45))
+    for run in killed_again_and_again(
+        folder, command(prepared, folder.name, every), resume, (15, 45)
+    ):
         assert not any(path.is_file() for path in folder.glob("[!.]*"))
         # What was written can be read, and stays.
         before = (run / "history.csv").read_bytes()
-        assert len(read_history(run)["time_s"]) >= rows - 2
+        assert len(read_history(run)["time_s"]) >= next(moments) - 2
         last = before.rfind(b"\n") + 1
-        assert (prepared / "whole" / "history.csv").read_bytes()[:last] == before[:last]
-        process = start(("run", "--resume", folder, "--no-plots", "--checkpoint-every", every))
-    assert process.wait(timeout=120) == 0
-    assert_same_results(folder, prepared / "whole")
+        assert (whole / "history.csv").read_bytes()[:last] == before[:last]
+    assert_same_results(folder, whole)
     assert not list(folder.glob(".*"))
 
 
@@ -104,7 +72,7 @@ def test_an_interrupted_run_goes_on_to_the_same_result(prepared):
     assert stop_after(process, folder, 20, signal.SIGINT) == 130
     assert json.loads((folder / "summary.json").read_text())["status"] == "interrupted"
     # Its last step, whatever the interval.
-    steps = load_checkpoint(folder / CHECKPOINT)["memory"]["totals"]["steps"]
+    steps = load_checkpoint(folder / CHECKPOINT)["state"]["totals"]["steps"]
     assert steps == len(read_history(folder)["time_s"])
     assert call("run", "--resume", folder, "--no-plots") == 0
     assert_same_results(folder, prepared / "whole")
@@ -124,9 +92,8 @@ SLOW = pytest.mark.slow
 )
 def test_every_signal_ends_a_run_as_ctrl_c_does(how, prepared):
     folder = prepared / how.name
-    program = [sys.executable, "-m", "fenics_ehd.cli"]
     arguments = command(prepared, folder.name, 1000)
-    interrupted_run([*program, *map(str, arguments)], folder, how=how)
+    interrupted_run([*COMMAND, *map(str, arguments)], folder, how=how)
     assert call("run", "--resume", folder, "--no-plots") == 0
     assert_same_results(folder, prepared / "whole")
 
@@ -135,14 +102,18 @@ def test_every_signal_ends_a_run_as_ctrl_c_does(how, prepared):
 def test_a_run_ends_when_nobody_reads_what_it_says(prepared):
     folder = prepared / "unread"
     # Long enough for the bar to be drawn again on any machine.
-    (prepared / "long.toml").write_text(SCENE.replace("0.03", "1"))
+    write_scene(
+        prepared / "long.toml", "slider-crank-paper", ROD_OF_A_FILE, TIMES, {"time.revolutions": 1}
+    )
     read, write = os.pipe()
     # The bar is drawn as often as on a terminal, which a pipe is not.
-    code = "import sys; sys.stderr.isatty = lambda: True; from fenics_ehd.cli import main; main()"
+    code = (
+        "import sys; sys.stderr.isatty = lambda: True\nfrom fenics_ehd.cli.main import main; main()"
+    )
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "run", str(prepared / "long.toml"), "--body",
-         str(prepared / "rod.h5"), "--no-plots", "-o", str(folder)], stderr=write
-    )  # fmt: skip
+        [sys.executable, "-c", code, *map(str, command(prepared, "unread", 10, "long.toml"))],
+        stderr=write,
+    )
     os.close(write)
     while rows_in(folder) < 20 and process.poll() is None:
         os.read(read, 4096)
@@ -163,7 +134,7 @@ def test_ctrl_c_during_imports_is_no_traceback(name, prepared):
                     os.kill(os.getpid(), signal.SIGINT)
         sys.meta_path.insert(0, Interrupting)
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        from fenics_ehd.cli import main
+        from fenics_ehd.cli.main import main
         main()"""
     arguments = map(str, command(prepared, folder.name))
     found = subprocess.run(
@@ -200,7 +171,7 @@ def run_limited(prepared):
         code = f"""if True:
             import mpi4py.MPI, resource
             resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
-            from fenics_ehd.cli import main
+            from fenics_ehd.cli.main import main
             main()"""
         arguments = map(str, command(prepared, f"limited_{size}", 0.05))
         found = subprocess.run(
@@ -237,9 +208,8 @@ def test_a_run_on_a_full_disk_ends_in_order_and_goes_on(kilobytes, prepared, tmp
         # Also a mounted folder, which cannot be renamed.
         folder = tmp_path
         arguments = [*command(prepared, "run", 0.05)[:-1], folder]
-        program = [sys.executable, "-m", "fenics_ehd.cli"]
         found = subprocess.run(
-            [*program, *map(str, arguments)], capture_output=True, text=True, timeout=120
+            [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=120
         )
         assert_ended_readable(found, folder, prepared / "whole")
         subprocess.run(["mount", "-o", "remount,size=10m", tmp_path], check=True)
@@ -266,17 +236,33 @@ def test_what_cannot_go_on_is_refused(prepared, tmp_path, capsys):
     assert "checkpoint.h5" in capsys.readouterr().err
 
 
+def test_no_model_is_run_in_place_of_a_body_that_is_missing(prepared, tmp_path, capsys):
+    run = tmp_path / "run"
+    shutil.copytree(prepared / "whole", run)
+    (run / "body-rod.h5").unlink()
+    (run / "rod.geo").write_text(f'SystemCall "touch {tmp_path}/ran";')
+    text = (run / "scene.toml").read_text()
+    body = re.search('^body = ".*"', text, flags=re.MULTILINE)[0]
+    model = re.search('^model = "none"', text, flags=re.MULTILINE)[0]
+    text = text.replace(body, 'points = ["pin"]').replace(model, 'model = "rod.geo"')
+    (run / "scene.toml").write_text(text)
+    assert call("run", "--resume", run, "--no-plots") == 2
+    assert "body-rod.h5: no such file" in capsys.readouterr().err
+    assert not (tmp_path / "ran").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "before", "after"),
     [("scene.toml", "tolerance = 1e-08", "tolerance = 1e-07"), ("gas.csv", "0,80", "0,90")],
 )
 def test_another_scene_or_table_is_refused(name, before, after, prepared, tmp_path, capsys):
     (tmp_path / "gas.csv").write_text("angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n")
-    scene = SCENE.replace("revolutions = 0.03", 'revolutions = 0.005\ngas_force = "gas.csv"')
-    (tmp_path / "mine.toml").write_text(scene)
-    body, run = prepared / "rod.h5", tmp_path / "run"
-    arguments = ("--body", body, "--no-plots", "-o", run)
-    assert call("run", tmp_path / "mine.toml", *arguments) == 0
+    gas = {"kind": "angle-table", "point": "piston", "angle_of": "crank", "file": "gas.csv"}
+    changes = {"forces.gas": gas, "time.revolutions": 0.005}
+    write_scene(tmp_path / "mine.toml", "slider-crank-paper", ROD_OF_A_FILE, TIMES, changes)
+    shutil.copy(prepared / "rod.h5", tmp_path)
+    run = tmp_path / "run"
+    assert call("run", tmp_path / "mine.toml", "--no-plots", "-o", run) == 0
     assert call("run", "--resume", run, "--no-plots") == 0
     capsys.readouterr()
     changed = run / name if name == "scene.toml" else tmp_path / name
@@ -311,25 +297,31 @@ def filled(value):
         ({"rows": lambda n: 10 * n}, "the history has"),
         ({"rows": lambda n: 0}, "it counts 0 steps"),
         ({"rows": lambda n: None}, "rows is missing"),
+        ({"name": lambda n: 1}, "name is of type int64"),
         ({"scene": lambda t: None}, "scene is missing"),
-        ({"memory": lambda t: None}, "memory is missing"),
-        ({"memory__integrator": lambda t: None}, "memory/integrator is missing"),
-        ({"memory__integrator__rate": lambda x: None}, "integrator/rate is missing"),
-        ({"memory__integrator__rate": lambda x: x[:-1]}, "integrator/rate has 4 rows, times has 5"),
-        ({"memory__integrator__rate": lambda x: x[:, :-1]}, r"rate has shape \(5, 1\), not like"),
-        ({"memory__integrator__watched": filled(np.nan)}, "integrator/watched holds a value"),
-        ({"memory__integrator__times": lambda t: t[::-1]}, "integrator/times must descend from"),
+        ({"state": lambda t: None}, "state is missing"),
+        ({"state__integrator": lambda t: None}, "state/integrator is missing"),
+        ({"state__integrator__rate": lambda x: None}, "integrator/rate is missing"),
+        ({"state__integrator__rate": lambda x: x[:-1]}, "integrator/rate has 4 rows, times has 5"),
+        ({"state__integrator__rate": lambda x: x[:, :-1]}, r"rate has shape \(5, 10\), not like"),
+        ({"state__integrator__observed": filled(np.nan)}, "integrator/observed holds a value"),
+        ({"state__integrator__times": lambda t: t[::-1]}, "integrator/times must descend from"),
         (
-            {"memory__integrator__step": lambda s: float("nan")},
+            {"state__integrator__step": lambda s: float("nan")},
             "integrator/step holds a value",
         ),
-        ({"memory__integrator__step": lambda s: -s}, "integrator/step = .* must be positive"),
-        ({"memory__integrator__step": lambda s: "long"}, "integrator/step is of type <U4"),
-        ({"memory__integrator__x": lambda x: x[::-1]}, "it is not of step"),
-        ({"memory__pressures__times": lambda t: t[::-1]}, "pressures/times must descend from"),
-        ({"memory__totals__time": lambda t: t / 2}, "integrator/times must descend from"),
-        ({"memory__balance__work": lambda x: x[:-1]}, "balance/work has shape"),
-        ({"memory__estimate": lambda t: None}, "estimate is missing"),
+        ({"state__integrator__step": lambda s: -s}, "integrator/step = .* must be positive"),
+        ({"state__integrator__step": lambda s: "long"}, "integrator/step is of type <U4"),
+        ({"state__integrator__x": lambda x: x[::-1]}, "it is not of step"),
+        ({"state__solver__times": lambda t: t[::-1]}, "solver/times must descend from"),
+        ({"state__solver__values": lambda v: v[:, :-1]}, "solver/values has shape"),
+        ({"state__solver__patterns": lambda n: None}, "solver/patterns is missing"),
+        ({"state__totals__time": lambda t: t / 2}, "totals/time must be that of the integrator"),
+        ({"state__balance__work": lambda x: x[:-1]}, "balance/work has shape"),
+        ({"state__extremes__big_end": lambda t: None}, "extremes/big_end is missing"),
+        ({"state__estimates": lambda t: None}, "estimates is missing"),
+        ({"state__recorded": lambda t: None}, "recorded is missing"),
+        ({"state__recorded__first_row": lambda n: 0.5}, "recorded/first_row is of type float64"),
     ],
 )
 def test_a_checkpoint_that_cannot_be_is_refused(changes, message, prepared, tmp_path, capsys):
@@ -345,25 +337,32 @@ def test_a_checkpoint_that_cannot_be_is_refused(changes, message, prepared, tmp_
 def test_another_body_is_refused(prepared, tmp_path, capsys):
     run = tmp_path / "run"
     shutil.copytree(prepared / "whole", run)
-    body = load_body(run / "body.h5")
+    body = load_body(run / "body-rod.h5")
     shift = np.zeros((3, 3))
     shift[0, 0] = 1e-6
-    save_body(replace(body, points={"pin": body.points["pin"] + shift}), run / "body.h5")
+    save_body(replace(body, points={"pin": body.points["pin"] + shift}), run / "body-rod.h5")
     assert call("run", "--resume", run, "--no-plots") == 2
-    assert "body.h5 changed since the run began" in capsys.readouterr().err
-    save_body(body, run / "body.h5")
+    assert "body-rod.h5 changed since the run began" in capsys.readouterr().err
+    save_body(body, run / "body-rod.h5")
     assert call("run", "--resume", run, "--no-plots") == 0
 
 
-def test_the_scene_that_is_left_is_the_one_that_ran(tmp_path):
-    reduced = ("--method", "m1", "--modes", "3", "-o", tmp_path / "rod.h5")
-    assert call("reduce", "conrod", *reduced) == 0
-    (tmp_path / "mine.toml").write_text(SCENE.replace("1e-8", "1e-4").replace("0.03", "0.002"))
-    body, run = tmp_path / "rod.h5", tmp_path / "run"
-    arguments = ("--body", body, "--no-plots", "-o", run)
-    assert call("run", tmp_path / "mine.toml", *arguments) == 0
-    settings = read_scene(str(run / "scene.toml"))[0]
-    assert (settings.reduction.method, settings.reduction.modes) == ("m1", 3)
+def test_the_scene_that_is_left_is_the_one_that_ran(prepared, tmp_path, monkeypatch):
+    """From anywhere, with the files that it names."""
+    monkeypatch.chdir(tmp_path)
+    whole, again = prepared / "whole", tmp_path / "again"
+    assert call("run", whole / "scene.toml", "--no-plots", "-o", again) == 0
+    assert (again / "history.csv").read_bytes() == (whole / "history.csv").read_bytes()
+
+
+def test_a_run_goes_on_without_the_body_file_it_began_with(prepared, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(prepared / "whole", run)
+    (prepared / "rod.h5").rename(prepared / "moved.h5")
+    try:
+        assert call("run", "--resume", run, "--no-plots") == 0
+    finally:
+        (prepared / "moved.h5").rename(prepared / "rod.h5")
 
 
 def test_a_checkpoint_returns_what_it_was_given(tmp_path):
@@ -396,16 +395,16 @@ def rows_of(folder, count, start=0, resumed=None):
 
 @pytest.mark.parametrize(("whole", "rows"), [(True, 2), (False, 1)])
 def test_the_last_whole_step_is_stored_where_a_run_ends(whole, rows, tmp_path):
-    run = SimpleNamespace(memory=dict)
+    run = SimpleNamespace(stored_state=dict)
     history = HistoryWriter(tmp_path, {})
     with history, Checkpoints(history, 1000, {}) as checkpoints:
         for number in range(2):
-            run.integrator = number
+            run.run = SimpleNamespace(state=number)
             history.add({"time_s": number}, {"x": np.zeros(2)})
             checkpoints.follow(run)
         assert load_checkpoint(tmp_path / CHECKPOINT)["rows"] == 1
         if not whole:
-            run.integrator = "of a step without a row"
+            run.run = SimpleNamespace(state="of a step without a row")
     assert load_checkpoint(tmp_path / CHECKPOINT)["rows"] == rows
 
 
@@ -430,20 +429,44 @@ def test_a_history_without_the_checkpoints_rows_is_refused(tmp_path):
 
 
 def test_a_run_ends_where_its_film_is_thinner_than_told(prepared, capsys):
-    scene = prepared / "thin.toml"
-    scene.write_text(SCENE.replace("revolutions = 0.03", "revolutions = 0.2")
-                     + "[bearing]\nsmallest_film = 0.6\n")  # fmt: skip
+    changes = {"time.revolutions": 0.2, "joints.big_end.smallest_film": 0.6}
+    write_scene(prepared / "thin.toml", "slider-crank-paper", ROD_OF_A_FILE, TIMES, changes)
     folder = prepared / "thin"
-    arguments = ("run", scene, "--body", prepared / "rod.h5", "--no-plots", "-o", folder)
-    assert call(*arguments) == 1
+    assert call(*command(prepared, "thin", 10, "thin.toml")) == 1
     error = capsys.readouterr().err
     assert "FilmTooThinError" in error
-    assert "bearing.smallest_film" in error
+    assert "joints.big_end.smallest_film" in error
     film = read_history(folder)["min_film_thickness_m"]
     assert film[-1] < 0.6 * 17e-6 < film[-2]
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["status"].startswith("failed: the film is")
+    assert summary["status"].startswith("failed: the film of big_end is")
     assert summary["steps"] == len(film)
+
+
+def test_a_complete_periodic_run_has_nothing_left_to_do(tmp_path, capsys):
+    scene = write_scene(tmp_path / "scene.toml", "loaded-journal", LOADED_JOURNAL)
+    assert call("run", scene, "--no-plots", "-o", tmp_path / "out") == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    capsys.readouterr()
+    assert call("run", "--resume", tmp_path / "out") == 0
+    assert "periodic after" in capsys.readouterr().out
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+@pytest.mark.slow
+def test_a_periodic_run_that_was_killed_goes_on_to_the_same_result(tmp_path):
+    """Within its first cycle, and in the next one."""
+    scene = write_scene(tmp_path / "scene.toml", "loaded-journal", LOADED_JOURNAL)
+    options = ("--no-plots", "--checkpoint-every", 0)
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert call("run", scene, *options, "-o", whole) == 0
+    begin, resume = ("run", scene, *options, "-o", killed), ("run", "--resume", killed, *options)
+    cycles = [
+        read_history(run)["cycle"][-1]
+        for run in killed_again_and_again(killed, begin, resume, (7, 40))
+    ]
+    assert cycles[0] == 1 < cycles[1]
+    assert_same_results(killed, whole)
 
 
 def test_a_history_that_was_cut_off_is_not_read(prepared, tmp_path):

@@ -5,16 +5,18 @@ import os
 from pathlib import Path
 
 import pytest
+from command_line import exit_of
 from hand_made_rod import Joint, make_body
-from sweep_cases import exit_of
+from scene_cases import ROD_OF_A_FILE, write_scene
 
-from fenics_ehd.checkpoint import CHECKPOINT
-from fenics_ehd.errors import InputError, InUseError
+from fenics_ehd.base.errors import InputError, InUseError
 from fenics_ehd.reduction import save_body
-from fenics_ehd.run_folder import RunFolder
+from fenics_ehd.results.checkpoint import CHECKPOINT
+from fenics_ehd.results.run_folder import RunFolder
 
-SCENE = 'scene = "slider-crank"\n[mechanism]\nrevolutions = 0.005\n[time]\ntolerance = 1e-4\n'
-FAILS = SCENE.replace("0.005", "0.2") + "[bearing]\nsmallest_film = 0.6\n"
+SCENE = ROD_OF_A_FILE | {"time.revolutions": 0.005, "time.tolerance": 1e-4}
+COARSER = SCENE | {"time.tolerance": 1e-3}
+FAILS = SCENE | {"time.revolutions": 0.2, "joints.big_end.smallest_film": 0.6}
 
 
 @pytest.fixture
@@ -22,10 +24,10 @@ def run(tmp_path, capfd):
     """Calls ``fenics-ehd run`` into the folder ``out``; returns status and error output."""
     save_body(make_body(Joint()), tmp_path / "rod.h5")
 
-    def call(text, *options):
-        (tmp_path / "scene.toml").write_text(text)
-        arguments = ("--body", tmp_path / "rod.h5", "--no-plots", "-o", tmp_path / "out")
-        status, _, errors = exit_of(capfd, "run", tmp_path / "scene.toml", *arguments, *options)
+    def call(changes, *options):
+        scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", changes)
+        arguments = ("--no-plots", "-o", tmp_path / "out")
+        status, _, errors = exit_of(capfd, "run", scene, *arguments, *options)
         return status, errors
 
     return call
@@ -39,18 +41,18 @@ def test_complete_results_are_replaced_only_when_told_to(run, tmp_path, monkeypa
     out = tmp_path / "out"
     assert run(SCENE)[0] == 0
     before = contents(out)
-    assert {"summary.json", "history.csv", "history.h5", "scene.toml", "body.h5"} <= set(before)
+    assert {"summary.json", "history.csv", "history.h5", "scene.toml", "body-rod.h5"} <= set(before)
     # Before any work: the body is not even read.
     with monkeypatch.context() as patch:
-        patch.delattr("fenics_ehd.commands.scenes.load_body")
-        status, errors = run(SCENE.replace("1e-4", "1e-3"))
+        patch.delattr("fenics_ehd.scenes.elastic_part.load_body")
+        status, errors = run(COARSER)
     assert status == 2
     line = errors.splitlines()[-1]
     assert f"{out}: holds a complete result, choose another folder or --overwrite" in line
     assert contents(out) == before
     (out / "max_pressure.png").write_text("stale")
     (out / "notes.txt").write_text("not of a run")
-    assert run(SCENE.replace("1e-4", "1e-3"), "--overwrite")[0] == 0
+    assert run(COARSER, "--overwrite")[0] == 0
     after = contents(out)
     assert set(after) == set(before) | {"notes.txt"}
     assert after["history.csv"] != before["history.csv"]
@@ -80,7 +82,8 @@ def test_failed_results_are_replaced_without_asking(run, tmp_path):
 
 
 def test_a_run_that_cannot_start_leaves_nothing(run, tmp_path):
-    assert run(SCENE, "--body", tmp_path / "nobody.h5")[0] == 2
+    (tmp_path / "rod.h5").unlink()
+    assert run(SCENE)[0] == 2
     assert not (tmp_path / "out").exists()
 
 
@@ -102,7 +105,7 @@ def test_links_are_replaced_and_not_followed(run, tmp_path):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     out.mkdir()
     elsewhere.mkdir()
-    names = ("history.csv", "history.h5", "summary.json", CHECKPOINT, "scene.toml", "body.h5")
+    names = ("history.csv", "history.h5", "summary.json", CHECKPOINT, "scene.toml", "body-rod.h5")
     for name in names:
         (elsewhere / name).write_text("mine")
         (out / name).symlink_to(elsewhere / name)
@@ -130,7 +133,7 @@ class Killed(BaseException):
 
 
 def write_run(path, content, status):
-    for name in ("history.csv", "history.h5", CHECKPOINT, "scene.toml", "body.h5"):
+    for name in ("history.csv", "history.h5", CHECKPOINT, "scene.toml", "body-rod.h5"):
         (path / name).write_text(content)
     (path / "summary.json").write_text(json.dumps({"status": status, "content": content}))
 
@@ -138,7 +141,7 @@ def write_run(path, content, status):
 def state_of(folder):
     """What a folder holds: the content of a whole run, by how it ended."""
     summary = json.loads((folder / "summary.json").read_text())
-    names = ("history.csv", "history.h5", CHECKPOINT, "scene.toml", "body.h5")
+    names = ("history.csv", "history.h5", CHECKPOINT, "scene.toml", "body-rod.h5")
     assert {(folder / name).read_text() for name in names} == {summary["content"]}
     return summary["content"], summary["status"]
 

@@ -9,17 +9,19 @@ import pytest
 from mechanism_cases import GOLDEN, deviation
 from mpi4py import MPI
 
-from fenics_ehd.errors import InputError, InterfaceMismatchError, MeshError, SettingsError
+from fenics_ehd.base.errors import InputError, InterfaceMismatchError, MeshError, SettingsError
+from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.forces import PointForce, SpringDamper, Torque
 from fenics_ehd.multibody.joints import Fixed
-from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody
+from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.multibody.simulation import simulate, simulate_periodic
+from fenics_ehd.multibody.system import System
 from fenics_ehd.reduction import load_dependent, rigid, save_body
-from fenics_ehd.scenes import elastic_part, schema
+from fenics_ehd.scenes import elastic_part, part_settings, schema
 from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.given import with_method
 from fenics_ehd.scenes.scene_file import (
-    has_bodies,
     read_scene,
     scene_of,
     shipped,
@@ -39,17 +41,22 @@ def tables(text, *changes, extra=""):
     return tomllib.loads(text + extra)
 
 
-def made(text, *changes, extra="", **options):
-    return build_mechanism(
-        scene_of(tables(text, *changes, extra=extra), "case"), MPI.COMM_SELF, **options
-    )
+def made(text, *changes, extra="", method=None, **options):
+    scene = scene_of(tables(text, *changes, extra=extra), "case")
+    scene = with_method(scene, method) if method else scene
+    return build_mechanism(scene, MPI.COMM_SELF, **options)
 
 
 @pytest.fixture
 def reduced_at_once(monkeypatch, rod_structure, housing_structure):
-    """Parts are not meshed, and reduced without elasticity."""
+    """Parts with one bore are not meshed, and all are reduced without elasticity."""
     parts = {"conrod": rod_structure, "housing": housing_structure}
-    monkeypatch.setattr(elastic_part, "_assembled", lambda key, s, *_: parts[s.model])
+    assembled = elastic_part._assembled
+    monkeypatch.setattr(
+        elastic_part,
+        "_assembled",
+        lambda key, s, *rest: parts[s.model] if len(s.bores) == 1 else assembled(key, s, *rest),
+    )
     return "rigid"
 
 
@@ -57,7 +64,7 @@ def reduced_at_once(monkeypatch, rod_structure, housing_structure):
 def nothing_reduced(monkeypatch, rod_structure):
     """A test whose scene has to be refused before its part is reduced."""
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
-    monkeypatch.setattr(elastic_part, "reduce_part", None)
+    monkeypatch.setattr(elastic_part, "reduce_structure", None)
 
 
 # --- Shipped scenes
@@ -66,10 +73,10 @@ def nothing_reduced(monkeypatch, rod_structure):
 @pytest.mark.parametrize("name", shipped_names())
 def test_shipped_scenes_read_assemble_and_run(name, reduced_at_once):
     scene = read_scene(name)
-    assert has_bodies(scene.tables)
     assert scene.warnings == ()
-    flexible = any(isinstance(b, schema.Flexible) for b in scene.bodies.values())
-    built = build_mechanism(scene, MPI.COMM_SELF, reduced_at_once if flexible else None)
+    flexible = any(isinstance(b, schema.FlexibleSettings) for b in scene.bodies.values())
+    scene = with_method(scene, reduced_at_once) if flexible else scene
+    built = build_mechanism(scene, MPI.COMM_SELF)
     assert {part.method for part in built.parts.values()} <= {"rigid"}
     assert built.reduced.keys() == built.parts.keys()
     assert (built.period is None) != (built.end is None)
@@ -90,7 +97,12 @@ def test_shipped_scenes_explain_every_setting():
         for table in schema.KINDS
         for entry in getattr(read_scene(name), table).values()
     }
-    for cls in classes | {schema.Material, schema.Reduction, schema.Time, schema.Output}:
+    for cls in classes | {
+        schema.MaterialSettings,
+        part_settings.ReductionSettings,
+        schema.TimeSettings,
+        schema.OutputSettings,
+    }:
         keys = {a.name for a in attrs.fields(cls)} - {"velocity", "speed", "end", "period"}
         assert keys <= written, (cls, keys - written)
 
@@ -112,16 +124,16 @@ def test_shipped_geometry_is_that_of_the_models():
 
 GOLDEN_CURVES = [
     ("slider-crank-paper", "slider-crank-m1", "m1", 248, 0.004),
-    ("slider-crank-paper", "slider-crank-m3", None, 246, 0.004),
+    ("slider-crank-paper", "slider-crank-m3", "m3", 246, 0.004),
     ("slider-crank-paper", "slider-crank-m4", "m4", 247, 0.004),
-    ("rotor-paper", "rotor-m4", None, 307, 0.01),
+    ("rotor-paper", "rotor-m4", "m4", 307, 0.01),
 ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scene", "curve", "method", "steps", "largest"), GOLDEN_CURVES)
 def test_translated_scenes_give_the_golden_curves(scene, curve, method, steps, largest):
-    built = build_mechanism(read_scene(scene), MPI.COMM_SELF, method)
+    built = build_mechanism(with_method(read_scene(scene), method), MPI.COMM_SELF)
     result = simulate(built.mechanism, built.end, **vars(built.steps))
     (joint,) = result.joints.values()
     found = deviation(curve, result.time, joint)
@@ -136,7 +148,7 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
     changed["drives"]["crank"] = {"kind": "torque", "torque": 1.0, "damping": 0.05, "speed": 500.0}
     gas = {"kind": "angle-table", "point": "piston", "angle_of": "crank"}
     changed["forces"] = {"gas": gas | {"file": str(GOLDEN / "slider-crank-driven-gas.csv")}}
-    built = build_mechanism(scene_of(changed, "driven"), MPI.COMM_SELF, "m4")
+    built = build_mechanism(with_method(scene_of(changed, "driven"), "m4"), MPI.COMM_SELF)
     result = simulate(built.mechanism, built.end, **vars(built.steps))
     found = deviation("slider-crank-driven", result.time, result.joints["big_end"])
     assert max(found.values()) < 0.004, found
@@ -365,8 +377,8 @@ def test_steps_and_times():
 @pytest.mark.mpi
 def test_ranks_get_the_same_mechanism_and_the_same_refusal():
     comm = MPI.COMM_WORLD
-    scene = scene_of(tables(SLIDER_CRANK), "case")
-    built = build_mechanism(scene, comm, "rigid")
+    scene = with_method(scene_of(tables(SLIDER_CRANK), "case"), "rigid")
+    built = build_mechanism(scene, comm)
     rod = built.mechanism.bodies["rod"]
     figures = [rod.integrals.total_mass, *rod.fields["pin"][:, 0], *rod.start, *rod.start_rates]
     for others in comm.allgather(figures):
@@ -395,7 +407,7 @@ def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_stru
     scene = scene_of(tables(shipped("slider-crank-both-ends")), "both")
     films = {}
     for method in ("rigid", "m3"):
-        built = build_mechanism(scene, MPI.COMM_SELF, method)
+        built = build_mechanism(with_method(scene, method), MPI.COMM_SELF)
         result = simulate(built.mechanism, 5e-4, tolerance=1e-3, order=2)
         films[method] = result.joints["small_end"].min_film_thickness[-1]
         pin = built.mechanism.bodies["rod"].marker(
@@ -523,7 +535,7 @@ def test_parts_are_refused_before_they_are_reduced(nothing_reduced):
         ([("clearance = 17e-6 ", "clearance = 1.7e-3 ")], "joints.big_end.clearance = 0.0017 m"),
         ([("clearance = 17e-6", "radius = 0.02\nclearance = 17e-6")], "0.02 m must be that of"),
         ([("pin = [0.048, 0.0]", "pin = [0.3, 0.0]")], "cannot be assembled|at angles of crank"),
-        ([('bore = "rod.bore"', 'bore = "rod"   ')], "the bore of rod is rod.bore"),
+        ([('bore = "rod.bore"', 'bore = "rod"   ')], r"the bores of rod are rod\.bore"),
         ([('model = "conrod"', 'model = "none"  ')], "give a model or a body, one of them"),
         ([('points = ["pin"]', "points = []     ")], "rod has no point 'pin', its points: bore"),
         ([("inertia = 1e-3            # [kg m2]", "#"), ("hold_rotation = true ",
@@ -557,9 +569,8 @@ def test_names_of_groups_are_those_of_the_model():
 def test_files_and_names_that_are_no_scenes(tmp_path):
     old = tmp_path / "old.toml"
     old.write_text('scene = "slider-crank"\n[bearing]\nclearance = 17e-6\n')
-    assert not has_bodies(tomllib.loads(old.read_text()))
     with pytest.raises(
-        SettingsError, match=r"no \[bodies.NAME\] tables; .* init slider-crank-paper"
+        SettingsError, match=r"of version 0.1; .* init slider-crank-paper.*scene-keys.md"
     ):
         read_scene(old)
     with pytest.raises(SettingsError, match=r"scene 'for-bar': did you mean four-bar"):
@@ -583,7 +594,7 @@ TIME = "time_s,speed_rad_per_s"
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("time_s,speed\n0,1\n1,2\n", f"the header must be {TIME}"),
+        ("time_s,speed\n0,1\n1,2\n", "column 'speed' needs a unit: speed_rad_per_s"),
         (f"{TIME}\n0,1\n", "1 rows of numbers, at least 2"),
         (f"{TIME}\n0,1\n0,2\n", "line 3: the time 0 s must be above 0 s"),
         (f"{TIME}\n0,1,2\n1,1,2\n", "line 2: 3 values for 2 columns"),
@@ -596,3 +607,63 @@ def test_a_table_over_time_that_cannot_be_read(content, message, tmp_path):
     with pytest.raises(InputError, match=message):
         made(FOUR_BAR, ("speed = 100.0 ", "speed = 0.0 "), ('table = "none"', f'table = "{path}"'),
              ("revolutions = 1.0 ", "period = 0.1 "))  # fmt: skip
+
+
+# --- Several bores
+
+
+def test_both_bores_of_the_rod_are_elastic():
+    text = shipped("slider-crank-both-ends")
+    coarse = [
+        ("bore_cells_around = 20 ", "bore_cells_around = 10 "),
+        ("bore_cells_along = 5 ", "bore_cells_along = 1 "),
+        ("shank_cells = 12 ", "shank_cells = 4 "),
+    ]
+    built = made(text, *coarse)
+    films = {place.name: place for place in System(built.mechanism).films}
+    assert {place.bore for place in films.values()} == {"bore", "pin"}
+    cells = [len(films[n].film.film.parameters.grid.cell_nodes) for n in ("big_end", "small_end")]
+    assert cells == [10, 8]
+    assert built.parts["rod"].residual.rank > 100
+
+
+def test_a_bore_that_is_not_listed_is_rigid(reduced_at_once):
+    both = shipped("slider-crank-both-ends")
+    with pytest.raises(SettingsError, match=r"joints\.small_end\.radius is missing"):
+        made(both, ('bores = ["bore", "pin"]', 'bores = ["bore"]'))
+    size = ("clearance = 12e-6", "clearance = 12e-6\nradius = 0.012\nwidth = 0.022")
+    built = made(both, ('bores = ["bore", "pin"]', 'bores = ["bore"]'), size, method="rigid")
+    bores = {place.name: place.bore for place in System(built.mechanism).films}
+    assert bores == {"big_end": "bore", "small_end": ""}
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        (('"bore", "pin"]', '"bore", "bore"]'), SettingsError, "must be names, each of them once"),
+        (('"bore", "pin"]', '"bore", "hole"]'), SettingsError, r"small_end\.radius is missing"),
+        (('"bore", "pin"]', '"bore", "pin", "hole"]'), MeshError, "no physical group 'hole'"),
+        (('"bore", "pin"]', '"pin", "bore"]'), MeshError, "pin is not a cylinder about the z axis"),
+        (
+            ("clearance = 12e-6", "clearance = 12e-6\nradius = 0.02"),
+            SettingsError,
+            "0.02 m must be",
+        ),
+        (('bore = "rod.pin"', 'bore = "rod.bore"'), SettingsError, "is the bore of joints.big_end"),
+    ],
+)
+def test_bores_that_cannot_be_are_named(change, error, message):
+    with pytest.raises(error, match=message):
+        made(shipped("slider-crank-both-ends"), change)
+
+
+def test_a_file_without_the_bore_of_a_film_is_named(tmp_path, rod_structure):
+    save_body(rigid(rod_structure), tmp_path / "rod.h5")
+    scene = tables(shipped("slider-crank-both-ends"))
+    rod = scene["bodies"]["rod"]
+    for key in ("model", "points", "held_by", "cells", "element", "material", "geometry"):
+        del rod[key]
+    del rod["reduction"]
+    rod["body"] = str(tmp_path / "rod.h5")
+    with pytest.raises(SettingsError, match=r"small_end\.bore: .*rod\.h5 has the bores bore"):
+        build_mechanism(scene_of(scene, "case"), MPI.COMM_SELF)

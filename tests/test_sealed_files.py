@@ -13,9 +13,8 @@ from foreign_parts import ring
 from hand_made_rod import Joint, flexible, make_body
 from mpi4py import MPI
 
-from fenics_ehd.checkpoint import load_checkpoint, save_checkpoint
-from fenics_ehd.errors import BodyFileError, InputError, OutputError, StructureError
-from fenics_ehd.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.base.errors import BodyFileError, InputError, OutputError, StructureError
+from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.reduction import (
     BasisFile,
     body_digest,
@@ -25,9 +24,10 @@ from fenics_ehd.reduction import (
     save_body,
     save_structure,
 )
-from fenics_ehd.sealed_file import seal
+from fenics_ehd.results.checkpoint import load_checkpoint, save_checkpoint
+from fenics_ehd.results.history_file import HistoryWriter, read_fields, read_history
 
-TREE = {"rows": 3, "memory": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
+TREE = {"rows": 3, "state": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
 
 
 def write_part(path):
@@ -150,7 +150,7 @@ WRONG = {
     "empty": (put("mass", h5py.Empty("f8")), "/mass is no array"),
     "compound": (put("mass", np.zeros(3, dtype=[("a", "f8")])), "/mass holds"),
     "group": (put("inertia", 1.0), "a float in place of the fields of InertiaIntegrals"),
-    "missing": (lambda file: file.pop("bore_radius"), "bore_radius is missing"),
+    "missing": (lambda file: file.pop("bores/bore/radius"), "radius is missing"),
     "short inventory": (put("inventory/dropped", np.zeros(3)), "zip"),
     "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
     "soft loop": (put("mass", h5py.SoftLink("/mass")), "mass is a link, not data"),
@@ -185,6 +185,16 @@ def scaled(**factors):
     return change
 
 
+def moved(**factors):
+    """Fields of a body's bore times factors."""
+
+    def change(body):
+        changed = {name: getattr(body.bore, name) * f for name, f in factors.items()}
+        return replace(body, bores={"bore": replace(body.bore, **changed)})
+
+    return change
+
+
 def skewed(size, factor=1.0001):
     matrix = np.ones((size, size))
     matrix[0, -1] = factor
@@ -202,10 +212,10 @@ PHYSICS = {
     ),
     "spin": (scaled(inertia_spin=skewed(7, 2.0)), "inertia/spin is not antisymmetric"),
     "polar": (scaled(inertia_centrifugal=0.1), "a negative moment of inertia"),
-    "bore": (scaled(bore_nodes=1000), "bore_nodes are up to"),
-    "pressure": (scaled(pressure_nodes=[1, 1, 1.1]), "pressure_nodes are up to"),
-    "load": (scaled(load_projection=2), "load_projection: a pressure pushes with 2 times"),
-    "inward": (scaled(load_projection=-1), "load_projection: a pressure pushes with -1 times"),
+    "bore": (moved(coordinates=1000), "bore.coordinates: node"),
+    "pressure": (moved(pressure_coordinates=[1, 1, 1.1]), "bore.pressure_coordinates: node"),
+    "load": (scaled(load_projection=2), "load_projection: a pressure in bore pushes with 2 times"),
+    "inward": (scaled(load_projection=-1), "a pressure in bore pushes with -1 times"),
     "spin load": (scaled(spin_load_projection=1.01), "spin_load_projection is not load_proj"),
     "point": (
         lambda b: replace(b, points={"pin": 2 * b.points["pin"]}),
@@ -258,7 +268,8 @@ def test_a_damaged_history_is_not_waited_for(tmp_path):
     content[content.index(b"OHDR", 100) + 20] ^= 4
     (tmp_path / "history.h5").write_bytes(content)
     code = (
-        "import sys; from fenics_ehd.history_file import read_fields as r; r(sys.argv[1], ('x',))"
+        "import sys; from fenics_ehd.results.history_file import read_fields\n"
+        "read_fields(sys.argv[1], ('x',))"
     )
     command = [sys.executable, "-c", code, tmp_path]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
@@ -296,7 +307,7 @@ def test_a_part_that_the_disk_has_no_room_for_is_named(kind, tmp_path):
         import resource, sys
         from pathlib import Path
         from test_sealed_files import KINDS
-        from fenics_ehd.errors import InputError
+        from fenics_ehd.base.errors import InputError
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
         try:
             KINDS["{kind}"][0](Path(sys.argv[1]))

@@ -5,7 +5,7 @@ import pytest
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, given_gap, make_film, shaft
 
 from fenics_ehd.film import Gap, Lubricant
-from fenics_ehd.film.kinematics import GapSlopes, shaft_gap_slopes
+from fenics_ehd.film.kinematics import GapDerivatives, shaft_gap_derivatives
 from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
 from fenics_ehd.film.reynolds import DensityRate
 from fenics_ehd.film.supply import AxialGroove, Sides
@@ -40,7 +40,7 @@ def bore_like(film, seed):
     scale = np.array([0.02 * C, C * OMEGA * 0.02, C, 0.1 * C * OMEGA, 0.1 * R * OMEGA])
     bump, bump_rate, *direction = values * scale[:, None, None]
     gap = Gap(gap.thickness + bump, gap.thickness_rate + bump_rate, gap.mean_velocity, 0 * bump)
-    return gap, GapSlopes(*(x[..., None] for x in direction))
+    return gap, GapDerivatives(*(x[..., None] for x in direction))
 
 
 def assert_exact(film, gap, slopes, *, tolerance=1e-7, step=1e-6, **more):
@@ -106,7 +106,7 @@ def test_force_changes_by_the_slopes_of_the_shaft(family):
     state = film.solve(gap_of(film, motion))
     p = film.parameters
     slopes = film.sensitivity(
-        state, shaft_gap_slopes(film.points, p.grid.radius, p.clearance, motion)[0]
+        state, shaft_gap_derivatives(film.points, p.grid.radius, p.clearance, motion)[0]
     )
     step = 1e-5
     for i, unit in enumerate(np.eye(2)):
@@ -131,7 +131,7 @@ def test_no_directions_give_no_columns():
     film = make_film((12, 3))
     state = film.solve(gap_of(film, shaft(0.5)))
     empty = np.zeros((*film.points.angle.shape, 0))
-    assert film.sensitivity(state, GapSlopes(empty, empty, empty)).shape == (
+    assert film.sensitivity(state, GapDerivatives(empty, empty, empty)).shape == (
         len(film.parameters.grid.nodes),
         0,
     )

@@ -6,22 +6,27 @@ import tomllib
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scene_cases import tables_of
 
-from fenics_ehd.elements import FAMILIES
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.settings import read_toml
+from fenics_ehd.fem.elements import FAMILIES
 from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
 from fenics_ehd.scenes import part_settings
-from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.scenes.thin_film import check_thin_film
-from fenics_ehd.settings import build, read_toml, to_toml, unusual
+from fenics_ehd.scenes.films import check_thin_film
+from fenics_ehd.scenes.scene_file import read_scene, scene_of, shipped_names
+from fenics_ehd.scenes.scene_text import scene_text
+
+PAPER = "slider-crank-paper"
 
 
-def test_printed_defaults_read_back_as_the_defaults():
-    assert build(SliderCrankSettings, tomllib.loads(to_toml(SliderCrankSettings()))) == (
-        SliderCrankSettings()
-    )
+@pytest.mark.parametrize("name", shipped_names())
+def test_the_text_of_a_shipped_scene_reads_back_as_the_scene(name):
+    scene = read_scene(name)
+    again = scene_of(tomllib.loads(scene_text(scene)), name)
+    assert scene_text(again) == scene_text(scene)
+    for table in ("bodies", "joints", "drives", "lubricants", "time", "output"):
+        assert getattr(again, table) == getattr(scene, table)
 
 
 @given(
@@ -30,103 +35,116 @@ def test_printed_defaults_read_back_as_the_defaults():
     geometry=st.dictionaries(st.sampled_from(["big_end_wall", "pin_radius"]), st.floats(0, 1)),
 )
 def test_printed_settings_read_back_to_twelve_digits(clearance, modes, geometry):
-    tables = {
-        "bearing": {"clearance": clearance},
-        "reduction": {"residual_modes": modes},
-        "rod": {"geometry": geometry},
+    changes = {
+        "joints.big_end.clearance": clearance,
+        "bodies.rod.reduction.residual_modes": modes,
+        "bodies.rod.geometry": geometry,
     }
-    settings = build(SliderCrankSettings, tables)
-    again = build(SliderCrankSettings, tomllib.loads(to_toml(settings)))
-    assert again.bearing.clearance == pytest.approx(clearance, rel=1e-11)
-    assert again.reduction.residual_modes == modes
-    assert again.rod.geometry == pytest.approx(geometry, rel=1e-11)
+    scene = scene_of(tables_of(PAPER, changes), "case")
+    again = scene_of(tomllib.loads(scene_text(scene)), "case")
+    assert again.joints["big_end"].clearance == pytest.approx(clearance, rel=1e-11)
+    assert again.bodies["rod"].reduction.residual_modes == modes
+    assert again.bodies["rod"].geometry == pytest.approx(geometry, rel=1e-11)
+
+
+def rod(**changes):
+    return {f"bodies.rod.{key}": value for key, value in changes.items()}
+
+
+def film(**changes):
+    return {f"joints.big_end.{key}": value for key, value in changes.items()}
 
 
 @pytest.mark.parametrize(
-    ("tables", "message"),
+    ("changes", "message"),
     [
-        ({"mechanism": {"crank_lenght": 0.05}}, "did you mean mechanism.crank_length"),
-        ({"mechanics": {}}, "unknown key mechanics"),
-        ({"mechanism": {"crank_speed": -1}}, "mechanism.crank_speed = -1.0 must be above 0"),
-        ({"bearing": {"clearance": "17 um"}}, "bearing.clearance = '17 um' must be a finite"),
-        ({"bearing": {"clearance": float("nan")}}, "bearing.clearance = nan must be a finite"),
-        ({"bearing": {"viscosity": True}}, "bearing.viscosity = True must be a finite number"),
-        ({"rod": {"poissons_ratio": 0.5}}, "rod.poissons_ratio = 0.5 must be below 0.49"),
-        ({"rod": {"element": "cubic"}}, "rod.element = 'cubic' must be one of serendipity"),
-        ({"rod": 3}, "rod = 3 must be a table"),
+        ({"time.lagrest_step": 0.05}, "did you mean time.largest_step"),
+        ({"mechanics": {}}, "unknown table [mechanics]"),
+        ({"bodies.crank.mass": -1}, "bodies.crank.mass = -1.0 must be at least 0"),
+        (film(clearance="17 um"), "joints.big_end.clearance = '17 um' must be a finite"),
+        (film(clearance=float("nan")), "joints.big_end.clearance = nan must be a finite"),
+        ({"lubricants.oil.viscosity": True}, "viscosity = True must be a finite number"),
+        (rod(**{"material.poissons_ratio": 0.5}), "poissons_ratio = 0.5 must be below 0.49"),
+        (rod(element="cubic"), "bodies.rod.element = 'cubic' must be one of serendipity"),
+        (rod(material=3), "bodies.rod.material = 3 must be a table"),
+        (rod(points="pin"), "bodies.rod.points = 'pin' must be a list of names"),
+        (rod(points=[""]), "bodies.rod.points = [''] must be a list of names"),
+        ({"bodies.crank.points": 3}, "bodies.crank.points = 3 must be a table"),
+        ({"bodies.crank.points.pin": [1.0]}, "points.pin = [1.0] must be two numbers [x, y]"),
+        ({"bodies.crank.points.pin": ["a", 0]}, "points.pin = ['a', 0.0] must be two numbers"),
+        ({"bodies.crank.centre": [1e6, 0]}, "bodies.crank.centre = [1000000.0, 0.0] must be two"),
+        ({"joints.main.between": ["crank"]}, "between = ['crank'] must be a list of 2 names"),
+        ({"joints.main.between": "crank"}, "between = 'crank' must be a list of 2 names"),
+        (rod(**{"geometry.pin_radius": "a"}), "geometry.pin_radius = 'a' must be a finite"),
+        (rod(**{"geometry.a": float("inf")}), "bodies.rod.geometry.a = inf must be a finite"),
+        (rod(geometry=1), "bodies.rod.geometry = 1 must be a table"),
+        (rod(**{"reduction.residual_modes": 3.5}), "residual_modes = 3.5 must be a whole"),
+        (rod(**{"reduction.estimate_error": 1}), "estimate_error = 1 must be true or"),
+        ({"time.order": 6}, "time.order = 6 must be a whole number, at least 1 and at most 3"),
         (
-            {"rod": {"geometry": {"pin_radius": "a"}}},
-            "rod.geometry.pin_radius = 'a' must be a finite",
+            film(clearance="30 um"),
+            "joints.big_end.clearance = '30 um' must be a finite number in m, without unit or quo",
         ),
-        ({"rod": {"geometry": {"a": float("inf")}}}, "rod.geometry.a = inf must be a finite"),
-        ({"rod": {"geometry": 1}}, "rod.geometry = 1 must be a table"),
-        ({"reduction": {"residual_modes": 3.5}}, "reduction.residual_modes = 3.5 must be a whole"),
-        ({"reduction": {"estimate_error": 1}}, "reduction.estimate_error = 1 must be true or"),
-        ({"time": {"order": 6}}, "time.order = 6 must be a whole number, at least 1 and at most 3"),
+        (film(clearance=30), "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
+        (rod(disks=[]), "unknown key bodies.rod.disks of kind 'flexible': a key of kind shaft"),
+        (film(frobnicate=1), "unknown key joints.big_end.frobnicate of kind 'lubricated': known"),
+        (film(cells=[3, 1]), "joints.big_end.cells = [3, 1] must be at least [8, 2]"),
+        (film(cells=[8, 1]), "joints.big_end.cells = [8, 1] must be at least [8, 2]"),
+        (film(cells=[20]), "joints.big_end.cells = [20] must be two whole numbers above 0, or em"),
+        (film(cells=[20, -5]), "joints.big_end.cells = [20, -5] must be two whole numbers"),
         (
-            {"bearing": {"clearance": "30 um"}},
-            "bearing.clearance = '30 um' must be a finite number in m, without unit or quotes",
+            film(cells=[1000, 1000]),
+            "joints.big_end.cells = [1000, 1000]: 1000000 cells, at most 200000 are allowed",
         ),
-        ({"bearing": {"clearance": 30}}, "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
-        ({"mechanism": {"crank_length": 48}}, "mechanism.crank_length = 48.0 must be below 5: in"),
-        ({"mechanism": {"clearance": 30e-6}}, "did you mean bearing.clearance?"),
-        ({"clearance": 30e-6}, "unknown key clearance: did you mean bearing.clearance?"),
-        ({"bearing": {"frobnicate": 1}}, "known: bearing.clearance, bearing.viscosity"),
-        ({"film": {"cells": [3, 1]}}, "film.cells = [3, 1] must be at least [8, 2]"),
-        ({"film": {"cells": [8, 1]}}, "film.cells = [8, 1] must be at least [8, 2]"),
-        ({"film": {"cells": [20]}}, "film.cells = [20] must be two whole numbers above 0, or em"),
-        ({"film": {"cells": [20, -5]}}, "film.cells = [20, -5] must be two whole numbers"),
+        (rod(**{"material.density": 7.85}), "density = 7.85 must be at least 100: in kg/m3, 7850"),
+        (rod(**{"material.density": 7.85e6}), "density = 7850000.0 must be below 100000: in kg/m"),
+        (rod(**{"material.youngs_modulus": 210}), "210.0 must be at least 1e+06: in Pa, 210e9 for"),
         (
-            {"film": {"cells": [1000, 1000]}},
-            "film.cells = [1000, 1000]: 1000000 cells, at most 200000 are allowed",
+            rod(**{"material.youngs_modulus": 210e3}),
+            "210000.0 must be at least 1e+06: in Pa, 210e9 for",
         ),
-        ({"scene": "rotor"}, "scene = 'rotor' must be one of slider-crank"),
-        ({"rod": {"density": 7.85}}, "rod.density = 7.85 must be at least 100: in kg/m3, 7850 for"),
-        ({"rod": {"density": 7.85e6}}, "rod.density = 7850000.0 must be below 100000: in kg/m3"),
-        ({"rod": {"youngs_modulus": 210}}, "210.0 must be at least 1e+06: in Pa, 210e9 for 210"),
-        ({"rod": {"youngs_modulus": 210e3}}, "210000.0 must be at least 1e+06: in Pa, 210e9 for"),
-        ({"bearing": {"viscosity": 1e308}}, "bearing.viscosity = 1e+308 must be below 1e+06: in"),
-        (
-            {"mechanism": {"revolutions": 1e308}},
-            "= 1e+308 must be 0 or from 1e-30 to 1e+30 in size",
-        ),
-        ({"start": {"velocity_x": -1e40}}, "= -1e+40 must be 0 or from 1e-30 to 1e+30 in size"),
-        ({"mechanism": {"crank_speed": 1e-308}}, "= 1e-308 must be 0 or from 1e-30 to 1e+30 in"),
-        ({"mechanism": {"gas_force": "a\0b.csv"}}, "mechanism.gas_force = 'a\\x00b.csv' must be"),
+        ({"lubricants.oil.viscosity": 1e308}, "viscosity = 1e+308 must be below 1e+06: in"),
+        ({"time.revolutions": 1e308}, "= 1e+308 must be 0 or from 1e-30 to 1e+30 in size"),
+        (film(eccentricity_rate=[-1e40, 0.0]), "eccentricity_rate = [-1e+40, 0.0] must be two num"),
+        ({"drives.crank.speed": 1e-308}, "= 1e-308 must be 0 or from 1e-30 to 1e+30 in"),
+        ({"drives.crank.table": "a\0b.csv"}, "drives.crank.table = 'a\\x00b.csv' must be"),
     ],
 )
-def test_bad_value_is_named_with_its_limit(tables, message):
+def test_bad_value_is_named_with_its_limit(changes, message):
     with pytest.raises(SettingsError) as caught:
-        build(SliderCrankSettings, tables)
+        scene_of(tables_of(PAPER, changes), "case")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_numbers_that_are_perhaps_in_another_unit_are_named():
-    assert [unusual(kind()) for kind in (SliderCrankSettings, RotorSettings)] == [[], []]
-    assert unusual(LoadedJournalSettings()) == []
+    assert {name: read_scene(name).warnings for name in shipped_names()} == dict.fromkeys(
+        shipped_names(), ()
+    )
     # Nothing moves backwards or weighs too little by a zero or a sign.
-    still = {"bearing": {"shaft_speed": -300, "bore_speed": 0}}
-    assert unusual(build(LoadedJournalSettings, still)) == []
-    tables = {
-        "mechanism": {"piston_mass": 500, "crank_speed": 3e4},
-        "bearing": {"viscosity": 10},
-        "rod": {"youngs_modulus": 210e12, "damping_time": 1},
+    still = tables_of("loaded-journal", {"drives.journal.speed": -300.0, "time.revolutions": 2.0})
+    assert scene_of(still, "still").warnings == ()
+    changes = {
+        "bodies.piston.mass": 500.0,
+        "drives.crank.speed": 3e4,
+        "lubricants.oil.viscosity": 10.0,
+        "bodies.rod.material.youngs_modulus": 210e12,
+        "bodies.rod.damping_time": 1.0,
     }
-    assert unusual(build(SliderCrankSettings, tables)) == [
-        "mechanism.crank_speed = 30000 is outside the usual 0.01 to 20000: in rad/s, 314 for 3000 "
-        "rpm",
-        "mechanism.piston_mass = 500 is outside the usual 0.0001 to 100: in kg, 0.5 for 500 g",
-        "bearing.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s",
-        "rod.youngs_modulus = 2.1e+14 is outside the usual 1e+09 to 2e+12: in Pa, 210e9 for 210 "
-        "GPa",
-        "rod.damping_time = 1 is outside the usual 1e-12 to 0.1: in s, 1e-3 for 1 ms",
-    ]
+    assert set(scene_of(tables_of(PAPER, changes), "case").warnings) == {
+        "drives.crank.speed = 30000 is outside the usual 0.01 to 20000: in rad/s, 314 for 3000 rpm",
+        "bodies.piston.mass = 500 is outside the usual 0.0001 to 100: in kg, 0.5 for 500 g",
+        "lubricants.oil.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s",
+        "bodies.rod.material.youngs_modulus = 2.1e+14 is outside the usual 1e+09 to 2e+12: in Pa, "
+        "210e9 for 210 GPa",
+        "bodies.rod.damping_time = 1 is outside the usual 1e-12 to 0.1: in s, 1e-3 for 1 ms",
+    }
 
 
 def test_limits_of_cells_are_inside():
     for cells in ([], [8, 2], [500, 400]):
-        assert build(SliderCrankSettings, {"film": {"cells": cells}}).film.cells == tuple(cells)
+        scene = scene_of(tables_of(PAPER, film(cells=cells)), "case")
+        assert scene.joints["big_end"].cells == tuple(cells)
 
 
 @pytest.mark.parametrize(
@@ -138,10 +156,10 @@ def test_limits_of_cells_are_inside():
 )
 def test_clearance_is_a_small_part_of_the_radius_and_not_none_of_it(clearance, radius, message):
     with pytest.raises(SettingsError) as caught:
-        check_thin_film(clearance, radius)
+        check_thin_film(clearance, radius, "clearance")
     assert message in str(caught.value)
-    check_thin_film(25e-6, 0.025)
-    check_thin_film(0.0225e-5, 0.0225)
+    check_thin_film(25e-6, 0.025, "clearance")
+    check_thin_film(0.0225e-5, 0.0225, "clearance")
 
 
 def test_choices_are_those_of_the_reduction_and_the_elements():

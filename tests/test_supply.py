@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from film_cases import ETA, FAMILIES, OMEGA, R, force, given_gap, make_film, solve
+from film_grids import graded_grid
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film import Lubricant
-from fenics_ehd.film.grid import FilmGrid, aligned_grid, graded_grid, uniform_grid
+from fenics_ehd.film.grid import FilmGrid, aligned_grid, uniform_grid
 from fenics_ehd.film.lubricant import Barus
 from fenics_ehd.film.supply import AxialGroove, Sides, SupplyHole
 

@@ -17,7 +17,7 @@ from sweep_cases import (
     write_scene,
 )
 
-from fenics_ehd.sweeps.pool import ProcessPool, WorkerDiedError, outcomes
+from fenics_ehd.study.pool import ProcessPool, WorkerDiedError, outcomes
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +31,11 @@ def square_or_die(number):
     return number**2
 
 
+def process_of(_number):
+    time.sleep(0.2)
+    return os.getpid()
+
+
 def test_worker_that_dies_costs_its_own_task_only():
     with ProcessPool(2) as pool:
         answers = dict(outcomes(pool, square_or_die, range(6), lambda: None))
@@ -38,15 +43,14 @@ def test_worker_that_dies_costs_its_own_task_only():
     assert answers == {0: 0, 1: 1, 2: 4, 4: 16, 5: 25}
 
 
-def test_all_processes_are_known_from_the_first_task_on():
-    # One that is not would neither be spared Ctrl-C nor be ended with the others.
-    with ProcessPool(3) as pool:
-        pool.submit(abs, -1).result()
-        first = set(multiprocessing.active_children())
-        assert len(first) == 3
-        for number in range(6):
-            pool.submit(abs, number).result()
-        assert set(multiprocessing.active_children()) == first
+def test_processes_serve_one_task_after_the_other():
+    with ProcessPool(2) as pool:
+        answers = dict(outcomes(pool, process_of, range(8), lambda: None))
+        processes = {process.pid for process in multiprocessing.active_children()}
+    assert sorted(answers) == list(range(8))
+    assert set(answers.values()) == processes
+    assert len(processes) == 2
+    assert not multiprocessing.active_children()
 
 
 def start(*arguments):

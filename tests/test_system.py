@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mechanism_cases import film
 from scipy.integrate import solve_ivp
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.assembly import assemble
 from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
+from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.forces import PointForce, RotatingForce, SpringDamper, Torque
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider, Speed
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody, ground
+from fenics_ehd.multibody.motion import Instant, Motion
+from fenics_ehd.multibody.rigid_body import RigidBody, ground
 from fenics_ehd.multibody.rotor import ModalRotor
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.multibody.simulation import simulate
@@ -80,19 +84,25 @@ def test_every_derivative_is_exact(system, seed):
     multipliers = rng.normal(size=system.m)
 
     def residual(z, v, a):
-        return system.at(0.1, z).motion(v, a, multipliers).residual
+        return Motion(Instant(system, 0.1, z), v, a, multipliers).residual
 
-    instant = system.at(0.1, z)
-    motion = instant.motion(v, a, multipliers)
+    instant = Instant(system, 0.1, z)
+    motion = Motion(instant, v, a, multipliers)
     exact = motion.derivatives()
     found = {
         "position": (differences(lambda x: residual(x, v, a), z, 1e-6), exact.position),
         "rate": (differences(lambda x: residual(z, x, a), v, 1e-6), exact.rate),
         "acceleration": (differences(lambda x: residual(z, v, x), a, 1e-3), exact.acceleration),
-        "jacobian": (differences(lambda x: system.at(0.1, x).defect, z, 1e-6), instant.jacobian),
-        "carry": (differences(lambda x: system.at(0.1, x).rate_defect(v), z, 1e-6), motion.carry()),
+        "jacobian": (
+            differences(lambda x: Instant(system, 0.1, x).defect, z, 1e-6),
+            instant.jacobian,
+        ),
+        "carry": (
+            differences(lambda x: Instant(system, 0.1, x).rate_defect(v), z, 1e-6),
+            motion.carry(),
+        ),
         "bend": (
-            differences(lambda x: multipliers @ system.at(0.1, x).jacobian, z, 1e-6),
+            differences(lambda x: multipliers @ Instant(system, 0.1, x).jacobian, z, 1e-6),
             instant.bend(multipliers),
         ),
     }
@@ -148,12 +158,69 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
             "cannot be assembled",
         ),
         ({}, {"a": Revolute("ground", "ground")}, {}, "connects nothing that can move"),
+        (
+            {"ground": ground({"x": (np.nan, 0.0)})},
+            {"a": Revolute("ground.x", "rod")},
+            {},
+            "finite",
+        ),
+        # A parallelogram with all its bars in a line: which way it folds is not known.
+        (
+            {
+                "side": ground({"hook": (0.25, 0.0)}),
+                "coupler": RigidBody(1.0, 1e-3, {"tip": (0.25, 0.0)}, position=(0.1, 0.0)),
+                "other": RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}, position=(0.25, 0.0)),
+            },
+            {
+                "left": Revolute("ground", "rod"),
+                "a": Revolute("rod.tip", "coupler"),
+                "b": Revolute("coupler.tip", "other.tip"),
+                "right": Revolute("side.hook", "other"),
+            },
+            {"rod": Speed(1.0)},
+            "a linkage at a change point has to be assembled elsewhere",
+        ),
     ],
 )
 def test_what_cannot_be_assembled_is_named(bodies, joints, drives, message):
     rod = RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)})
     with pytest.raises(SettingsError, match=message):
         assemble(System(Mechanism({"rod": rod, **bodies}, joints, drives)))
+
+
+def run(bodies, joints, drives=(), forces=()):
+    simulate(Mechanism(bodies, joints, dict(drives), dict(forces)), 1e-3, tolerance=1e-3)
+
+
+def test_a_motion_without_inertia_is_named():
+    wheel, hinge = {"wheel": RigidBody(0.0)}, {"hinge": Revolute("ground", "wheel")}
+    message = "body wheel can move or turn freely without inertia"
+    with pytest.raises(SettingsError, match=message):
+        run(wheel, hinge)
+    with pytest.raises(SettingsError, match=message):
+        run(wheel, hinge, forces={"motor": Torque("wheel", lambda _: (1.0, 0.0))})
+    oil = film(10e-3, 10e-3, 2e-5, 0.05, (12, 2))
+    with pytest.raises(SettingsError, match=message):
+        run(wheel, {"bearing": LubricatedJoint("wheel", "ground", oil)})
+    # A drive holds it, and a damper.
+    run(wheel, hinge, drives={"wheel": Speed(1.0)})
+    run(wheel, hinge, forces={"brake": Torque("wheel", damping=1.0)})
+
+
+def test_joints_that_cannot_be():
+    with pytest.raises(SettingsError, match="of a slider must have a length"):
+        Slider("ground", "rod", (0.0, 0.0))
+    oil = film(10e-3, 10e-3, 2e-5, 0.05, (12, 2))
+    bodies = {name: RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}) for name in ("one", "other")}
+    with pytest.raises(SettingsError, match="joint b: ground is the bore of a already"):
+        run(
+            bodies,
+            {n: LubricatedJoint(j, "ground", oil) for n, j in zip("ab", bodies, strict=True)},
+        )
+    with pytest.raises(SettingsError, match="journal and bore are points of one body, one"):
+        run(bodies, {"a": LubricatedJoint("one", "one.tip", oil)})
+    with pytest.raises(SettingsError, match=r"is 1.5 of the clearance: it must be below 1"):
+        LubricatedJoint("one", "ground", oil, eccentricity=(3e-5, 0.0))
 
 
 def four_bar(**changes):
@@ -179,7 +246,7 @@ def test_a_loop_is_assembled_on_the_branch_that_the_rough_pose_says(above):
     rough = {"orientation": np.pi / 2 if above else -np.pi / 2, "position": (0.25, 0.0)}
     system = System(four_bar(rocker=rough))
     z, v = assemble(system)
-    instant = system.at(0.0, z)
+    instant = Instant(system, 0.0, z)
     assert np.abs(instant.defect).max() < 1e-11
     assert np.abs(instant.rate_defect(v)).max() < 1e-11
     # The rocker's tip is where circles about its hinge and about the crank's tip meet.

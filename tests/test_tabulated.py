@@ -5,27 +5,36 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_rod import Joint, make_body
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from journal_cases import UNIT_LOAD, orbit, scene
-from scipy.interpolate import CubicSpline
+from mechanism_cases import REVOLUTION, SPEED, film, rigid_rod, slider_crank
+from newton_steps import integrate
+from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 from test_bdf import control, oscillator, profile
 
 from fenics_ehd.multibody import tabulated
-from fenics_ehd.multibody.bdf import integrate
-from fenics_ehd.multibody.tabulated import TabulatedLoad
-from fenics_ehd.scenes.load_history import LoadHistory
-from fenics_ehd.scenes.run import Totals, simulate
-from fenics_ehd.scenes.slider_crank_settings import Mechanism, SliderCrankSettings, Time
+from fenics_ehd.multibody.forces import PointForce, Torque
+from fenics_ehd.multibody.joints import Revolute, Speed, SpeedTable
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.angle_table import angle_table
+from fenics_ehd.scenes.load_history import load_curves
 
 
 def curve_through(rows, values):
     """A table over the time."""
-    curve = CubicSpline(rows, values)
-    return TabulatedLoad(
-        rows, values, lambda t: curve((t - rows[0]) % np.ptp(rows) + rows[0]), lambda t, x: t
-    )
+    return TabulatedLoad(Curve(CubicSpline(rows, values), periodic=True), lambda t, x: t)
+
+
+def broken_line(rows, values):
+    """The same, straight from row to row."""
+    curve = PPoly(np.stack([np.diff(values) / np.diff(rows), values[:-1]]), rows)
+    return TabulatedLoad(Curve(curve, periodic=True), lambda t, x: t)
 
 
 def largest_missed(load, steps, start):
@@ -37,9 +46,11 @@ def largest_missed(load, steps, start):
     times = np.array([0.0, *(s.time for s in steps)])
     states = [start, *(s.x for s in steps)]
     places = np.array([load.place(t, x) for t, x in zip(times, states, strict=True)])
-    values = np.array([load.at(place) for place in places])
-    rows = np.concatenate([load.rows[:-1] + k * np.ptp(load.rows) for k in range(-60, 60)])
-    wanted = np.tile(load.values[:-1], 120)
+    of_rows = load.curve.curve.x
+    values = np.array([load.curve(place)[0] for place in places])
+    rows = np.concatenate([of_rows[:-1] + k * np.ptp(of_rows) for k in range(-60, 60)])
+    of_values = load.curve.curve(of_rows)
+    wanted = np.tile(of_values[:-1], 120)
     worst = 0.0
     for i in range(1, len(times)):
         at = (rows - places[i - 1]) / (places[i] - places[i - 1])
@@ -52,7 +63,7 @@ def largest_missed(load, steps, start):
             distance = np.abs(np.polyval(line, at[within]) - wanted[within])
             off.append(distance.max(initial=0.0))
         worst = max(worst, min(off))
-    return worst / np.abs(load.values).max()
+    return worst / np.abs(of_values).max()
 
 
 @settings(profile, max_examples=30)
@@ -81,10 +92,10 @@ def test_no_step_misses_a_row(gaps, kind, follows, order):
 def test_a_spike_between_two_steps_is_felt():
     # Two wide periods of nothing, and a hundredth between them: an impulse of 1.
     rows, values = np.array([0.0, 1.0, 1.01, 1.02, 3.0]), np.array([0.0, 0.0, 100.0, 0.0, 0.0])
-    spike = TabulatedLoad(rows, values, lambda t: np.interp(t, rows, values), lambda t, x: t)
+    spike = broken_line(rows, values)
     x, rest = {}, np.zeros(1)
     for name, tables in (("blind", []), ("seeing", [spike])):
-        problem = oscillator(0.0, 4.0, spike.at)
+        problem = oscillator(0.0, 4.0, lambda t: spike.curve(t)[0])
         sizes = control(tolerance=1e-5, largest_step=0.3)
         *_, last = integrate(problem, (0.0, 2.0), rest, rest, sizes, tables=tables)
         x[name] = last.x[0]
@@ -94,8 +105,8 @@ def test_a_spike_between_two_steps_is_felt():
 
 def test_a_jump_is_no_reason_to_stop():
     rows, values = np.array([0.0, 1.0, 1.0 + 1e-15, 3.0]), np.array([0.0, 0.0, 1.0, 0.0])
-    step = TabulatedLoad(rows, values, lambda t: np.interp(t, rows, values), lambda t, x: t)
-    problem, rest = oscillator(1.0, 4.0, step.at), np.zeros(1)
+    step = broken_line(rows, values)
+    problem, rest = oscillator(1.0, 4.0, lambda t: step.curve(t)[0]), np.zeros(1)
     steps = list(integrate(problem, (0.0, 2.0), rest, rest, control(), tables=[step]))
     assert steps[-1].time == 2.0
 
@@ -108,66 +119,104 @@ def test_a_step_to_nowhere_is_too_long(place):
     assert (when, amount) == (1.5, np.inf)
 
 
-def machine_totals(tmp_path, table, **changes):
-    """A rigid rod under one table."""
-    name, text = table
-    path = tmp_path / f"{name}.csv"
-    path.write_text(text)
-    drive = {"drive": "torque", "drive_damping": 0.01} if name == "drive_torque_table" else {}
-    settings = SliderCrankSettings(
-        mechanism=Mechanism(revolutions=0.065, **{name: str(path)}, **drive), time=Time(**changes)
+# --- Machines
+
+
+def machine(curve, kind="gas", **steps):
+    """A rigid rod under one table, over a sixteenth of a revolution."""
+    return simulate(under_table(curve, kind), 0.065 * REVOLUTION, **steps)
+
+
+def under_table(curve, kind="gas"):
+    drives, forces = {"crank": Speed(SPEED)}, {}
+    if kind == "gas":
+        forces = {"gas": PointForce("piston", (-1.0, 0.0), curve, "crank")}
+    else:
+        drives, forces = {}, {"motor": Torque("crank", curve, True, 0.01, SPEED)}
+    mechanism = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (10, 2)))
+    crank = replace(mechanism.bodies["crank"], speed=SPEED)
+    return replace(
+        mechanism, bodies={**mechanism.bodies, "crank": crank}, drives=drives, forces=forces
     )
-    return simulate(settings, make_body(Joint((10, 2))), Totals())
+
+
+def spike(peak):
+    angles = np.radians([0.0, 20.0, 20.1, 20.2, 360.0])
+    return angle_table(angles, np.array([0.0, 0.0, peak, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize(
-    ("name", "column", "peak"),
-    [("gas_force", "force_N", 2e5), ("drive_torque_table", "torque_Nm", 1e4)],
+    ("kind", "peak"), [("gas", 2e5), pytest.param("torque", 1e4, marks=pytest.mark.slow)]
 )
-def test_default_steps_of_a_machine_see_a_spike(tmp_path, name, column, peak):
-    spike = f"angle_deg,{column}\n0,0\n20,0\n20.1,{peak}\n20.2,0\n360,0\n"
-    default = machine_totals(tmp_path, (name, spike))
-    short = machine_totals(tmp_path, (name, spike), largest_step=0.05)
-    nothing = machine_totals(tmp_path, (name, f"angle_deg,{column}\n0,0\n180,0\n360,0\n"))
-    assert short.max_pressure > 2 * nothing.max_pressure
-    assert default.max_pressure == pytest.approx(short.max_pressure, rel=1e-2)
-    assert default.steps < short.steps / 3
+def test_default_steps_of_a_machine_see_a_spike(kind, peak):
+    default, short, nothing = (
+        machine(spike(size), kind, largest=largest)
+        for size, largest in ((peak, 0.3), (peak, 0.003), (0.0, 0.3))
+    )
+    highest = [r.joints["big_end"].max_pressure.max() for r in (default, short, nothing)]
+    assert highest[1] > 2 * highest[2]
+    assert highest[0] == pytest.approx(highest[1], rel=1e-2)
+    assert len(default.time) < len(short.time) / 3
 
 
 def test_default_steps_of_a_journal_see_a_spike():
     times = np.sort(np.append(np.arange(0, 12.1, 0.1), 6.01)) * 1e-3
-    forces = UNIT_LOAD * np.column_stack([np.where(times == 6.01e-3, 50.0, 1.0), 0 * times])
-    load = LoadHistory(times, forces, "linear")
-    assert load.largest == 50 * UNIT_LOAD
-    rows, _, _ = orbit(scene(cells=(12, 2), periodicity=1e-2), load)
-    assert rows["load_x_N"].max() == pytest.approx(load.largest, rel=1e-6)
+    unit = 1e4
+    forces = unit * np.column_stack([np.where(times == 6.01e-3, 50.0, 1.0), 0 * times])
+    curves = load_curves(times, forces, "linear")
+    mechanism = Mechanism(
+        {"journal": RigidBody(0.0)},
+        {"bearing": LubricatedJoint("journal", "ground", film(0.02, 0.04, 20e-6, 0.01, (12, 2)))},
+        {"journal": Speed(300.0)},
+        {
+            axis: PointForce("journal", tuple(np.eye(2)[i]), curve)
+            for i, (axis, curve) in enumerate(zip("xy", curves, strict=True))
+        },
+    )
+    result = simulate(mechanism, times[-1], tolerance=1e-2)
+    assert np.abs(result.time - 6.01e-3).min() < 1e-12
+    at = np.abs(result.time - 6.01e-3).argmin()
+    assert result.joints["bearing"].force[at, 0] == pytest.approx(-50 * unit, rel=1e-3)
+
+
+def test_a_spike_of_a_speed_table_is_felt():
+    times, speeds = np.array([0.0, 1e-3, 1.01e-3, 1.02e-3, 2e-3]), np.array([1.0, 1, 50, 1, 1])
+    drive = SpeedTable(Curve(PchipInterpolator(times, speeds), periodic=False))
+    wheel = Mechanism({"wheel": RigidBody(1.0, 1e-3)}, {"axle": Revolute("ground", "wheel")},
+                      {"wheel": drive})  # fmt: skip
+    result = simulate(wheel, 2e-3, largest=0.5)
+    assert result.body_rates["wheel"][:, 2].max() == pytest.approx(50.0, rel=0.05)
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-2])
-def test_a_smooth_table_costs_no_steps(tmp_path, monkeypatch, tolerance):
+def test_a_smooth_table_costs_no_steps(monkeypatch, tolerance):
     # The gas of an engine of two strokes, in rows of a degree.
-    angles = np.arange(361.0)
-    gas = 500 + 2e4 * np.exp(4 * (np.cos(np.radians(angles - 15)) - 1))
-    rows = "".join(f"{angle},{force:.6f}\n" for angle, force in zip(angles, gas, strict=True))
-    table = "gas_force", "angle_deg,force_N\n" + rows
-    with_rows = machine_totals(tmp_path, table, tolerance=tolerance, largest_step=20.0).steps
+    angles = np.radians(np.arange(361.0))
+    gas = angle_table(angles, 500 + 2e4 * np.exp(4 * (np.cos(angles - np.radians(15)) - 1)))
+    with_rows = len(machine(gas, tolerance=tolerance, largest=0.3).time)
     monkeypatch.setattr(tabulated, "MISSED", np.inf)
-    without = machine_totals(tmp_path, table, tolerance=tolerance, largest_step=20.0).steps
+    without = len(machine(gas, tolerance=tolerance, largest=0.3).time)
     assert with_rows <= 1.1 * without
 
 
-def test_a_run_goes_on_from_a_corner_to_the_last_bit(tmp_path):
-    path = tmp_path / "gas.csv"
-    path.write_text("angle_deg,force_N\n0,0\n5,0\n5.3,2e4\n5.6,0\n360,0\n")
-    settings = SliderCrankSettings(
-        mechanism=Mechanism(revolutions=0.02, gas_force=str(path)), time=Time(tolerance=1e-4)
-    )
-    body, memories, rows, again = make_body(Joint((8, 2))), [], [], []
-    simulate(
-        settings, body, Totals(), lambda row, _: rows.append(row),
-        checkpoint=lambda run: memories.append(deepcopy(run.memory())),
-    )  # fmt: skip
-    alone = [i for i, memory in enumerate(memories) if len(memory["integrator"]["times"]) == 1]
+def test_a_run_goes_on_from_a_corner_to_the_last_bit():
+    angles = np.radians([0.0, 5.0, 5.3, 5.6, 360.0])
+    mechanism = under_table(angle_table(angles, np.array([0.0, 0.0, 2e4, 0.0, 0.0])))
+    end = 0.02 * REVOLUTION
+
+    def begun():
+        run = Run(mechanism, Steps(tolerance=1e-4), end)
+        return run, Tracker(run.equations, run.norm)
+
+    run, tracker = begun()
+    states, rows = [], []
+    for step in run.until(end):
+        rows.append(tracker.add(step)[0])
+        states.append(deepcopy(run.stored_state() | tracker.stored_state()))
+    alone = [i for i, state in enumerate(states) if len(state["integrator"]["times"]) == 1]
     assert len(alone) > 1, "this test wants steps that end at corners"
-    simulate(settings, body, Totals(), lambda row, _: again.append(row), memory=memories[alone[1]])
+    run, tracker = begun()
+    run.load_state(states[alone[1]])
+    tracker.load_state(states[alone[1]])
+    again = [tracker.add(step)[0] for step in run.until(end)]
     assert repr(again) == repr(rows[alone[1] + 1 :])

@@ -11,32 +11,33 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+from exact_transfer import conservative_load, intersection_points
 from mpi4py import MPI
+from scene_cases import structure as structure_of
+from scene_cases import write_scene
 from scipy import sparse
 
-from fenics_ehd.errors import BodyFileError, MeshError
-from fenics_ehd.film.overlay import intersection_points
+from fenics_ehd.base.errors import BodyFileError, MeshError
+from fenics_ehd.base.sealed_file import seal
+from fenics_ehd.fem.geometry import _check_tetrahedra, build_mesh
+from fenics_ehd.fem.models import model_path
 from fenics_ehd.film.surface import Surface, interpolation_matrix
-from fenics_ehd.film.transfer import conservative_load
-from fenics_ehd.geometry import _check_tetrahedra, build_mesh
-from fenics_ehd.models import model_path
-from fenics_ehd.paraview import gather_part, write_series
 from fenics_ehd.reduction import load_body, load_dependent, rigid, save_body
+from fenics_ehd.reduction.bore import no_cells
 from fenics_ehd.reduction.distributed import load_columns, multiply, node_rows
 from fenics_ehd.reduction.pressure_sets import _columns, _hats, bearing_shapes, unit_pressures
 from fenics_ehd.reduction.rigid_body import rigid_fields
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.scenes.rod import build_structure
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.sealed_file import seal
-from fenics_ehd.settings import build
+from fenics_ehd.results.paraview import gather_part, write_series
 
-TETRAHEDRA = build(SliderCrankSettings, {"rod": {"cells": "tet"}})
+
+def rod_of_tetrahedra(comm):
+    return structure_of("slider-crank-paper", "rod", comm, {"bodies.rod.cells": "tet"})
 
 
 @pytest.fixture(scope="module")
 def structure():
-    return build_structure(TETRAHEDRA, MPI.COMM_WORLD)
+    return rod_of_tetrahedra(MPI.COMM_WORLD)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +48,10 @@ def body(structure):
 def surfaces(body):
     """Displacement and pressure mesh of a bore."""
     return (
-        Surface.on_cylinder(body.bore_nodes, body.bore_cells, body.bore_family),
-        Surface.on_cylinder(body.pressure_nodes, body.pressure_cells, body.pressure_family),
+        Surface.on_cylinder(body.bore_nodes, body.bore.cells, body.bore.family),
+        Surface.on_cylinder(
+            body.pressure_nodes, body.bore.pressure_cells, body.bore.pressure_family
+        ),
     )
 
 
@@ -95,7 +98,7 @@ def test_rigid_motions_store_nothing(structure):
 
 def test_bore_yields_as_that_of_the_hexahedral_rod(structure, rod_structure, body, rod_body):
     ours, theirs = surfaces(body), surfaces(rod_body)
-    x = intersection_points(ours[0], theirs[0], body.bore_radius, 8)
+    x = intersection_points(ours[0], theirs[0], body.bore.radius, 8)
     normal = np.column_stack([np.cos(x.phi), np.sin(x.phi), np.zeros_like(x.phi)])
     outward, pressures = [], []
     for part, (surface, mesh) in ((structure, ours), (rod_structure, theirs)):
@@ -112,7 +115,7 @@ def test_bore_yields_as_that_of_the_hexahedral_rod(structure, rod_structure, bod
 
 @pytest.mark.mpi
 def test_rank_count_changes_neither_bore_nor_flexibility(structure):
-    alone = build_structure(TETRAHEDRA, MPI.COMM_SELF)
+    alone = rod_of_tetrahedra(MPI.COMM_SELF)
     for name in ("coordinates", "pressure_coordinates"):
         ours, theirs = getattr(structure.bore, name), getattr(alone.bore, name)
         np.testing.assert_allclose(ours, theirs, atol=1e-14)
@@ -182,39 +185,43 @@ def test_any_pressure_set_reduces(structure, pressure_set):
 def test_body_file_keeps_the_surface_mesh(body, tmp_path):
     save_body(body, tmp_path / "rod.h5")
     again = load_body(tmp_path / "rod.h5")
-    for name in ("bore_cells", "pressure_cells", "bore_family", "pressure_family"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(body, name))
-    assert again.bore_family == "triangle"
+    for name in ("cells", "pressure_cells", "family", "pressure_family"):
+        np.testing.assert_array_equal(getattr(again.bore, name), getattr(body.bore, name))
+    assert again.bore.family == "triangle"
     with h5py.File(tmp_path / "rod.h5", "a") as file:
-        file.attrs["format_version"] = 3
+        file.attrs["format_version"] = 4
     seal(tmp_path / "rod.h5", tmp_path / "rod.h5")
-    with pytest.raises(BodyFileError, match=r"version 3, this program reads 4; reduce the part"):
+    with pytest.raises(BodyFileError, match=r"version 4, this program reads 5; reduce the part"):
         load_body(tmp_path / "rod.h5")
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"bore_family": "triangles"}, "bore_family 'triangles' is not one of"),
-        ({"bore_family": ""}, "bore_family '' is not one of"),
-        ({"bore_family": "lagrange"}, "lagrange cells have 9 nodes each"),
-        ({"pressure_cells": np.zeros((3, 6), dtype=int)}, "pressure_cells must use each of the"),
-        ({"pressure_cells": np.zeros((0, 6), dtype=int)}, "pressure_cells has shape"),
+        ({"family": "triangles"}, "bore.cells has shape"),
+        ({"family": ""}, "family '' is not one of"),
+        ({"family": "lagrange"}, "'lagrange' needs (cells, 9)"),
+        (
+            {"pressure_cells": np.zeros((3, 6), dtype=int)},
+            "bore.pressure_cells must use each of the",
+        ),
+        ({"pressure_cells": np.zeros((0, 6), dtype=int)}, "bore.pressure_cells has shape"),
     ],
 )
 def test_inconsistent_surface_mesh_is_refused(body, tmp_path, change, message):
-    save_body(replace(body, **change), tmp_path / "rod.h5")
+    changed = {"bore": replace(body.bore, **change)}
+    save_body(replace(body, bores=changed), tmp_path / "rod.h5")
     with pytest.raises(BodyFileError, match=re.escape(message)):
         load_body(tmp_path / "rod.h5")
 
 
 def test_bore_without_surface_mesh_is_allowed(structure, tmp_path):
-    bare = {"cells": None, "family": None, "pressure_cells": None, "pressure_family": None}
-    foreign = replace(structure, bore=replace(structure.bore, **bare))
+    bare = {"cells": no_cells(), "family": "", "pressure_cells": no_cells(), "pressure_family": ""}
+    foreign = replace(structure, bores=replace(structure.bore, **bare))
     save_body(rigid(foreign), tmp_path / "rod.h5")
     again = load_body(tmp_path / "rod.h5")
-    assert again.bore_cells.shape == (0, 0)
-    assert again.bore_family == again.pressure_family == ""
+    assert again.bore.cells.shape == (0, 0)
+    assert again.bore.family == again.bore.pressure_family == ""
 
 
 def test_paraview_files_hold_quadratic_tetrahedra(structure, body, tmp_path):
@@ -267,8 +274,8 @@ def test_inverted_tetrahedra_are_refused():
 
 def test_command_line_reduces_the_tetrahedral_rod(tmp_path):
     path = tmp_path / "rod.h5"
-    scene = tmp_path / "scene.toml"
-    scene.write_text("[reduction]\nestimate_error = false\nresidual_modes = 4\n")
+    few = {"bodies.rod.reduction": {"method": "m3", "residual_modes": 4, "estimate_error": False}}
+    scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", few)
     command = [sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod", "--cells", "tet"]
     result = subprocess.run(
         [*command, "--scene", scene, "-o", path, "--json"], capture_output=True, text=True
@@ -278,5 +285,5 @@ def test_command_line_reduces_the_tetrahedral_rod(tmp_path):
     assert summary["cells"] == "tet"
     assert summary["modes"] == 6 + 2 + 4
     body = load_body(path)
-    assert body.bore_family == "triangle"
+    assert body.bore.family == "triangle"
     assert body.provenance["cells"] == "tet"

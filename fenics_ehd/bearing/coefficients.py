@@ -2,7 +2,7 @@
 
 ``k_ij = -dF_i / dx_j`` and ``b_ij = -dF_i / dv_j`` of the film's pressure force on the
 shaft, x along the load, y a quarter turn on in direction of rotation: the exact
-derivatives of the discrete force, its partition held. They jump, by up to 1 % on 64 x 12
+derivatives of the discrete force, its active set held. They jump, by up to 1 % on 64 x 12
 cells, whenever the edge of the film moves on by a row of nodes; the mean over four
 meshes with slightly different cells cancels most of that. A line without pressure at the
 maximum film turns with the eccentricity, or stays where it is (`line_held`).
@@ -24,16 +24,16 @@ from dataclasses import dataclass
 import attrs
 import numpy as np
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.bearing.equilibrium import carries
 from fenics_ehd.bearing.film import BearingFilm, Operation
-from fenics_ehd.errors import SettingsError
 
 #: Cells around that the other three meshes have more.
 EXTRA_CELLS = (2, 4, 6)
 
 
 @dataclass(frozen=True, eq=False)
-class Coefficients:
+class DynamicCoefficients:
     """Linear dynamics of a shaft in its bearing.
 
     Attributes
@@ -59,7 +59,7 @@ class Coefficients:
     threshold: float | None
 
 
-def coefficients(bearing: BearingFilm, operation: Operation) -> Coefficients:
+def coefficients(bearing: BearingFilm, operation: Operation) -> DynamicCoefficients:
     """Coefficients of a bearing in operation.
 
     Raises
@@ -75,17 +75,17 @@ def coefficients(bearing: BearingFilm, operation: Operation) -> Coefficients:
             "film of a centred shaft has no derivative"
         )
     held = settings.line_held
-    slopes = [bearing.slopes(operation, line_held=held)]
+    derivatives = [bearing.derivatives(operation, line_held=held)]
     for extra in EXTRA_CELLS:
         other = attrs.evolve(settings, cells_around=settings.cells_around + extra)
         film = BearingFilm(other, operation.position)
-        slopes.append(film.slopes(film.operate(operation.position), line_held=held))
-    stiffness, damping = -np.mean(slopes, axis=0)
+        derivatives.append(film.derivatives(film.operate(operation.position), line_held=held))
+    stiffness, damping = -np.mean(derivatives, axis=0)
     mass, whirl = stability(stiffness, damping)
     speed = abs(settings.speed)
     threshold = None if mass is None else speed * float(np.sqrt(settings.clearance * mass / load))
     ratio = None if whirl is None or not speed else whirl / speed
-    return Coefficients(stiffness, damping, mass, ratio, threshold)
+    return DynamicCoefficients(stiffness, damping, mass, ratio, threshold)
 
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:

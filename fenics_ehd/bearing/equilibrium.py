@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.base.errors import GapClosedError, SettingsError, SolverError
 from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
 from fenics_ehd.bearing.settings import BearingSettings
-from fenics_ehd.errors import GapClosedError, SettingsError, SolverError
 
 #: Relative error of the load, and error of its direction [rad], at which a search ends.
 TOLERANCE = 1e-9
@@ -77,7 +77,7 @@ class _Search:
     ) -> np.ndarray:
         """Change of the unknowns that Newton's method proposes, not too long."""
         push = complex(*-operation.force)
-        change = -(bearing.slopes(operation)[0] @ self.tangent(unknowns))
+        change = -(bearing.derivatives(operation)[0] @ self.tangent(unknowns))
         logarithm = (change[0] + 1j * change[1]) / push
         rows = np.array([logarithm.real, logarithm.imag])[2 - len(defect) :]
         if not np.isfinite(rows).all():
@@ -128,19 +128,12 @@ def at_load(settings: BearingSettings, load: float) -> tuple[BearingFilm, Operat
     SettingsError
         The film carries no such load.
     """
-
-    def place(unknowns: np.ndarray) -> np.ndarray:
-        return unknowns
-
-    def tangent(unknowns: np.ndarray) -> np.ndarray:
-        return np.eye(2)
-
     _check_squeeze(settings)
     first = _expected_attitude(settings)
     direction = np.array([np.cos(first), np.sin(first)])
     starts = minimum_film(settings, np.zeros(2)) * np.outer([0.6, 0.2, -0.3], direction)
     try:
-        return _first_success(settings, _Search(place, tangent, load), starts)
+        return _first_success(settings, _Search(lambda e: e, lambda e: np.eye(2), load), starts)
     except _NoForceError:
         raise SettingsError(
             f"load = {load:g} N: the film has no pressure at speed = {settings.speed:g} rad/s, "

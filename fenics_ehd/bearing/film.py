@@ -14,15 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.base.errors import GapClosedError
+from fenics_ehd.base.plane import rotation
 from fenics_ehd.bearing.settings import BearingSettings
-from fenics_ehd.errors import GapClosedError
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.grading import gap_graded_grid
 from fenics_ehd.film.kinematics import (
-    GapSlopes,
+    GapDerivatives,
     ShaftMotion,
     shaft_gap,
-    shaft_gap_slopes,
+    shaft_gap_derivatives,
 )
 from fenics_ehd.film.lubricant import Barus, Constant, Lubricant, PressureLaw, Roelands
 from fenics_ehd.film.mass_conserving import MassConservingFilm
@@ -30,7 +31,6 @@ from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.piezoviscous import PiezoviscousFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.plane import rotation
 
 #: A mesh made for one gap serves another as long as no thickness differs by more than this factor.
 MESH_REACH = 1.2
@@ -180,7 +180,7 @@ class BearingFilm:
         force = -rotation(angle) @ (self._load @ state.pressure)
         return Operation(position, force, angle, motion, state)
 
-    def slopes(
+    def derivatives(
         self, operation: Operation, *, line_held: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """Exact derivatives of the force.
@@ -212,24 +212,26 @@ class BearingFilm:
             places[:, 1] = 0.0
             places[2:, 1] = _quarter(-motion.tilt) / distance
             rates[:2, 1] = _quarter(-motion.eccentricity_rate) / distance
-        change = self._sensitivity(operation.state, self._gap_slopes(motion, places, rates))
+        change = self._sensitivity(operation.state, self._gap_derivatives(motion, places, rates))
         force = -turn @ (self._load @ change)
         if follows:
             force[:, 1] += _quarter(operation.force) / distance
         return force[:, :2] @ turn.T, force[:, 2:] @ turn.T
 
-    def _sensitivity(self, state: FilmState, slopes: GapSlopes) -> np.ndarray:
+    def _sensitivity(self, state: FilmState, derivatives: GapDerivatives) -> np.ndarray:
         """Derivative of the nodal pressure, shape (nodes, n)."""
         if self._oil is None:
-            return self.film.sensitivity(state, slopes)
+            return self.film.sensitivity(state, derivatives)
         assert isinstance(state, OilState)
-        return self._oil.sensitivity(state, slopes)[0]
+        return self._oil.sensitivity(state, derivatives)[0]
 
-    def _gap_slopes(self, motion: ShaftMotion, places: np.ndarray, rates: np.ndarray) -> GapSlopes:
+    def _gap_derivatives(
+        self, motion: ShaftMotion, places: np.ndarray, rates: np.ndarray
+    ) -> GapDerivatives:
         """Derivatives of the gap along directions of place and rate, each shape (4, n)."""
         s = self.settings
-        place, rate = shaft_gap_slopes(self.film.points, s.radius, s.clearance, motion)
-        return GapSlopes(
+        place, rate = shaft_gap_derivatives(self.film.points, s.radius, s.clearance, motion)
+        return GapDerivatives(
             *(
                 getattr(place, name) @ places + getattr(rate, name) @ rates
                 for name in ("thickness", "thickness_rate", "mean_velocity")

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.bearing.coefficients import Coefficients, coefficients
+from fenics_ehd.base.errors import SettingsError, VerificationError
+from fenics_ehd.bearing.coefficients import DynamicCoefficients, coefficients
 from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
 from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
 from fenics_ehd.bearing.settings import BearingSettings
-from fenics_ehd.errors import SettingsError, VerificationError
 from fenics_ehd.film.flow import FlowBalance, flow_balance
 from fenics_ehd.film.forces import FilmForces, film_forces
 from fenics_ehd.film.grid import FilmGrid
@@ -77,7 +77,7 @@ class BearingResult:
     flow: FlowBalance
     friction_torque: float
     power_loss: float
-    coefficients: Coefficients | None
+    coefficients: DynamicCoefficients | None
     bearing: BearingFilm
     operation: Operation
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import attrs
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.lengths import SMALLEST_RATIO, metres, radial_clearance, too_narrow
-from fenics_ehd.settings import choice, count, flag, number
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import choice, count, flag, number
+from fenics_ehd.base.quantities import SMALLEST_RATIO, metres, radial_clearance, too_narrow
 
 ELEMENTS = ("lagrange", "bilinear", "serendipity")
 SHEAR_RULES = ("streamers", "full", "none")

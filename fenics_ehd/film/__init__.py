@@ -1,6 +1,6 @@
 """The oil film of a bore: Reynolds equation with cavitation."""
 
-import fenics_ehd.petsc_start  # noqa: F401
+import fenics_ehd.base.petsc_start  # noqa: F401
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.grid import FilmGrid, uniform_grid
 from fenics_ehd.film.kinematics import Gap, ShaftMotion, shaft_gap

@@ -166,14 +166,10 @@ class Assembly:
 
     def matrix(self, c: Coefficients) -> np.ndarray:
         """Entries of the matrix of ``a`` on the free nodes, in the order of the pattern."""
-        entries = self._element_matrices(c).ravel()
-        return np.bincount(self._place, entries, len(self.pattern.indices) + 1)[:-1]
-
-    def _element_matrices(self, c: Coefficients) -> np.ndarray:
         element = (c.around * self._scales[0]) @ self._flat[0]
         element += (c.along * self._scales[1]) @ self._flat[1]
         others = (c.convection_around, c.convection_along, c.mass)
         for values, factor, tensor in zip(others, self._scales[2:], self._flat[2:], strict=True):
             if values is not None:
                 element += (values * factor) @ tensor
-        return element
+        return np.bincount(self._place, element.ravel(), len(self.pattern.indices) + 1)[:-1]

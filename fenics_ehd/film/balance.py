@@ -11,16 +11,16 @@ from fenics_ehd.film.assembly import Assembly, Coefficients
 
 @dataclass(frozen=True, eq=False)
 class OilProperties:
-    """Dimensionless oil properties, their slopes along P, and slopes of P, at the Gauss points."""
+    """Dimensionless oil properties with derivatives along P, and those of P, at Gauss points."""
 
     around: np.ndarray
     along: np.ndarray
     viscosity: np.ndarray
-    viscosity_slope: np.ndarray
+    viscosity_derivative: np.ndarray
     density: np.ndarray
-    density_slope: np.ndarray
+    density_derivative: np.ndarray
     expansion: np.ndarray
-    expansion_slope: np.ndarray
+    expansion_derivative: np.ndarray
 
     def mobility(self, thickness: np.ndarray) -> np.ndarray:
         """``k = rho H^3 / eta``."""
@@ -52,17 +52,19 @@ def balance_derivative(
 ) -> Coefficients:
     """Coefficients of the derivative of `balance` along the pressure."""
     mobility = oil.mobility(thickness)
-    slope = mobility * (oil.density_slope / oil.density - oil.viscosity_slope / oil.viscosity)
+    slope = mobility * (
+        oil.density_derivative / oil.density - oil.viscosity_derivative / oil.viscosity
+    )
     return Coefficients(
         mobility,
         mobility,
-        slope * oil.around - oil.density_slope * thickness * velocity,
+        slope * oil.around - oil.density_derivative * thickness * velocity,
         slope * oil.along,
-        oil.density_slope * growth + thickness * oil.expansion_slope,
+        oil.density_derivative * growth + thickness * oil.expansion_derivative,
     )
 
 
-def flux_slopes(
+def flux_derivatives(
     assembly: Assembly, oil: OilProperties, thickness: np.ndarray, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the fluxes in `balance` along H and along the mean velocity.
@@ -89,7 +91,7 @@ def flux_change(
     `changes` of H and `speeds`, changes of the mean velocity, dimensionless, are
     given at the Gauss points for n directions, shape (c * q, n).
     """
-    along_h, along_v = flux_slopes(assembly, oil, thickness, velocity)
+    along_h, along_v = flux_derivatives(assembly, oil, thickness, velocity)
     total = assembly.gather(along_h) @ changes
     if speeds.any():
         total += assembly.gather(along_v) @ speeds

@@ -5,7 +5,7 @@ Find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component
 ``y = W^-1 r``: the consistent mass matrix as printed in (11), needed by the
 8-node element, whose corner functions have a negative integral, so that the
 sign of r there is not the sign of the flux. The blocks of SNES-VI are solved by
-`PartitionedSystem`, whose options have the prefix ``partition_`` behind that of
+`ActiveSetSystem`, whose options have the prefix ``linear_`` behind that of
 SNES-VI. (The mass-conserving condition is `fenics_ehd.film.mass_conserving`.)
 """
 
@@ -15,11 +15,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
-from petsc4py import PETSc
 
-from fenics_ehd.errors import CavitationError, SolverError
-from fenics_ehd.film.partition import FactoredMatrix, PartitionedSystem
+from fenics_ehd.base.errors import CavitationError, SolverError
+from fenics_ehd.film.active_set import ActiveSetSystem, FactoredMatrix
 from fenics_ehd.film.pattern import Pattern
 from fenics_ehd.film.snes_vi import SnesVi
 
@@ -29,7 +27,7 @@ VERIFY_TOLERANCE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class CavitationResult:
-    """Pressure, flux defect and the partition they satisfy.
+    """Pressure, flux defect and the active set they satisfy.
 
     Attributes
     ----------
@@ -87,12 +85,10 @@ class CavitationSolver:
         Whether the derivative of r is symmetric positive definite.
     options_prefix
         Prefix of the PETSc options, ``"film_"`` gives ``-film_snes_monitor``
-        and ``-film_partition_pc_type``.
+        and ``-film_linear_pc_type``.
     tolerance
         On the 2-norm of the reduced residual, relative to `Complementarity.scale`;
         the option ``snes_atol`` stands for it too.
-    comm
-        Communicator of one rank.
     """
 
     def __init__(
@@ -101,23 +97,20 @@ class CavitationSolver:
         *,
         weighted: bool = False,
         symmetric: bool = True,
-        comm: PETSc.Comm | MPI.Comm = PETSc.COMM_SELF,
         options_prefix: str = "film_",
         tolerance: float = 1e-10,
     ):
         self._pattern = pattern
-        self.system = PartitionedSystem(
+        self.system = ActiveSetSystem(
             pattern,
             weighted=weighted,
             symmetric=symmetric,
-            comm=comm,
-            options_prefix=f"{options_prefix}partition_",
+            options_prefix=f"{options_prefix}linear_",
         )
         self._weight_factor = (
             FactoredMatrix(
                 pattern,
                 symmetric=False,
-                comm=comm,
                 options_prefix=f"{options_prefix}weights_",
             )
             if weighted
@@ -127,15 +120,9 @@ class CavitationSolver:
         self._snes = SnesVi(
             self,
             np.zeros(pattern.size),
-            comm=comm,
             options_prefix=options_prefix,
             tolerance=tolerance,
         )
-
-    @property
-    def solves(self) -> int:
-        """Solves by SNES-VI so far."""
-        return self._snes.solves
 
     # The following four are called by SNES-VI during a solve.
 
@@ -148,7 +135,7 @@ class CavitationSolver:
         self._entries = self._problem.entries(x * self._problem.unit)
 
     def factorise(self, nodes: np.ndarray) -> None:
-        """Factorise for the partition SNES-VI has chosen."""
+        """Factorise for the active set SNES-VI has chosen."""
         self._nodes = nodes
         self.system.prepare(self._entries, self._problem.weights, nodes)
 
@@ -206,7 +193,7 @@ class CavitationSolver:
     def derivative(
         self, problem: Complementarity, result: CavitationResult, change: np.ndarray
     ) -> np.ndarray:
-        """Change of the pressure when r changes, the partition held.
+        """Change of the pressure when r changes, the active set held.
 
         Parameters
         ----------

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy import sparse
 
-from fenics_ehd.errors import CavitationError, GapClosedError, SettingsError, SolverError
+from fenics_ehd.base.errors import CavitationError, GapClosedError, SettingsError, SolverError
 from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Complementarity
-from fenics_ehd.film.kinematics import Gap, GapSlopes
+from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.nested import CoarseTransfer
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.reynolds import DensityRate, ReynoldsEquation
@@ -47,18 +44,6 @@ class FilmState:
     fluid_fraction: np.ndarray | None = None
     density_rate: DensityRate | None = None
 
-    def memory(self) -> dict[str, np.ndarray]:
-        """What a solve takes of it as its guess, for `as_guess`."""
-        found = {"pressure": self.pressure, "unknown": self.cavitation.pressure}
-        return found if self.fluid_fraction is None else found | {"share": self.fluid_fraction}
-
-    @classmethod
-    def as_guess(cls, memory: Mapping[str, np.ndarray]) -> FilmState:
-        """A state of which only `memory` is known."""
-        nothing: Any = None
-        cavitation = CavitationResult(memory["unknown"], np.empty(0), np.empty(0), 0)
-        return FilmState(memory["pressure"], nothing, cavitation, nothing, memory.get("share"))
-
 
 class Film:
     """Reynolds equation on one bore, solved again and again.
@@ -89,7 +74,6 @@ class Film:
         self,
         parameters: FilmParameters,
         *,
-        comm: MPI.Comm = MPI.COMM_SELF,
         options_prefix: str = "film_",
         tolerance: float = 1e-10,
     ):
@@ -101,11 +85,10 @@ class Film:
             self.assembly.pattern,
             weighted=self.equation.weights is not None,
             symmetric=parameters.lubricant.linear,
-            comm=comm,
             options_prefix=options_prefix,
             tolerance=tolerance,
         )
-        self._comm, self._prefix, self._tolerance = comm, options_prefix, tolerance
+        self._prefix, self._tolerance = options_prefix, tolerance
 
     @cached_property
     def _coarse(self) -> tuple[Film, CoarseTransfer] | None:
@@ -116,13 +99,12 @@ class Film:
         try:
             film = Film(
                 replace(self.parameters, grid=coarse),
-                comm=self._comm,
                 options_prefix=self._prefix,
                 tolerance=self._tolerance,
             )
         except SettingsError:  # a groove too narrow for the coarser mesh
             return None
-        return film, CoarseTransfer(grid, coarse, self.assembly.tensors)
+        return film, CoarseTransfer(grid, coarse, self.assembly.tensors.points)
 
     def solve(
         self,
@@ -138,7 +120,7 @@ class Film:
         gap
             At the Gauss points, shape (cells, points).
         guess
-            A former state, to start from its pressure and partition; without
+            A former state, to start from its pressure and active set; without
             one the start comes from coarser meshes.
         density_rate
             Of a compressible oil in transient motion; None: constant density.
@@ -168,7 +150,7 @@ class Film:
         except CavitationError as error:
             error.state.update({name: getattr(gap, name) for name in Gap.__dataclass_fields__})
             raise
-        pressure = self._to_nodes(result.pressure)
+        pressure = self.parameters.pressure_scale * self.equation.nodal(result.pressure)
         return FilmState(pressure, gap, result, problem, density_rate=density_rate)
 
     def _cold_start(self, gap: Gap) -> np.ndarray:
@@ -181,18 +163,14 @@ class Film:
             return np.zeros(len(self.free))
         return transfer.prolong(state.pressure)[self.free] / self.parameters.pressure_scale
 
-    def _to_nodes(self, values: np.ndarray) -> np.ndarray:
-        """Dimensionless values on the free nodes to pressures at all nodes [Pa]."""
-        return self.parameters.pressure_scale * self.equation.nodal(values)
-
-    def sensitivity(self, state: FilmState, slopes: GapSlopes) -> np.ndarray:
+    def sensitivity(self, state: FilmState, derivatives: GapDerivatives) -> np.ndarray:
         """Exact derivative of the pressure along changes of the gap.
 
         Parameters
         ----------
         state
             A solution of this film.
-        slopes
+        derivatives
             Changes of gap, its rate and the mean velocity in n directions, each
             (cells, points, n).
 
@@ -200,10 +178,12 @@ class Film:
         -------
         numpy.ndarray
             shape (nodes, n) [Pa per unit]. On the cavitated nodes it is zero:
-            the one-sided derivative from inside the partition.
+            the one-sided derivative from inside the active set.
         """
         scale = self.parameters.pressure_scale
-        change = self.equation.change(state.gap, state.pressure / scale, slopes, state.density_rate)
+        change = self.equation.change(
+            state.gap, state.pressure / scale, derivatives, state.density_rate
+        )
         values = np.zeros((self.assembly.size, change.shape[1]))
         values[self.free] = self.cavitation.derivative(state.problem, state.cavitation, change)
         return scale * values
@@ -211,12 +191,6 @@ class Film:
     def density(self, state: FilmState) -> np.ndarray:
         """Density over that of the oil at zero pressure, at the Gauss points."""
         return self.equation.oil(state.pressure / self.parameters.pressure_scale).density
-
-    @property
-    def solves(self) -> int:
-        """Complementarity problems solved by SNES-VI so far, those on coarser meshes included."""
-        coarse = self.__dict__.get("_coarse")
-        return self.cavitation.solves + (coarse[0].solves if coarse else 0)
 
     def powers(self, state: FilmState) -> tuple[float, float]:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
@@ -254,12 +228,6 @@ class Film:
         """Force of unit nodal pressures by Gauss point, shape (c * q, nodes) [m^2]."""
         elements = self.assembly.source_elements(np.ones(self.assembly.area.shape))
         return (self.parameters.grid.radius**2 * self.assembly.gather(elements).T).tocsr()
-
-    def linear_system(self, gap: Gap) -> tuple[sparse.csr_matrix, np.ndarray]:
-        """``A`` (scipy CSR, free nodes) and ``b`` of (11), dimensionless, of a constant oil."""
-        problem = self.equation.problem(gap)
-        zero = np.zeros(len(self.free))
-        return self.assembly.pattern.matrix(problem.entries(zero)), -problem.residual(zero)
 
 
 def check_gap(gap: Gap) -> None:

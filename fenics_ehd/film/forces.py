@@ -25,10 +25,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.kinematics import ShaftMotion
 from fenics_ehd.film.shear import FilmFields, film_fields
-from fenics_ehd.plane import rotation
 
 
 @dataclass(frozen=True, eq=False)

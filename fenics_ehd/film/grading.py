@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.grid import FilmGrid
 
 #: Share of the cells that follows 1 / h; the rest is even. Measured with 64 x 12

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from fenics_ehd.elements import shape_functions
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.reduction.surface_elements import ELEMENTS
 
 #: Nodes of a cell in each family, as offsets around and along in half cells, in dolfinx order.
 _CORNERS = [(0, 0), (2, 0), (0, 2), (2, 2)]
@@ -140,7 +140,7 @@ class FilmGrid:
         j = np.clip(np.searchsorted(self.heights, height, "right") - 1, 0, along - 1)
         x = (relative - self.angles[i]) / np.diff(self.angles)[i]
         y = (height - self.heights[j]) / np.diff(self.heights)[j]
-        values = shape_functions(self.family, np.column_stack([x, y]))
+        values = ELEMENTS[self.family].shapes(np.column_stack([x, y]))
         columns = self.cell_nodes[i * along + j]
         starts = np.arange(len(values) + 1) * values.shape[1]
         shape = (len(values), len(self.node_positions))
@@ -167,48 +167,6 @@ def uniform_grid(
     angles = start + np.linspace(0.0, 2 * np.pi, max(int(cells[0]), 0) + 1)
     heights = np.linspace(-width / 2, width / 2, max(int(cells[1]), 0) + 1)
     return FilmGrid(radius, angles, heights, family)
-
-
-def graded_grid(
-    radius: float,
-    width: float,
-    cells: tuple[int, int],
-    family: str = "lagrange",
-    *,
-    focus: float,
-    ratio: float,
-) -> FilmGrid:
-    """Grid with cells that shrink smoothly along the circumference towards an angle.
-
-    The density of cells is ``1 + a cos(phi - focus)``; a cell boundary lies at
-    `focus` and one opposite, when the number of cells is even.
-
-    Parameters
-    ----------
-    radius, width, cells, family
-        As for `uniform_grid`.
-    focus
-        Angle of the smallest cells [rad].
-    ratio
-        Largest cell over the smallest, at least 1.
-
-    Raises
-    ------
-    SettingsError
-        `ratio` is below 1.
-    """
-    if not ratio >= 1.0:
-        raise SettingsError(f"the grading ratio is {ratio:g}, it must be at least 1")
-    amplitude = (ratio - 1) / (ratio + 1)
-    share = np.linspace(0.0, 2 * np.pi, max(int(cells[0]), 0) + 1)
-    # Invert phi + a sin(phi) = share by Newton; monotonic as a < 1.
-    angle = share.copy()
-    for _ in range(100):
-        angle -= (angle + amplitude * np.sin(angle) - share) / (1 + amplitude * np.cos(angle))
-        angle = np.clip(angle, 0.0, 2 * np.pi)
-    angle[0], angle[-1] = 0.0, 2 * np.pi
-    heights = np.linspace(-width / 2, width / 2, max(int(cells[1]), 0) + 1)
-    return FilmGrid(radius, focus + angle, heights, family)
 
 
 def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:

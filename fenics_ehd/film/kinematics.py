@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def shaft_gap(
 
 
 @dataclass(frozen=True, eq=False)
-class GapSlopes:
+class GapDerivatives:
     """Derivatives of a gap, each (points..., n directions).
 
     `thickness`, `thickness_rate` and `mean_velocity` as in `Gap`.
@@ -171,14 +171,14 @@ class GapSlopes:
     mean_velocity: np.ndarray
 
 
-def shaft_gap_slopes(
+def shaft_gap_derivatives(
     points: SurfacePoints, radius: float, clearance: float, motion: ShaftMotion
-) -> tuple[GapSlopes, GapSlopes]:
+) -> tuple[GapDerivatives, GapDerivatives]:
     """Exact derivatives of `shaft_gap`, with respect to position and to velocity.
 
     Returns
     -------
-    position, velocity : GapSlopes
+    position, velocity : GapDerivatives
         Along ``e_x, e_y, psi_x, psi_y`` and along their rates: n = 4.
     """
     cosine, sine = points.normal
@@ -196,9 +196,9 @@ def shaft_gap_slopes(
     # d(e_t / s) = R_1^2 / s^3 d(e_t); ds = -e_t / s d(e_t).
     curvature = (rate_t * (radius - clearance) ** 2 / s**3)[..., None]
     thickness = -along_r + inclination * along_t
-    position = GapSlopes(
+    position = GapDerivatives(
         thickness,
         curvature * along_t,
         -0.5 * motion.shaft_speed * inclination * along_t,
     )
-    return position, GapSlopes(np.zeros_like(thickness), thickness, 0.5 * along_t)
+    return position, GapDerivatives(np.zeros_like(thickness), thickness, 0.5 * along_t)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fenics_ehd.errors import InterfaceMismatchError
+from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.film.grid import FilmGrid, uniform_grid
 
 #: Largest distance between a film node and the bore node it belongs to, relative to the radius.

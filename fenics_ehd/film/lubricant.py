@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 
 
 class PressureLaw(Protocol):

@@ -7,10 +7,10 @@ dimensionless as in `forms`, the oil is conserved,
     int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - (T s)_i = 0,
 
 ``M_i = int rho H N_i`` the oil of a full gap, ``M_i^old`` what there was, T the upwind
-transport of the empty share (`fenics_ehd.film.strips`), time by implicit Euler. That
+transport of the void fraction (`fenics_ehd.film.strips`), time by implicit Euler. That
 is ``r(p) = T s`` with ``0 <= p`` complementary to ``s >= 0``, solved by SNES-VI
-(`fenics_ehd.film.mixed`). The rate of the gap is the difference of two contents, never
-`Gap.thickness_rate`: only so is no oil lost from step to step.
+(`fenics_ehd.film.mass_conserving_solver`). The rate of the gap is the difference of two
+contents, never `Gap.thickness_rate`: only so is no oil lost from step to step.
 
 No entry off the diagonals of A and T is positive and no column sum negative; so it is for
 every matrix that takes the columns of full nodes from A and the others from T, and all
@@ -27,15 +27,14 @@ where the film is full, and zero where it is not.
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 
-from fenics_ehd.errors import CavitationError, SettingsError
+from fenics_ehd.base.errors import CavitationError, SettingsError
 from fenics_ehd.film.cavitation import CavitationResult, Complementarity
 from fenics_ehd.film.film import Film, FilmState, check_gap
-from fenics_ehd.film.kinematics import Gap, GapSlopes
-from fenics_ehd.film.mixed import MixedSolver
+from fenics_ehd.film.kinematics import Gap, GapDerivatives
+from fenics_ehd.film.mass_conserving_solver import MassConservingSolver
 from fenics_ehd.film.oil_balance import OilBalance, OilStep
-from fenics_ehd.film.oil_state import SHARE_TOLERANCE, OilState, verify_oil
+from fenics_ehd.film.oil_state import VOID_TOLERANCE, OilState, verify_oil
 
 #: Time step of a steady film, times the reference speed: storage is 1e-10 of transport. It stays,
 #: because round a bearing without groove nothing else says how much an empty strip holds.
@@ -53,7 +52,7 @@ class MassConservingFilm:
     film
         Bearing and oil, on a bilinear mesh.
     options_prefix, tolerance
-        As for `MixedSolver`.
+        As for `MassConservingSolver`.
 
     Attributes
     ----------
@@ -72,7 +71,6 @@ class MassConservingFilm:
         self,
         film: Film,
         *,
-        comm: MPI.Comm = MPI.COMM_SELF,
         options_prefix: str = "oil_",
         tolerance: float = 1e-10,
     ):
@@ -84,9 +82,8 @@ class MassConservingFilm:
             )
         self.film = film
         self.balance = OilBalance(film)
-        self.cavitation = MixedSolver(
+        self.cavitation = MassConservingSolver(
             self.balance.assembly.pattern,
-            comm=comm,
             options_prefix=options_prefix,
             tolerance=tolerance,
         )
@@ -118,8 +115,8 @@ class MassConservingFilm:
         GapClosedError
             The gap is not positive at a Gauss point.
         CavitationError
-            SNES-VI failed, or the result is not what it should be: pressure or empty
-            share below 0, both above 0, a share above 1, oil lost. Its `state`
+            SNES-VI failed, or the result is not what it should be: pressure or void
+            fraction below 0, both above 0, a void fraction above 1, oil lost. Its `state`
             holds the arrays.
         SettingsError
             The time step or the content is not above zero.
@@ -128,7 +125,7 @@ class MassConservingFilm:
         if not (np.isfinite(time_step) and time_step > 0):
             raise SettingsError(f"time_step = {time_step:g} s must be above 0")
         step = self.balance.step(gap, content, time_step)
-        if not np.all(step.former >= -SHARE_TOLERANCE * step.full):
+        if not np.all(step.former >= -VOID_TOLERANCE * step.full):
             raise SettingsError(
                 f"the oil content of the film is {np.min(content):g} m^3 at a node, it must be "
                 "at least 0"
@@ -178,7 +175,7 @@ class MassConservingFilm:
             raise CavitationError(
                 f"the film is not steady: its content still changes by {change:.2e}, the limit is "
                 f"{STEADY_TOLERANCE:.0e}",
-                state={"pressure": state.pressure, "share": 1 - state.fluid_fraction},
+                state={"pressure": state.pressure, "void_fraction": 1 - state.fluid_fraction},
             )
         return state
 
@@ -193,7 +190,7 @@ class MassConservingFilm:
             )
 
     def _start(self, guess: FilmState | None) -> tuple[np.ndarray, np.ndarray]:
-        """Dimensionless pressures and empty shares of the unknown nodes to start from."""
+        """Dimensionless pressures and void fractions of the unknown nodes to start from."""
         unknown = self.balance.unknown
         if guess is None:
             return np.zeros(len(unknown)), np.zeros(len(unknown))
@@ -206,12 +203,12 @@ class MassConservingFilm:
     def _state(
         self, gap: Gap, step: OilStep, problem: Complementarity, result: CavitationResult
     ) -> OilState:
-        """Check shares and balance, and give everything its unit."""
+        """Check void fractions and balance, and give everything its unit."""
         p, b = self.film.parameters, self.balance
-        nodal, share = b.nodal(result.pressure), np.zeros_like(step.full)
-        share[b.unknown] = result.flux
+        nodal, void = b.nodal(result.pressure), np.zeros_like(step.full)
+        void[b.unknown] = result.flux
         # What the balance lacks at the ends of the film flows through them.
-        lost = b.full_film(step, nodal) - b.strips.apply(step.flows, step.full, share)
+        lost = b.full_film(step, nodal) - b.strips.apply(step.flows, step.full, void)
         outflow = -lost
         outflow[self.film.free] = 0.0
         outflow[b.unknown[b.dry]] = result.pressure[b.dry]
@@ -222,8 +219,8 @@ class MassConservingFilm:
             gap=gap,
             cavitation=result,
             problem=problem,
-            fluid_fraction=1 - share,
-            content=b.volume_scale * (stored - step.length * step.full * share),
+            fluid_fraction=1 - void,
+            content=b.volume_scale * (stored - step.length * step.full * void),
             outflow=b.volume_scale * p.rate * outflow,
             time_step=step.length / p.rate,
             imbalance=float(np.abs(lost + outflow).sum() / reference),
@@ -231,16 +228,18 @@ class MassConservingFilm:
         verify_oil(state)
         return state
 
-    def sensitivity(self, state: OilState, slopes: GapSlopes) -> tuple[np.ndarray, np.ndarray]:
+    def sensitivity(
+        self, state: OilState, derivatives: GapDerivatives
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Exact derivatives along changes of the gap at the end of a step.
 
-        The partition, the upwind sides, and the content at the start are held.
+        The active set, the upwind sides, and the content at the start are held.
 
         Parameters
         ----------
         state
             A solution of this film.
-        slopes
+        derivatives
             Changes of gap and mean velocity in n directions, each (cells, points, n);
             that of the gap's rate is not used.
 
@@ -251,7 +250,7 @@ class MassConservingFilm:
         """
         scale, balance = self.film.parameters.pressure_scale, self.balance
         step = balance.step(state.gap, state.content, state.time_step)
-        change = balance.change(step, state.pressure / scale, 1 - state.fluid_fraction, slopes)
+        change = balance.change(step, state.pressure / scale, 1 - state.fluid_fraction, derivatives)
         reduced = self.cavitation.derivative(
             state.problem, state.cavitation, change[balance.unknown]
         )

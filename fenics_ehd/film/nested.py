@@ -9,11 +9,10 @@ every mesh.
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 
-from fenics_ehd.film.forms import CellTensors
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.reynolds import gauss_points
 
 
 class CoarseTransfer:
@@ -23,17 +22,22 @@ class CoarseTransfer:
     ----------
     fine, coarse
         A grid and its `FilmGrid.coarser`.
-    tensors
-        Of their family.
+    reference
+        Gauss points of a cell, shape (q, 2).
     """
 
-    def __init__(self, fine: FilmGrid, coarse: FilmGrid, tensors: CellTensors):
+    def __init__(self, fine: FilmGrid, coarse: FilmGrid, reference: np.ndarray):
         self._prolongation = coarse.interpolation(*fine.node_positions.T)
-        axes = [np.unique(np.round(tensors.points[:, d], 12)) for d in range(2)]
-        ratios = [f // c for f, c in zip(fine.cells, coarse.cells, strict=True)]
-        lines = [_line(points, ratio) for points, ratio in zip(axes, ratios, strict=True)]
-        self._restriction = _point_map(fine, coarse, tensors, axes, lines)
-        self._shape = (int(np.prod(coarse.cells)), len(tensors.points))
+        here, there = (gauss_points(grid, reference) for grid in (fine, coarse))
+        self._shape = there.angle.shape
+        # The fine mesh's Gauss points as the nodes of a bilinear mesh, around first.
+        angles, i = np.unique(here.angle.round(12), return_inverse=True)
+        heights, j = np.unique((here.height / fine.radius).round(12), return_inverse=True)
+        turn = np.append(angles, angles[0] + 2 * np.pi)
+        points = FilmGrid(fine.radius, turn, fine.radius * heights, "bilinear")
+        columns = i.ravel() * len(heights) + j.ravel()
+        restriction = points.interpolation(there.angle.ravel(), there.height.ravel())
+        self._restriction = restriction[:, columns]
 
     def restrict(self, gap: Gap) -> Gap:
         """Gap at the coarse mesh's Gauss points."""
@@ -53,52 +57,3 @@ class CoarseTransfer:
     def prolong(self, pressure: np.ndarray) -> np.ndarray:
         """Pressure at the fine mesh's nodes, not negative."""
         return np.maximum(self._prolongation @ pressure, 0.0)
-
-
-def _line(points: np.ndarray, ratio: int) -> list[list[tuple[int, np.ndarray]]]:
-    """Per Gauss point of a coarse interval: fine intervals and Lagrange weights on their points."""
-    rows = []
-    for x in points:
-        position = x * ratio
-        child = min(int(position), ratio - 1)
-        # Half way, at the border of two fine intervals, both sides count.
-        children = [child - 1, child] if child and abs(position - child) < 1e-9 else [child]
-        rows.append([(c, _lagrange(points, position - c) / len(children)) for c in children])
-    return rows
-
-
-def _lagrange(points: np.ndarray, x: float) -> np.ndarray:
-    """Weights of the polynomial through `points`, evaluated at x."""
-    weights = np.ones(len(points))
-    for i, own in enumerate(points):
-        for other in np.delete(points, i):
-            weights[i] *= (x - other) / (own - other)
-    return weights
-
-
-def _point_map(
-    fine: FilmGrid, coarse: FilmGrid, tensors: CellTensors, axes: list, lines: list
-) -> sparse.csr_matrix:
-    """Matrix from fine to coarse Gauss point values."""
-    places = [
-        [int(np.argmin(np.abs(axis - x))) for x in tensors.points[:, d]]
-        for d, axis in enumerate(axes)
-    ]
-    number = {pair: q for q, pair in enumerate(zip(*places, strict=True))}
-    i, j = np.meshgrid(*(np.arange(n) for n in coarse.cells), indexing="ij")
-    i, j = i.ravel(), j.ravel()
-    count = len(tensors.points)
-    ratios = [f // c for f, c in zip(fine.cells, coarse.cells, strict=True)]
-    rows, columns, values = [], [], []
-    for q in range(count):
-        for a, around in lines[0][places[0][q]]:
-            for b, along in lines[1][places[1][q]]:
-                cell = (ratios[0] * i + a) * fine.cells[1] + ratios[1] * j + b
-                for m, weight_m in enumerate(around):
-                    for n, weight_n in enumerate(along):
-                        rows.append((i * coarse.cells[1] + j) * count + q)
-                        columns.append(cell * count + number[m, n])
-                        values.append(np.full(len(i), weight_m * weight_n))
-    shape = (len(i) * count, int(np.prod(fine.cells)) * count)
-    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return sparse.csr_matrix(entries, shape)

@@ -14,7 +14,7 @@ from fenics_ehd.film.assembly import Assembly, Coefficients
 from fenics_ehd.film.balance import balance, balance_derivative, flux_change
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film import Film
-from fenics_ehd.film.kinematics import Gap, GapSlopes
+from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.reynolds import SMALLEST_SOURCE
 from fenics_ehd.film.strips import Strips
 from fenics_ehd.film.supply import in_regions
@@ -50,8 +50,8 @@ class OilBalance:
     reservoir
         Whether a node has a given pressure and oil to give, shape (nodes,).
     unknown
-        Nodes with an unknown: pressure or empty share where the pressure is
-        free, outflow or empty share at a side at cavitation pressure.
+        Nodes with an unknown: pressure or void fraction where the pressure is
+        free, outflow or void fraction at a side at cavitation pressure.
     dry
         Which of these are of the second kind.
     """
@@ -98,7 +98,7 @@ class OilBalance:
             return defect + np.where(self.dry, values, 0.0)
 
         def entries(values: np.ndarray) -> np.ndarray:
-            matrix = self.assembly.matrix(self._slopes(step, self.nodal(values)))
+            matrix = self.assembly.matrix(self._derivative(step, self.nodal(values)))
             matrix[self._dry_column] = 0.0
             matrix[self._dry_diagonal] = 1.0
             return matrix
@@ -109,7 +109,7 @@ class OilBalance:
         return Complementarity(
             (lambda p: self.assembly.pattern.multiply(first, p) + constant) if linear else residual,
             (lambda p: first) if linear else entries,
-            # The empty share is of order one.
+            # The void fraction is of order one.
             scale=1.0,
             weights=self.strips.matrix(step.flows, step.full),
             unit=max(float(np.abs(constant).max()), SMALLEST_SOURCE) / float(first.max()),
@@ -122,12 +122,12 @@ class OilBalance:
         return nodal
 
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
-        """Balance at all nodes without the empty share."""
+        """Balance at all nodes without the void fraction."""
         oil = self.film.equation.oil(nodal)
         growth = step.thickness / step.length
         return balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
 
-    def _slopes(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
+    def _derivative(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
         oil = self.film.equation.oil(nodal)
         if self.film.parameters.lubricant.linear:
             mobility = oil.mobility(step.thickness)
@@ -136,21 +136,21 @@ class OilBalance:
         return balance_derivative(oil, step.thickness, step.velocity, growth)
 
     def change(
-        self, step: OilStep, nodal: np.ndarray, share: np.ndarray, slopes: GapSlopes
+        self, step: OilStep, nodal: np.ndarray, void: np.ndarray, derivatives: GapDerivatives
     ) -> np.ndarray:
         """Derivative of the balance at a solution along n changes of the gap, shape (nodes, n)."""
         p = self.film.parameters
         oil = self.film.equation.oil(nodal)
         density = np.broadcast_to(self.film.equation.factors[1], step.velocity.shape)
-        changes = slopes.thickness.reshape(-1, slopes.thickness.shape[-1]) / p.clearance
-        speeds = slopes.mean_velocity.reshape(changes.shape) / (p.rate * p.grid.radius)
+        changes = derivatives.thickness.reshape(-1, derivatives.thickness.shape[-1]) / p.clearance
+        speeds = derivatives.mean_velocity.reshape(changes.shape) / (p.rate * p.grid.radius)
         total = flux_change(self.assembly, oil, step.thickness, step.velocity, changes, speeds)
         total += self.assembly.source_vectors(oil.density / step.length, changes)
 
-        carried = self.strips.upwind(step.flows, share)
-        total -= self.strips.slopes(density * step.velocity, carried) @ changes
-        total -= self.strips.slopes(density * step.thickness, carried) @ speeds
-        total -= share[:, None] * self.assembly.source_vectors(density / step.length, changes)
+        carried = self.strips.upwind(step.flows, void)
+        total -= self.strips.derivatives(density * step.velocity, carried) @ changes
+        total -= self.strips.derivatives(density * step.thickness, carried) @ speeds
+        total -= void[:, None] * self.assembly.source_vectors(density / step.length, changes)
         return total
 
 

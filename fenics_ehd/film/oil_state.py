@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.errors import CavitationError
+from fenics_ehd.base.errors import CavitationError
 from fenics_ehd.film.film import FilmState
 
 #: Largest defect of the oil balance: its sum over the nodes, without sign, over the sum of what
 #: is dragged through them and of what they hold over the time step.
 BALANCE_TOLERANCE = 1e-10
 
-#: Largest excess of the empty share over 1.
-SHARE_TOLERANCE = 1e-8
+#: Largest excess of the void fraction over 1.
+VOID_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,11 +53,11 @@ def verify_oil(state: OilState) -> None:
     CavitationError
         Naming the violation.
     """
-    arrays = {"pressure": state.pressure, "share": 1 - state.fluid_fraction}
+    arrays = {"pressure": state.pressure, "void_fraction": 1 - state.fluid_fraction}
     excess = -float(state.fluid_fraction.min())
-    if not excess <= SHARE_TOLERANCE:
+    if not excess <= VOID_TOLERANCE:
         raise CavitationError(
-            f"the fluid fraction is {-excess:.2e}, below 0 by more than {SHARE_TOLERANCE:.0e}: "
+            f"the fluid fraction is {-excess:.2e}, below 0 by more than {VOID_TOLERANCE:.0e}: "
             "use cells that are less elongated",
             state=arrays,
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
-from fenics_ehd.errors import InterfaceMismatchError
+from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.film.surface import TURN, Surface, near_pairs, scaled_reach, unwrap
 
 #: Largest difference of the two meshes' ends, relative to the width.
@@ -39,15 +39,6 @@ class Overlay:
     on_structure: np.ndarray
     on_film: np.ndarray
     areas: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class SurfacePoints:
-    """Quadrature points on a cylinder: angle [rad], height [m], weight [m^2], shape (p,) each."""
-
-    phi: np.ndarray
-    z: np.ndarray
-    weights: np.ndarray
 
 
 def overlay(structure: Surface, film: Surface) -> Overlay:
@@ -146,29 +137,3 @@ def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
     points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
     barycentric = np.column_stack([1 - points.sum(axis=1), points])
     return barycentric, weights / weights.sum()
-
-
-def intersection_points(
-    structure: Surface, film: Surface, radius: float, degree: int
-) -> SurfacePoints:
-    """Quadrature points on the intersections of two meshes of one cylinder.
-
-    Parameters
-    ----------
-    structure, film
-        The meshes.
-    radius
-        Radius of the cylinder [m].
-    degree
-        Total polynomial degree in (phi, z) integrated exactly on every intersection.
-    """
-    tiles = overlay(structure, film)
-    barycentric, weights = triangle_rule(degree)
-    cells = tiles.structure_cells
-    xi = barycentric @ tiles.on_structure
-    x = structure.corners[cells][:, :1] + xi @ structure.jacobians[cells].swapaxes(1, 2)
-    return SurfacePoints(
-        phi=x[:, :, 0].ravel(),
-        z=x[:, :, 1].ravel(),
-        weights=(radius * tiles.areas[:, None] * weights).ravel(),
-    )

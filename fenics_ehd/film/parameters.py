@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.supply import Region, Sides

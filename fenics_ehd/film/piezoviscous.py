@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from fenics_ehd.errors import CavitationError, SolverError
+from fenics_ehd.base.errors import CavitationError, SolverError
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.lubricant import Constant, PressureLaw

@@ -12,18 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, Coefficients
 from fenics_ehd.film.balance import (
     OilProperties,
     balance,
     balance_derivative,
     flux_change,
-    flux_slopes,
+    flux_derivatives,
 )
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.kinematics import Gap, GapSlopes, SurfacePoints
+from fenics_ehd.film.kinematics import Gap, GapDerivatives, SurfacePoints
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.supply import given_pressures
 
@@ -163,39 +163,48 @@ class ReynoldsEquation:
         return Complementarity(residual, entries, scale, self.weights, unit)
 
     def oil(self, nodal: np.ndarray, density_rate: DensityRate | None = None) -> OilProperties:
-        """Oil and pressure slopes at the Gauss points, dimensionless."""
+        """Oil and pressure derivatives at the Gauss points, dimensionless."""
         p = self.parameters
         value, around, along = self.assembly.at_points(nodal)
+        if p.lubricant.linear and density_rate is None:
+            viscosity, density = self.factors
+            none = np.zeros(value.shape)
+            return OilProperties(
+                around, along, none + viscosity, none, none + density, none, none, none
+            )
         # Shape functions may undershoot between nodes, where the laws are not meant: the oil
         # keeps its properties there.
         inside = value >= 0.0
         pressure = np.where(inside, value, 0.0) * p.pressure_scale
-        viscosity, viscosity_slope = p.lubricant.viscosity_law(pressure)
-        density, density_slope = p.lubricant.density_law(pressure)
-        viscosity_slope, density_slope = inside * viscosity_slope, inside * density_slope
+        viscosity, viscosity_derivative = p.lubricant.viscosity_law(pressure)
+        density, density_derivative = p.lubricant.density_law(pressure)
+        viscosity_derivative, density_derivative = (
+            inside * viscosity_derivative,
+            inside * density_derivative,
+        )
         factors = self.factors
-        expansion, expansion_slope = np.zeros_like(value), np.zeros_like(value)
-        density_slope = factors[1] * density_slope * p.pressure_scale
+        expansion, expansion_derivative = np.zeros_like(value), np.zeros_like(value)
+        density_derivative = factors[1] * density_derivative * p.pressure_scale
         if density_rate is not None:
             shift = density_rate.shift / p.rate
             expansion = shift * factors[1] * density + density_rate.history / p.rate
-            expansion_slope = shift * density_slope
+            expansion_derivative = shift * density_derivative
         return OilProperties(
             around,
             along,
             factors[0] * viscosity,
-            factors[0] * viscosity_slope * p.pressure_scale,
+            factors[0] * viscosity_derivative * p.pressure_scale,
             factors[1] * density,
-            density_slope,
+            density_derivative,
             expansion,
-            expansion_slope,
+            expansion_derivative,
         )
 
     def change(
         self,
         gap: Gap,
         pressure: np.ndarray,
-        slopes: GapSlopes,
+        derivatives: GapDerivatives,
         density_rate: DensityRate | None = None,
     ) -> np.ndarray:
         """Change of the residual at the free nodes along changes of the gap.
@@ -204,7 +213,7 @@ class ReynoldsEquation:
         ----------
         gap, pressure, density_rate
             A gap and dimensionless nodal pressures, shape (nodes,).
-        slopes
+        derivatives
             Changes of gap, its rate and the mean velocity in n directions, each
             (cells, points, n).
 
@@ -216,17 +225,17 @@ class ReynoldsEquation:
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
         oil = self.oil(pressure, density_rate)
-        shape = (thickness.size, slopes.thickness.shape[-1])
-        changes = slopes.thickness.reshape(shape) / p.clearance
-        speeds = slopes.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
+        shape = (thickness.size, derivatives.thickness.shape[-1])
+        changes = derivatives.thickness.reshape(shape) / p.clearance
+        speeds = derivatives.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
         change = flux_change(self.assembly, oil, thickness, velocity, changes, speeds)
-        rates = slopes.thickness_rate.reshape(shape) / (p.clearance * p.rate)
+        rates = derivatives.thickness_rate.reshape(shape) / (p.clearance * p.rate)
         change += self.assembly.source_vectors(oil.density, rates)
         if density_rate is not None:
             change += self.assembly.source_vectors(oil.expansion, changes)
         return change[self.free]
 
-    def gap_slopes(
+    def gap_derivatives(
         self, gap: Gap, pressure: np.ndarray, rate_shift: float
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix]:
         """Sparse derivatives of the residual, for what moves many directions at once.
@@ -247,7 +256,7 @@ class ReynoldsEquation:
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
         oil = self.oil(pressure)
-        along_h, along_v = flux_slopes(self.assembly, oil, thickness, velocity)
+        along_h, along_v = flux_derivatives(self.assembly, oil, thickness, velocity)
         along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
         return (
             self.assembly.gather(along_h / p.clearance),

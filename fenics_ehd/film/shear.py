@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.supply import in_regions
 

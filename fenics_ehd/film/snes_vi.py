@@ -6,13 +6,12 @@ import weakref
 from typing import Protocol
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_ehd.errors import CavitationError
-from fenics_ehd.petsc_options import configure, destroy_with
+from fenics_ehd.base.errors import CavitationError
+from fenics_ehd.base.petsc_options import configure, destroy_with
 
-#: The problems are linear on each partition: with full steps the reduced-space
+#: The problems are linear on each active set: with full steps the reduced-space
 #: Newton method is the primal-dual active set method. Unknowns are scaled to order
 #: one: a pressure counts as zero below 1e-14 of that.
 DEFAULT_OPTIONS = {
@@ -51,7 +50,7 @@ class SnesVi:
     """SNES-VI with its vectors, reused from solve to solve.
 
     SNES-VI cuts the block of the inactive unknowns out of its Jacobian matrix, a
-    new matrix with a new pattern for every partition. The Jacobian given to it
+    new matrix with a new pattern for every active set. The Jacobian given to it
     here only notes which block is asked for and leaves the solution to `system`.
 
     Parameters
@@ -75,20 +74,19 @@ class SnesVi:
         system: VariationalInequality | SelfJudging,
         lower: np.ndarray,
         *,
-        comm: PETSc.Comm | MPI.Comm,
         options_prefix: str,
         tolerance: float | None,
         max_iterations: int = MAX_ITERATIONS,
     ):
         self._prefix = options_prefix
-        bounds = [PETSc.Vec().createSeq(len(lower), comm=comm) for _ in range(2)]
+        bounds = [PETSc.Vec().createSeq(len(lower), comm=PETSc.COMM_SELF) for _ in range(2)]
         bounds[0].array = lower
         bounds[1].set(PETSc.INFINITY)
         self._unknown, self._function = bounds[0].duplicate(), bounds[0].duplicate()
         self._callbacks = callbacks = _Callbacks(system)
-        jacobian = PETSc.Mat().createPython((len(lower),) * 2, _Jacobian(comm), comm=comm)
+        jacobian = PETSc.Mat().createPython((len(lower),) * 2, _Jacobian(), comm=PETSc.COMM_SELF)
         jacobian.setUp()
-        self._snes = snes = PETSc.SNES().create(comm=comm)
+        self._snes = snes = PETSc.SNES().create(comm=PETSc.COMM_SELF)
         snes.setType("vinewtonrsls")
         snes.setFunction(callbacks.function, self._function)
         snes.setJacobian(callbacks.jacobian, jacobian)
@@ -200,22 +198,19 @@ class _Callbacks:
 
 
 class _Jacobian:
-    """Python context of the Jacobian: hands out the block of a partition unassembled."""
-
-    def __init__(self, comm: PETSc.Comm | MPI.Comm):
-        self._comm = comm
+    """Python context of the Jacobian: hands out the block of an active set unassembled."""
 
     def createSubMatrix(
         self, mat: PETSc.Mat, rows: PETSc.IS, columns: PETSc.IS, out: PETSc.Mat | None = None
     ) -> PETSc.Mat:
         nodes = rows.getIndices().copy()
-        block = PETSc.Mat().createPython((len(nodes),) * 2, _Block(nodes), comm=self._comm)
+        block = PETSc.Mat().createPython((len(nodes),) * 2, _Block(nodes), comm=PETSc.COMM_SELF)
         block.setUp()
         return block
 
 
 class _Block:
-    """Python context of the block of a partition: only which unknowns are inactive."""
+    """Python context of the block of an active set: only which unknowns are inactive."""
 
     def __init__(self, nodes: np.ndarray):
         self.nodes = nodes

@@ -7,7 +7,7 @@ weak form is a difference of flows between neighbours,
     -int rho H V dN_i/dphi = F_i - F_(i-1),   F_i = -int rho H V dN_i/dphi behind node i,
 
 "behind": over the cells between i and the following node. Where the gap is empty to
-the share s, a flow carries the share of the node it comes from,
+the void fraction s, a flow carries that of the node it comes from,
 
     (T s)_i = F_i s_up - F_(i-1) s_up + d/dt (int rho H N_i) s_i.
 
@@ -79,14 +79,14 @@ class Strips:
         element = (transport * self._length) @ self._flow
         return np.bincount(self._from.ravel(), element.ravel(), self._assembly.size)
 
-    def upwind(self, flows: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Share carried by every flow: that of the node it comes from, shape (nodes,)."""
-        return np.where(flows > 0, share, share[self.following])
+    def upwind(self, flows: np.ndarray, void: np.ndarray) -> np.ndarray:
+        """Void fraction carried by every flow: that of the node it comes from, shape (nodes,)."""
+        return np.where(flows > 0, void, void[self.following])
 
-    def apply(self, flows: np.ndarray, storage: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def apply(self, flows: np.ndarray, storage: np.ndarray, void: np.ndarray) -> np.ndarray:
         """``T s`` at all nodes; `storage` is ``int rho H N_i`` over the time step."""
-        carried = flows * self.upwind(flows, share)
-        return carried - carried[self.preceding] + storage * share
+        carried = flows * self.upwind(flows, void)
+        return carried - carried[self.preceding] + storage * void
 
     def matrix(self, flows: np.ndarray, storage: np.ndarray) -> np.ndarray:
         """Entries of T on the assembly's free nodes, in the order of its pattern."""
@@ -99,7 +99,7 @@ class Strips:
             entries[place[known]] = np.minimum(value[known], 0)
         return entries
 
-    def slopes(self, coefficient: np.ndarray, carried: np.ndarray) -> sparse.csc_matrix:
+    def derivatives(self, coefficient: np.ndarray, carried: np.ndarray) -> sparse.csc_matrix:
         """Derivative of ``T s`` without storage, the upwind side held, shape (nodes, c * q).
 
         Parameters
@@ -107,7 +107,7 @@ class Strips:
         coefficient
             Derivative of ``rho H V`` along a direction's value, (c, q).
         carried
-            Share carried by every flow, from `upwind`.
+            Void fraction carried by every flow, from `upwind`.
         """
         weights = (coefficient * self._length)[:, :, None] * self._flow
         weights *= carried[self._from][:, None, :]

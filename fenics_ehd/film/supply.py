@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.grid import FilmGrid
 
 #: Slack in deciding whether a node lies in a region, relative to the radius.

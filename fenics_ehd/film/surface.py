@@ -14,8 +14,8 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from fenics_ehd.elements import SURFACE_CELLS, shape_functions, surface_nodes
-from fenics_ehd.errors import InterfaceMismatchError
+from fenics_ehd.base.errors import InterfaceMismatchError
+from fenics_ehd.reduction.surface_elements import ELEMENTS
 
 TURN = 2 * np.pi
 
@@ -61,7 +61,7 @@ class Surface:
     family: str
 
     def __post_init__(self) -> None:
-        size = len(surface_nodes(self.family))
+        size = len(ELEMENTS[self.family].nodes)
         if self.cells.ndim != 2 or self.cells.shape[1] != size:
             raise InterfaceMismatchError(
                 f"surface cells of family {self.family} have {size} nodes each, the array of "
@@ -94,7 +94,7 @@ class Surface:
     @property
     def triangular(self) -> bool:
         """Whether the cells are triangles."""
-        return SURFACE_CELLS[self.family] == "triangle"
+        return ELEMENTS[self.family].corners == 3
 
     @cached_property
     def cell_nodes(self) -> np.ndarray:
@@ -136,7 +136,7 @@ class Surface:
                 "circumference, not a whole turn: they must be narrower than half a turn and "
                 "neither overlap nor leave gaps"
             )
-        places = surface_nodes(self.family)
+        places = ELEMENTS[self.family].nodes
         found = self.reference(np.arange(len(self.cells)), self.cell_nodes)
         defect = np.abs(found - places).max()
         if not defect <= SHAPE_TOLERANCE:
@@ -260,7 +260,7 @@ def interpolation_matrix(surface: Surface, phi: np.ndarray, z: np.ndarray) -> sp
     blocks = [sparse.csr_matrix((0, len(surface.nodes)))]
     for start in range(0, len(points), BLOCK):
         cells, xi = locate(surface, points[start : start + BLOCK])
-        values = shape_functions(surface.family, xi)
+        values = ELEMENTS[surface.family].shapes(xi)
         starts = np.arange(0, values.size + 1, values.shape[1])
         blocks.append(
             sparse.csr_matrix(

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from fenics_ehd.elements import shape_functions, surface_degree
 from fenics_ehd.film.overlay import overlay, triangle_rule
 from fenics_ehd.film.surface import Surface, interpolation_matrix
+from fenics_ehd.reduction.surface_elements import ELEMENTS
 
 #: Triangles integrated at once.
 BLOCK = 20_000
@@ -58,10 +58,6 @@ class Mortar:
         """``H P_f`` for film pressures of shape (k,) or (k, columns)."""
         return self._factor.solve(self.coupling @ pressures)
 
-    def transpose(self, values: np.ndarray) -> np.ndarray:
-        """``H^T v`` for values dual to the bore's pressures, shape (m,) or (m, columns)."""
-        return self.coupling.T @ self._factor.solve(values, trans="T")
-
     def matrix(self) -> np.ndarray:
         """H as a dense array, shape (m, k): bore size, to be projected with J of a body."""
         return self._factor.solve(self.coupling.toarray())
@@ -69,11 +65,11 @@ class Mortar:
 
 def _mass(surface: Surface) -> sparse.csr_matrix:
     """``int N N dphi dz`` on the whole cells."""
-    barycentric, weights = triangle_rule(2 * surface_degree(surface.family))
+    barycentric, weights = triangle_rule(2 * ELEMENTS[surface.family].degree)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     halves = [corners] if surface.triangular else [corners, 1.0 - corners]
     points = np.vstack([barycentric @ half for half in halves])
-    values = shape_functions(surface.family, points)
+    values = ELEMENTS[surface.family].shapes(points)
     local = values.T @ (0.5 * np.tile(weights, len(halves))[:, None] * values)
     entries = surface.determinants[:, None, None] * local
     size = len(surface.nodes)
@@ -83,16 +79,16 @@ def _mass(surface: Surface) -> sparse.csr_matrix:
 def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
     """``int N_s N_f dphi dz`` on the intersections of the cells."""
     tiles = overlay(structure, film)
-    degree = surface_degree(structure.family) + surface_degree(film.family)
+    degree = ELEMENTS[structure.family].degree + ELEMENTS[film.family].degree
     barycentric, weights = triangle_rule(degree)
     size = (len(structure.nodes), len(film.nodes))
     total = sparse.csr_matrix(size)
     for start in range(0, len(tiles.areas), BLOCK):
         part = slice(start, start + BLOCK)
         ours, theirs = (
-            shape_functions(surface.family, (barycentric @ corners[part]).reshape(-1, 2)).reshape(
-                -1, len(weights), surface.cells.shape[1]
-            )
+            ELEMENTS[surface.family]
+            .shapes((barycentric @ corners[part]).reshape(-1, 2))
+            .reshape(-1, len(weights), surface.cells.shape[1])
             for surface, corners in ((structure, tiles.on_structure), (film, tiles.on_film))
         )
         scaled = (tiles.areas[part, None] * weights)[:, :, None] * theirs
@@ -136,35 +132,3 @@ def outward_displacement(structure: Surface, phi: np.ndarray, z: np.ndarray) -> 
         ),
         shape=(len(phi), 3 * len(structure.nodes)),
     )
-
-
-def conservative_load(
-    structure: Surface,
-    phi: np.ndarray,
-    z: np.ndarray,
-    weights: np.ndarray,
-    film_values: sparse.spmatrix,
-) -> sparse.csr_matrix:
-    """Nodal forces on the bore ``F = int N_s n p dA`` of film pressures.
-
-    At the film's own quadrature points the resultant force and the moments
-    about x and y are the film's to round-off, because the shape functions
-    reproduce 1 and z. At those of `intersection_points` every nodal force is
-    exact up to the quadrature of cos and sin.
-
-    Parameters
-    ----------
-    structure
-        Bore mesh of the displacements, m nodes.
-    phi, z, weights
-        Quadrature points [rad], [m] and weights [m^2], shape (p,).
-    film_values
-        Shape functions of the film's k pressure nodes there, shape (p, k).
-
-    Returns
-    -------
-    scipy.sparse.csr_matrix
-        shape (3 m, k) [m^2]: the weighted transpose of `outward_displacement`.
-    """
-    rows = outward_displacement(structure, phi, z)
-    return (rows.T @ (sparse.diags(weights) @ sparse.csr_matrix(film_values))).tocsr()

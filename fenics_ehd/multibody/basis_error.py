@@ -1,10 +1,13 @@
-"""Error of the gap caused by the bore flexibility that a truncated basis misses."""
+"""Error of the gap by the bore flexibility that a basis misses, or by the inertia of M4's."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
+
+from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.reduction.body import ReducedBody
 
 
 class BasisErrorEstimate:
@@ -66,16 +69,52 @@ class BasisErrorEstimate:
         self.largest = max(self.largest, error)
         return error
 
-    def memory(self) -> dict[str, np.ndarray]:
-        """All that the estimate knows, as arrays, for `restore`."""
+    def stored_state(self) -> dict[str, np.ndarray]:
+        """All that the estimate knows, as arrays, for `load_state`."""
         return {
             "filtered": self._filtered,
             "accelerated": self._accelerated,
             "largest": np.array(self.largest),
         }
 
-    def restore(self, memory: Mapping[str, np.ndarray]) -> None:
+    def load_state(self, stored: Mapping[str, np.ndarray]) -> None:
         """Go on where another estimate of the same body was."""
-        self._filtered = np.array(memory["filtered"])
-        self._accelerated = np.array(memory["accelerated"])
-        self.largest = float(memory["largest"])
+        self._filtered = np.array(stored["filtered"])
+        self._accelerated = np.array(stored["accelerated"])
+        self.largest = float(stored["largest"])
+
+
+def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
+    """Of one of a body's bores, for pressures on all of them."""
+    reduced, part = body.reduced, body.reduced.at_bore(bore)
+    missing = reduced.missing_flexibility[reduced.rows_of(bore).nodes]
+    return BasisErrorEstimate(
+        missing, body.damping_time, neglected_inertia(part), slowest_pattern(part)
+    )
+
+
+def neglected_inertia(body: ReducedBody) -> np.ndarray:
+    """Gap error per acceleration of the residual amplitudes.
+
+    The force ``-M_rr y''`` that a residual pattern's mass would exert, answered by
+    its own stiffness.
+
+    Returns
+    -------
+    numpy.ndarray
+        Outward bore displacement, shape (m, r); no rows if the mass is unknown.
+    """
+    residual = body.residual
+    if residual is None or not residual.mass.size:
+        return np.zeros((0, 0))
+    shape = body.outward(residual.displacement)
+    return (shape / residual.stiffness) @ residual.mass
+
+
+def slowest_pattern(body: ReducedBody) -> float:
+    """``1 / omega`` of the slowest residual pattern on its own stiffness and mass [s]."""
+    residual = body.residual
+    if residual is None or not residual.mass.size:
+        return 0.0
+    root = 1.0 / np.sqrt(residual.stiffness)
+    return float(np.sqrt(np.linalg.norm(root[:, None] * residual.mass * root, 2)))

@@ -7,15 +7,15 @@ for ``x'``.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from fenics_ehd.errors import StepSizeError
+from fenics_ehd.base.errors import StepSizeError
 from fenics_ehd.multibody.differentiation import Formula, blended, extrapolation_weights
-from fenics_ehd.multibody.newton import ImplicitStep, StepSolver, newton
+from fenics_ehd.multibody.implicit_step import Carried, ImplicitStep, Solution, StepSolver
 from fenics_ehd.multibody.tabulated import POINTS, TabulatedLoad, rows_missed
 
 #: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
@@ -30,24 +30,18 @@ SHRINKAGE, SAFETY = 0.2, 0.9
 NEWTON_FRACTION = 1e-2
 
 
-class Watched(Protocol):
+class Observed(Protocol):
     """What the step control asks of a problem: it makes the tolerance mean something."""
 
-    def watch(self, x: np.ndarray) -> np.ndarray:
+    def observe(self, x: np.ndarray) -> np.ndarray:
         """Quantities whose error counts, an affine function of x."""
 
-    def error_norm(self, watched: np.ndarray, error: np.ndarray) -> float:
+    def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
         """Size of their error: 1 is an error of the size of the quantities themselves."""
 
 
-def relative_error(values: np.ndarray, error: np.ndarray) -> float:
-    """Largest error relative to the value there; infinite where a value is not positive.
-
-    Of a gap: Newton's iterates stay in h > 0 at the film's Gauss points only.
-    """
-    if not values.min() > 0.0:
-        return np.inf
-    return float(np.max(np.abs(error) / values))
+#: A problem whose errors can be judged.
+Judged = TypeVar("Judged", bound=Observed)
 
 
 @dataclass(frozen=True)
@@ -75,11 +69,11 @@ class StepControl:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """One accepted step; `watched` is `Watched.watch` of x, `weights` are those of its rate.
+class Step(Generic[Solution]):
+    """One accepted step; `observed` is `Observed.observe` of x, `weights` are those of its rate.
 
     `rejected` counts the attempts since the last accepted step that failed,
-    by reason; `newton_iterations` includes theirs. `auxiliary` belongs to the
+    by reason; `newton_iterations` includes theirs. `solution` belongs to the
     last iterate but one, which differs from x by less than the Newton tolerance.
     """
 
@@ -87,48 +81,50 @@ class Step:
     x: np.ndarray
     rate: np.ndarray
     acceleration: np.ndarray
-    watched: np.ndarray
-    auxiliary: Any
+    observed: np.ndarray
+    solution: Solution
     newton_iterations: int
     rejected: dict[str, int] = field(default_factory=dict)
     weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
-class IntegratorState:
+class IntegratorState(Generic[Carried]):
     """All that an integration carries from step to step: it can be stored and gone on with.
 
     Attributes
     ----------
-    times, x, rate, watched
+    times, x, rate, observed
         Past points, newest first, one row each.
     step
         Length of the next step [s].
-    memory
-        What the step solver remembers (`Attempt.memory`).
+    solver
+        What the step solver carries.
     """
 
     times: np.ndarray
     x: np.ndarray
     rate: np.ndarray
-    watched: np.ndarray
+    observed: np.ndarray
     step: float
-    memory: Any = None
+    solver: Carried | None = None
 
     @classmethod
     def begin(
-        cls, problem: Watched, time: float, x: np.ndarray, rate: np.ndarray, control: StepControl
-    ) -> IntegratorState:
+        cls, problem: Observed, time: float, x: np.ndarray, rate: np.ndarray, control: StepControl
+    ) -> IntegratorState[Carried]:
         """Before the first step."""
         step = min(control.first_step, control.largest_step)
-        return cls(np.array([time]), x[None], rate[None], problem.watch(x)[None], step)
+        return cls(np.array([time]), x[None], rate[None], problem.observe(x)[None], step)
 
     @property
     def time(self) -> float:
         """Of the newest point [s]."""
         return float(self.times[0])
 
-    def after(self, new: Step, step: float, memory: Any, keep: int) -> IntegratorState:
+    def after(
+        self, new: Step[Solution], step: float, solver: Carried, keep: int
+    ) -> IntegratorState[Carried]:
         """With one more point."""
 
         def rows(first: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -138,22 +134,22 @@ class IntegratorState:
             rows(np.array(new.time), self.times),
             rows(new.x, self.x),
             rows(new.rate, self.rate),
-            rows(new.watched, self.watched),
+            rows(new.observed, self.observed),
             step,
-            memory,
+            solver,
         )
 
     def usable_order(self, order: int) -> int:
         """Order with one more past point for the extrapolation; the first step has the rate."""
         return max(1, min(order, len(self.times) - 1))
 
-    def predict(self, problem: Watched, time: float, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """Extrapolation of x and what is watched, or along the initial rate."""
+    def predict(self, problem: Observed, time: float, points: int) -> tuple[np.ndarray, np.ndarray]:
+        """Extrapolation of x and what is observed, or along the initial rate."""
         if len(self.times) == 1:
             x = self.x[0] + (time - self.times[0]) * self.rate[0]
-            return x, problem.watch(x)
+            return x, problem.observe(x)
         weights = extrapolation_weights(self.times[:points], time)
-        return weights @ self.x[:points], weights @ self.watched[:points]
+        return weights @ self.x[:points], weights @ self.observed[:points]
 
     def misses(
         self, loads: Sequence[TabulatedLoad], time: float, x: np.ndarray, nearest: float
@@ -168,7 +164,7 @@ class IntegratorState:
 
     def reach(
         self,
-        problem: Watched,
+        problem: Observed,
         loads: Sequence[TabulatedLoad],
         time: float,
         order: int,
@@ -188,10 +184,10 @@ class IntegratorState:
         return float(rows[bisect_left(rows, True, lo=1, key=lambda end: look(end)[1]) - 1])
 
     def implicit_step(
-        self, problem: Watched, time: float, formula: Formula, order: int, tolerance: float
+        self, problem: Observed, time: float, formula: Formula, order: int, tolerance: float
     ) -> ImplicitStep:
         """The formula's equations for the next point."""
-        predicted, watched = self.predict(problem, time, order + 1)
+        predicted, observed = self.predict(problem, time, order + 1)
         past = formula.weights[1:]
         return ImplicitStep(
             time,
@@ -200,7 +196,7 @@ class IntegratorState:
             past_rate=past @ self.rate[: len(past)],
             start=self.x[0],
             predicted=predicted,
-            watched=(self.watched[0], watched),
+            observed=(self.observed[0], observed),
             tolerance=tolerance,
         )
 
@@ -211,16 +207,15 @@ class IntegratorState:
         return float(implicit / (time - oldest + implicit))
 
 
-def integrate(
-    problem: Any,
-    span: tuple[float, float],
-    x: np.ndarray,
-    rate: np.ndarray,
+def advance(
+    problem: Judged,
+    state: IntegratorState[Carried],
+    end: float,
     control: StepControl,
-    solve: StepSolver = newton,
+    solve: StepSolver[Judged, Carried, Solution],
     tables: Sequence[TabulatedLoad] = (),
-) -> Iterator[Step]:
-    """Integrate and yield every accepted step.
+) -> tuple[Step[Solution], IntegratorState[Carried]]:
+    """One accepted step, and what to go on from.
 
     The local error is estimated from the distance between the solution and the
     extrapolation of the last k + 1 points. No step misses a row of a table.
@@ -228,11 +223,11 @@ def integrate(
     Parameters
     ----------
     problem
-        The system: `Watched`, and what `solve` asks for.
-    span
-        Start and end time [s]; the last step ends at the end.
-    x, rate
-        Initial values, shape (n,).
+        What `solve` asks for, and judges errors.
+    state
+        Where the integration is.
+    end
+        Time that the step may reach at most [s].
     control
         Tolerance and step sizes.
     solve
@@ -245,22 +240,6 @@ def integrate(
     StepSizeError
         The step fell below the smallest allowed one.
     """
-    time, end = span
-    state = IntegratorState.begin(problem, time, x, rate, control)
-    while state.time < end:
-        step, state = advance(problem, state, end, control, solve, tables)
-        yield step
-
-
-def advance(
-    problem: Any,
-    state: IntegratorState,
-    end: float,
-    control: StepControl,
-    solve: StepSolver = newton,
-    tables: Sequence[TabulatedLoad] = (),
-) -> tuple[Step, IntegratorState]:
-    """One accepted step towards the end time [s], and what to go on from; see `integrate`."""
     step, iterations = state.step, 0
     rejected: dict[str, int] = {}
     nearest = control.smallest_step
@@ -275,25 +254,26 @@ def advance(
         formula = blended(time, state.times, order, control.blend)
         limit = NEWTON_FRACTION * control.tolerance
         asked = state.implicit_step(problem, time, formula, order, limit)
-        attempt = solve(problem, asked, state.memory)
+        attempt = solve(problem, asked, state.solver)
         iterations += attempt.iterations
         error, cause = np.inf, attempt.cause
         failure = attempt.failure or "error above tolerance"
-        if attempt.failure is None:
-            watched = problem.watch(attempt.x)
-            distance = problem.error_norm(watched, watched - asked.watched[1])
+        solved = attempt.solved
+        if solved is not None:
+            observed = problem.observe(solved.x)
+            distance = problem.error_norm(observed, observed - asked.observed[1])
             error = state.error_share(formula, order, time) * distance
             # An angle that is not where it was foretold to be may have passed other rows.
-            if error <= control.tolerance and state.misses(tables, time, attempt.x, nearest):
+            if error <= control.tolerance and state.misses(tables, time, solved.x, nearest):
                 error, failure = np.inf, "row of a table missed"
         step = _next_step(step, error, order, control)
-        if error <= control.tolerance:
-            rate = attempt.rate if attempt.rate is not None else asked.rates(attempt.x)[0]
-            moved, found = (attempt.x, rate, asked.acceleration(rate)), attempt.auxiliary
-            new = Step(time, *moved, watched, found, iterations, rejected, formula.weights)
+        if solved is not None and error <= control.tolerance:
+            moved = solved.x, solved.rate, asked.acceleration(solved.rate)
+            found, weights = solved.solution, formula.weights
+            new = Step(time, *moved, observed, found, iterations, rejected, weights)
             # What was before a corner of a load says nothing of the time after it.
             keep = 1 if corner else control.order + 2
-            return new, state.after(new, step, attempt.memory, keep)
+            return new, state.after(new, step, solved.solver, keep)
         reason = failure.split(":")[0]
         rejected[reason] = rejected.get(reason, 0) + 1
     raise StepSizeError(

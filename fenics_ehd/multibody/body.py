@@ -37,6 +37,10 @@ class Body(Protocol):
         """Share of the multipliers that each coordinate takes (`FINE_WEIGHT`), shape (n,)."""
 
     @property
+    def mobility(self) -> np.ndarray:
+        """How readily assembly changes each coordinate, shape (n,)."""
+
+    @property
     def start(self) -> np.ndarray:
         """Coordinates of the rough pose, shape (n,)."""
 

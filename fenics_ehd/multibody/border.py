@@ -18,8 +18,8 @@ from typing import Protocol
 import numpy as np
 from scipy import linalg, sparse
 
-from fenics_ehd.errors import SolverError
-from fenics_ehd.film.partition import PartitionedSystem
+from fenics_ehd.base.errors import SolverError
+from fenics_ehd.film.active_set import ActiveSetSystem
 from fenics_ehd.film.pattern import Pattern
 
 
@@ -79,6 +79,8 @@ class DenseFilm:
             The matrix is singular.
         """
         self._full, self._weights = full_film, matrix.weights
+        if not len(full_film):
+            return
         if matrix.weights is None:
             block = matrix.block(full_film, full_film)
         else:
@@ -95,6 +97,8 @@ class DenseFilm:
 
     def pressures(self, rhs: np.ndarray) -> np.ndarray:
         """See `FilmBlock`."""
+        if not len(self._full):
+            return np.zeros_like(rhs)
         rows = self._full if self._weights is None else slice(None)
         given = np.asfortranarray(rhs[rows])
         if isinstance(self._factor, list):
@@ -109,7 +113,7 @@ class DenseFilm:
 class SparseFilm:
     """A `FilmBlock` for large films."""
 
-    def __init__(self, system: PartitionedSystem):
+    def __init__(self, system: ActiveSetSystem):
         self._system = system
         self.pressures = system.pressures
 

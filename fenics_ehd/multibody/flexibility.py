@@ -10,13 +10,15 @@ unknowns to those of the film. They live on the bore's nodes, the film only read
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 
-from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.system import FilmPlace
 from fenics_ehd.reduction.body import ReducedBody
 
 
@@ -40,15 +42,68 @@ class Answer:
     rest: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _BorePatterns:
+    """Residual patterns at one bore and the film in it.
+
+    Attributes
+    ----------
+    shapes
+        Displacement of the bore's m nodes, shape (2 m, r).
+    own
+        Amplitudes of what presses on them, shape (r, 2 m); by a mortar, on pressure nodes.
+    reading, spread
+        From the nodes' displacement to the gap at the Gauss points; from the film's nodal
+        pressures to what presses.
+    observed
+        See `BodyFlexibility`.
+    """
+
+    shapes: np.ndarray
+    own: np.ndarray
+    reading: sparse.csr_matrix
+    spread: Any
+    observed: np.ndarray
+
+    @classmethod
+    def of(cls, body: ReducedBody, place: FilmPlace) -> _BorePatterns:
+        """Of the film of a joint."""
+        bore, residual = place.film.bore, body.at_bore(place.bore).residual
+        assert residual is not None
+        assert bore is not None
+        m = len(residual.displacement)
+        shapes = residual.displacement[:, :2].reshape(2 * m, -1)
+        plane = (3 * np.arange(m)[:, None] + np.arange(2)).ravel()
+        reading, observed = bore.normal[:, plane].tocsr(), bore.observed_normal[:, plane] @ shapes
+        if bore.projected is not None:
+            # Pressures that reach the bore by the mortar load it with the body's own matrix.
+            return cls(shapes, residual.patterns, reading, bore.projected, observed)
+        own = np.ascontiguousarray(shapes.T / residual.stiffness[:, None])
+        area = sparse.csr_matrix(place.film.film.pressure_areas)
+        return cls(shapes, own, reading, (reading.T @ area).tocsr(), observed)
+
+
+def _beside(blocks: list[Any]) -> Any:
+    """Blocks along a diagonal: sparse, or dense where one is."""
+    if len(blocks) == 1:
+        return blocks[0]
+    if all(sparse.issparse(block) for block in blocks):
+        return sparse.block_diag(blocks, format="csr")
+    return linalg.block_diag(*(b.toarray() if sparse.issparse(b) else b for b in blocks))
+
+
 class BodyFlexibility:
-    """Residual patterns of one body and the film in its bore.
+    """Residual patterns of one body and the films in its bores.
+
+    Nodal pressures and Gauss points are those of its films, one film after the other: what one
+    of them presses moves the bores of all.
 
     Parameters
     ----------
     body
         With a residual flexibility.
-    film
-        The film of its bore.
+    places
+        Its lubricated joints by their numbers in `System.films`.
     damping_time
         zeta [s].
 
@@ -56,31 +111,34 @@ class BodyFlexibility:
     ----------
     size
         Number r of patterns.
+    films
+        Numbers of its films.
     stiffness
         Energy of unit amplitudes, twice, shape (r,) [J/Pa^2].
+    observed
+        Change of the gap where it is observed, of every film, shape (w, r) each.
     """
 
-    def __init__(self, body: ReducedBody, film: JointFilm, damping_time: float):
-        residual, bore = body.residual, film.bore
+    def __init__(self, body: ReducedBody, places: Mapping[int, FilmPlace], damping_time: float):
+        residual = body.residual
         assert residual is not None
-        assert bore is not None
         self.size, self.stiffness = residual.rank, residual.stiffness
-        self.damping_time = damping_time
-        m = len(body.bore_nodes)
-        self._shapes = residual.displacement[:, :2].reshape(2 * m, -1)
-        plane = (3 * np.arange(m)[:, None] + np.arange(2)).ravel()
-        self._reading = bore.normal[:, plane].tocsr()
-        self._own = np.ascontiguousarray(self._shapes.T / self.stiffness[:, None])
-        area = sparse.csr_matrix(film.film.pressure_areas)
-        self._spread = (self._reading.T @ area).tocsr()
-        if bore.projected is not None:
-            # Pressures that reach the bore by the mortar load it with the body's own matrix.
-            self._own, self._spread = residual.patterns, bore.projected
-        watched = bore.watched_normal[:, plane]
-        self.watched = watched @ self._shapes
+        self.films, self.damping_time = tuple(places), damping_time
+        parts = [_BorePatterns.of(body, place) for place in places.values()]
+        self._shapes = np.vstack([part.shapes for part in parts])
+        self._own = np.hstack([part.own for part in parts])
+        self._reading = _beside([part.reading for part in parts])
+        self._spread = _beside([part.spread for part in parts])
+        self.observed = [part.observed for part in parts]
+        self._points = np.cumsum([part.reading.shape[0] for part in parts])[:-1]
+        self._nodes = np.cumsum([part.spread.shape[1] for part in parts])[:-1]
+
+    def each(self, values: np.ndarray) -> list[np.ndarray]:
+        """Rows of all Gauss points, film by film."""
+        return np.split(values, self._points)
 
     def amplitudes(self, pressure: np.ndarray) -> np.ndarray:
-        """``V p`` of nodal pressures of the film [Pa], shape (r,)."""
+        """``V p`` of nodal pressures [Pa], shape (r,)."""
         return self._own @ (self._spread @ pressure)
 
     def outward(self, amplitudes: np.ndarray) -> np.ndarray:
@@ -107,10 +165,14 @@ class BodyFlexibility:
         spread = (self._spread.T @ self._own.T).T
         return self._reading @ (self._shapes @ spread)
 
-    def leading(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Gap change (g, k) and share of nodal pressures (k, nodes) of the k softest patterns."""
-        spread = (self._spread.T @ self._own[:count].T).T
-        return self._reading @ self._shapes[:, :count], np.ascontiguousarray(spread)
+    def leading(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Gap change (g, k) and share of nodal pressures (k, nodes) of the k softest patterns.
+
+        Of every film.
+        """
+        gap = self.each(self._reading @ self._shapes[:, :count])
+        spread = np.split(self._spread.T @ self._own[:count].T, self._nodes)
+        return [(g, np.ascontiguousarray(s.T)) for g, s in zip(gap, spread, strict=True)]
 
     def answer(self, shift: float, past: np.ndarray) -> Answer:
         """See `Answer`."""

@@ -27,9 +27,8 @@ class Force(Protocol):
         """Force on the values of markers of these sizes, at their values and rates."""
 
 
-#: A number over time or over an angle, with its derivative. One made of rows, which no step may
-#: jump over, has a method `tabulated`: the `TabulatedLoad` that is read where a function of time
-#: and state says.
+#: A number over time or over an angle, with its derivative; made of rows, which no step may jump
+#: over, it is a `Curve`.
 Table = Callable[[float], tuple[float, float]]
 
 

@@ -50,10 +50,6 @@ class FilmFriction:
     sheared: float
     filled: np.ndarray
 
-    def forces(self, turning: np.ndarray) -> np.ndarray:
-        """On all coordinates, with which the shaft turns in the bore by `turning`, shape (n,)."""
-        return self.on_xi + self.torque * turning
-
 
 class ShearedFilm(Protocol):
     """A film and the velocities of its surfaces, as the joint has them."""

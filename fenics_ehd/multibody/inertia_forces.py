@@ -16,8 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.plane import rotation
-from fenics_ehd.reduction.body import InertiaIntegrals
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,11 @@ from typing import Protocol
 
 import numpy as np
 
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.marker import ANGLE
 from fenics_ehd.multibody.relation import Geometry, Imposed
-from fenics_ehd.plane import rotation
+from fenics_ehd.multibody.tabulated import Curve
 
 
 class Joint(Protocol):
@@ -46,54 +48,53 @@ def _apart(rows: int, sizes: tuple[int, ...]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Revolute:
-    """Two points that stay together and turn freely."""
+class Pair:
+    """What joints between two points have in common: no coordinates, nothing imposed."""
 
     first: str
     second: str
-    own = 0
-    rows = 2
 
     @property
     def markers(self) -> tuple[str, ...]:
         """See `Joint`."""
         return self.first, self.second
+
+    @property
+    def own(self) -> int:
+        """See `Joint`."""
+        return 0
+
+    def imposed(self, time: float) -> None:
+        """See `Joint`."""
+
+
+@dataclass(frozen=True)
+class Revolute(Pair):
+    """Two points that stay together and turn freely."""
+
+    rows = 2
 
     def geometry(self, u: np.ndarray, sizes: tuple[int, ...]) -> Geometry:
         """See `Joint`."""
         jacobian = _apart(self.rows, sizes)
         return Geometry(jacobian @ u, jacobian)
 
-    def imposed(self, time: float) -> None:
-        """See `Joint`."""
-
 
 @dataclass(frozen=True)
-class Fixed:
+class Fixed(Pair):
     """Two points that stay together and do not turn: `angle` is the second's ahead [rad]."""
 
-    first: str
-    second: str
     angle: float = 0.0
-    own = 0
     rows = 3
-
-    @property
-    def markers(self) -> tuple[str, ...]:
-        """See `Joint`."""
-        return self.first, self.second
 
     def geometry(self, u: np.ndarray, sizes: tuple[int, ...]) -> Geometry:
         """See `Joint`."""
         jacobian = _apart(self.rows, sizes)
         return Geometry(jacobian @ u + np.array([0.0, 0.0, self.angle]), jacobian)
 
-    def imposed(self, time: float) -> None:
-        """See `Joint`."""
-
 
 @dataclass(frozen=True)
-class Slider:
+class Slider(Pair):
     """The second point on a line through the first, fixed to the first's body.
 
     Attributes
@@ -106,17 +107,13 @@ class Slider:
         Whether the bodies keep their relative angle `angle` [rad].
     """
 
-    first: str
-    second: str
     direction: tuple[float, float] = (1.0, 0.0)
     hold_rotation: bool = True
     angle: float = 0.0
-    own = 0
 
-    @property
-    def markers(self) -> tuple[str, ...]:
-        """See `Joint`."""
-        return self.first, self.second
+    def __post_init__(self) -> None:
+        if not np.hypot(*self.direction) > 0.0:
+            raise SettingsError(f"direction = {self.direction} of a slider must have a length")
 
     @property
     def rows(self) -> int:
@@ -146,9 +143,6 @@ class Slider:
             return result
 
         return Geometry(value, jacobian, curvature)
-
-    def imposed(self, time: float) -> None:
-        """See `Joint`."""
 
 
 #: Angle and angular speed at a time [rad], [rad/s].
@@ -197,3 +191,23 @@ class Speed:
     def __call__(self, time: float) -> tuple[float, float]:
         """Angle and speed at a time."""
         return self.start + self.speed * time, self.speed
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedTable:
+    """Speed of a body's angle over time.
+
+    Attributes
+    ----------
+    speed
+        Over time [rad/s].
+    start
+        Angle at time zero [rad].
+    """
+
+    speed: Curve
+    start: float = 0.0
+
+    def __call__(self, time: float) -> tuple[float, float]:
+        """Angle and speed at a time."""
+        return self.start + self.speed.integral(time), self.speed(time)[0]

@@ -20,18 +20,22 @@ act at the journal's centre on both bodies; the torque about it is that of the o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 
 import numpy as np
-from scipy import sparse
 
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import Film
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bore_film import BoreFilm
+from fenics_ehd.multibody.joints import Pair
 from fenics_ehd.multibody.marker import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.relation import Geometry
-from fenics_ehd.plane import rotation
 from fenics_ehd.reduction.body import ReducedBody
+
+#: Unit matrix of the plane, and a quarter turn.
+UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,14 @@ class LubricatedJoint:
     eccentricity_rate: tuple[float, float] = (0.0, 0.0)
     smallest_film: float = 0.01
 
+    def __post_init__(self) -> None:
+        share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
+        if not share < 1.0:
+            raise SettingsError(
+                f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
+                f"{share:.3g} of the clearance: it must be below 1"
+            )
+
     @property
     def markers(self) -> tuple[str, ...]:
         """See `Joint`."""
@@ -70,25 +82,18 @@ class LubricatedJoint:
 
 
 @dataclass(frozen=True)
-class Eccentric:
+class Eccentric(Pair):
     """The joint's constraints, a `Joint`.
 
     Attributes
     ----------
-    bore, journal
-        Markers.
+    first, second
+        Markers of bore and journal.
     tilting
         Whether the journal tilts.
     """
 
-    bore: str
-    journal: str
     tilting: bool
-
-    @property
-    def markers(self) -> tuple[str, ...]:
-        """See `Joint`."""
-        return self.bore, self.journal
 
     @property
     def own(self) -> int:
@@ -100,31 +105,18 @@ class Eccentric:
         """See `Joint`."""
         return self.own
 
-    def _pairs(self, sizes: tuple[int, ...]) -> list[tuple[slice, slice, slice]]:
-        """Rows of e and psi, and where they and what they are tied to are in u."""
-        own, other = sum(sizes), sizes[0]
-        tied = (POSITION, TILT) if self.tilting else (POSITION,)
-        return [
-            (
-                slice(row, row + 2),
-                slice(own + row, own + row + 2),
-                slice(other + place.start, other + place.stop),
-            )
-            for row, place in zip((0, 2), tied, strict=False)
-        ]
-
     def geometry(self, u: np.ndarray, sizes: tuple[int, ...]) -> Geometry:
         """See `Joint`."""
         turn = rotation(u[ANGLE])
-        turned = np.stack([-turn[1], turn[0]])
-        pairs = self._pairs(sizes)
+        turned = QUARTER @ turn
+        pairs = _pairs(self.tilting, sizes)
         value, jacobian = np.empty(self.rows), np.zeros((self.rows, len(u)))
         for rows, own, tied in pairs:
             value[rows] = turn @ u[own] - u[tied]
-            jacobian[rows, own], jacobian[rows, tied] = turn, -np.eye(2)
+            jacobian[rows, own], jacobian[rows, tied] = turn, -UNIT
             jacobian[rows, ANGLE] = turned @ u[own]
         value[POSITION] += u[POSITION]
-        jacobian[POSITION, POSITION] = np.eye(2)
+        jacobian[POSITION, POSITION] = UNIT
 
         def curvature() -> np.ndarray:
             result = np.zeros((self.rows, len(u), len(u)))
@@ -135,8 +127,19 @@ class Eccentric:
 
         return Geometry(value, jacobian, curvature)
 
-    def imposed(self, time: float) -> None:
-        """See `Joint`."""
+
+@cache
+def _pairs(tilting: bool, sizes: tuple[int, ...]) -> list[tuple[slice, slice, slice]]:
+    """Rows of e and psi, and where they and what they are tied to are in u."""
+    own, other = sum(sizes), sizes[0]
+    return [
+        (
+            slice(row, row + 2),
+            slice(own + row, own + row + 2),
+            slice(other + place.start, other + place.stop),
+        )
+        for row, place in zip((0, 2), (POSITION, TILT) if tilting else (POSITION,), strict=False)
+    ]
 
 
 class JointFilm:
@@ -158,7 +161,7 @@ class JointFilm:
     thickness, mean_velocity, sliding_velocity
         Change of the gap and, per rate, of the two velocities of `Gap` for unit coordinates, at
         the g Gauss points, shape (g, n).
-    watched
+    observed
         Change of the gap at Gauss points and nodes, shape (w, n).
     load
         Generalised forces of nodal pressures on xi, shape (n, nodes).
@@ -176,24 +179,20 @@ class JointFilm:
         nodes = p.grid.node_positions
         outward, around = _journal_fields(*inside, self.own)
         thickness, mean, sliding = [-outward], [0.5 * around], [around]
-        watched = np.vstack([outward, _journal_fields(nodes[:, 0], nodes[:, 1], self.own)[0]])
-        gap, shape = [-watched], (*film.points.angle.shape, -1)
+        observed = np.vstack([outward, _journal_fields(nodes[:, 0], nodes[:, 1], self.own)[0]])
+        gap, shape = [-observed], (*film.points.angle.shape, -1)
         load = [-film.load(outward.reshape(shape))]
-        if self.bore is not None and part is not None:
-            modes = slice(2, 2 + part.modes)
-            elastic, tangential = (
-                x[..., modes].reshape(len(outward), part.modes)
-                for x in (self.bore.outward, self.bore.tangential)
-            )
+        if self.bore is not None:
+            elastic, tangential = self.bore.outward, self.bore.tangential
             carried = _mean_translation(film, elastic, tangential)
             thickness.append(elastic)
             # As seen from the bore's mean place, which carries the frame of the film.
             mean.append(0.5 * tangential - carried)
             sliding.append(-tangential)
-            gap.append(self.bore.watched[:, modes])
-            load[0][:2] = -self.bore.load[1:3]
-            load.append(self.bore.load[3 : 3 + part.modes])
-        self.thickness, self.mean_velocity, self.sliding_velocity, self.watched = (
+            gap.append(self.bore.observed)
+            load[0][:2] = -self.bore.force
+            load.append(self.bore.load)
+        self.thickness, self.mean_velocity, self.sliding_velocity, self.observed = (
             np.ascontiguousarray(np.hstack(parts)) for parts in (thickness, mean, sliding, gap)
         )
         self.load = np.vstack(load)
@@ -202,12 +201,6 @@ class JointFilm:
     def size(self) -> int:
         """Number n of coordinates."""
         return self.thickness.shape[1]
-
-    @cached_property
-    def reading(self) -> sparse.csr_matrix:
-        """Outward displacement at the Gauss points of the bore nodes' displacement, (g, 3 m)."""
-        assert self.bore is not None
-        return self.bore.normal
 
     def gap(self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float) -> Gap:
         """Gap and velocities at the Gauss points, residual patterns left out.

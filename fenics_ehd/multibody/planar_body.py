@@ -1,34 +1,26 @@
-"""Bodies with planar rigid motion: the ground, rigid bodies, flexible bodies free or held."""
+"""What bodies with planar rigid motion have in common."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import FINE_WEIGHT, Energies
 from fenics_ehd.multibody.inertia_forces import (
     Derivatives,
     FrameInertia,
     in_order_of_coordinates,
-    rigid_integrals,
-    with_total,
 )
 from fenics_ehd.multibody.marker import Marker
-from fenics_ehd.plane import rotation
-from fenics_ehd.reduction.body import InertiaIntegrals, ReducedBody
+from fenics_ehd.reduction.inertia import ELASTIC, InertiaIntegrals
 
 #: Elastic displacements count for the step control relative to this share of the body's size:
 #: about what the strain of a sound part allows.
 ELASTIC_SHARE = 1e-3
-
-
-def _pair() -> tuple[float, float]:
-    return (0.0, 0.0)
 
 
 class PlanarBody:
@@ -68,6 +60,11 @@ class PlanarBody:
     def weights(self) -> np.ndarray:
         """See `Body`."""
         return np.concatenate([np.ones(self._frame), np.full(self.modes, FINE_WEIGHT)])
+
+    @property
+    def mobility(self) -> np.ndarray:
+        """See `Body`: the frame moves, elastic coordinates stay as far as they can."""
+        return self.weights
 
     @cached_property
     def _pose(self) -> np.ndarray:
@@ -230,122 +227,9 @@ class PlanarBody:
         for place in range(self._frame):
             measure[place, place] = 1.0 if place == 2 else 1.0 / size
         if self.modes:
-            elastic = self.integrals.mass[3:, 3:]
+            elastic = self.integrals.mass[ELASTIC, ELASTIC]
             values, vectors = linalg.eigh(elastic)
             root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
             scale = ELASTIC_SHARE * size * np.sqrt(self.integrals.total_mass)
             measure[self._frame :, self._frame :] = root / scale
         return measure
-
-
-@dataclass(frozen=True, eq=False)
-class RigidBody(PlanarBody):
-    """A rigid body.
-
-    Attributes
-    ----------
-    mass, inertia
-        [kg], [kg m^2] about the centre of mass; zero of both: a massless body.
-    centre
-        Centre of mass from the body's origin, in the body's frame [m].
-    named_points
-        Points by name, in the body's frame [m].
-    position, orientation, velocity, speed
-        Rough pose of origin and angle at the start, in the frame at rest [m], [rad], and their
-        rates where nothing else gives them [m/s], [rad/s].
-    held
-        Whether it stays there: a part of the ground.
-    """
-
-    mass: float
-    inertia: float = 0.0
-    named_points: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    centre: tuple[float, float] = field(default_factory=_pair)
-    position: tuple[float, float] = field(default_factory=_pair)
-    orientation: float = 0.0
-    velocity: tuple[float, float] = field(default_factory=_pair)
-    speed: float = 0.0
-    held: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("mass", "inertia"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise SettingsError(f"{name} = {value:g} of a rigid body must be at least 0")
-
-    @cached_property
-    def integrals(self) -> InertiaIntegrals:  # type: ignore[override]
-        """See `InertiaIntegrals`."""
-        return rigid_integrals(self.mass, self.inertia, np.array(self.centre))
-
-    @cached_property
-    def fields(self) -> dict[str, np.ndarray]:  # type: ignore[override]
-        """See `PlanarBody`."""
-        return {
-            name: np.column_stack([np.array(at, dtype=float), np.eye(2)])
-            for name, at in self.named_points.items()
-        }
-
-
-def ground(points: Mapping[str, tuple[float, float]] | None = None) -> RigidBody:
-    """The ground with points of its own."""
-    return RigidBody(0.0, named_points=points or {}, held=True)
-
-
-@dataclass(frozen=True, eq=False)
-class FlexibleBody(PlanarBody):
-    """A reduced part, free in a floating frame or held.
-
-    The frame's origin is the undeformed bore's centre; its point ``bore`` is that, not what
-    the bore's deformation moves.
-
-    Attributes
-    ----------
-    reduced
-        The part.
-    damping_time
-        zeta of ``D_e = zeta K_e`` [s].
-    position, orientation, velocity, speed
-        Rough pose at the start and its rates, of a held body its place [m], [rad], [m/s], [rad/s].
-    mass, inertia, centre
-        In place of the part's own: [kg], [kg m^2] about the centre of mass, [m].
-    """
-
-    reduced: ReducedBody
-    damping_time: float = 0.0
-    position: tuple[float, float] = field(default_factory=_pair)
-    orientation: float = 0.0
-    velocity: tuple[float, float] = field(default_factory=_pair)
-    speed: float = 0.0
-    mass: float | None = None
-    inertia: float | None = None
-    centre: tuple[float, float] | None = None
-
-    @cached_property
-    def held(self) -> bool:  # type: ignore[override]
-        """Whether the part was clamped when it was reduced."""
-        return self.reduced.frame == "clamped"
-
-    @property
-    def least_damping(self) -> float:
-        """See `Body`."""
-        ratios = np.pi * self.reduced.frequencies * self.damping_time
-        return float(ratios.min(initial=np.inf))
-
-    @cached_property
-    def integrals(self) -> InertiaIntegrals:  # type: ignore[override]
-        """See `InertiaIntegrals`."""
-        centre = None if self.centre is None else np.array(self.centre)
-        return with_total(self.reduced.inertia, self.mass, self.inertia, centre)
-
-    @cached_property
-    def stiffness(self) -> np.ndarray | None:  # type: ignore[override]
-        """Of the elastic coordinates, shape (n, n) [N/m]."""
-        return self.reduced.stiffness if self.reduced.modes else None
-
-    @cached_property
-    def fields(self) -> dict[str, np.ndarray]:  # type: ignore[override]
-        """See `PlanarBody`."""
-        bore = np.zeros((2, 3 + self.reduced.modes))
-        bore[0, 1] = bore[1, 2] = 1.0
-        return {"bore": bore, **{name: f[:2] for name, f in self.reduced.points.items()}}

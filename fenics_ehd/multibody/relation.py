@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -77,7 +78,7 @@ class Seen:
     body, point
         Whose.
     rough
-        The marker in the body's rough pose: all there is of a body without coordinates.
+        The marker in the body's rough pose, which is all there is of a body without coordinates.
     places
         Of the body's coordinates in z.
     columns
@@ -92,8 +93,7 @@ class Seen:
 
     def at(self, z: np.ndarray) -> Marker:
         """The marker at given coordinates."""
-        own = z[self.places]
-        return self.body.marker(self.point, own) if len(own) else self.rough
+        return self.body.marker(self.point, z[self.places])
 
 
 class Relations:
@@ -113,6 +113,7 @@ class Relations:
         self.size = 0
         self.seen: dict[str, Seen] = {}
         self.own: list[tuple[slice, slice]] = []
+        self._constant: tuple[np.ndarray, np.ndarray] | None = None
 
     def add(self, markers: Sequence[tuple[str, Body, str, slice]], own: slice) -> Layout:
         """One more relation.
@@ -134,6 +135,24 @@ class Relations:
             self.own.append((self._more(own.stop - own.start), own))
         return Layout(slice(first, self.size), tuple(sizes))
 
+    @cached_property
+    def moving(self) -> list[Seen]:
+        """Markers of bodies that have coordinates."""
+        return [seen for seen in self.seen.values() if seen.places.stop > seen.places.start]
+
+    def constant(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values u and their derivative along n coordinates, as far as they never change."""
+        if self._constant is None:
+            u, jacobian = np.zeros(self.size), np.zeros((self.size, n))
+            for seen in self.seen.values():
+                for columns in seen.columns:
+                    u[columns] = seen.rough.values
+            for columns, places in self.own:
+                jacobian[columns, places] = np.eye(places.stop - places.start)
+            self._constant = u, jacobian
+        u, jacobian = self._constant
+        return u.copy(), jacobian.copy()
+
     def _more(self, count: int) -> slice:
         self.size += count
         return slice(self.size - count, self.size)
@@ -144,24 +163,23 @@ class Values:
 
     Attributes
     ----------
-    u, slopes
+    u, jacobian
         shape (k,), and U, shape (k, n).
     """
 
     def __init__(self, relations: Relations, z: np.ndarray):
-        self.u, self.slopes = np.empty(relations.size), np.zeros((relations.size, len(z)))
-        self._markers = [(seen, seen.at(z)) for seen in relations.seen.values()]
+        self.u, self.jacobian = relations.constant(len(z))
+        self._markers = [(seen, seen.at(z)) for seen in relations.moving]
         for seen, marker in self._markers:
             for columns in seen.columns:
                 self.u[columns] = marker.values
-                self.slopes[columns, seen.places] = marker.jacobian
+                self.jacobian[columns, seen.places] = marker.jacobian
         for columns, places in relations.own:
             self.u[columns] = z[places]
-            self.slopes[columns, places] = np.eye(places.stop - places.start)
 
     def bend(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Derivative of ``U^T f`` for a force f that changes by `form` along u, shape (n, n)."""
-        result = self.slopes.T @ (form @ self.slopes)
+        result = self.jacobian.T @ (form @ self.jacobian)
         for seen, marker in self._markers:
             if marker.bend is not None:
                 for columns in seen.columns:
@@ -170,7 +188,7 @@ class Values:
 
     def carry(self, rates: np.ndarray) -> np.ndarray:
         """Derivative of ``U v`` for rates v of all coordinates, shape (k, n)."""
-        result = np.zeros_like(self.slopes)
+        result = np.zeros_like(self.jacobian)
         for seen, marker in self._markers:
             if marker.carry is not None:
                 carried = marker.carry(rates[seen.places])

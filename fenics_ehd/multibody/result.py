@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.multibody.bdf import Step
-from fenics_ehd.multibody.energy import EnergyBalance
-from fenics_ehd.multibody.powers import step_powers
-from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.solver_state import MechanismStep
+from fenics_ehd.multibody.tracking import Tracker
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +45,14 @@ class Result:
         Lubricated joints by name.
     bodies, body_rates
         Coordinates of every body by name and their rates, shape (steps, n).
+    columns
+        All that a history holds, by name with its unit, shape (steps,).
     newton_iterations, rejected_steps
         In all.
-    energy_balance_error
-        See `EnergyBalance.error`.
+    energy_balance_error, net_energy_balance_error
+        See `EnergyBalance`.
+    status
+        ``"complete"``, or why the figures cannot be trusted.
     cycles, periodicity_defect
         Of a periodic solution, which the steps are the last cycle of: cycles in all, and the
         largest change of a film from the cycle's start to its end, relative to the film.
@@ -59,66 +62,70 @@ class Result:
     joints: Mapping[str, JointResult]
     bodies: Mapping[str, np.ndarray]
     body_rates: Mapping[str, np.ndarray]
+    columns: Mapping[str, np.ndarray]
     newton_iterations: int
     rejected_steps: int
     energy_balance_error: float
+    net_energy_balance_error: float
+    status: str
     cycles: int = 0
     periodicity_defect: float = float("nan")
 
 
 class Recorder:
-    """Collects the steps of a run, or of one of its cycles.
+    """Collects the steps of a run, or of its last cycle.
 
     Parameters
     ----------
-    equations, norm
-        Of the mechanism.
+    run
+        At its start.
     """
 
-    def __init__(self, equations: StepEquations, norm: StepNorm):
-        self._equations, self._norm = equations, norm
-        self._steps: list[Step] = []
-        self._joints: list[list[tuple]] = [[] for _ in equations.system.films]
-        self._balance: EnergyBalance | None = None
+    def __init__(self, run: Run):
+        self._system = run.equations.system
+        self._tracker = Tracker(run.equations, run.norm)
+        self._rows: list[dict[str, float]] = []
+        self._states: list[tuple[np.ndarray, np.ndarray]] = []
 
-    def add(self, step: Step) -> None:
-        """Account for an accepted step."""
-        powers = step_powers(self._equations, step)
-        if self._balance is None:
-            self._balance = EnergyBalance(step.time, powers)
-        else:
-            self._balance.add(step.time, powers)
-        self._steps.append(step)
-        for found, figures in zip(self._joints, self._figures(step), strict=True):
-            found.append(figures)
+    def add(self, step: MechanismStep, cycles: Cycles | None = None) -> None:
+        """Account for an accepted step, of a periodic search in its current cycle."""
+        if self._tracker.begins(cycles):
+            self._rows, self._states = [], []
+        row, _ = self._tracker.add(step)
+        self._rows.append(row)
+        self._states.append((step.x, step.rate))
 
-    def _figures(self, step: Step) -> Iterator[tuple]:
-        """Fields of `JointResult`, joint by joint."""
-        state = step.auxiliary
-        gaps = self._norm.film_gaps(step.watched)
-        films = self._equations.system.films
-        for place, film, gap in zip(films, state.films, gaps, strict=True):
-            force = state.motion.multipliers[place.rows][:2]
-            yield film.pressure.max(), gap.min(), step.x[place.xi[:2]], force
-
-    def result(self, cycles: int = 0, defect: float = float("nan")) -> Result:
-        """Of all steps so far."""
-        system, steps = self._equations.system, self._steps
-        z, rates = (
-            np.array([values[: system.n] for values in rows])
-            for rows in ([s.x for s in steps], [s.rate for s in steps])
-        )
+    def result(self, cycles: Cycles | None = None) -> Result:
+        """Of the steps so far, or of the last cycle of a search."""
+        columns = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
+        figures, system = self._tracker.figures(), self._system
+        x, rates = map(np.array, zip(*self._states, strict=True))
         return Result(
-            np.array([step.time for step in steps]),
-            {
-                place.name: JointResult(*map(np.array, zip(*found, strict=True)))
-                for place, found in zip(system.films, self._joints, strict=True)
-            },
-            {name: z[:, places] for name, places in system.bodies.items()},
+            columns["time_s"] - (cycles.start if cycles else 0.0),
+            {place.name: self._joint(place.name, columns) for place in system.films},
+            {name: x[:, places] for name, places in system.bodies.items()},
             {name: rates[:, places] for name, places in system.bodies.items()},
-            sum(step.newton_iterations for step in steps),
-            sum(sum(step.rejected.values()) for step in steps),
-            self._balance.error if self._balance is not None else 0.0,
-            cycles,
-            defect,
+            columns,
+            figures["newton_iterations"],
+            figures["rejected_steps"],
+            figures["energy_balance_error"],
+            figures["net_energy_balance_error"],
+            self._tracker.verdict(),
+            cycles.number if cycles else 0,
+            cycles.defect if cycles else float("nan"),
         )
+
+    def _joint(self, name: str, columns: Mapping[str, np.ndarray]) -> JointResult:
+        prefix = self._tracker.prefix(name)
+        pressure, film, *pairs = (
+            columns[prefix + column]
+            for column in (
+                "max_pressure_Pa",
+                "min_film_thickness_m",
+                "eccentricity_x_m",
+                "eccentricity_y_m",
+                "force_x_N",
+                "force_y_N",
+            )
+        )
+        return JointResult(pressure, film, np.column_stack(pairs[:2]), np.column_stack(pairs[2:]))

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.body import FINE_WEIGHT, Energies
 from fenics_ehd.multibody.inertia_forces import Derivatives
 from fenics_ehd.multibody.marker import Marker
@@ -79,6 +79,11 @@ class ShaftBody:
         return np.concatenate([[1.0], np.full(2 * self._modes, FINE_WEIGHT)])
 
     @cached_property
+    def mobility(self) -> np.ndarray:
+        """See `Body`: a free shaft moves as a whole, any other bends with the least energy."""
+        return np.concatenate([[1.0], 1.0 / np.maximum(self._angular, 1.0)])
+
+    @cached_property
     def start(self) -> np.ndarray:
         """See `Body`."""
         return np.concatenate([[self.orientation], np.zeros(2 * self._modes)])
@@ -132,12 +137,17 @@ class ShaftBody:
         return np.concatenate([self.rotor.angular, self.rotor.angular])
 
     @cached_property
-    def _carried(self) -> np.ndarray:
-        """Generalised mass of unit accelerations of the frame at rest, shape (2 modes, 2)."""
+    def _moved(self) -> tuple[np.ndarray, float]:
+        """Nodal forces that accelerate the whole along one axis by 1, and the total mass [kg]."""
         beam = self.rotor.beam
         whole = np.zeros(len(beam.mass))
         whole[::2] = 1.0
-        return np.kron(np.eye(2), (self.rotor.shapes.T @ (beam.mass @ whole))[:, None])
+        return beam.mass @ whole, float(whole @ beam.mass @ whole)
+
+    @cached_property
+    def _carried(self) -> np.ndarray:
+        """Generalised mass of unit accelerations of the frame at rest, shape (2 modes, 2)."""
+        return np.kron(np.eye(2), (self.rotor.shapes.T @ self._moved[0])[:, None])
 
     def forces(
         self,
@@ -188,5 +198,5 @@ class ShaftBody:
 
     def error_measure(self) -> np.ndarray:
         """See `Body`: angle in rad, deflections in their mass norm."""
-        scale = ELASTIC_SHARE * self.reach * np.sqrt(self.rotor.beam.shaft.mass)
+        scale = ELASTIC_SHARE * self.reach * np.sqrt(self._moved[1])
         return np.diag(np.concatenate([[1.0], np.full(2 * self._modes, 1.0 / scale)]))

@@ -1,10 +1,9 @@
-"""What the step control watches of a mechanism: the gap of every film, and its coordinates."""
+"""What the step control observes of a mechanism: the gap of every film, and its coordinates."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from fenics_ehd.multibody.bdf import relative_error
 from fenics_ehd.multibody.step_equations import StepEquations
 
 
@@ -20,17 +19,17 @@ class StepNorm:
     """
 
     def __init__(self, equations: StepEquations):
-        system = equations.system
-        size = system.n + equations.patterns
-        rows, constants, place = [], [], system.n
-        for film, flexibility in zip(system.films, equations.flexibilities, strict=True):
-            watched = np.zeros((len(film.film.watched), size))
-            watched[:, film.xi] = film.film.watched
-            if flexibility is not None:
-                watched[:, place : place + flexibility.size] = flexibility.watched
-                place += flexibility.size
-            rows.append(watched)
-            constants.append(np.full(len(watched), film.film.clearance))
+        system, responses = equations.system, equations.responses
+        size = system.n + equations.responses.size
+        rows, constants = [], []
+        for film in system.films:
+            observed = np.zeros((len(film.film.observed), size))
+            observed[:, film.xi] = film.film.observed
+            rows.append(observed)
+            constants.append(np.full(len(observed), film.film.clearance))
+        for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
+            for i, observed in zip(flexibility.films, flexibility.observed, strict=True):
+                rows[i][:, places] = observed
         self._ends = np.cumsum([len(r) for r in rows])
         self._gaps = int(self._ends[-1]) if rows else 0
         self._measure = system.error_measure
@@ -39,25 +38,35 @@ class StepNorm:
         self._rows = np.vstack([*rows, coordinates])
         self._constant = np.concatenate([*constants, np.zeros(len(coordinates))])
 
-    def watch(self, x: np.ndarray) -> np.ndarray:
+    def observe(self, x: np.ndarray) -> np.ndarray:
         """Gaps [m], then dimensionless coordinates, for a state ``(z, y)``."""
         return self._constant + self._rows @ x
 
-    def gaps(self, watched: np.ndarray) -> np.ndarray:
-        """Those of what is watched that must stay positive."""
-        return watched[: self._gaps]
+    def gaps(self, observed: np.ndarray) -> np.ndarray:
+        """Those of what is observed that must stay positive."""
+        return observed[: self._gaps]
 
-    def film_gaps(self, watched: np.ndarray) -> list[np.ndarray]:
+    def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
         """The gap of every film."""
-        return np.split(self.gaps(watched), self._ends[:-1]) if self._gaps else []
+        return np.split(self.gaps(observed), self._ends[:-1]) if self._gaps else []
 
-    def error_norm(self, watched: np.ndarray, error: np.ndarray) -> float:
-        """Largest error, see `Watched`."""
+    def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
+        """Largest error, see `Observed`."""
         coordinates = float(np.abs(error[self._gaps :]).max(initial=0.0))
         if not self._gaps:
             return coordinates
-        return max(relative_error(self.gaps(watched), self.gaps(error)), coordinates)
+        return max(relative_error(self.gaps(observed), self.gaps(error)), coordinates)
 
     def coordinate_error(self, change: np.ndarray) -> float:
         """Largest dimensionless change of coordinates z, shape (n,)."""
         return float(np.abs(self._measure @ change).max(initial=0.0))
+
+
+def relative_error(values: np.ndarray, error: np.ndarray) -> float:
+    """Largest error relative to the value there; infinite where a value is not positive.
+
+    Of a gap: Newton's iterates stay in h > 0 at the film's Gauss points only.
+    """
+    if not values.min() > 0.0:
+        return np.inf
+    return float(np.max(np.abs(error) / values))

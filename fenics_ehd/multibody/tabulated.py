@@ -9,10 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_ehd.multibody.differentiation import extrapolation_weights
+
+if TYPE_CHECKING:  # slow to import, and for mechanisms that have a table
+    from scipy.interpolate import PPoly
 
 #: A row is missed if its value is further than this, of the largest one, from the polynomial. The
 #: gas of an engine in rows of two degrees stays below a third of it at the default tolerances.
@@ -26,24 +30,72 @@ PERIODS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class TabulatedLoad:
-    """A periodic table over the time, or over an angle that the state of a mechanism knows.
+class Curve:
+    """A function through rows, which no step of an integration may jump over.
 
     Attributes
     ----------
-    rows
-        Places of its values, ascending over one period, both ends included, shape (n,).
-    values
-        There, the last one that of the first, shape (n,) or (n, c).
-    at
-        The curve through them.
-    place
-        Where a table is read at a time [s] and a state.
+    curve
+        Piecewise polynomial whose breakpoints are the rows.
+    periodic
+        Whether it repeats itself; if not, its values at both ends stay.
+    scale
+        What counts as large; 0: the largest value.
     """
 
-    rows: np.ndarray
-    values: np.ndarray
-    at: Callable[[float], float | np.ndarray]
+    curve: PPoly
+    periodic: bool
+    scale: float = 0.0
+
+    @property
+    def period(self) -> float:
+        """From the first row to the last."""
+        return float(self.curve.x[-1] - self.curve.x[0])
+
+    def _inside(self, place: float) -> float:
+        first, last = self.curve.x[[0, -1]]
+        if self.periodic:
+            return float(first + (place - first) % self.period)
+        return float(min(max(place, first), last))
+
+    def __call__(self, place: float) -> tuple[float, float]:
+        """Value and derivative."""
+        inside = self._inside(place)
+        moves = self.periodic or inside == place
+        return float(self.curve(inside)), float(self.curve(inside, 1)) if moves else 0.0
+
+    def integral(self, place: float) -> float:
+        """From place zero, of a curve that is not periodic."""
+        first = self.curve.x[0]
+        ends = [
+            float(self.curve.integrate(first, self._inside(at)))
+            + (at - self._inside(at)) * self(at)[0]
+            for at in (0.0, place)
+        ]
+        return ends[1] - ends[0]
+
+    def scaled(self, factor: float, added: float = 0.0) -> Curve:
+        """The same times a factor, with a constant added."""
+        from scipy.interpolate import PPoly
+
+        coefficients = factor * self.curve.c
+        coefficients[-1] += added
+        return Curve(PPoly(coefficients, self.curve.x), self.periodic, abs(factor) * self.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedLoad:
+    """A curve over the time, or over an angle that the state of a mechanism knows.
+
+    Attributes
+    ----------
+    curve
+        Of rows.
+    place
+        Where it is read at a time [s] and a state.
+    """
+
+    curve: Curve
     place: Callable[[float, np.ndarray], float]
 
     def missed(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,18 +116,24 @@ class TabulatedLoad:
         """
         places = np.array([self.place(t, x) for t, x in zip(times, states, strict=True)])
         end, start = places[:2]
-        period = self.rows[-1] - self.rows[0]
+        curve, places_of_rows = self.curve, self.curve.curve.x
+        period = curve.period
         if not abs(end - start) <= PERIODS * period:
             return 0.5 * (times[:1] + times[1:2]), np.array([np.inf])
-        first, last = np.floor((np.sort(places[:2]) - self.rows[0]) / period)
-        rows = np.add.outer(period * np.arange(first, last + 1), self.rows[:-1]).ravel()
-        within = np.flatnonzero((rows - start) * (rows - end) < 0)
-        when = times[1] + (rows[within] - start) / (end - start) * (times[0] - times[1])
-        known = np.array([np.atleast_1d(self.at(place)) for place in places])
+        first, last = np.floor((np.sort(places[:2]) - places_of_rows[0]) / period)
+        if curve.periodic:
+            turns = period * np.arange(first, last + 1)
+            rows = np.add.outer(turns, places_of_rows[:-1]).ravel()
+        else:
+            rows = places_of_rows
+        within = rows[(rows - start) * (rows - end) < 0]
+        when = times[1] + (within - start) / (end - start) * (times[0] - times[1])
+        known = np.array([curve(place)[0] for place in places])
         foretold = extrapolation_weights(times, when[:, None]).T @ known
-        values = self.values.reshape(len(self.values), -1)
-        distance = np.abs(foretold - values[within % (len(values) - 1)]).max(axis=1)
-        return when, distance / max(np.abs(values).max(), np.finfo(float).tiny)
+        values = curve.curve(places_of_rows)
+        distance = np.abs(foretold - np.array([curve(row)[0] for row in within]))
+        largest = curve.scale or float(np.abs(values).max())
+        return when, distance / max(largest, np.finfo(float).tiny)
 
 
 def rows_missed(

@@ -1,25 +1,21 @@
-"""A machine's motion as GIF or MP4: frames of a figure whose drawings move."""
+"""Frames of a figure whose drawings move, as GIF or MP4."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter
 from matplotlib.figure import Figure
-from matplotlib.gridspec import SubplotSpec
 from PIL import Image
 
-from fenics_ehd.errors import InputError, SettingsError
-from fenics_ehd.output import require_writable
-from fenics_ehd.plotting.animation_film import Curves, FilmFrames, UnwrappedBore
+from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.base.output import require_writable
 from fenics_ehd.plotting.picture import plt
 
-#: Inches, and pixels per inch of the file formats: a GIF has no compression in time.
-SIZE = (32 / 3, 6.0)
+#: Pixels per inch of the file formats: a GIF has no compression in time.
 RESOLUTION = {".gif": 90, ".mp4": 120}
 
 #: Colours of a GIF, the same in all its frames; frames they are taken from, and every which pixel.
@@ -32,41 +28,6 @@ NEARLY_WHITE = 248
 _REPEATABLE = ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", "1"]
 
 Show = Callable[[int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Subject:
-    """What an animation is of.
-
-    Attributes
-    ----------
-    time
-        Of the frames, shape (t,) [s].
-    name, heading
-        Of the run, and of a frame beside its time.
-    note
-        What is enlarged, and by how much.
-    zero
-        What lies at angle zero of the bore.
-    film
-        Gap and pressure.
-    history
-        Columns of the whole run, for the curves.
-    machine, close_up, aside
-        Draw the machine, the bearing close up, and what else there is, into a place of the
-        figure; return what draws one frame of it.
-    """
-
-    time: np.ndarray
-    name: str
-    heading: Callable[[int], str]
-    note: str
-    zero: str
-    film: FilmFrames
-    history: dict[str, np.ndarray]
-    machine: Callable[[Figure, SubplotSpec], Show]
-    close_up: Callable[[Figure, SubplotSpec], Show]
-    aside: Callable[[Figure, SubplotSpec], Show] | None = None
 
 
 def require_animation_format(path: str | Path) -> None:
@@ -87,51 +48,22 @@ def require_animation_format(path: str | Path) -> None:
     require_writable(path)
 
 
-def draw(subject: Subject) -> tuple[Figure, Show]:
-    """The figure, and what draws one of its frames."""
-    figure = plt.figure(figsize=SIZE, layout="constrained")
-    grid = figure.add_gridspec(2, 1, height_ratios=(1.35, 1.0))
-    above = grid[0].subgridspec(1, 2, width_ratios=(2.0, 1.0))
-    widths = (1.25, 1.0) if subject.aside is None else (0.72, 1.25, 0.9)
-    below = grid[1].subgridspec(1, len(widths), width_ratios=widths)
-    parts = [subject.machine(figure, above[0]), subject.close_up(figure, above[1])]
-    if subject.aside is not None:
-        parts.append(subject.aside(figure, below[0]))
-    parts.append(
-        UnwrappedBore(figure.add_subplot(below[len(widths) - 2]), subject.film, subject.zero).show
-    )
-    right = below[len(widths) - 1].subgridspec(2, 1)
-    history = subject.history
-    pair = [figure.add_subplot(right[i]) for i in range(2)]
-    curves = Curves(
-        pair, history["time_s"], history["max_pressure_Pa"], history["min_film_thickness_m"]
-    )
-    title = figure.suptitle(" ", x=0.988, ha="right", fontsize="large")
-    figure.text(0.012, 0.985, subject.note, ha="left", va="top", color="0.3")
-
-    def show(frame: int) -> None:
-        for part in parts:
-            part(frame)
-        curves.show(subject.time[frame])
-        now = f"t = {1e3 * subject.time[frame]:.2f} ms, {subject.heading(frame)}"
-        title.set_text(f"{subject.name}: {now}")
-
-    # Sizes are settled on one frame: labels of changing width must not move the panels.
-    show(0)
-    figure.canvas.draw()
-    figure.set_layout_engine("none")
-    return figure, show
-
-
 def save_animation(
-    subject: Subject, path: str | Path, rate: int, progress: Callable[[], None]
+    figure: Figure,
+    show: Show,
+    count: int,
+    path: str | Path,
+    rate: int,
+    progress: Callable[[], None],
 ) -> Path:
     """Write an animation, whole or not at all.
 
     Parameters
     ----------
-    subject
-        What it shows.
+    figure, show
+        The figure, closed in the end, and what draws one of its frames.
+    count
+        Number of frames.
     path
         GIF or MP4, by its ending.
     rate
@@ -152,14 +84,13 @@ def save_animation(
     require_animation_format(path)
     path = Path(path)
     suffix = path.suffix.lower()
-    figure, show = draw(subject)
     figure.set_dpi(RESOLUTION[suffix])
     path.parent.mkdir(parents=True, exist_ok=True)
     # The ending tells the encoders the format.
     partial = path.with_name(f"{path.stem}.part{suffix}")
     write = _write_gif if suffix == ".gif" else _write_mp4
     try:
-        write(figure, show, len(subject.time), partial, rate, progress)
+        write(figure, show, count, partial, rate, progress)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.patches import Arc, Circle
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.output import require_writable
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.output import require_writable
 from fenics_ehd.plotting.picture import plt, save
 
 if TYPE_CHECKING:
@@ -96,29 +96,28 @@ def _draw_map(
             degrees, millimetres, pressure, levels=[EDGE * highest], colors="0.2", linewidths=1.0
         )
         axes.plot([], [], color="0.2", linewidth=1.0, label="edge of the film")
-    _mark_grooves(axes, result)
-    _mark_minimum(axes, result)
+    _mark(axes, result, millimetres[[0, -1]])
     axes.set(ylabel="z [mm]", xlabel="")
     axes.tick_params(labelbottom=False)
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        unique = dict(zip(labels, handles, strict=True))
-        axes.legend(unique.values(), unique.keys(), loc="upper left", fontsize=8, framealpha=0.9)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
 
 
-def _mark_grooves(axes: Axes, result: BearingResult) -> None:
-    for groove in result.settings.grooves:
-        low, high = np.degrees([groove.angle - groove.width / 2, groove.angle + groove.width / 2])
-        for turn in (-360.0, 0.0, 360.0):
-            axes.axvspan(low + turn, high + turn, color=FILM, alpha=0.25, label="groove")
-    if result.settings.line_at_max_film and result.attitude is not None:
+def _mark(axes: Axes, result: BearingResult, ends: np.ndarray) -> None:
+    """Grooves from end to end [mm], imposed zero pressure, and the thinnest film."""
+    grooves = [
+        (np.degrees(groove.angle - groove.width / 2) + turn, np.degrees(groove.width))
+        for groove in result.settings.grooves
+        for turn in (-360.0, 0.0, 360.0)
+    ]
+    if grooves:
+        axes.broken_barh(grooves, (ends[0], np.ptp(ends)), color=FILM, alpha=0.25, label="groove")
+    if result.attitude is None:
+        return
+    if result.settings.line_at_max_film:
         line = np.degrees(np.mod(result.attitude, 2 * np.pi)) - 180.0
         axes.axvline(line, color=FILM, label="p = 0 imposed")
-
-
-def _mark_minimum(axes: Axes, result: BearingResult) -> None:
-    if result.attitude is not None:
-        axes.axvline(np.degrees(result.attitude), color=FILM, linestyle=":", label="minimum film")
+    axes.axvline(np.degrees(result.attitude), color=FILM, linestyle=":", label="minimum film")
 
 
 def _draw_curves(axes: Axes, result: BearingResult, angle: np.ndarray, middle: np.ndarray) -> None:
@@ -193,13 +192,10 @@ def _draw_directions(
         )
     if result.settings.speed or result.settings.bore_speed:
         inner = 0.8 * radius if result.settings.speed else 0.93
-        turn = np.radians(np.linspace(100, 170, 40))
-        where = centre if result.settings.speed else (0.0, 0.0)
-        path = where[0] + inner * np.sin(turn), where[1] - inner * np.cos(turn)
-        axes.plot(*path, color="0.3", linewidth=1.4)
-        tip = {"arrowstyle": "-|>", "color": "0.3", "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
-        last = [(p[-1], p[-4]) for p in path]
-        axes.annotate("", (last[0][0], last[1][0]), (last[0][1], last[1][1]), arrowprops=tip)
+        where = np.array(centre if result.settings.speed else (0.0, 0.0))
+        ends = [where + inner * np.array([np.sin(t), -np.cos(t)]) for t in np.radians([100, 170])]
+        turning = {"color": "0.3", "linewidth": 1.4, "connectionstyle": "arc3,rad=0.32"}
+        axes.annotate("", ends[1], ends[0], arrowprops=arrow | turning)
 
 
 def _caption(result: BearingResult) -> str:

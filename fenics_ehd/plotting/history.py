@@ -1,83 +1,114 @@
-"""Plots of a run, after the paper's figures 5 to 8."""
+"""Curves of runs over time: lubricated joints, energy balance, basis error."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from fenics_ehd.plotting.picture import FORMATS, plt, save
+from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.plotting.orbit import plot_orbits
+from fenics_ehd.plotting.picture import in_formats, over_time, plt, save, style
+from fenics_ehd.plotting.recorded import recorded
+from fenics_ehd.results.history_file import read_history
+from fenics_ehd.results.motion import joint_histories
 
-#: Typical safe film thickness of engine bearings, section 4.2 [um].
-SAFE_FILM_THICKNESS = 2.5
+#: Columns of the works that a mechanism exchanges, and what they are called.
+EXCHANGED = {"drive_work_J": "drive", "applied_work_J": "applied forces"}
 
-
-def plot_machine(label: str, directory: str | Path) -> list[Path]:
-    """Every picture of one run of a machine, in its own folder."""
-    from fenics_ehd.output import read_history
-    from fenics_ehd.plotting.truth import plot_basis_error, plot_energy
-
-    history = read_history(directory)
-    return [
-        *plot_history({label: history}, directory),
-        *plot_energy(history, directory),
-        *plot_basis_error(history, directory),
-    ]
+#: The same of what is lost, by far smaller.
+LOST = {
+    "film_work_J": "film",
+    "damping_work_J": "structural damping",
+    "drag_work_J": "drag on the oil (gained)",
+}
 
 
 def plot_joints(label: str, directory: str | Path) -> list[Path]:
-    """Every picture of one run of a mechanism, the films of all its joints in one."""
-    from fenics_ehd.output import read_history
-    from fenics_ehd.plotting.truth import plot_energy
+    """Every picture of one run, in its own folder."""
+    joints = _joints({label: directory})
+    return [
+        *plot_runs({label: directory}, directory),
+        *plot_energy(read_history(directory), directory),
+        *(plot_basis_error(joints, directory) if joints else []),
+    ]
 
-    history = read_history(directory)
-    names = [name.rpartition(".")[0] for name in history if name.endswith("max_pressure_Pa")]
-    joints = {
-        name or label: {
-            "time_s": history["time_s"],
-            **{
-                column: history[f"{name}.{column}" if name else column]
-                for column in ("max_pressure_Pa", "min_film_thickness_m")
-            },
-        }
-        for name in names
+
+def plot_runs(runs: Mapping[str, str | Path], directory: str | Path) -> list[Path]:
+    """Curves and orbits of every lubricated joint of one or more runs.
+
+    Parameters
+    ----------
+    runs
+        Their folders by the name to show in the legend.
+    directory
+        Where the pictures go.
+
+    Returns
+    -------
+    list of Path
+        Those of `plot_history` and `plot_orbits`, none without a lubricated joint.
+
+    Raises
+    ------
+    InputError
+        A folder holds no history.
+    """
+    joints = _joints(runs)
+    if not joints:
+        return []
+    orbits = {
+        _legend(runs, label, name): path
+        for label, folder in runs.items()
+        for name, path in _orbits(folder).items()
     }
-    return [*(plot_history(joints, directory) if joints else []), *plot_energy(history, directory)]
+    return [*plot_history(joints, directory), *plot_orbits(joints, directory, orbits)]
 
 
-def plot_runs(
-    histories: Mapping[str, Mapping[str, np.ndarray]], directory: str | Path
-) -> list[Path]:
-    """Curves of runs once through, orbits of runs in cycles; arguments as of `plot_history`."""
-    from fenics_ehd.plotting.orbit import plot_orbits
+def _orbits(directory: str | Path) -> dict[str, np.ndarray]:
+    """Of every lubricated joint by its name as in `joint_histories`, over the clearance."""
+    with suppress(SettingsError, InputError):  # a folder without scene or bodies
+        run = recorded(directory)
+        paths = {
+            place.name: run.orbits[place.name] / place.film.film.parameters.clearance
+            for place in run.system.films
+        }
+        return paths if len(paths) > 1 else dict.fromkeys([""], *paths.values())
+    return {}
 
-    orbits = {name: history for name, history in histories.items() if "cycle" in history}
-    others = {name: history for name, history in histories.items() if name not in orbits}
-    written = plot_history(others, directory) if others else []
-    return written + (plot_orbits(orbits, directory) if orbits else [])
+
+def _joints(runs: Mapping[str, str | Path]) -> dict[str, dict[str, np.ndarray]]:
+    """Columns of every joint of runs by what the legend says."""
+    return {
+        _legend(runs, label, name): columns
+        for label, folder in runs.items()
+        for name, columns in joint_histories(folder).items()
+    }
+
+
+def _legend(runs: Mapping[str, str | Path], label: str, joint: str) -> str:
+    return joint if joint and len(runs) == 1 else ", ".join(filter(None, (label, joint)))
 
 
 def plot_history(
     histories: Mapping[str, Mapping[str, np.ndarray]],
     directory: str | Path,
-    formats: tuple[str, ...] = FORMATS,
 ) -> list[Path]:
     """Peak pressure and minimum film thickness against time.
 
     Parameters
     ----------
     histories
-        Columns of ``history.csv`` by the name to show in the legend.
+        Columns of lubricated joints by the name to show in the legend.
     directory
         Where the pictures go.
-    formats
-        File formats.
 
     Returns
     -------
     list of Path
-        ``max_pressure`` and ``min_film_thickness`` in each format.
+        ``max_pressure`` and ``min_film_thickness`` in each of `FORMATS`.
     """
     panels = (
         ("max_pressure", "max_pressure_Pa", 1e-6, "maximum pressure [MPa]"),
@@ -86,19 +117,59 @@ def plot_history(
     written = []
     for name, column, factor, label in panels:
         figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-        for legend, history in histories.items():
-            axes.plot(1e3 * history["time_s"], factor * history[column], label=legend)
-        if name == "min_film_thickness":
-            axes.axhline(
-                SAFE_FILM_THICKNESS,
-                color="0.4",
-                linestyle="--",
-                linewidth=1,
-                label=f"safe film, {SAFE_FILM_THICKNESS} µm",
-            )
-        axes.set(xlabel="time [ms]", ylabel=label, ylim=(0, None))
-        axes.margins(x=0)
-        axes.grid(alpha=0.3)
-        axes.legend()
-        written += save(figure, [Path(directory) / f"{name}.{suffix}" for suffix in formats])
+        for number, (legend, history) in enumerate(histories.items()):
+            values = factor * history[column]
+            axes.plot(1e3 * history["time_s"], values, label=legend, **style(number))
+        over_time(axes, label)
+        axes.set_ylim(0, None)
+        written += save(figure, in_formats(directory, name))
     return written
+
+
+def plot_energy(history: Mapping[str, np.ndarray], directory: str | Path) -> list[Path]:
+    """Stored energy against the works that change it, and the defect of their balance.
+
+    Parameters
+    ----------
+    history
+        Columns of a run's ``history.csv``.
+    directory
+        Where ``energy`` goes, in each of `FORMATS`.
+    """
+    time = 1e3 * history.get("cycle_time_s", history["time_s"])
+    figure, panels = plt.subplots(
+        3, figsize=(6.4, 7.2), layout="constrained", sharex=True, height_ratios=(3, 2, 2)
+    )
+    stored = history["kinetic_energy_J"] + history["strain_energy_J"]
+    panels[0].plot(time, stored - stored[0], "k", label="kinetic and strain energy")
+    for axes, works in zip(panels, (EXCHANGED, LOST), strict=False):
+        for column, name in works.items():
+            if column in history and np.any(history[column]):
+                axes.plot(time, history[column], "--" if works is EXCHANGED else "-", label=name)
+    panels[2].plot(time, history["energy_defect_J"], "k", label="defect of the balance")
+    for axes, label in zip(panels, ("energy, work [J]", "losses [J]", "defect [J]"), strict=True):
+        over_time(axes, label)
+    return save(figure, in_formats(directory, "energy"))
+
+
+def plot_basis_error(
+    joints: Mapping[str, Mapping[str, np.ndarray]],
+    directory: str | Path,
+) -> list[Path]:
+    """Estimated error of the gap, dashed, beside the film thickness of joints by name.
+
+    Other parameters are those of `plot_energy`; the picture is ``basis_error``, and there is none
+    where no estimate was computed.
+    """
+    error, film = "basis_error_estimate_m", "min_film_thickness_m"
+    known = {name: c for name, c in joints.items() if error in c and np.any(c[error] > 0)}
+    if not known:
+        return []
+    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    for number, (name, columns) in enumerate(known.items()):
+        for column, line in ((film, "-"), (error, "--")):
+            values = 1e6 * columns[column]
+            axes.semilogy(1e3 * columns["time_s"], values, f"C{number}{line}", label=name)
+            name = "estimated error of its gap"
+    over_time(axes, "minimum film thickness [µm]")
+    return save(figure, in_formats(directory, "basis_error"))

@@ -3,21 +3,17 @@
 Needs petsc4py, slepc4py, mpi4py, numpy and h5py; dolfinx is not imported.
 """
 
-import fenics_ehd.petsc_start  # noqa: F401
+import fenics_ehd.base.petsc_start  # noqa: F401
 from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
-from fenics_ehd.reduction.body import (
-    InertiaIntegrals,
-    ModeRecord,
-    ReducedBody,
-    ResidualFlexibility,
-)
+from fenics_ehd.reduction.body import ModeRecord, ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.body_file import body_digest, load_body, save_body
+from fenics_ehd.reduction.bore import Bore, mean_motion
 from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.craig_bampton import craig_bampton
 from fenics_ehd.reduction.export import export_matrix_market, export_npz
-from fenics_ehd.reduction.export_exudyn import export_exudyn
 from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 from fenics_ehd.reduction.load_dependent import full_interface, load_dependent
 from fenics_ehd.reduction.matrices import as_matrix, reorder
 from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
@@ -25,8 +21,8 @@ from fenics_ehd.reduction.reductor import Reductor
 from fenics_ehd.reduction.residual_flexibility import residual_flexibility
 from fenics_ehd.reduction.residual_modes import SELECTIONS
 from fenics_ehd.reduction.rigid import rigid
-from fenics_ehd.reduction.spatial_inertia import SpatialInertia, spatial_inertia
-from fenics_ehd.reduction.structure import Bore, Recovery, Structure, mean_motion
+from fenics_ehd.reduction.snapshots import proper_orthogonal
+from fenics_ehd.reduction.structure import Recovery, Structure
 from fenics_ehd.reduction.structure_file import load_structure, save_structure
 from fenics_ehd.reduction.two_step import two_step_craig_bampton
 
@@ -42,7 +38,6 @@ __all__ = [
     "ReducedBody",
     "Reductor",
     "ResidualFlexibility",
-    "SpatialInertia",
     "Structure",
     "as_matrix",
     "body_digest",
@@ -50,7 +45,6 @@ __all__ = [
     "bore_load_matrix",
     "check_structure",
     "craig_bampton",
-    "export_exudyn",
     "export_matrix_market",
     "export_npz",
     "full_interface",
@@ -58,13 +52,13 @@ __all__ = [
     "load_dependent",
     "load_structure",
     "mean_motion",
+    "proper_orthogonal",
     "reorder",
     "residual_flexibility",
     "rigid",
     "save_basis",
     "save_body",
     "save_structure",
-    "spatial_inertia",
     "two_step_craig_bampton",
     "von_mises",
 ]

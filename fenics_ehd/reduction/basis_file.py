@@ -8,12 +8,13 @@ from typing import Any
 
 import h5py
 import numpy as np
-from mpi4py import MPI
 
-from fenics_ehd.errors import BodyFileError, SettingsError
+from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
+from fenics_ehd.base.sealed_file import HEAD, named, open_sealed, require_numbers, seal
+from fenics_ehd.base.whole_file import new_part
+from fenics_ehd.reduction.rank_file import Rows, append
+from fenics_ehd.reduction.row_blocks import together
 from fenics_ehd.reduction.structure import Structure
-from fenics_ehd.sealed_file import HEAD, named, open_sealed, require_numbers, seal
-from fenics_ehd.whole_file import BOOKKEEPING, new_part, require_room
 
 FORMAT = "fenics_ehd part basis"
 FORMAT_VERSION = 2
@@ -21,14 +22,8 @@ FORMAT_VERSION = 2
 #: Order of the stress components.
 VOIGT = ("xx", "yy", "zz", "yz", "xz", "xy")
 
-#: Size of an HDF5 chunk: whole rows of nodes or points.
-_CHUNK_BYTES = 1 << 18
-
 #: Rows read or written at a time; computing stresses takes some five times as much.
 _BLOCK_BYTES = 1 << 22
-
-#: Modes whose stresses are computed at a time.
-_BLOCK_MODES = 256
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:
@@ -64,103 +59,52 @@ def save_basis(
     BodyFileError
         The file cannot be written. Every rank raises it.
     """
-    shapes = structure.comm.allgather((columns.shape, 3 * len(structure.coordinates)))
+    comm, nodes, modes = structure.comm, len(structure.coordinates), columns.shape[-1]
+    shapes = comm.allgather((columns.shape, 3 * nodes))
     for shape, owned in shapes:
         if len(shape) != 2 or shape != (owned, shapes[0][0][-1]):
             raise SettingsError(f"columns of shape {shape} on a rank with {owned} dofs")
-    recovery = structure.recovery
-    field = recovery.stress(columns) if stress and recovery and recovery.stress else None
-    path = Path(path)
+    recovery, path = structure.recovery, Path(path)
     partial = path.with_name(path.name + ".part")
+    tables: dict[str, np.ndarray | Rows] = {
+        "nodes": structure.coordinates,
+        "basis": columns.reshape(nodes, 3, modes),
+        "cells": recovery.cells if recovery else np.zeros((0, 0), dtype=np.int64),
+    }
+    if stress and recovery and recovery.stress:
+        tables |= _stresses(recovery.stress(columns))
+
+    def begin() -> None:
+        if comm.rank == 0:
+            with h5py.File(new_part(path), "w", userblock_size=HEAD) as file:
+                file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
+                file.attrs["stress_components"] = " ".join(VOIGT)
+
     try:
-        _write_in_turn(path, partial, structure, columns, field)
-    except BodyFileError:
-        if structure.comm.rank == 0:
+        together(comm, f"file {path} cannot be written", begin)
+        append(partial, comm, tables)
+        together(comm, f"file {path}", lambda: None if comm.rank else seal(partial, path))
+    except StructureError as error:
+        if comm.rank == 0:
             with suppress(OSError):
                 partial.unlink()
-        raise
+        raise BodyFileError(f"basis {error}") from error
 
 
-def _write_in_turn(
-    path: Path, partial: Path, structure: Structure, columns: np.ndarray, field: Any
-) -> None:
-    """Every dataset, one rank after the other; the last one names the file."""
-    comm, modes = structure.comm, columns.shape[1]
-    nodes = len(structure.coordinates)
-    cells = structure.recovery.cells if structure.recovery else np.zeros((0, 0), dtype=np.int64)
-    points = field.shape[0] * field.shape[1] if field else 0
-    counts = np.array(comm.allgather((nodes, len(cells), points)))
-    first_node, first_cell, first_point = counts[: comm.rank].sum(axis=0)
-    nodes_a_cell = comm.allreduce(cells.shape[1], op=MPI.MAX)
-
-    def write() -> None:
-        mode, block = ("r+", None) if comm.rank else ("w", HEAD)
-        if comm.rank == 0:
-            rows = counts.sum(axis=0) @ (3 + 3 * modes, nodes_a_cell, 3 + 6 * modes)
-            require_room(new_part(path), 8 * int(rows) + 4 * _CHUNK_BYTES + BOOKKEEPING)
-        with h5py.File(partial, mode, userblock_size=block) as file:
-            if comm.rank == 0:
-                _create(file, counts.sum(axis=0).tolist(), nodes_a_cell, modes, field is not None)
-            file["nodes"][first_node : first_node + nodes] = structure.coordinates
-            file["cells"][first_cell : first_cell + len(cells)] = cells
-            _write_basis(file["basis"], first_node, columns.reshape(nodes, 3, modes))
-            if field:
-                _write_stress(file, first_point, field)
-        if comm.rank == comm.size - 1:
-            seal(partial, path)
-
-    for turn in range(comm.size):
-        failure, cause = "", None
-        if comm.rank == turn:
-            try:
-                write()
-            except Exception as error:  # Whatever it is, the others wait for this rank.
-                failure, cause = f"{type(error).__name__}: {error}", error
-        failure = comm.bcast(failure, root=turn)
-        if failure:
-            raise BodyFileError(f"basis file {path} cannot be written: {failure}") from cause
-
-
-def _create(
-    file: h5py.File, totals: list[int], nodes_a_cell: int, modes: int, stress: bool
-) -> None:
-    """Empty datasets of the whole part."""
-    nodes, cells, points = totals
-    file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
-    file.create_dataset("cells", (cells, nodes_a_cell), dtype=np.int64)
-    tables = {"nodes": (nodes, 3), "basis": (nodes, 3, modes)}
-    if stress:
-        tables |= {"stress_points": (points, 3), "stress": (points, 6, modes)}
-    for name, shape in tables.items():
-        rows = _CHUNK_BYTES // max(1, 8 * int(np.prod(shape[1:])))
-        chunks = (min(shape[0], max(1, rows)), *shape[1:]) if all(shape) else None
-        table = file.create_dataset(name, shape, dtype=np.float64, chunks=chunks)
-        table.attrs["unit"] = "Pa" if name == "stress" else "m"
-    if stress:
-        file["stress"].attrs["components"] = " ".join(VOIGT)
-
-
-def _write_basis(table: h5py.Dataset, first: int, rows: np.ndarray) -> None:
-    step = max(1, _BLOCK_BYTES // max(1, 8 * rows[:1].size))
-    for start in range(0, len(rows), step):
-        block = rows[start : start + step]
-        table[first + start : first + start + len(block)] = block
-
-
-def _write_stress(file: h5py.File, first: int, field: Any) -> None:
-    """Stresses by blocks of cells and modes, rows in the order of cells, then points."""
+def _stresses(field: Any) -> dict[str, Rows]:
+    """Where stresses are and what they are, cell after cell, block by block."""
     cells, points, components, modes = field.shape
     step = max(1, _BLOCK_BYTES // max(1, 8 * points * components * modes))
-    for start in range(0, cells, step):
-        block = slice(start, min(start + step, cells))
-        stresses = np.empty((block.stop - block.start, points, components, modes))
-        for mode in range(0, modes, _BLOCK_MODES):
-            part = slice(mode, mode + _BLOCK_MODES)
-            stresses[..., part] = field.block(block, part)
-        size = len(stresses) * points
-        rows = slice(first + start * points, first + start * points + size)
-        file["stress_points"][rows] = field.positions(block).reshape(size, 3)
-        file["stress"][rows] = stresses.reshape(size, components, modes)
+    parts = [slice(start, min(start + step, cells)) for start in range(0, cells, step)]
+    return {
+        "stress_points": Rows(
+            (cells * points, 3), (field.positions(part).reshape(-1, 3) for part in parts)
+        ),
+        "stress": Rows(
+            (cells * points, components, modes),
+            (field.block(part, slice(modes)).reshape(-1, components, modes) for part in parts),
+        ),
+    }
 
 
 class BasisFile:

@@ -2,55 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.reduction.bore import BoreSurface, all_outward, only
+from fenics_ehd.reduction.inertia import ELASTIC, InertiaIntegrals
 from fenics_ehd.reduction.rigid_motion import rigid_fields
-
-if TYPE_CHECKING:
-    from fenics_ehd.reduction.spatial_inertia import SpatialInertia
-
-
-@dataclass(frozen=True, eq=False)
-class InertiaIntegrals:
-    """Inertia coupling of a planar floating frame, exact for the finite-element mass matrix.
-
-    Fields, in order: the position x (from the bore centre), the unit
-    translations along x and y, the elastic modes; ``B`` holds them as columns,
-    ``S`` is ``e_z x`` node by node.
-
-    Attributes
-    ----------
-    mass
-        ``B^T M B``, shape (3 + n, 3 + n).
-    spin
-        ``B^T M S B``, antisymmetric: Coriolis and Euler accelerations.
-    centrifugal
-        ``(S B)^T M (S B)``, symmetric.
-    """
-
-    mass: np.ndarray
-    spin: np.ndarray
-    centrifugal: np.ndarray
-
-    @property
-    def total_mass(self) -> float:
-        """Mass of the part [kg]."""
-        return float(self.mass[1, 1])
-
-    @property
-    def centre_of_mass(self) -> np.ndarray:
-        """Centre of mass from the bore centre, x and y [m]."""
-        return self.mass[0, 1:3] / self.total_mass
-
-    @property
-    def polar_inertia(self) -> float:
-        """Moment of inertia about the z axis through the centre of mass [kg m^2]."""
-        offset = self.centre_of_mass
-        return float(self.centrifugal[0, 0] - self.total_mass * offset @ offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +21,10 @@ class ResidualFlexibility:
     Attributes
     ----------
     displacement
-        Of the bore nodes for unit amplitudes of the r patterns, shape (m, 3, r) [m/Pa].
+        Of the nodes of all bores for unit amplitudes of the r patterns, shape (m, 3, r) [m/Pa].
     patterns
-        Orthonormal pressure patterns, shape (r, k): the amplitudes of nodal pressures w are
-        ``patterns @ w`` [Pa].
+        Orthonormal pressure patterns over all bores, shape (r, k): the amplitudes of nodal
+        pressures w are ``patterns @ w`` [Pa].
     stiffness
         Energy of unit amplitudes, twice: diagonal of ``V^T J^T G_res J V``, shape (r,),
         [J/Pa^2]. The generalised force of a pressure on an amplitude is this times the
@@ -112,9 +73,13 @@ def unknown() -> np.ndarray:
     return np.zeros((0, 0))
 
 
-def no_cells() -> np.ndarray:
-    """Cells of a bore whose surface mesh is unknown."""
-    return np.zeros((0, 0), dtype=np.int64)
+class BoreRows(NamedTuple):
+    """One of a body's bores and where its nodes and pressure nodes are among those of all."""
+
+    name: str
+    surface: BoreSurface
+    nodes: slice
+    pressures: slice
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +101,11 @@ class ReducedBody:
     kinds
         ``"vibration"``, ``"fixed-boundary"``, ``"constraint"`` or ``"static"`` for each
         coordinate.
-    bore_radius, bore_width
-        [m].
-    bore_nodes
-        Positions of the bore nodes, shape (m, 3) [m].
+    bores
+        Surface of every bore by name; m nodes and k pressure nodes are those of all of them,
+        one bore after the other. The frame's origin is the centre of the first.
     bore_basis
         Displacement of the bore nodes for unit coordinates, shape (m, 3, n).
-    pressure_nodes
-        Positions of the pressure nodes, shape (k, 3) [m].
     load_projection
         ``B^T J``, shape (3 + n, k): generalised force of nodal pressures on the
         fields of `InertiaIntegrals`.
@@ -165,11 +127,6 @@ class ReducedBody:
         Flexibility that M4 adds without coordinates, None for the other methods.
     inventory
         Every mode kept and dropped.
-    bore_cells, bore_family
-        Surface mesh of the bore as in `Bore`: nodes of each cell, shape (c, k), and
-        family; empty when unknown.
-    pressure_cells, pressure_family
-        The same of the pressure nodes.
     accuracy
         Figures of the reduction: rank, dropped columns, residuals.
     provenance
@@ -177,9 +134,6 @@ class ReducedBody:
     columns
         The part-size basis T, rows owned by this rank, when it was asked for; not in the
         body's file (see `save_basis`).
-    spatial
-        Inertia couplings of motion in space, for other programs, when they were asked for;
-        not in the body's file either.
     """
 
     method: str
@@ -188,11 +142,8 @@ class ReducedBody:
     mass: np.ndarray
     frequencies: np.ndarray
     kinds: tuple[str, ...]
-    bore_radius: float
-    bore_width: float
-    bore_nodes: np.ndarray
+    bores: Mapping[str, BoreSurface]
     bore_basis: np.ndarray
-    pressure_nodes: np.ndarray
     load_projection: np.ndarray
     spin_load_projection: np.ndarray
     inertia: InertiaIntegrals
@@ -203,14 +154,9 @@ class ReducedBody:
     rigid_load: np.ndarray = field(default_factory=unknown)
     residual: ResidualFlexibility | None = None
     inventory: tuple[ModeRecord, ...] = ()
-    bore_cells: np.ndarray = field(default_factory=no_cells)
-    bore_family: str = ""
-    pressure_cells: np.ndarray = field(default_factory=no_cells)
-    pressure_family: str = ""
     accuracy: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     columns: np.ndarray | None = None
-    spatial: SpatialInertia | None = None
 
     def __post_init__(self) -> None:
         # Products round differently for another memory order; a body read from a file is
@@ -225,30 +171,101 @@ class ReducedBody:
         """Number of elastic coordinates n."""
         return len(self.frequencies)
 
+    @property
+    def bore(self) -> BoreSurface:
+        """The bore of a body that has one.
+
+        Raises
+        ------
+        SettingsError
+            The body has several.
+        """
+        return only(self.bores, "reduced body")
+
+    @property
+    def bore_nodes(self) -> np.ndarray:
+        """Positions of the nodes of the one bore, shape (m, 3) [m]."""
+        return self.bore.coordinates
+
+    @property
+    def pressure_nodes(self) -> np.ndarray:
+        """Positions of the pressure nodes of the one bore, shape (k, 3) [m]."""
+        return self.bore.pressure_coordinates
+
+    def each_bore(self) -> Iterator[BoreRows]:
+        """The bores, one after the other."""
+        nodes = pressures = 0
+        for name, bore in self.bores.items():
+            last, end = nodes + len(bore.coordinates), pressures + len(bore.pressure_coordinates)
+            yield BoreRows(name, bore, slice(nodes, last), slice(pressures, end))
+            nodes, pressures = last, end
+
+    def rows_of(self, name: str) -> BoreRows:
+        """One of the bores.
+
+        Raises
+        ------
+        SettingsError
+            There is none of this name.
+        """
+        for rows in self.each_bore():
+            if rows.name == name:
+                return rows
+        raise SettingsError(f"the reduced body has no bore {name!r}: {', '.join(self.bores)}")
+
+    def places(self, *, of_pressures: bool = False) -> np.ndarray:
+        """Positions of nodes or pressure nodes of all bores, from the origin, (m or k, 3) [m]."""
+        name = "pressure_coordinates" if of_pressures else "coordinates"
+        return np.vstack([bore.centre + getattr(bore, name) for bore in self.bores.values()])
+
+    def at_bore(self, name: str) -> ReducedBody:
+        """The body with one of its bores alone: what a film there sees of it.
+
+        Raises
+        ------
+        SettingsError
+            It has no such bore.
+        """
+        _, surface, nodes, pressures = self.rows_of(name)
+        if len(self.bores) == 1:
+            return self
+        r = self.residual
+        if r is not None:
+            r = replace(r, displacement=r.displacement[nodes], patterns=r.patterns[:, pressures])
+        missing = self.missing_flexibility
+        return replace(
+            self,
+            bores={name: surface},
+            bore_basis=self.bore_basis[nodes],
+            load_projection=self.load_projection[:, pressures],
+            spin_load_projection=self.spin_load_projection[:, pressures],
+            missing_flexibility=missing[nodes, pressures] if missing.size else missing,
+            rigid_load=self.rigid_load[:, pressures] if self.rigid_load.size else self.rigid_load,
+            residual=r,
+        )
+
+    def outward(self, displacements: np.ndarray) -> np.ndarray:
+        """Radial component at the nodes of all bores, shape (m, 3, n) to (m, n)."""
+        return all_outward(self.bores, displacements)
+
     def basis_flexibility(self) -> np.ndarray:
         """Outward bore displacement per nodal pressure that the body follows, (m, k) [m/Pa].
 
         Of a free part: to pressures made self-equilibrated by its rigid inertia,
         less the rigid motion, whatever its frame.
         """
-        return outward(self.bore_nodes, self.bore_flexibility())
+        return self.outward(self.bore_flexibility())
 
     def bore_flexibility(self) -> np.ndarray:
         """The same with all three components, shape (m, 3, k) [m/Pa]."""
-        m = len(self.bore_nodes)
-        shape, load = self.bore_basis.reshape(3 * m, -1), self.load_projection[3:]
+        m = len(self.bore_basis)
+        shape, load = self.bore_basis.reshape(3 * m, -1), self.load_projection[ELASTIC]
         if self.frame != "clamped" and self.rigid_mass.size:
             share = np.linalg.solve(self.rigid_mass, self.rigid_coupling)
-            shape = shape - rigid_fields(self.bore_nodes) @ share
+            shape = shape - rigid_fields(self.places()) @ share
             load = load - share.T @ self.rigid_load
         response = shape @ np.linalg.solve(self.stiffness, load)
         if self.residual is not None:
             r = self.residual
             response = response + r.displacement.reshape(3 * m, -1) @ r.patterns
         return response.reshape(m, 3, -1)
-
-
-def outward(nodes: np.ndarray, displacements: np.ndarray) -> np.ndarray:
-    """Radial component at bore nodes, shape (m, 3, n) to (m, n)."""
-    radial = nodes[:, :2] / np.linalg.norm(nodes[:, :2], axis=1)[:, None]
-    return np.einsum("ic,icn->in", radial, displacements[:, :2])

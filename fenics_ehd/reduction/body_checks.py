@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.reduction.body import BoreRows, ReducedBody
 from fenics_ehd.reduction.bore_checks import SWEPT_TOLERANCE
 from fenics_ehd.reduction.faces import CYLINDER_TOLERANCE, surface_load_matrix
-from fenics_ehd.reduction.surface_elements import ELEMENTS
+from fenics_ehd.reduction.inertia import ELASTIC, TRANSLATIONS
+from fenics_ehd.reduction.surface_checks import surface_defects
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 #: Largest difference of two figures that are the same one, relative.
 SAME = 1e-6
@@ -17,9 +22,6 @@ SAME = 1e-6
 #: Largest difference of a mode's load from the work on its displacement, relative: what another
 #: program's rule of integration may cost.
 LOAD_TOLERANCE = 1e-2
-
-#: Families of the surface meshes of a bore.
-_FAMILIES = ("bilinear", "serendipity", "lagrange", "triangle")
 
 
 def defects(body: ReducedBody) -> Iterator[str]:
@@ -29,23 +31,26 @@ def defects(body: ReducedBody) -> Iterator[str]:
     and loads of the rigid motions, the same wherever they are stored; nodes on the bore; where its
     surface mesh is known, loads of the modes that are those of their displacements.
     """
-    for check in (_shapes, _cells, _matrices, _rigid_motions, _bore, _loads):
+    for check in (_surfaces, _shapes, _matrices, _rigid_motions, _bores, _loads):
         found = list(check(body))
         yield from found
         if found:
             return
 
 
+def _surfaces(body: ReducedBody) -> Iterator[str]:
+    return surface_defects(body.bores)
+
+
 def _shapes(body: ReducedBody) -> Iterator[str]:
-    n, nodes, pressures = body.modes, len(body.bore_nodes), len(body.pressure_nodes)
-    square = (3 + n, 3 + n)
+    n, square = body.modes, (3 + body.modes, 3 + body.modes)
+    nodes = sum(len(bore.coordinates) for bore in body.bores.values())
+    pressures = sum(len(bore.pressure_coordinates) for bore in body.bores.values())
     shapes = {
         "stiffness": (body.stiffness, (n, n)),
         "mass": (body.mass, (n, n)),
         "frequencies": (body.frequencies, (n,)),
-        "bore_nodes": (body.bore_nodes, (nodes, 3)),
         "bore_basis": (body.bore_basis, (nodes, 3, n)),
-        "pressure_nodes": (body.pressure_nodes, (pressures, 3)),
         "load_projection": (body.load_projection, (3 + n, pressures)),
         "spin_load_projection": (body.spin_load_projection, (3 + n, pressures)),
         "inertia/mass": (body.inertia.mass, square),
@@ -79,25 +84,6 @@ def _shapes(body: ReducedBody) -> Iterator[str]:
             yield f"{name} holds a value that is not finite"
     if len(body.kinds) != n:
         yield f"kinds names {len(body.kinds)} of {n} modes"
-
-
-def _cells(body: ReducedBody) -> Iterator[str]:
-    yield from _cell_defects("bore", body.bore_cells, body.bore_family, len(body.bore_nodes))
-    pressures = len(body.pressure_nodes)
-    yield from _cell_defects("pressure", body.pressure_cells, body.pressure_family, pressures)
-
-
-def _cell_defects(name: str, cells: np.ndarray, family: str, nodes: int) -> Iterator[str]:
-    """What is wrong with one of the two surface meshes; having none is right."""
-    if not cells.size and not family:
-        return
-    size = len(ELEMENTS[family].nodes) if family in _FAMILIES else 0
-    if not size:
-        yield f"{name}_family {family!r} is not one of {', '.join(_FAMILIES)}"
-    elif cells.ndim != 2 or not len(cells) or cells.shape[1] != size:
-        yield f"{name}_cells has shape {cells.shape}, {family} cells have {size} nodes each"
-    elif cells.dtype.kind not in "iu" or not np.array_equal(np.unique(cells), np.arange(nodes)):
-        yield f"{name}_cells must use each of the {nodes} nodes"
 
 
 def _matrices(body: ReducedBody) -> Iterator[str]:
@@ -140,9 +126,9 @@ def _rigid_motions(body: ReducedBody) -> Iterator[str]:
     inertia, total = body.inertia, body.inertia.total_mass
     sizes = _sizes(inertia.mass)
     turning = np.sqrt(np.abs(np.diag(inertia.centrifugal)))
-    if _differ(body.mass, inertia.mass[3:, 3:], sizes[3:, 3:]):
+    if _differ(body.mass, inertia.mass[ELASTIC, ELASTIC], sizes[ELASTIC, ELASTIC]):
         yield "mass is not that of inertia/mass"
-    if _differ(inertia.mass[1:3, 1:3], total * np.eye(2), total):
+    if _differ(inertia.mass[TRANSLATIONS, TRANSLATIONS], total * np.eye(2), total):
         yield "inertia/mass: the translations do not weigh the same"
     if not body.inertia.polar_inertia > -SAME * turning[0] ** 2:
         yield "inertia/centrifugal: a negative moment of inertia about the centre of mass"
@@ -159,72 +145,76 @@ def _rigid_motions(body: ReducedBody) -> Iterator[str]:
     plane = [0, 1, 5]
     lever = turning[0] / np.sqrt(total)
     of_moves = np.array([1.0, 1.0, lever])
-    moments = np.append(inertia.mass[1:3, 0][::-1] * [-1, 1], inertia.centrifugal[0, 0])
+    moments = np.append(inertia.mass[TRANSLATIONS, 0][::-1] * [-1, 1], inertia.centrifugal[0, 0])
     expected = np.diag([total, total, 0.0])
     expected[2], expected[:, 2] = moments, moments
     rigid = body.rigid_mass[np.ix_(plane, plane)]
     if _differ(rigid, expected, total * np.outer(of_moves, of_moves)):
         yield "rigid_mass is not that of inertia/mass and inertia/centrifugal"
-    coupling = np.vstack([inertia.mass[1:3, 3:], inertia.spin[3:, 0]])
+    coupling = np.vstack([inertia.mass[TRANSLATIONS, ELASTIC], inertia.spin[ELASTIC, 0]])
     scale = np.sqrt(total) * np.outer(of_moves, np.sqrt(np.diag(body.mass)))
     if _differ(body.rigid_coupling[plane], coupling, scale):
         yield "rigid_coupling is not that of inertia/mass and inertia/spin"
 
 
-def _bore(body: ReducedBody) -> Iterator[str]:
-    """Nodes on the cylinder, and a load of the cylinder's area."""
-    radius, width = body.bore_radius, body.bore_width
-    if not (0 < radius < np.inf and 0 < width < np.inf):
-        yield f"bore of radius {radius:g} m and width {width:g} m"
-        return
-    for name, nodes in (("bore_nodes", body.bore_nodes), ("pressure_nodes", body.pressure_nodes)):
-        off = np.abs(np.linalg.norm(nodes[:, :2], axis=1) - radius).max(initial=0.0)
-        beyond = np.abs(nodes[:, 2]).max(initial=0.0) - 0.5 * width
-        if not max(off, beyond) <= CYLINDER_TOLERANCE * radius:
-            yield (
-                f"{name} are up to {max(off, beyond):.1e} m off the cylinder of radius "
-                f"{radius:g} m and width {width:g} m"
-            )
-            return
-    load, spun, area = body.load_projection, body.spin_load_projection, 2 * np.pi * radius * width
-    x, y = body.pressure_nodes[:, :2].T / radius
-    ones = np.ones(len(x))
-    for row, pressure, swept in ((0, ones, area * radius), (1, x, area / 2), (2, y, area / 2)):
-        share = load[row] @ pressure / swept
-        if not abs(share - 1) <= SWEPT_TOLERANCE:
-            yield f"load_projection: a pressure pushes with {share:.3g} times the bore's area"
-    scale = np.abs(load[1:3]).max(initial=0.0)
-    if _differ(spun[1:3], np.array([load[2], -load[1]]), scale):
+def _bores(body: ReducedBody) -> Iterator[str]:
+    """Loads of the cylinders' areas."""
+    load, spun = body.load_projection, body.spin_load_projection
+    for rows in body.each_bore():
+        bore, own = rows.surface, load[:, rows.pressures]
+        x, y = bore.pressure_coordinates[:, :2].T / bore.radius
+        area = 2 * np.pi * bore.radius * bore.width
+        pushes = ((0, np.ones(len(x)), area * bore.radius), (1, x, area / 2), (2, y, area / 2))
+        for row, pressure, swept in pushes:
+            share = own[row] @ pressure / swept
+            if not abs(share - 1) <= SWEPT_TOLERANCE:
+                yield (
+                    f"load_projection: a pressure in {rows.name} pushes with {share:.3g} times "
+                    "its area"
+                )
+    scale = np.abs(load[TRANSLATIONS]).max(initial=0.0)
+    if _differ(spun[TRANSLATIONS], np.array([load[2], -load[1]]), scale):
         yield "spin_load_projection is not load_projection turned"
     if body.rigid_load.size:
-        expected = np.vstack([load[1:3], spun[0]])
-        if _differ(body.rigid_load[[0, 1, 5]], expected, scale * np.array([[1], [1], [radius]])):
+        expected = np.vstack([load[TRANSLATIONS], spun[0]])
+        reach = max(b.radius + np.linalg.norm(b.centre) for b in body.bores.values())
+        if _differ(body.rigid_load[[0, 1, 5]], expected, scale * np.array([[1], [1], [reach]])):
             yield "rigid_load is not that of load_projection"
 
 
 def _loads(body: ReducedBody) -> Iterator[str]:
-    """Loads of the modes and of the residual patterns, by their displacements of the bore."""
-    surface = (body.bore_nodes, body.bore_cells, body.bore_family)
-    pressures = (body.pressure_nodes, body.pressure_cells, body.pressure_family)
-    if not (body.bore_family and body.pressure_family):
-        return
-    # Cells of another order, or of a mesh of the pressures' own, say nothing.
-    places = [nodes[cells[:, :3]] for nodes, cells, _ in (surface, pressures)]
-    if places[0].shape != places[1].shape:
-        return
-    apart = np.abs(places[0] - places[1]).max(initial=0.0)
-    if not apart <= CYLINDER_TOLERANCE * body.bore_radius:
-        return
-    work = surface_load_matrix(surface, pressures).T
-    pairs = {"load_projection": (body.bore_basis, body.load_projection[3:])}
+    """Loads of the modes and of the residual patterns, by their displacements of the bores."""
+    for rows in body.each_bore():
+        bore = rows.surface
+        if not (bore.family and bore.pressure_family):
+            continue
+        surface = (bore.coordinates, bore.cells, bore.family)
+        pressures = (bore.pressure_coordinates, bore.pressure_cells, bore.pressure_family)
+        # Cells of another order, or of a mesh of the pressures' own, say nothing.
+        places = [nodes[cells[:, :3]] for nodes, cells, _ in (surface, pressures)]
+        if places[0].shape != places[1].shape:
+            continue
+        apart = np.abs(places[0] - places[1]).max(initial=0.0)
+        if apart <= CYLINDER_TOLERANCE * bore.radius:
+            yield from _load_defects(body, rows, surface_load_matrix(surface, pressures).T)
+
+
+def _load_defects(body: ReducedBody, rows: BoreRows, work: sparse.csr_matrix) -> Iterator[str]:
+    """What differs from the work that pressures do on the displacements of their own bore."""
+    pairs = {"load_projection": (body.bore_basis[rows.nodes], body.load_projection[ELASTIC])}
     if body.residual is not None:
         load = body.residual.stiffness[:, None] * body.residual.patterns
-        pairs["residual/patterns"] = (body.residual.displacement, load)
-    area = 2 * np.pi * body.bore_radius * body.bore_width / max(1, len(body.pressure_nodes))
-    for name, (fields, load) in pairs.items():
+        pairs["residual/patterns"] = (body.residual.displacement[rows.nodes], load)
+    bore = rows.surface
+    area = 2 * np.pi * bore.radius * bore.width / max(1, len(bore.pressure_coordinates))
+    for name, (fields, every) in pairs.items():
+        load = every[:, rows.pressures]
         expected = (work @ fields.reshape(work.shape[1], -1)).T
         size = np.abs([load, expected]).max(axis=(0, 2), initial=0.0)
         limit = LOAD_TOLERANCE * size + SAME * area * np.abs(fields).max(axis=(0, 1), initial=0.0)
         wrong = np.flatnonzero(~(np.abs(load - expected).max(axis=1, initial=0.0) <= limit))
         if len(wrong):
-            yield f"{name}: the load of mode {wrong[0]} is not that of its displacement of the bore"
+            yield (
+                f"{name}: the load of mode {wrong[0]} is not that of its displacement of "
+                f"{rows.name}"
+            )

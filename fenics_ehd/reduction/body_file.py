@@ -9,21 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.errors import BodyFileError
-from fenics_ehd.reduction.body import (
-    InertiaIntegrals,
-    ModeRecord,
-    ReducedBody,
-    ResidualFlexibility,
-)
+from fenics_ehd.base.errors import BodyFileError
+from fenics_ehd.base.sealed_file import digest, make, named, open_sealed, read_tree, save_tree
+from fenics_ehd.reduction.body import ModeRecord, ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.body_checks import defects
-from fenics_ehd.sealed_file import digest, make, named, open_sealed, read_tree, save_tree
+from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 FORMAT = "fenics_ehd reduced body"
-FORMAT_VERSION = 4
-
-#: Fields that are not stored.
-_PASSING = ("columns", "spatial")
+FORMAT_VERSION = 5
 
 
 def save_body(body: ReducedBody, path: str | Path) -> None:
@@ -37,9 +31,11 @@ def body_digest(body: ReducedBody) -> str:
 
 
 def _tree(body: ReducedBody) -> dict[str, Any]:
-    stored = {k: v for k, v in vars(body).items() if k not in _PASSING and v is not None}
+    stored = {k: v for k, v in vars(body).items() if k != "columns" and v is not None}
     records = body.inventory
     return stored | {
+        # The order of the bores is that of their nodes, a file's that of their names.
+        "bore_names": tuple(body.bores),
         "accuracy": {name: float(value) for name, value in body.accuracy.items()},
         "inventory": {
             "kind": tuple(r.kind for r in records),
@@ -62,6 +58,8 @@ def load_body(path: str | Path) -> ReducedBody:
     with named(BodyFileError, f"body file {path}"):
         with open_sealed(path, FORMAT, FORMAT_VERSION, remedy="reduce the part again") as file:
             tree = read_tree(file)
+        names = tree.pop("bore_names")
+        tree["bores"] = {name: make(BoreSurface, tree["bores"][name]) for name in names}
         tree["inertia"] = make(InertiaIntegrals, tree["inertia"])
         if "residual" in tree:
             tree["residual"] = make(ResidualFlexibility, tree["residual"])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_ehd.errors import StructureError
+from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.matrices import as_matrix
 
 #: Smallest sum of weights, relative to the sum of their magnitudes.

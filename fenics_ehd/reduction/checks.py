@@ -9,9 +9,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_ehd.errors import StructureError
-from fenics_ehd.petsc_options import configured
-from fenics_ehd.reduction.bore_checks import check_bore
+from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.petsc_options import configured
+from fenics_ehd.reduction.bore_checks import check_bores
 from fenics_ehd.reduction.distributed import inner, multiply
 from fenics_ehd.reduction.rigid_body import FREE_TOLERANCE
 from fenics_ehd.reduction.rigid_motion import rigid_fields
@@ -46,7 +46,7 @@ _MOTIONS = (
 
 
 def check_structure(structure: Structure) -> None:
-    """Check that matrices, coordinates, bore and boundary points make one part.
+    """Check that matrices, coordinates, bores and boundary points make one part.
 
     Collective. A motion without energy beyond the rigid ones, of a loose piece say, is not
     found here but by `StaticSolver`.
@@ -57,7 +57,8 @@ def check_structure(structure: Structure) -> None:
         Sizes do not fit; a value is not finite; K or M is not symmetric, has an empty row or
         a diagonal entry that is not positive; M is singular or not positive definite; some
         rigid motions cost energy and others do not; bore nodes are not on the bore, or its
-        load matrix is not one of a pressure that pushes outward; a boundary point is no mean
+        load matrix is not one of a pressure that pushes outward; the first bore is not at the
+        origin, or two share a node; a boundary point is no mean
         displacement, or two of them are one.
     """
     _check_sizes(structure)
@@ -67,8 +68,7 @@ def check_structure(structure: Structure) -> None:
         _check_symmetric(matrix, name)
     _check_rigid_motions(structure)
     _check_definite(structure.mass)
-    if structure.bore is not None:
-        check_bore(structure, structure.bore)
+    check_bores(structure)
     _check_attachments(structure)
 
 
@@ -78,9 +78,10 @@ def _check_sizes(structure: Structure) -> None:
     for name, matrix in (("stiffness", stiffness), ("mass", structure.mass)):
         if matrix.size != (size, size):
             raise StructureError(f"{name} has shape {matrix.size}, not {(size, size)}")
-    if structure.bore is not None and structure.bore.load.size[0] != size:
-        rows = structure.bore.load.size[0]
-        raise StructureError(f"bore.load has {rows} rows, the stiffness matrix has {size}")
+    for name, bore in structure.bores.items():
+        rows = bore.load.size[0]
+        if rows != size:
+            raise StructureError(f"{name}.load has {rows} rows, the stiffness matrix has {size}")
     for name, three in structure.attachments.items():
         for vector in three:
             if vector.size != size:
@@ -90,8 +91,7 @@ def _check_sizes(structure: Structure) -> None:
     layouts = [("stiffness", stiffness.local_size[1]), ("mass", structure.mass.local_size[0])]
     for name, three in structure.attachments.items():
         layouts += [(f"attachment {name!r}", vector.local_size) for vector in three]
-    if structure.bore is not None:
-        layouts.append(("bore.load", structure.bore.load.local_size[0]))
+    layouts += [(f"{name}.load", b.load.local_size[0]) for name, b in structure.bores.items()]
     problem = None
     for name, rows in layouts:
         if rows != owned:
@@ -101,8 +101,7 @@ def _check_sizes(structure: Structure) -> None:
 
 def _check_finite(structure: Structure) -> None:
     matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
-    if structure.bore is not None:
-        matrices["bore.load"] = structure.bore.load
+    matrices |= {f"{name}.load": bore.load for name, bore in structure.bores.items()}
     for name, matrix in matrices.items():
         if not np.isfinite(matrix.norm(PETSc.NormType.FROBENIUS)):
             raise StructureError(f"{name} holds a value that is not finite")

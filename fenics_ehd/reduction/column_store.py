@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.errors import SolverError
+from fenics_ehd.base.errors import SolverError
 from fenics_ehd.reduction.distributed import blocks
 
 #: Columns up to which they stay in memory.

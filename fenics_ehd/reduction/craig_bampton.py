@@ -7,14 +7,14 @@ from typing import Unpack
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.distributed import inner
 from fenics_ehd.reduction.eigenmodes import LowestModes
 from fenics_ehd.reduction.fixed_boundary import FixedBoundary, Flexibility
-from fenics_ehd.reduction.projection import Basis, gram_matrices, on_bore, require_small
+from fenics_ehd.reduction.projection import Basis, gram_matrices, on_bores, require_small
 from fenics_ehd.reduction.reductor import Options, Reductor
-from fenics_ehd.reduction.structure import Bore, Structure
+from fenics_ehd.reduction.structure import Structure
 
 
 def craig_bampton(
@@ -70,22 +70,24 @@ def _boundary(reductor: Reductor) -> tuple[np.ndarray | None, np.ndarray, Lowest
     return centre, constraint_modes, LowestModes(support, f"{reductor.options_prefix}modes_")
 
 
-def centre_weights(bore: Bore) -> np.ndarray:
-    """Weights of the mean translation and rotation of the bore, shape (m, 3, 6).
+def centre_weights(structure: Structure) -> np.ndarray:
+    """Weights of the first bore's mean translation and rotation at all bores' nodes, (m, 3, 6).
 
     Raises
     ------
     SettingsError
         The bore has none.
     """
-    if bore.reference is None:
+    reference = structure.every_bore()[0].reference
+    if reference is None:
         raise SettingsError("the bore has no reference weights: M1 and M2 hold its mean motion")
-    return bore.reference
+    others = len(structure.bore_nodes) - len(reference)
+    return np.concatenate([reference, np.zeros((others, 3, 6))])
 
 
 def centre_constraints(structure: Structure) -> np.ndarray:
     """C2 as six load columns, owned rows (owned dofs, 6)."""
-    return on_bore(structure, centre_weights(structure.lubricated_bore))
+    return on_bores(structure, centre_weights(structure))
 
 
 def hold(

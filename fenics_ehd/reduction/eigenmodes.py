@@ -7,8 +7,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
-from fenics_ehd.errors import SettingsError, SolverError, VerificationError
-from fenics_ehd.petsc_options import configure
+from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
+from fenics_ehd.base.petsc_options import configure
 from fenics_ehd.reduction.distributed import column_vectors, inner, multiply
 from fenics_ehd.reduction.fixed_boundary import Flexibility
 from fenics_ehd.reduction.structure import Structure

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_ehd.errors import StructureError
-from fenics_ehd.reduction.structure import Bore, mean_motion
+from fenics_ehd.base.errors import StructureError
+from fenics_ehd.reduction.bore import Bore, mean_motion, no_cells
 from fenics_ehd.reduction.surface_elements import SurfaceElement, surface_element
 
 if TYPE_CHECKING:
@@ -83,13 +83,17 @@ def surface_load_matrix(
     return sparse.coo_matrix((blocks.ravel(), (rows, columns)), shape=shape).tocsr()
 
 
-def bore_from_faces(nodes: np.ndarray, faces: np.ndarray, element: str) -> Bore:
+def bore_from_faces(
+    nodes: np.ndarray, faces: np.ndarray, element: str, centre: tuple = (0.0, 0.0, 0.0)
+) -> Bore:
     """The bore of a part from the faces of its surface.
 
     Parameters
     ----------
     nodes, faces, element
         As in `bore_load_matrix`. Pressures have the nodes and shape functions of the faces.
+    centre
+        Of the bore [m].
 
     Returns
     -------
@@ -100,9 +104,10 @@ def bore_from_faces(nodes: np.ndarray, faces: np.ndarray, element: str) -> Bore:
     Raises
     ------
     StructureError
-        The faces are no whole cylinder about the z axis, half of it on either side of z = 0.
+        The faces are no whole cylinder along z about the centre, half of it on either side.
     """
     nodes, faces, kind = _checked(nodes, faces, element)
+    nodes = nodes - np.asarray(centre)
     numbers, cells = _ordered(nodes, faces)
     x = nodes[numbers]
     radii = np.linalg.norm(x[:, :2], axis=1)
@@ -110,8 +115,8 @@ def bore_from_faces(nodes: np.ndarray, faces: np.ndarray, element: str) -> Bore:
     _check_cylinder(numbers, x, radii - radius, radius)
     load = bore_load_matrix(nodes, faces, element)
     _check_closed(nodes, faces, kind, radius)
-    family = None if element == "linear triangle" else element
-    known = None if family is None else cells[np.lexsort(np.sort(cells, axis=1).T[::-1])]
+    family = "" if element == "linear triangle" else element
+    known = cells[np.lexsort(np.sort(cells, axis=1).T[::-1])] if family else no_cells()
     return Bore(
         radius=radius,
         width=float(np.ptp(x[:, 2])),
@@ -124,6 +129,7 @@ def bore_from_faces(nodes: np.ndarray, faces: np.ndarray, element: str) -> Bore:
         pressure_cells=known,
         pressure_family=family,
         reference=mean_motion(x, surface_gram(x, cells, element)),
+        centre=np.asarray(centre, dtype=float),
     )
 
 

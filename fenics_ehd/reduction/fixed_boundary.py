@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fenics_ehd.errors import VerificationError
+from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.reduction.distributed import combine, inner
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.static import held_solver

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_ehd.errors import SettingsError, SolverError
-from fenics_ehd.petsc_options import configured, destroy_with, solve_columns
+from fenics_ehd.base.errors import SettingsError, SolverError
+from fenics_ehd.base.petsc_options import configured, destroy_with, solve_columns
 from fenics_ehd.reduction.column_store import scratch_folder
 from fenics_ehd.reduction.distributed import column_vectors, dense_matrix
 

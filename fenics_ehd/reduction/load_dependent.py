@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from hashlib import sha256
 from typing import Unpack
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.distributed import inner
 from fenics_ehd.reduction.loads import LoadSet, StaticResponses
@@ -20,10 +19,8 @@ from fenics_ehd.reduction.projection import (
 )
 from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.residual_modes import (
-    PROPER_ORTHOGONAL,
     RANKINGS,
     check_selection,
-    proper_orthogonal,
     without_redundancy,
     without_round_off,
 )
@@ -52,11 +49,10 @@ def load_dependent(
     n_vibration
         Vibration modes ``n_v`` (27).
     n_residual
-        Residual modes ``n_r`` kept of the pressure set (32); ``"proper-orthogonal"`` adds those
-        of equal singular values, counted as ``static_added`` in the accuracy.
+        Residual modes ``n_r`` kept of the pressure set (32).
     pressure_set
-        Name of one of `PRESSURE_SETS`, or columns of nodal pressures, shape (k, p) [Pa]:
-        snapshots of a former run, for instance.
+        Name of one of `PRESSURE_SETS`, or columns of nodal pressures, shape (k, p) [Pa]: patterns
+        trained on snapshots, for instance, see `proper_orthogonal`.
     selection
         Which residual modes: one of `SELECTIONS`.
     estimate_error
@@ -85,15 +81,9 @@ def load_dependent(
     check_selection(selection)
     patterns = pressure_patterns(reductor.structure, pressure_set)
     _check_counts(n_vibration, n_residual, patterns.shape[1])
-    asked = n_residual
-    if selection == PROPER_ORTHOGONAL:
-        patterns, selection = proper_orthogonal(patterns, n_residual), "every-column"
-        n_residual = max(n_residual, patterns.shape[1])
-    elif selection != "every-column":
+    if selection != "every-column":
         patterns = without_redundancy(patterns)
     basis = _basis(reductor, n_vibration, n_residual, patterns, selection)
-    added = {"static_added": float(n_residual - asked)}
-    basis = replace(basis, accuracy={**basis.accuracy, **added})
     return reductor.project(basis, "m3", estimate_error=estimate_error, keep_basis=keep_basis)
 
 

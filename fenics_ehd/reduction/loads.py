@@ -44,13 +44,13 @@ class LoadSet:
         a = self.fields.shape[1]
         columns = combine(self.fields, weights[:a])
         if self.pressures.shape[1]:
-            load = self.structure.lubricated_bore.load
+            load = self.structure.load
             columns = columns + load_columns(load, self.pressures @ weights[a:])
         return np.asfortranarray(columns)
 
     def nodal_work(self, columns: np.ndarray) -> np.ndarray:
         """``J^T @ columns``, on every rank, shape (k, width)."""
-        return transpose_multiply(self.structure.lubricated_bore.load, columns)
+        return transpose_multiply(self.structure.load, columns)
 
     def work(self, columns: np.ndarray, nodal: np.ndarray | None = None) -> np.ndarray:
         """``L^T @ columns`` on every rank, shape (count, width); `nodal` if known already."""
@@ -121,13 +121,13 @@ class StaticResponses:
 
 
 def bore_flexibility(solver: StaticSolver) -> BoreFlexibility:
-    """Static response of the bore to every nodal pressure."""
+    """Static response of all bores to every nodal pressure."""
     structure = solver.structure
-    bore, owned = structure.lubricated_bore, structure.stiffness.local_size[0]
-    identity = np.eye(len(bore.pressure_coordinates))
+    load, owned = structure.load, structure.stiffness.local_size[0]
+    identity = np.eye(load.size[1])
     rows, work = [], []
     for part in blocks(len(identity), owned, structure.comm):
-        responses = solver.solve(load_columns(bore.load, identity[:, part]))
+        responses = solver.solve(load_columns(load, identity[:, part]))
         rows.append(bore_rows(structure, responses))
-        work.append(transpose_multiply(bore.load, responses))
+        work.append(transpose_multiply(load, responses))
     return BoreFlexibility(np.concatenate(rows, axis=2), np.hstack(work))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_ehd.petsc_options import destroy_with
+from fenics_ehd.base.petsc_options import destroy_with
 from fenics_ehd.reduction.distributed import multiply
 
 #: Largest defect of ``M = m (x) I_3`` from M, of a random product, relative to its largest entry.

@@ -14,7 +14,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_ehd.errors import StructureError
+from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.sealed_file import require_file, require_numbers, values
 from fenics_ehd.reduction.row_blocks import (
     RowBlock,
     agree,
@@ -22,7 +23,6 @@ from fenics_ehd.reduction.row_blocks import (
     owned_range,
     together,
 )
-from fenics_ehd.sealed_file import require_file, require_numbers, values
 
 if TYPE_CHECKING:
     from scipy import sparse

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.reduction.structure import Bore, Structure
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.reduction.bore import Bore
+from fenics_ehd.reduction.structure import Structure
 
 #: Mean pressure of the long and peak pressure of the short bearing solution, section 4.2.
 LONG_BEARING_PRESSURE = 1.0
@@ -119,21 +120,21 @@ def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> n
     Returns
     -------
     numpy.ndarray
-        shape (k, p) [Pa].
+        shape (k, p) [Pa]; of several bores, a pattern of one of them is zero on the others.
 
     Raises
     ------
     SettingsError
-        No set has this name, or the columns are no finite nodal pressures of the bore.
+        No set has this name, or the columns are no finite nodal pressures of the bores.
     """
-    bore = structure.lubricated_bore
+    bores = structure.every_bore()
     if isinstance(pressure_set, str):
         if pressure_set not in PRESSURE_SETS:
             known = ", ".join(PRESSURE_SETS)
             raise SettingsError(f"pressure_set {pressure_set!r} is not one of {known}")
-        return PRESSURE_SETS[pressure_set](bore)
+        return _apart([PRESSURE_SETS[pressure_set](bore) for bore in bores])
     patterns = np.asarray(pressure_set, dtype=float)
-    nodes = len(bore.pressure_coordinates)
+    nodes = structure.pressures
     if patterns.ndim != 2 or len(patterns) != nodes or not patterns.shape[1]:
         raise SettingsError(
             f"pressure_set has shape {patterns.shape}: it needs columns of {nodes} nodal pressures"
@@ -141,3 +142,14 @@ def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> n
     if not np.isfinite(patterns).all():
         raise SettingsError("pressure_set holds a value that is not finite")
     return patterns
+
+
+def _apart(patterns: list[np.ndarray]) -> np.ndarray:
+    """Patterns of every bore on its own pressure nodes, zero on those of the others."""
+    if len(patterns) == 1:
+        return patterns[0]
+    rows, columns = np.cumsum([(0, 0), *(p.shape for p in patterns)], axis=0).T
+    whole = np.zeros((rows[-1], columns[-1]))
+    for pattern, row, column in zip(patterns, rows, columns, strict=False):
+        whole[row : row + len(pattern), column : column + pattern.shape[1]] = pattern
+    return whole

@@ -7,15 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_ehd.errors import VerificationError
-from fenics_ehd.reduction.body import (
-    InertiaIntegrals,
-    ModeRecord,
-    ReducedBody,
-    ResidualFlexibility,
-    no_cells,
-    outward,
-)
+from fenics_ehd.base.errors import VerificationError
+from fenics_ehd.reduction.body import ModeRecord, ReducedBody, ResidualFlexibility
+from fenics_ehd.reduction.bore import all_outward
 from fenics_ehd.reduction.distributed import (
     blocks,
     inner,
@@ -25,6 +19,7 @@ from fenics_ehd.reduction.distributed import (
     symmetric,
     transpose_multiply,
 )
+from fenics_ehd.reduction.inertia import ELASTIC, InertiaIntegrals
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.rigid_motion import rigid_fields, turned
 from fenics_ehd.reduction.structure import Structure
@@ -66,7 +61,7 @@ class Basis:
 
 @dataclass(frozen=True, eq=False)
 class BoreFlexibility:
-    """Static response of the bore to nodal pressures, ``G J`` of the whole part.
+    """Static response of all bores to nodal pressures, ``G J`` of the whole part.
 
     Attributes
     ----------
@@ -81,15 +76,14 @@ class BoreFlexibility:
 
 
 def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
-    """Rows of the bore nodes of part-size columns, on every rank, shape (m, 3, n)."""
-    nodes = structure.lubricated_bore.nodes
-    return node_rows(columns, structure.node_range[0], nodes, structure.comm)
+    """Rows of the nodes of all bores of part-size columns, on every rank, shape (m, 3, n)."""
+    return node_rows(columns, structure.node_range[0], structure.bore_nodes, structure.comm)
 
 
-def on_bore(structure: Structure, values: np.ndarray) -> np.ndarray:
-    """Owned rows (owned dofs, n) of fields that are zero but at the bore nodes, (m, 3, n)."""
+def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
+    """Owned rows (owned dofs, n) of fields that are zero but at the bores' nodes, (m, 3, n)."""
     first, last = structure.node_range
-    return spread_rows(values, first, last - first, structure.lubricated_bore.nodes)
+    return spread_rows(values, first, last - first, structure.bore_nodes)
 
 
 def gram_matrices(
@@ -198,7 +192,7 @@ def project(
     position = structure.coordinates.reshape(-1, 1)
     rigid = rigid_fields(structure.coordinates)
     fields = np.hstack([position, rigid[:, :2], basis.columns])
-    bore = structure.lubricated_bore
+    load = structure.load
     mass_rigid = mass.multiply(rigid)
     body = ReducedBody(
         method=method,
@@ -207,31 +201,24 @@ def project(
         mass=basis.mass,
         frequencies=basis.frequencies,
         kinds=basis.kinds,
-        bore_radius=bore.radius,
-        bore_width=bore.width,
-        bore_nodes=bore.coordinates,
+        bores={name: bore.surface() for name, bore in structure.bores.items()},
         bore_basis=bore_rows(structure, basis.columns),
-        pressure_nodes=bore.pressure_coordinates,
-        load_projection=transpose_multiply(bore.load, fields).T,
-        spin_load_projection=transpose_multiply(bore.load, turned(fields, 2)).T,
+        load_projection=transpose_multiply(load, fields).T,
+        spin_load_projection=transpose_multiply(load, turned(fields, 2)).T,
         inertia=inertia_integrals(structure, mass, fields),
         rigid_mass=symmetric(inner(rigid, mass_rigid, structure.comm)),
         rigid_coupling=inner(mass_rigid, basis.columns, structure.comm),
-        rigid_load=transpose_multiply(bore.load, rigid).T,
+        rigid_load=transpose_multiply(load, rigid).T,
         points=attachment_rows(structure, fields),
         missing_flexibility=np.zeros((0, 0)),
         residual=residual,
-        bore_cells=no_cells() if bore.cells is None else bore.cells,
-        bore_family=bore.family or "",
-        pressure_cells=no_cells() if bore.pressure_cells is None else bore.pressure_cells,
-        pressure_family=bore.pressure_family or "",
         accuracy=basis.accuracy,
         provenance={"degrees_of_freedom": str(structure.size)},
         columns=basis.columns if keep_basis else None,
     )
     if full_flexibility is None:
         return replace(body, inventory=_inventory(body, basis.dropped, None))
-    whole = outward(bore.coordinates, full_flexibility.displacement)
+    whole = all_outward(body.bores, full_flexibility.displacement)
     inventory = _inventory(body, basis.dropped, float(np.trace(full_flexibility.energy)))
     followed = sum(record.participation for record in inventory if not record.dropped)
     return replace(
@@ -246,7 +233,7 @@ def _inventory(
     body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
 ) -> tuple[ModeRecord, ...]:
     """Kept modes and dropped ones with their shares of `total`, or of the sum of all."""
-    load = body.load_projection[3:]
+    load = body.load_projection[ELASTIC]
     if body.frame != "clamped" and body.modes:
         load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
     shares = np.einsum("ij,ij->i", load, np.linalg.solve(body.stiffness, load))

@@ -8,7 +8,7 @@ from typing import Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.eigenmodes import LowestModes

@@ -14,8 +14,9 @@ from typing import Unpack
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError, VerificationError
-from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility, outward
+from fenics_ehd.base.errors import SettingsError, VerificationError
+from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
+from fenics_ehd.reduction.bore import all_outward
 from fenics_ehd.reduction.distributed import (
     blocks,
     combine,
@@ -23,6 +24,7 @@ from fenics_ehd.reduction.distributed import (
     symmetric,
     transpose_multiply,
 )
+from fenics_ehd.reduction.inertia import ELASTIC
 from fenics_ehd.reduction.load_dependent import dual_basis
 from fenics_ehd.reduction.loads import LoadSet, StaticResponses
 from fenics_ehd.reduction.projection import Basis, bore_rows
@@ -127,7 +129,7 @@ def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
     patterns that store energy apart from each other, ``S_res = (S_res V) V^T``.
     """
     structure, whole = reductor.structure, reductor.flexibility
-    load = transpose_multiply(structure.lubricated_bore.load, basis.columns).T
+    load = transpose_multiply(structure.load, basis.columns).T
     covered = np.linalg.solve(basis.stiffness, load)
     shape = bore_rows(structure, basis.columns)
     m = len(shape)
@@ -142,8 +144,8 @@ def _truncated(
     reductor: Reductor, residual: ResidualFlexibility, truncation: float
 ) -> ResidualFlexibility:
     """Patterns up to the last that moves the bore, but no round-off."""
-    nodes, values = reductor.structure.lubricated_bore.coordinates, residual.stiffness
-    sizes = np.abs(outward(nodes, residual.displacement)).max(axis=0)
+    values = residual.stiffness
+    sizes = np.abs(all_outward(reductor.structure.bores, residual.displacement)).max(axis=0)
     # Round-off of the covered part leaves eigenvalues of either sign at the end.
     largest = np.abs(np.diag(reductor.flexibility.energy)).max()
     real = values > 1e-13 * largest * len(values)
@@ -164,9 +166,7 @@ def _inertia(reductor: Reductor, basis: Basis, patterns: np.ndarray) -> np.ndarr
     return StaticResponses(reductor.static, loads, angular, modes).mass
 
 
-def pattern_fields(
-    structure: Structure, body: ReducedBody, columns: np.ndarray, *, solver: str = "auto"
-) -> np.ndarray:
+def pattern_fields(structure: Structure, body: ReducedBody, columns: np.ndarray) -> np.ndarray:
     """Displacements of unit amplitudes of the residual patterns V.
 
         (G_c - T K_r^-1 T^T J) V
@@ -182,8 +182,6 @@ def pattern_fields(
         Its reduction with M4.
     columns
         The part-size basis T, owned rows, shape (owned dofs, n).
-    solver
-        As in `StaticSolver`.
 
     Returns
     -------
@@ -198,12 +196,12 @@ def pattern_fields(
     residual = body.residual
     if residual is None or not residual.rank:
         return np.zeros((len(columns), 0))
-    bore, patterns = structure.lubricated_bore, residual.patterns.T
-    static = StaticSolver(structure, solver=solver)
-    covered = np.linalg.solve(body.stiffness, body.load_projection[3:] @ patterns)
+    patterns = residual.patterns.T
+    static = StaticSolver(structure)
+    covered = np.linalg.solve(body.stiffness, body.load_projection[ELASTIC] @ patterns)
     fields = np.empty((len(columns), residual.rank))
     for some in blocks(residual.rank, len(columns), structure.comm):
-        responses = static.solve(load_columns(bore.load, patterns[:, some]))
+        responses = static.solve(load_columns(structure.load, patterns[:, some]))
         fields[:, some] = responses - combine(columns, covered[:, some])
     defect = np.abs(bore_rows(structure, fields) - residual.displacement).max()
     if not defect <= AGREEMENT * np.abs(residual.displacement).max():

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 
 #: Directions whose energy is below this fraction of the largest are linearly dependent.
 RANK_TOLERANCE = 1e-11
-
-#: Relative difference of singular values below which round-off chooses their vectors.
-EQUAL = 1e-6
 
 #: Share of the largest singular value below which a combination of pressures is none.
 REDUNDANT = 1e-8
@@ -55,10 +52,7 @@ RANKINGS = {
     "every-column": every_column,
 }
 
-#: Selects among the pressures, before anything is solved.
-PROPER_ORTHOGONAL = "proper-orthogonal"
-
-SELECTIONS = (*RANKINGS, PROPER_ORTHOGONAL)
+SELECTIONS = tuple(RANKINGS)
 
 
 def check_selection(name: str) -> None:
@@ -71,36 +65,6 @@ def check_selection(name: str) -> None:
     """
     if name not in SELECTIONS:
         raise SettingsError(f"selection {name!r} is not one of {', '.join(SELECTIONS)}")
-
-
-def proper_orthogonal(patterns: np.ndarray, count: int) -> np.ndarray:
-    """Proper orthogonal decomposition of pressure patterns, largest share first.
-
-    Equal singular values belong to a space, and its basis is round-off of the linear algebra
-    library: what `count` would cut is kept whole, so there may be more patterns than asked for.
-
-    The columns are nodal pressures of equal weight, snapshots of a run say; the
-    directions of least squares error keep what the pressures were and
-    know nothing of the part. (Largest eigenvalues of ``K_cc`` are the same
-    decomposition in the norm of the strain energy, after solving for every column.)
-
-    Parameters
-    ----------
-    patterns
-        shape (k, p) [Pa].
-    count
-        Patterns wanted.
-
-    Returns
-    -------
-    numpy.ndarray
-        Orthonormal patterns, shape (k, r): `count` or more, or fewer if the rank is.
-    """
-    left, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
-    rank = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
-    while 0 < count < rank and sizes[count] > (1.0 - EQUAL) * sizes[count - 1]:
-        count += 1
-    return left[:, : min(count, rank)]
 
 
 def without_redundancy(patterns: np.ndarray) -> np.ndarray:
@@ -135,7 +99,7 @@ def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.nda
     return combinations[:, energy > ROUND_OFF * size]
 
 
-def energy_orthonormal(stiffness: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray:
+def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:
     """Combinations ``Z`` with ``Z^T K Z = I``, dependent directions dropped.
 
     Columns are scaled to unit energy first, so that the rank does not depend on
@@ -145,8 +109,6 @@ def energy_orthonormal(stiffness: np.ndarray, tolerance: float = RANK_TOLERANCE)
     ----------
     stiffness
         ``G^T K G``, symmetric positive semidefinite, shape (n, n).
-    tolerance
-        Smallest kept eigenvalue of the scaled matrix, relative to the largest.
 
     Returns
     -------
@@ -157,5 +119,5 @@ def energy_orthonormal(stiffness: np.ndarray, tolerance: float = RANK_TOLERANCE)
     alive = diagonal > NULL_COLUMN * diagonal.max(initial=0.0)
     scale = np.where(alive, 1.0 / np.sqrt(np.where(alive, diagonal, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(scale[:, None] * stiffness * scale)
-    kept = values > tolerance * values.max(initial=0.0)
+    kept = values > RANK_TOLERANCE * values.max(initial=0.0)
     return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_ehd.errors import VerificationError
+from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.reduction.distributed import inner, multiply
 from fenics_ehd.reduction.rigid_motion import rigid_fields
 from fenics_ehd.reduction.structure import Structure

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_ehd.errors import StructureError
+from fenics_ehd.base.errors import StructureError
 
 
 class RowBlock(NamedTuple):

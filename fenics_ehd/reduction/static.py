@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.errors import VerificationError
+from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.reduction.distributed import combine, inner, multiply
 from fenics_ehd.reduction.linear_solver import LinearSolver, is_direct
 from fenics_ehd.reduction.mass import MassOperator

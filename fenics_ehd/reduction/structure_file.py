@@ -2,22 +2,24 @@
 
 Written and read by row ranges: no rank ever holds a whole matrix. Keys:
 
-    /                       attributes format = "fenics_ehd structure", format_version = 1
+    /                       attributes format = "fenics_ehd structure", format_version = 2
     /stiffness, /mass       K [N/m] and M [kg] in CSR form: datasets data, indices and
                             indptr, attribute shape = (3 n, 3 n); both triangles
     /coordinates            positions of the nodes, shape (n, 3) [m]
     /attachments/NAME       a boundary point: the load vectors of unit forces along x, y, z
                             as columns of a CSR matrix of shape (3 n, 3); or datasets nodes
                             and weights, shape (k,)
-    /bore                   absent of a part without one; attributes radius, width [m], and
-                            family, pressure_family where known
-    /bore/nodes             node numbers from 0, shape (m,)
-    /bore/coordinates       shape (m, 3) [m]
-    /bore/pressure_coordinates  shape (p, 3) [m]
-    /bore/load              J [m2], CSR as above, shape (3 n, p)
-    /bore/cells, /bore/pressure_cells, /bore/reference   optional, as in `Bore`
+    /bores                  attribute names: of the bores, the first with its centre in the origin
+    /bores/NAME             attributes radius, width [m], and family, pressure_family where known
+    /bores/NAME/centre      shape (3,) [m]
+    /bores/NAME/nodes       node numbers from 0, shape (m,)
+    /bores/NAME/coordinates, /bores/NAME/pressure_coordinates
+                            from the bore's centre, shapes (m, 3) and (p, 3) [m]
+    /bores/NAME/load        J [m2], CSR as above, shape (3 n, p)
+    /bores/NAME/cells, /bores/NAME/pressure_cells, /bores/NAME/reference
+                            optional, as in `Bore`
 
-What `save_structure` writes is sealed (`fenics_ehd.sealed_file`), and refused once it changed;
+What `save_structure` writes is sealed (`fenics_ehd.base.sealed_file`), and refused once it changed;
 other programs' files need no seal.
 
 Degrees of freedom are ``3 * node + component``, nodes in the order of the rows, which is
@@ -26,7 +28,6 @@ that of the ranks when several wrote the file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,20 +35,19 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.errors import StructureError
+from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.sealed_file import HEAD, open_sealed, require_file, seal, values
+from fenics_ehd.base.whole_file import BOOKKEEPING, new_part, require_room
+from fenics_ehd.reduction.bore import Bore
 from fenics_ehd.reduction.boundary_points import PointWeights
-from fenics_ehd.reduction.row_blocks import agree, before, even_range, together
-from fenics_ehd.reduction.structure import Bore, Structure
-from fenics_ehd.sealed_file import HEAD, open_sealed, require_file, seal, values
-from fenics_ehd.whole_file import BOOKKEEPING, new_part, require_room
+from fenics_ehd.reduction.rank_file import append
+from fenics_ehd.reduction.row_blocks import before, even_range, together
+from fenics_ehd.reduction.structure import Structure
 
 FORMAT = "fenics_ehd structure"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
-#: Numbers in an HDF5 chunk.
-_CHUNK = 2**16
-
-_BORE_ARRAYS = ("nodes", "coordinates", "pressure_coordinates")
+_BORE_ARRAYS = ("nodes", "coordinates", "pressure_coordinates", "centre")
 _OPTIONAL_ARRAYS = ("cells", "pressure_cells", "reference")
 _BORE_SIZES = ("radius", "width")
 _OPTIONAL_NAMES = ("family", "pressure_family")
@@ -66,26 +66,27 @@ def save_structure(structure: Structure, path: str | Path) -> None:
     comm = structure.comm
     path = Path(path)
     partial = path.with_name(path.name + ".part")
-    for name in structure.attachments:
+    for name in (*structure.attachments, *structure.bores):
         if not name or "/" in name or name == ".":
-            raise StructureError(f"attachment {name!r}: a file needs a name without a slash")
+            raise StructureError(f"name {name!r}: a file needs one without a slash")
 
     def begin() -> None:
         if comm.rank == 0:
-            bore = vars(structure.bore).values() if structure.bore else ()
-            require_room(new_part(path), sum(getattr(a, "nbytes", 0) for a in bore) + BOOKKEEPING)
+            held = [value for bore in structure.bores.values() for value in vars(bore).values()]
+            require_room(new_part(path), sum(getattr(a, "nbytes", 0) for a in held) + BOOKKEEPING)
             with h5py.File(partial, "w", userblock_size=HEAD) as file:
                 file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
                 # Their order is that of the columns of a basis.
                 file.create_group("attachments", track_order=True)
-                if structure.bore is not None:
-                    _write_bore(file.create_group("bore"), structure.bore)
+                bores = file.create_group("bores")
+                bores.attrs["names"] = list(structure.bores)
+                for name, bore in structure.bores.items():
+                    _write_bore(bores.create_group(name), bore)
 
     together(comm, f"file {path}", begin)
-    _append(partial, comm, {"coordinates": structure.coordinates})
+    append(partial, comm, {"coordinates": structure.coordinates})
     matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
-    if structure.bore is not None:
-        matrices["bore/load"] = structure.bore.load
+    matrices |= {f"bores/{name}/load": bore.load for name, bore in structure.bores.items()}
     for name, matrix in matrices.items():
         _append_matrix(partial, comm, name, matrix.getValuesCSR(), matrix.size)
     for name, three in structure.attachments.items():
@@ -99,8 +100,7 @@ def save_structure(structure: Structure, path: str | Path) -> None:
 
 def _write_bore(group: h5py.Group, bore: Bore) -> None:
     for name in (*_BORE_SIZES, *_OPTIONAL_NAMES):
-        if getattr(bore, name) is not None:
-            group.attrs[name] = getattr(bore, name)
+        group.attrs[name] = getattr(bore, name)
     for name in (*_BORE_ARRAYS, *_OPTIONAL_ARRAYS):
         if getattr(bore, name) is not None:
             group[name] = getattr(bore, name)
@@ -118,7 +118,7 @@ def _append_matrix(
     # The end of every row; the first rank also writes where the first one begins.
     pointers = indptr[min(comm.rank, 1) :].astype(np.int64) + before(len(data), comm)
     arrays = {"data": data, "indices": indices, "indptr": pointers}
-    _append(path, comm, {f"{name}/{key}": array for key, array in arrays.items()})
+    append(path, comm, {f"{name}/{key}": array for key, array in arrays.items()})
 
     def write() -> None:
         if comm.rank == 0:
@@ -126,36 +126,6 @@ def _append_matrix(
                 file[name].attrs["shape"] = shape
 
     together(comm, f"file {path}", write)
-
-
-def _append(path: Path, comm: MPI.Comm, arrays: Mapping[str, np.ndarray]) -> None:
-    """Datasets of the ranks' arrays one after the other; one rank has the file open at a time."""
-    problem = None
-    lengths = {name: comm.allgather(len(array)) for name, array in arrays.items()}
-    for turn in range(comm.size):
-        if turn == comm.rank:
-            try:
-                size = sum(array.nbytes + 8 * _CHUNK for array in arrays.values())
-                require_room(path, size + BOOKKEEPING)
-                with h5py.File(path, "r+") as file:
-                    for name, array in arrays.items():
-                        _write_slice(file, name, array, lengths[name], turn)
-            except (OSError, KeyError, ValueError) as error:
-                problem = f"file {path}: {str(error).splitlines()[0]}"
-        comm.barrier()
-    agree(comm, problem)
-
-
-def _write_slice(
-    file: h5py.File, name: str, array: np.ndarray, lengths: list[int], turn: int
-) -> None:
-    shape = (sum(lengths), *array.shape[1:])
-    if turn == 0:
-        width = int(np.prod(shape[1:], dtype=int))
-        chunks = (max(1, min(shape[0], _CHUNK // max(width, 1))), *shape[1:])
-        file.create_dataset(name, shape, array.dtype, chunks=chunks if shape[0] else None)
-    first = sum(lengths[:turn])
-    file[name][first : first + len(array)] = array
 
 
 def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structure:
@@ -174,12 +144,14 @@ def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structu
         The file cannot be read, or does not hold a part of this format.
     """
     contents: dict[str, Any] = together(comm, f"structure file {path}", lambda: _read(path, comm))
-    bore = contents["bore"]
     return Structure(
         stiffness=f"{path}:/stiffness",
         mass=f"{path}:/mass",
         coordinates=contents["coordinates"],
-        bore=None if bore is None else Bore(**bore, load=f"{path}:/bore/load"),
+        bores={
+            name: Bore(**bore, load=f"{path}:/bores/{name}/load")
+            for name, bore in contents["bores"].items()
+        },
         attachments=contents["attachments"],
         comm=comm,
     )
@@ -189,6 +161,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
     """Everything but the large matrices; of the coordinates this rank's."""
     with _opened(path, comm) as file:
         nodes = len(file["coordinates"])
+        names = file["bores"].attrs["names"] if "bores" in file else ()
         attachments = {
             name: PointWeights(values(group["nodes"]), values(group["weights"]))
             if "nodes" in group
@@ -198,7 +171,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
         return {
             "coordinates": values(file["coordinates"], slice(*even_range(nodes, comm))),
             "attachments": attachments,
-            "bore": _read_bore(file["bore"]) if "bore" in file else None,
+            "bores": {str(name): _read_bore(file["bores"][name]) for name in names},
         }
 
 

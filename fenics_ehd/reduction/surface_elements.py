@@ -19,10 +19,11 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.errors import StructureError
+from fenics_ehd.base.errors import StructureError
 
 _QUADRILATERAL = [
     (0, 0),
@@ -64,6 +65,11 @@ class SurfaceElement:
     corners: int
 
     @property
+    def degree(self) -> int:
+        """Total polynomial degree."""
+        return int(self.exponents.sum(axis=1).max())
+
+    @property
     def edges(self) -> np.ndarray:
         """Corners at the ends of each edge, shape (edges, 2)."""
         return np.array(_EDGES[self.corners])
@@ -98,9 +104,17 @@ class SurfaceElement:
         derivatives : numpy.ndarray
             With respect to s and t, shape (2, q, k).
         """
-        coefficients = np.linalg.inv(self._monomials(self.nodes))
-        derivatives = [self._monomials(points, direction) @ coefficients for direction in (0, 1)]
-        return self._monomials(points) @ coefficients, np.array(derivatives)
+        derivatives = [self._monomials(points, direction) @ self._nodal for direction in (0, 1)]
+        return self.shapes(points), np.array(derivatives)
+
+    def shapes(self, points: np.ndarray) -> np.ndarray:
+        """Shape functions at reference points (q, 2), shape (q, k)."""
+        return self._monomials(points) @ self._nodal
+
+    @cached_property
+    def _nodal(self) -> np.ndarray:
+        """Shape functions by their monomials, shape (k, k)."""
+        return np.linalg.inv(self._monomials(self.nodes))
 
     def _monomials(self, points: np.ndarray, direction: int | None = None) -> np.ndarray:
         """Monomials at points, or their derivatives, shape (q, k)."""

@@ -15,7 +15,7 @@ from typing import Unpack
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.craig_bampton import (
     boundary_basis,
@@ -33,9 +33,12 @@ from fenics_ehd.reduction.distributed import (
 )
 from fenics_ehd.reduction.eigenmodes import lowest_modes
 from fenics_ehd.reduction.fixed_boundary import Flexibility, InteriorSolver
-from fenics_ehd.reduction.projection import bore_rows, on_bore
+from fenics_ehd.reduction.projection import bore_rows, on_bores
 from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.structure import Structure
+
+#: Largest share of a boundary point's weights off the bores that counts as none.
+ON_BORE = 1e-12
 
 
 def two_step_craig_bampton(
@@ -77,9 +80,9 @@ def two_step_craig_bampton(
         From the solvers and the checks of the result.
     """
     reductor = Reductor.of(part, **options)
-    bore, free = reductor.structure.lubricated_bore, reductor.free
-    # The six of C2 are held in a free part.
-    available = 3 * len(bore.nodes) - (6 if free else 0) + n_interior_modes
+    structure, free = reductor.structure, reductor.free
+    held = _held_weights(reductor)
+    available = 3 * len(structure.bore_nodes) - held.shape[1] + n_interior_modes
     if not 1 <= n_modes <= available:
         raise SettingsError(
             f"modes {n_modes} is not between 1 and {available}, what the first step leaves"
@@ -87,10 +90,9 @@ def two_step_craig_bampton(
     if n_interior_modes < 0:
         raise SettingsError(f"interior_modes {n_interior_modes} is below 0")
     first = reductor.once("m2", n_interior_modes, lambda: _first_step(reductor, n_interior_modes))
-    weights = centre_weights(bore).reshape(-1, 6) if free else None
-    angular, modes, constraints = _second_step(first, weights, n_modes)
+    angular, modes, constraints = _second_step(first, held, n_modes)
     columns = _expand(first, np.hstack([modes, constraints]))
-    centre = centre_constraints(reductor.structure) if free else None
+    centre = centre_constraints(structure) if free else None
     basis = boundary_basis(reductor, angular, columns[:, :n_modes], columns[:, n_modes:], centre)
     return reductor.project(
         basis, "m2", frame="bore-centre", estimate_error=estimate_error, keep_basis=keep_basis
@@ -99,24 +101,29 @@ def two_step_craig_bampton(
 
 @dataclass(frozen=True, eq=False)
 class FirstStep:
-    """Reduced system (22), coordinates in the order of (21): interior modes, bore, boundary.
+    """Reduced system (22), coordinates in the order of (21): interior modes, bores, boundary.
+
+    A boundary point that is the mean of a bore is given by the bore's own dofs.
 
     Attributes
     ----------
     support
         The interior, with the boundary points held.
     bore
-        The bore dofs.
+        The dofs of all bores.
+    on_bore
+        Which of all boundary dofs are means of bores, shape (all,).
     angular, modes
         Fixed-interface modes, owned rows (owned dofs, v).
     boundary_modes
-        Static modes of the boundary dofs with the bore held, (owned dofs, b).
+        Static modes of the other boundary dofs with the bores held, (owned dofs, b).
     stiffness, mass
         shape (v + 3 m + b, same).
     """
 
     support: Flexibility
     bore: BoreColumns
+    on_bore: np.ndarray
     angular: np.ndarray
     modes: np.ndarray
     boundary_modes: np.ndarray
@@ -126,8 +133,9 @@ class FirstStep:
 
 def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     """Reduce to interior modes, every bore dof and the boundary dofs (21), (22)."""
-    structure, points = reductor.structure, reductor.points
-    nodes, prefix = structure.lubricated_bore.nodes, reductor.options_prefix
+    structure, on_bore = reductor.structure, _on_bore(reductor)
+    points = reductor.points[:, ~on_bore]
+    nodes, prefix = structure.bore_nodes, reductor.options_prefix
     interior = reductor.once(
         "interior",
         None,
@@ -165,29 +173,55 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     mass[v : v + p][:, outer] = mass[outer, v : v + p].T
     mass[v + p :, :v] = mass[:v, v + p :].T
     return FirstStep(
-        support, bore, angular, modes, boundary_modes, symmetric(stiffness), symmetric(mass)
+        support,
+        bore,
+        on_bore,
+        angular,
+        modes,
+        boundary_modes,
+        symmetric(stiffness),
+        symmetric(mass),
     )
 
 
+def _on_bore(reductor: Reductor) -> np.ndarray:
+    """Which boundary dofs are means over nodes of the bores alone, shape (b,)."""
+    points, comm = reductor.points, reductor.structure.comm
+    there = np.sum(bore_rows(reductor.structure, points) ** 2, axis=(0, 1))
+    return there >= (1 - ON_BORE) * comm.allreduce(np.sum(points**2, axis=0))
+
+
+def _held_weights(reductor: Reductor) -> np.ndarray:
+    """What the second step holds of the bores: C2 of a free part, then means, (3 m, w)."""
+    structure, points = reductor.structure, reductor.points[:, _on_bore(reductor)]
+    means = bore_rows(structure, points).reshape(3 * len(structure.bore_nodes), -1)
+    if not reductor.free:
+        return means
+    return np.hstack([centre_weights(structure).reshape(len(means), 6), means])
+
+
 def _second_step(
-    first: FirstStep, centre: np.ndarray | None, n_modes: int
+    first: FirstStep, held: np.ndarray, n_modes: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fixed-boundary modes (24) and static modes of the boundary dofs, in coordinates of (22).
 
     Returns
     -------
     angular, modes, constraint_modes
-        shape (n,), (v + 3 m + b, n), (v + 3 m + b, b).
+        shape (n,), (v + 3 m + b, n), (v + 3 m + b, all boundary dofs).
     """
     v, b = len(first.angular), first.boundary_modes.shape[1]
     size = len(first.stiffness) - b
-    admissible = np.eye(size)
-    if centre is not None:
-        # Bore displacements without mean motion: what is orthogonal to the six weights.
-        free = np.linalg.qr(centre, mode="complete")[0][:, centre.shape[1] :]
-        admissible = np.zeros((size, size - centre.shape[1]))
-        admissible[:v, :v] = np.eye(v)
-        admissible[v:, v:] = free
+    # Bore displacements of which nothing held moves: what is orthogonal to its weights.
+    free = np.linalg.qr(held, mode="complete")[0][:, held.shape[1] :]
+    admissible = np.zeros((size, size - held.shape[1]))
+    admissible[:v, :v] = np.eye(v)
+    admissible[v:, v:] = free
+    # Unit boundary dofs: those on a bore by the smallest displacement of it.
+    count = int(first.on_bore.sum())
+    unit = np.zeros((size + b, b + count))
+    unit[v:size, first.on_bore] = np.linalg.pinv(held.T)[:, held.shape[1] - count :]
+    unit[size:, ~first.on_bore] = np.eye(b)
     stiffness, mass = (
         admissible.T @ matrix[:size, :size] @ admissible for matrix in (first.stiffness, first.mass)
     )
@@ -198,14 +232,11 @@ def _second_step(
     values, vectors = np.linalg.eigh(symmetric(np.linalg.solve(lower, half.T)))
     values, vectors = values[::-1][:n_modes], vectors[:, ::-1][:, :n_modes]
     modes = scale[:, None] * np.linalg.solve(lower.T, vectors) / np.sqrt(values)
-    coupling = admissible.T @ first.stiffness[:size, size:]
+    coupling = admissible.T @ first.stiffness[:size] @ unit
     static = -np.linalg.solve(lower.T, np.linalg.solve(lower, scale[:, None] * coupling))
-    constraint = admissible @ (scale[:, None] * static)
-    return (
-        1.0 / np.sqrt(values),
-        np.vstack([admissible @ modes, np.zeros((b, n_modes))]),
-        np.vstack([constraint, np.eye(b)]),
-    )
+    unit[:size] += admissible @ (scale[:, None] * static)
+    modes = np.vstack([admissible @ modes, np.zeros((b, n_modes))])
+    return 1.0 / np.sqrt(values), modes, unit
 
 
 def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
@@ -234,7 +265,7 @@ class BoreColumns:
     def __init__(self, structure: Structure):
         self.structure, stiffness = structure, structure.stiffness
         comm = stiffness.comm
-        dofs = (3 * structure.lubricated_bore.nodes[:, None] + np.arange(3)).ravel()
+        dofs = (3 * structure.bore_nodes[:, None] + np.arange(3)).ravel()
         mine = np.array_split(dofs, comm.size)[comm.rank].astype(PETSc.IntType)
         first, last = stiffness.getOwnershipRange()
         rows = PETSc.IS().createStride(last - first, first, 1, comm=comm)
@@ -243,7 +274,7 @@ class BoreColumns:
 
     def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
         """Static modes of bore displacements, shape (3 m, w), owned rows (owned dofs, w)."""
-        columns = on_bore(self.structure, values.reshape(-1, 3, values.shape[1]))
+        columns = on_bores(self.structure, values.reshape(-1, 3, values.shape[1]))
         columns -= support.apply(load_columns(self.stiffness, values))
         return columns
 

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.errors import SettingsError
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.forces import Force
 from fenics_ehd.multibody.joints import AngleOverTime, Speed
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.planar_body import RigidBody
-from fenics_ehd.multibody.simulation import Steps
+from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.run import Steps
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import loads, schema
 from fenics_ehd.scenes.elastic_part import ElasticPart, elastic_part
 from fenics_ehd.scenes.entries import flexible_body, ideal_joint, rough_pose, stiff_body
-from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.films import (
     build_film,
     check_fit,
@@ -30,7 +28,7 @@ from fenics_ehd.scenes.films import (
 )
 from fenics_ehd.scenes.part import ReducedPart
 from fenics_ehd.scenes.rough_pose import assembled_bodies
-from fenics_ehd.scenes.scene import BORE, Scene
+from fenics_ehd.scenes.scene import Scene, meshed
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +63,8 @@ class Built:
 def build_mechanism(
     scene: Scene,
     comm: MPI.Comm,
-    method: str | None = None,
     bodies: Mapping[str, ReducedBody] | None = None,
+    announce: Callable[[Iterable[str]], None] | None = None,
 ) -> Built:
     """Put a scene together; collective.
 
@@ -76,39 +74,49 @@ def build_mechanism(
         As read.
     comm
         Ranks that share the reductions; all of them get the mechanism.
-    method
-        Of every reduction, in place of the scene's; None: that.
     bodies
         Reduced bodies by body name that are there already: those of a run that goes on.
+    announce
+        Called with the names of the bodies to mesh and reduce, when all is checked that needs none
+        of them.
 
     Raises
     ------
     SettingsError
-        Naming what cannot be put together, before anything is reduced; or the method has
-        nothing to reduce.
+        Naming what cannot be put together, before anything is reduced.
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
         From meshes, files, bores and reductions.
     """
     start = perf_counter()
-    if method is not None and not any(
-        isinstance(body, schema.Flexible) and body.model != NONE for body in scene.bodies.values()
-    ):
-        raise SettingsError(f"method {method}: scene {scene.name} has no model to reduce")
     loads_of = loads.imposed_angles(scene), loads.forces(scene) | loads.torques(scene)
+    stiff = {
+        name: stiff_body(f"bodies.{name}", settings)
+        for name, settings in scene.bodies.items()
+        if not isinstance(settings, schema.FlexibleSettings)
+    }
+    if announce is not None:
+        announce(name for name in meshed(scene) if name not in (bodies or {}))
     parts = _parts(scene, comm, bodies or {})
-    ideal = _ideal(scene, parts, *loads_of)
-    placed, reduced, found = dict(ideal.bodies), {}, {}
+    ideal = _ideal(scene, parts, stiff, *loads_of)
+    reduced, found = {}, {}
     for name, part in parts.items():
-        made = part.reduce(method)
+        made = part.reduce()
         if isinstance(made, ReducedPart):
             reduced[name] = made
         found[name] = made.body if isinstance(made, ReducedPart) else made
+    if reduced:
+        # To the last bit where a body read from its file starts: points of a mesh are rounded.
+        parts = {name: replace(part, source=found[name]) for name, part in parts.items()}
+        ideal = _ideal(scene, parts, stiff, *loads_of)
+    placed = dict(ideal.bodies)
+    for name, part in parts.items():
         placed[name] = flexible_body(part.settings, found[name], ideal.bodies[name])
     seconds = perf_counter() - start if reduced else 0.0
     joints, rate = dict(ideal.joints), reference_rate(scene)
-    for name, joint in scene.joints_of(schema.Lubricated):
-        part_of = _elastic_bore(scene, joint)
-        film = build_film(scene, name, found[part_of] if part_of else None, rate)
+    for name, joint in scene.joints_of(schema.LubricatedSettings):
+        elastic = scene.elastic_bore(joint)
+        part_of = found[elastic[0]].at_bore(elastic[1]) if elastic else None
+        film = build_film(scene, name, part_of, rate)
         joints[name] = lubricated(joint, film)
     return Built(
         Mechanism(placed, joints, ideal.drives, ideal.forces, ideal.gravity),
@@ -127,43 +135,35 @@ def _steps(scene: Scene) -> Steps:
     return Steps(time.tolerance, time.order, time.first_step, time.smallest_step, largest)
 
 
-def _elastic_bore(scene: Scene, joint: schema.Lubricated) -> str:
-    """Name of the flexible body whose bore a joint has, empty for a rigid bore."""
-    body, _, point = joint.bore.partition(".")
-    elastic = isinstance(scene.bodies.get(body), schema.Flexible) and point == BORE
-    return body if elastic else ""
-
-
 def _parts(
     scene: Scene, comm: MPI.Comm, reduced: Mapping[str, ReducedBody]
 ) -> dict[str, ElasticPart]:
     """Elastic parts, not yet reduced; every journal fits its bore."""
-    bores = {}
-    for name, joint in scene.joints_of(schema.Lubricated):
-        elastic = _elastic_bore(scene, joint)
-        if elastic:
-            bores[elastic] = name
-        else:
-            check_fit(scene, name)
     found = {}
     for name, settings in scene.bodies.items():
-        if isinstance(settings, schema.Flexible):
-            element = scene.joints[bores[name]].element if name in bores else "lagrange"
+        if isinstance(settings, schema.FlexibleSettings):
+            element = scene.film_element(name)
             if name in reduced:
-                part = ElasticPart(settings, reduced[name], element)
+                found[name] = ElasticPart(settings, reduced[name], element)
             else:
-                part = elastic_part(settings, f"bodies.{name}", element, comm)
-            found[name] = part
-            if name in bores:
-                check_fit(scene, bores[name], (part.radius, part.width))
-                if not scene.joints[bores[name]].cells:
-                    part.check_cells()
+                found[name] = elastic_part(settings, f"bodies.{name}", element, comm)
+    for name, joint in scene.joints_of(schema.LubricatedSettings):
+        elastic = scene.elastic_bore(joint)
+        if elastic is None:
+            check_fit(scene, name)
+            continue
+        part, bore = found[elastic[0]], elastic[1]
+        surface = part.bore(bore, f"joints.{name}.bore")
+        check_fit(scene, name, (surface.radius, surface.width))
+        if not joint.cells:
+            part.check_cells(bore)
     return found
 
 
 def _ideal(
     scene: Scene,
     parts: Mapping[str, ElasticPart],
+    stiff: Mapping[str, Body],
     drives: Mapping[str, AngleOverTime],
     forces: Mapping[str, Force],
 ) -> Mechanism:
@@ -174,10 +174,10 @@ def _ideal(
             start = rough_pose(settings)
             bodies[name] = RigidBody(1.0, 1.0, parts[name].points(), held=parts[name].held, **start)
         else:
-            bodies[name] = stiff_body(f"bodies.{name}", settings)
+            bodies[name] = stiff[name]
     joints = {
         name: lubricated(joint, stand_in_film(joint))
-        if isinstance(joint, schema.Lubricated)
+        if isinstance(joint, schema.LubricatedSettings)
         else ideal_joint(joint)
         for name, joint in scene.joints.items()
     }

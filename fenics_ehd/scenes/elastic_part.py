@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from time import perf_counter
 
-import attrs
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.layout import film_grid
-from fenics_ehd.reduction import ReducedBody, Structure, load_body
+from fenics_ehd.reduction import ReducedBody, Reductor, Structure, load_body
+from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.part import (
     ReducedPart,
     model_file,
-    origin,
     pressure_family,
-    reduce_part,
     reduce_structure,
+    reduction_provenance,
+    structure_provenance,
 )
-from fenics_ehd.scenes.scene import BORE
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,28 +36,27 @@ class ElasticPart:
     source
         The assembled structure, or the reduced body of a file.
     film_element
-        Of the film in its bore.
+        Of the film in its first bore that has one.
     """
 
-    settings: schema.Flexible
+    settings: schema.FlexibleSettings
     source: Structure | ReducedBody
     film_element: str
 
-    @property
-    def radius(self) -> float:
-        """Of the bore [m]."""
-        if isinstance(self.source, ReducedBody):
-            return self.source.bore_radius
-        return self.source.lubricated_bore.radius
+    def bore(self, name: str, key: str) -> BoreSurface:
+        """A bore.
 
-    @property
-    def width(self) -> float:
-        """Of the bore [m]."""
-        if isinstance(self.source, ReducedBody):
-            return self.source.bore_width
-        return self.source.lubricated_bore.width
+        Raises
+        ------
+        SettingsError
+            The body's file has none of this name, which a key asks for.
+        """
+        bores = self.source.bores
+        if name not in bores:
+            raise SettingsError(f"{key}: {self.settings.body} has the bores {', '.join(bores)}")
+        return bores[name]
 
-    def check_cells(self) -> None:
+    def check_cells(self, name: str) -> None:
         """Refuse a bore that offers no cells to a film without cells of its own.
 
         Raises
@@ -64,13 +64,9 @@ class ElasticPart:
         InterfaceMismatchError
             See `film_grid`.
         """
-        if isinstance(self.source, ReducedBody):
-            nodes, family = self.source.pressure_nodes, self.source.pressure_family
-        else:
-            bore = self.source.lubricated_bore
-            nodes, family = bore.pressure_coordinates, bore.pressure_family or ""
-        if family != "triangle":
-            film_grid(nodes)
+        bore = self.source.bores[name]
+        if bore.pressure_family != "triangle":
+            film_grid(bore.pressure_coordinates)
 
     @property
     def held(self) -> bool:
@@ -80,33 +76,30 @@ class ElasticPart:
         return self.settings.held_by != NONE
 
     def points(self) -> Mapping[str, tuple[float, float]]:
-        """Points by name, from the bore's centre [m]; collective."""
+        """Points by name, from the first bore's centre [m]; collective."""
         if isinstance(self.source, ReducedBody):
             found = {name: field[:2, 0] for name, field in self.source.points.items()}
         else:
             found = {name: _mean_place(self.source, name) for name in self.source.attachments}
-        return {BORE: (0.0, 0.0)} | {name: (float(x), float(y)) for name, (x, y) in found.items()}
+        found = {name: bore.centre[:2] for name, bore in self.source.bores.items()} | found
+        return {name: (float(x), float(y)) for name, (x, y) in found.items()}
 
-    def reduce(self, method: str | None) -> ReducedPart | ReducedBody:
+    def reduce(self, reductor: Reductor | None = None) -> ReducedPart | ReducedBody:
         """The reduced part, that of a file as it is; collective.
 
-        Parameters
-        ----------
-        method
-            In place of the scene's; None: that.
+        A `reductor` of the structure serves other reductions of the part as well.
         """
         source, settings = self.source, self.settings
         if isinstance(source, ReducedBody):
             return source
-        reduction = settings.reduction
-        if method is not None:
-            reduction = attrs.evolve(reduction, method=method)
-        made = origin(settings, model_file(settings, "body"), self.film_element, reduction)
-        return reduce_part(
-            lambda: source,
-            lambda structure: reduce_structure(structure, reduction),
-            {**made, "cells": settings.cells},
-        )
+        start = perf_counter()
+        body = reduce_structure(reductor or source, settings.reduction)
+        columns = body.columns
+        assert columns is not None
+        made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
+        made |= reduction_provenance(settings.reduction)
+        body = replace(body, columns=None, provenance={**body.provenance, **made})
+        return ReducedPart(body, source, columns, perf_counter() - start)
 
 
 def _mean_place(structure: Structure, name: str) -> np.ndarray:
@@ -117,7 +110,7 @@ def _mean_place(structure: Structure, name: str) -> np.ndarray:
 
 
 def elastic_part(
-    settings: schema.Flexible, key: str, film_element: str, comm: MPI.Comm
+    settings: schema.FlexibleSettings, key: str, film_element: str, comm: MPI.Comm
 ) -> ElasticPart:
     """Mesh and assemble a part, or read its reduced body; collective.
 
@@ -131,10 +124,13 @@ def elastic_part(
     return ElasticPart(settings, _assembled(key, settings, film_element, comm), film_element)
 
 
-def _assembled(key: str, settings: schema.Flexible, film_element: str, comm: MPI.Comm) -> Structure:
+def _assembled(
+    key: str, settings: schema.FlexibleSettings, film_element: str, comm: MPI.Comm
+) -> Structure:
     # Gmsh and dolfinx are for scenes that mesh a part.
-    from fenics_ehd.geometry import build_mesh
-    from fenics_ehd.structure import Material, assemble_structure
+    from fenics_ehd.fem.geometry import build_mesh
+    from fenics_ehd.fem.material import Material
+    from fenics_ehd.fem.structure import assemble_structure
 
     mesh = build_mesh(
         model_file(settings, key),
@@ -142,6 +138,7 @@ def _assembled(key: str, settings: schema.Flexible, film_element: str, comm: MPI
         comm=comm,
         serendipity_geometry=settings.element == "serendipity",
         cells=settings.cells,
+        bores=settings.bores,
     )
     material = settings.material
     return assemble_structure(
@@ -149,6 +146,7 @@ def _assembled(key: str, settings: schema.Flexible, film_element: str, comm: MPI
         Material(material.youngs_modulus, material.poissons_ratio, material.density),
         family=settings.element,
         pressure_family=pressure_family(film_element),
+        bores=settings.bores,
         attachments=settings.points,
         clamped=None if settings.held_by == NONE else settings.held_by,
     )

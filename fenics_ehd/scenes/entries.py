@@ -6,19 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.beam import Disk, beam_plane
 from fenics_ehd.multibody.beam import Shaft as BeamShaft
 from fenics_ehd.multibody.body import Body
+from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.joints import Fixed, Joint, Revolute, Slider
-from fenics_ehd.multibody.planar_body import FlexibleBody, RigidBody, ground
+from fenics_ehd.multibody.rigid_body import RigidBody, ground
 from fenics_ehd.multibody.rotor import ModalRotor
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
 
 
-def rough_pose(settings: schema.Moving) -> dict[str, Any]:
+def rough_pose(settings: schema.MovingSettings) -> dict[str, Any]:
     """Rough pose of a planar body."""
     return {
         "position": settings.position,
@@ -30,17 +31,19 @@ def rough_pose(settings: schema.Moving) -> dict[str, Any]:
 
 def stiff_body(key: str, settings: Any) -> Body:
     """A body without elasticity, or a shaft."""
-    if isinstance(settings, schema.Ground):
+    if isinstance(settings, schema.GroundSettings):
         return ground(settings.points)
-    if isinstance(settings, schema.Shaft):
+    if isinstance(settings, schema.ShaftSettings):
         return _shaft(key, settings)
     mass, inertia, centre = 0.0, 0.0, (0.0, 0.0)
-    if isinstance(settings, schema.Rigid):
+    if isinstance(settings, schema.RigidSettings):
         mass, inertia, centre = settings.mass, settings.inertia, settings.centre
     return RigidBody(mass, inertia, settings.points, centre, **rough_pose(settings))
 
 
-def flexible_body(settings: schema.Flexible, reduced: ReducedBody, ideal: Body) -> FlexibleBody:
+def flexible_body(
+    settings: schema.FlexibleSettings, reduced: ReducedBody, ideal: Body
+) -> FlexibleBody:
     """A flexible body that starts where its rigid stand-in is."""
     assert isinstance(ideal, RigidBody)
     return FlexibleBody(
@@ -56,7 +59,7 @@ def flexible_body(settings: schema.Flexible, reduced: ReducedBody, ideal: Body) 
     )
 
 
-def _shaft(key: str, settings: schema.Shaft) -> ShaftBody:
+def _shaft(key: str, settings: schema.ShaftSettings) -> ShaftBody:
     available = 4 * (settings.elements + 1)
     if settings.modes % 2 or settings.modes > available:
         raise SettingsError(
@@ -98,7 +101,7 @@ def _shaft(key: str, settings: schema.Shaft) -> ShaftBody:
 
 def ideal_joint(settings: Any) -> Joint:
     """An ideal joint."""
-    if isinstance(settings, schema.Slider):
+    if isinstance(settings, schema.SliderSettings):
         return Slider(
             settings.line,
             settings.point,
@@ -107,6 +110,6 @@ def ideal_joint(settings: Any) -> Joint:
             float(np.radians(settings.angle)),
         )
     first, second = settings.between
-    if isinstance(settings, schema.Fixed):
+    if isinstance(settings, schema.FixedSettings):
         return Fixed(first, second, float(np.radians(settings.angle)))
     return Revolute(first, second)

@@ -1,14 +1,14 @@
-"""Fields of a scene's settings beside those of `fenics_ehd.settings`; points, names, tables."""
+"""Fields of a scene's settings beside those of `base.fields`: points, names, film cells."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import attrs
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.lengths import LARGEST_LENGTH
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import as_tuple, checked, described, table
+from fenics_ehd.base.quantities import LARGEST_LENGTH
 
 #: Stands for what is not given: a file, a name.
 NONE = "none"
@@ -16,30 +16,23 @@ NONE = "none"
 #: A key that must be written.
 REQUIRED: Any = attrs.NOTHING
 
+#: Fewest film cells around and along. With 3 around the largest pressure is 12 % too low.
+FEWEST_CELLS = (8, 2)
 
-def _as_floats(value: Any) -> Any:
-    """A list of numbers as floats."""
-    if not isinstance(value, (list, tuple)):
-        return value
-    return tuple(float(n) if type(n) is int and abs(n) < 2**53 else n for n in value)
+#: Film cells around times along that still fit into the memory of a usual machine.
+MOST_CELLS = 200_000
 
 
-def _check_pair(name: str, value: Any, below: float) -> None:
-    numbers = isinstance(value, tuple) and len(value) == 2
-    if not numbers or not all(isinstance(n, float) and abs(n) < below for n in value):
-        shown = list(value) if isinstance(value, tuple) else value
-        raise SettingsError(f"{name} = {shown!r} must be two numbers [x, y], below {below:g}")
+def _is_pair(value: Any, below: float) -> bool:
+    if not isinstance(value, tuple) or len(value) != 2:
+        return False
+    return all(isinstance(n, float) and abs(n) < below for n in value)
 
 
 def pair(help_text: str, default: Any = (0.0, 0.0), *, below: float = 1e15) -> Any:
     """Two numbers along x and y, each of a size below a limit."""
-
-    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
-        _check_pair(attribute.name, value, below)
-
-    return attrs.field(
-        default=default, validator=check, converter=_as_floats, metadata={"help": help_text}
-    )
+    wanted = f"two numbers [x, y], below {below:g}"
+    return described(default, help_text, lambda value: _is_pair(value, below), wanted, as_tuple)
 
 
 def place(help_text: str, default: Any = (0.0, 0.0)) -> Any:
@@ -49,37 +42,46 @@ def place(help_text: str, default: Any = (0.0, 0.0)) -> Any:
 
 def places(help_text: str) -> Any:
     """Places in the plane by name [m]."""
+    below = 100 * LARGEST_LENGTH
 
-    def as_pairs(value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            return value
-        return {name: _as_floats(entry) for name, entry in value.items()}
+    def check(name: str, value: Any) -> None:
+        if not _is_pair(value, below):
+            shown = list(value) if isinstance(value, tuple) else value
+            raise SettingsError(f"{name} = {shown!r} must be two numbers [x, y], below {below:g}")
 
-    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
-        for name, entry in value.items():
-            _check_pair(f"{attribute.name}.{name}", entry, 100 * LARGEST_LENGTH)
-
-    return attrs.field(
-        factory=dict,
-        validator=check,
-        converter=as_pairs,
-        metadata={"help": help_text, "table": True},
-    )
+    return table(help_text, check, as_tuple)
 
 
 def names(help_text: str, default: Any = (), *, count: int | None = None) -> Any:
     """A list of names, of a given `count` or of any."""
+
+    def listed(value: Any) -> bool:
+        words = isinstance(value, tuple) and all(isinstance(n, str) and n for n in value)
+        return words and count in (None, len(value))
+
     wanted = "a list of names" if count is None else f"a list of {count} names"
+    return described(default, help_text, listed, wanted, as_tuple)
 
-    def check(_instance: Any, attribute: attrs.Attribute, value: Any) -> None:
-        listed = isinstance(value, tuple) and all(isinstance(n, str) and n for n in value)
-        if not listed or (count is not None and len(value) != count):
-            shown = list(value) if isinstance(value, tuple) else value
-            raise SettingsError(f"{attribute.name} = {shown!r} must be {wanted}")
 
-    return attrs.field(
-        default=default,
-        validator=check,
-        converter=lambda value: tuple(value) if isinstance(value, list) else value,
-        metadata={"help": help_text},
+def film_cells(help_text: str) -> Any:
+    """Cells of a film mesh around and along, or an empty list."""
+
+    def check(name: str, value: Any) -> None:
+        given = f"{name} = {list(value)!r}"
+        if value and (len(value) != 2 or any(type(n) is not int or n <= 0 for n in value)):
+            raise SettingsError(f"{given} must be two whole numbers above 0, or empty")
+        if any(n < fewest for n, fewest in zip(value, FEWEST_CELLS, strict=False)):
+            raise SettingsError(
+                f"{given} must be at least {list(FEWEST_CELLS)}: fewer are too coarse"
+            )
+        if value and value[0] * value[1] > MOST_CELLS:
+            raise SettingsError(
+                f"{given}: {value[0] * value[1]} cells, at most {MOST_CELLS} are allowed"
+            )
+
+    return checked(
+        (),
+        help_text,
+        check,
+        lambda value: tuple(value) if isinstance(value, (list, tuple)) else (value,),
     )

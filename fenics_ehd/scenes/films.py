@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.grid import aligned_grid
+from fenics_ehd.film.layout import film_grid
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
-from fenics_ehd.scenes import part_settings, schema
-from fenics_ehd.scenes.fields import NONE
-from fenics_ehd.scenes.film_mesh import DEFAULT_CELLS, film_mesh
+from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.scene import Scene
-from fenics_ehd.scenes.sizes import FEWEST_CELLS
-from fenics_ehd.scenes.thin_film import check_thin_film
+
+#: Film cells around and along a bore that offers none.
+DEFAULT_CELLS = (20, 5)
 
 #: Largest difference of journal and bore, share of the bore's radius: the film has one radius.
 FIT = 0.01
+
+#: Largest clearance over bore radius; the film's equations neglect terms of that order.
+THIN_FILM = 0.05
 
 
 def reference_rate(scene: Scene) -> float:
@@ -65,11 +72,29 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
             raise SettingsError(f"{key}.grooves: {error}") from None
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
-    if isinstance(shaft, schema.Shaft) and not abs(0.5 * shaft.diameter - radius) <= FIT * radius:
+    if (
+        isinstance(shaft, schema.ShaftSettings)
+        and not abs(0.5 * shaft.diameter - radius) <= FIT * radius
+    ):
         raise SettingsError(
             f"bodies.{body}.diameter = {shaft.diameter:g} m must be that of the bore "
             f"{joint.bore}, {2 * radius:g} m, within {100 * FIT:g} %"
         )
+
+
+def check_thin_film(clearance: float, radius: float, key: str) -> None:
+    """Refuse a clearance that is no small part of the bore's radius [m], or hardly any.
+
+    Raises
+    ------
+    SettingsError
+        Naming both.
+    """
+    both = f"{key} = {clearance:g} m must be {{}} of the bore radius {radius:g} m"
+    if not clearance < THIN_FILM * radius:
+        raise SettingsError(f"{both.format(f'below {THIN_FILM:g}')}: the film is taken as thin")
+    if too_narrow(clearance, radius):
+        raise SettingsError(f"{both.format(f'at least {SMALLEST_RATIO:g}')}: lengths are in metres")
 
 
 def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -> Film:
@@ -90,15 +115,26 @@ def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -
         The cells of a flexible bore are wanted and are not a structured quadratic mesh.
     """
     joint = scene.joints[name]
-    if body is not None:
-        grid = film_mesh(part_settings.Film(element=joint.element, cells=joint.cells), body)
-    else:
-        cells = joint.cells or DEFAULT_CELLS
-        grid = uniform_grid(joint.radius, joint.width, cells, joint.element)
-    return _film(scene, joint, grid, rate)
+    return _film(scene, joint, film_mesh(joint, body), rate)
 
 
-def _film(scene: Scene, joint: schema.Lubricated, grid: FilmGrid, rate: float) -> Film:
+def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> FilmGrid:
+    """The cells that a joint asks for, or those of its flexible bore.
+
+    Raises
+    ------
+    InterfaceMismatchError
+        See `build_film`.
+    """
+    if body is None or joint.cells or body.bore.pressure_family == "triangle":
+        size = (body.bore.radius, body.bore.width) if body else (joint.radius, joint.width)
+        around, along = joint.cells or DEFAULT_CELLS
+        return uniform_grid(*size, (around, along), joint.element)
+    grid = film_grid(body.pressure_nodes)
+    return replace(grid, family="bilinear") if joint.element == "bilinear" else grid
+
+
+def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: float) -> Film:
     """Film on a mesh."""
     viscosity = joint.viscosity
     if joint.lubricant != NONE:
@@ -120,14 +156,14 @@ def _film(scene: Scene, joint: schema.Lubricated, grid: FilmGrid, rate: float) -
     )
 
 
-def stand_in_film(joint: schema.Lubricated) -> Film:
+def stand_in_film(joint: schema.LubricatedSettings) -> Film:
     """A film of the joint's clearance that only assembly looks at."""
     radius = 1e3 * joint.clearance
     grid = uniform_grid(radius, radius, FEWEST_CELLS, "bilinear")
     return Film(FilmParameters(grid, joint.clearance, Lubricant(0.01), 1.0))
 
 
-def lubricated(joint: schema.Lubricated, film: Film) -> LubricatedJoint:
+def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
     """The joint with its film."""
     x, y = joint.eccentricity
     return LubricatedJoint(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.forces import (
     Force,
     PointForce,
@@ -18,7 +17,7 @@ from fenics_ehd.multibody.forces import (
     Table,
     Torque,
 )
-from fenics_ehd.multibody.joints import AngleOverTime, Speed
+from fenics_ehd.multibody.joints import AngleOverTime, Speed, SpeedTable
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.scene import Scene
@@ -46,13 +45,13 @@ def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
     """Given angles over time by body."""
     found: dict[str, AngleOverTime] = {}
     for name, drive in scene.drives.items():
-        if isinstance(drive, schema.Speed):
+        if isinstance(drive, schema.SpeedSettings):
             start = float(np.radians(scene.bodies[name].angle))
             found[name] = _motion(drive, start, f"drives.{name}")
     return found
 
 
-def _motion(drive: schema.Speed, start: float, key: str) -> AngleOverTime:
+def _motion(drive: schema.SpeedSettings, start: float, key: str) -> AngleOverTime:
     if drive.table == NONE:
         return Speed(drive.speed, start)
     if drive.speed:
@@ -61,8 +60,7 @@ def _motion(drive: schema.Speed, start: float, key: str) -> AngleOverTime:
     from fenics_ehd.scenes.time_table import read_time_table
 
     path = table_file(drive.table, f"{key}.table")
-    speed = read_time_table(path, f"{key}.table", "speed_rad_per_s")
-    return lambda time: (start + speed.integral(time), speed(time)[0])
+    return SpeedTable(read_time_table(path, f"{key}.table", {"speed": {"rad_per_s": 1.0}}), start)
 
 
 def torques(scene: Scene) -> dict[str, Force]:
@@ -76,25 +74,19 @@ def torques(scene: Scene) -> dict[str, Force]:
             drive.speed,
         )
         for name, drive in scene.drives.items()
-        if isinstance(drive, schema.Torque)
+        if isinstance(drive, schema.TorqueSettings)
     }
 
 
-def _torque(drive: schema.Torque, key: str) -> Table:
+def _torque(drive: schema.TorqueSettings, key: str) -> Table:
     constant = drive.torque
     if drive.table == NONE:
         return lambda _: (constant, 0.0)
     from fenics_ehd.scenes.angle_table import read_angle_table
     from fenics_ehd.scenes.time_table import read_time_table
 
-    read: Callable[..., Table] = read_angle_table if drive.over == "angle" else read_time_table
-    table = read(table_file(drive.table, key), key, "torque_Nm")
-
-    def torque(where: float) -> tuple[float, float]:
-        value, derivative = table(where)
-        return constant + value, derivative
-
-    return torque
+    read = read_angle_table if drive.over == "angle" else read_time_table
+    return read(table_file(drive.table, key), key, {"torque": {"Nm": 1.0}}).scaled(1.0, constant)
 
 
 def forces(scene: Scene) -> dict[str, Force]:
@@ -107,7 +99,7 @@ def forces(scene: Scene) -> dict[str, Force]:
 
 def gravity(scene: Scene) -> tuple[float, float]:
     """Sum of all gravities [m/s^2]."""
-    given = [g.acceleration for g in scene.forces.values() if isinstance(g, schema.Gravity)]
+    given = [g.acceleration for g in scene.forces.values() if isinstance(g, schema.GravitySettings)]
     x, y = np.sum([(0.0, 0.0), *given], axis=0)
     return float(x), float(y)
 
@@ -115,28 +107,28 @@ def gravity(scene: Scene) -> tuple[float, float]:
 def _forces(name: str, settings: Any) -> dict[str, Force]:
     """What one entry of a scene stands for."""
     key = f"forces.{name}"
-    if isinstance(settings, schema.Rotating):
+    if isinstance(settings, schema.RotatingSettings):
         turning = (settings.amplitude, settings.speed, settings.ramp)
         return {name: RotatingForce(settings.point, *turning)}
-    if isinstance(settings, schema.SpringDamper):
+    if isinstance(settings, schema.SpringDamperSettings):
         first, second = settings.between
         return {name: SpringDamper(first, second, settings.stiffness, settings.damping)}
-    if isinstance(settings, schema.ConstantForce):
+    if isinstance(settings, schema.ConstantForceSettings):
         size = float(np.hypot(*settings.force))
         if not size:
             raise SettingsError(f"{key}.force = [0, 0] does nothing: take the table out")
         return {name: PointForce(settings.point, settings.force, lambda _: (size, 0.0))}
-    if isinstance(settings, schema.TimeTable):
+    if isinstance(settings, schema.TimeTableSettings):
         return _over_time(name, settings, key)
-    if isinstance(settings, schema.AngleTable):
+    if isinstance(settings, schema.AngleTableSettings):
         return {name: _over_angle(settings, key)}
     return {}
 
 
-def _over_time(name: str, settings: schema.TimeTable, key: str) -> dict[str, Force]:
+def _over_time(name: str, settings: schema.TimeTableSettings, key: str) -> dict[str, Force]:
     from fenics_ehd.scenes.load_history import read_load
 
-    load = read_load(
+    curves = read_load(
         table_file(settings.file, f"{key}.file"),
         scale=settings.scale,
         interpolation=settings.interpolation,
@@ -145,23 +137,14 @@ def _over_time(name: str, settings: schema.TimeTable, key: str) -> dict[str, For
     )
     along = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
     return {
-        f"{name}.{axis}": PointForce(
-            settings.point,
-            direction,
-            lambda time, direction=direction: (float(load(time) @ direction), 0.0),  # type: ignore[misc]
-        )
-        for axis, direction in along.items()
+        f"{name}.{axis}": PointForce(settings.point, direction, curve)
+        for (axis, direction), curve in zip(along.items(), curves, strict=True)
     }
 
 
-def _over_angle(settings: schema.AngleTable, key: str) -> Force:
+def _over_angle(settings: schema.AngleTableSettings, key: str) -> Force:
     from fenics_ehd.scenes.angle_table import read_angle_table
 
-    path, scale = table_file(settings.file, f"{key}.file"), settings.scale
-    table = read_angle_table(path, f"{key}.file", "force_N")
-
-    def size(angle: float) -> tuple[float, float]:
-        value, derivative = table(angle)
-        return scale * value, scale * derivative
-
-    return PointForce(settings.point, settings.direction, size, settings.angle_of)
+    path = table_file(settings.file, f"{key}.file")
+    table = read_angle_table(path, f"{key}.file", {"force": {"N": 1.0}}).scaled(settings.scale)
+    return PointForce(settings.point, settings.direction, table, settings.angle_of)

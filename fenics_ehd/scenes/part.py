@@ -1,19 +1,18 @@
-"""What the scenes do with an elastic part, whatever it is: reduce it, and know one made before."""
+"""An elastic part reduced as the settings say, and what it was made from."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
-import attrs
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.models import check_model, model_path
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.fem.models import check_model, model_path
+from fenics_ehd.film.layout import match
 from fenics_ehd.reduction import (
     ReducedBody,
     Reductor,
@@ -21,11 +20,13 @@ from fenics_ehd.reduction import (
     craig_bampton,
     full_interface,
     load_dependent,
+    proper_orthogonal,
     residual_flexibility,
     rigid,
     two_step_craig_bampton,
 )
-from fenics_ehd.scenes.part_settings import ELEMENTS, Reduction
+from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.part_settings import ELEMENTS, ReductionSettings
 
 #: Keys of [reduction] that each method reads.
 METHOD_KEYS = {
@@ -38,32 +39,30 @@ METHOD_KEYS = {
 }
 
 
-class Part(Protocol):
-    """Settings that every elastic part has."""
-
-    @property
-    def model(self) -> str:
-        """Shipped model, or path of a .geo or .msh file."""
-
-    @property
-    def element(self) -> str:
-        """Of hexahedra."""
-
-    @property
-    def youngs_modulus(self) -> float:
-        """[Pa]."""
-
-    @property
-    def poissons_ratio(self) -> float:
-        """[-]."""
-
-    @property
-    def density(self) -> float:
-        """[kg/m3]."""
-
-    @property
-    def geometry(self) -> dict:
-        """Parameters of the Gmsh model."""
+#: Reductions by name, of what, by which settings, and with which options that most have.
+METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]], ReducedBody]] = {
+    "m1": lambda part, given, common: craig_bampton(part, given.modes, **common),
+    "m2": lambda part, given, common: two_step_craig_bampton(
+        part, given.modes, given.interior_modes, **common
+    ),
+    "m3": lambda part, given, common: load_dependent(
+        part,
+        given.vibration_modes,
+        given.residual_modes,
+        given.pressure_set,
+        given.selection,
+        **common,
+    ),
+    "m4": lambda part, given, common: residual_flexibility(
+        part,
+        given.vibration_modes,
+        truncation=given.residual_truncation,
+        centrifugal=part.free,
+        **common,
+    ),
+    "full": lambda part, given, _: full_interface(part, given.vibration_modes, keep_basis=True),
+    "rigid": lambda part, _, common: rigid(part, **common),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +79,7 @@ class ReducedPart:
     seconds: float
 
 
-def model_file(part: Part, section: str) -> Path:
+def model_file(part: schema.FlexibleSettings, section: str) -> Path:
     """The Gmsh model of a part whose settings are in a section of that name.
 
     Raises
@@ -102,114 +101,97 @@ def pressure_family(element: str) -> str:
     return element if element in ELEMENTS else "lagrange"
 
 
-def reduce_part(
-    build: Callable[[], Structure],
-    reduce: Callable[[Structure], ReducedBody],
-    provenance: Mapping[str, str],
-    check: Callable[[Structure], None] | None = None,
-) -> ReducedPart:
-    """Build a structure, reduce it with its basis kept, and note what it was made from.
-
-    `check` may refuse the structure before it is reduced.
-    """
-    start = perf_counter()
-    structure = build()
-    if check is not None:
-        check(structure)
-    body = reduce(structure)
-    columns = body.columns
-    assert columns is not None
-    body = replace(body, columns=None, provenance={**body.provenance, **provenance})
-    return ReducedPart(body, structure, columns, perf_counter() - start)
-
-
-def reduce_structure(part: Structure | Reductor, reduction: Reduction) -> ReducedBody:
+def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -> ReducedBody:
     """Apply the method that the settings name, and keep the part-size basis.
 
     A `Reductor` solves as it was made, whatever `solver` the settings name.
     """
     if isinstance(part, Structure):
         part = Reductor(part, solver=reduction.solver)
-    if reduction.method == "full":
-        return full_interface(part, reduction.vibration_modes, keep_basis=True)
     common: dict[str, Any] = {"keep_basis": True, "estimate_error": reduction.estimate_error}
-    if reduction.method == "rigid":
-        return rigid(part, **common)
-    if reduction.method == "m1":
-        return craig_bampton(part, reduction.modes, **common)
-    if reduction.method == "m2":
-        return two_step_craig_bampton(part, reduction.modes, reduction.interior_modes, **common)
-    if reduction.method == "m4":
-        return residual_flexibility(
-            part,
-            reduction.vibration_modes,
-            truncation=reduction.residual_truncation,
-            centrifugal=part.free,
-            **common,
-        )
-    return load_dependent(
-        part,
-        reduction.vibration_modes,
-        reduction.residual_modes,
-        _pressures(part.structure, reduction),
-        reduction.selection,
-        **common,
+    if reduction.method == "m3" and reduction.snapshots != "none":
+        return _trained(part, reduction, common)
+    return METHODS[reduction.method](part, reduction, common)
+
+
+def _trained(
+    part: Reductor, reduction: ReductionSettings, common: Mapping[str, Any]
+) -> ReducedBody:
+    """M3 with the main patterns of a former run's pressures, its accuracy with how many more."""
+    asked = reduction.residual_modes
+    patterns = proper_orthogonal(_snapshots(part.structure, reduction), asked)
+    body = load_dependent(
+        part, reduction.vibration_modes, patterns.shape[1], patterns, "every-column", **common
     )
+    added = {"static_added": float(max(patterns.shape[1] - asked, 0))}
+    return replace(body, accuracy={**body.accuracy, **added})
 
 
-def _pressures(structure: Structure, reduction: Reduction) -> str | np.ndarray:
-    """Name of the pressure set, or the pressures of a former run, shape (k, steps) [Pa]."""
-    if reduction.snapshots == "none":
-        return reduction.pressure_set
-    from fenics_ehd.output import read_fields
-
-    found = read_fields(reduction.snapshots, ("pressure_Pa", "pressure_nodes_m"))
-    nodes = structure.lubricated_bore.pressure_coordinates
-    if found["pressure_nodes_m"].shape != nodes.shape or not np.allclose(
-        found["pressure_nodes_m"], nodes, atol=1e-9
-    ):
+def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray:
+    """Pressures of a former run, shape (k, steps) [Pa]."""
+    if len(structure.bores) > 1:
         raise SettingsError(
-            f"reduction.snapshots = {reduction.snapshots!r}: its {len(found['pressure_nodes_m'])} "
-            f"pressure nodes are not the {len(nodes)} of this bore"
+            f"reduction.snapshots = {reduction.snapshots!r}: a run's pressures are those of one "
+            f"bore, the part has {', '.join(structure.bores)}"
         )
-    return found["pressure_Pa"].T
+    from fenics_ehd.results.history_file import read_fields
+
+    found = read_fields(reduction.snapshots, ("pressure_Pa", "film_nodes"))
+    nodes = structure.bore.pressure_coordinates
+    angle, height = found["film_nodes"].T
+    radius = np.linalg.norm(nodes[:, :2], axis=1).max()
+    film = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    order = match(nodes, film)
+    if order is None:
+        raise SettingsError(
+            f"reduction.snapshots = {reduction.snapshots!r}: its {len(film)} film nodes are not "
+            f"the {len(nodes)} pressure nodes of this bore"
+        )
+    return found["pressure_Pa"][:, order].T
 
 
-def origin(part: Part, model: Path, film_element: str, reduction: Reduction) -> dict[str, str]:
-    """What a body depends on, as text by name, for its provenance."""
-    values = {
+def structure_provenance(
+    part: schema.FlexibleSettings, model: Path, film_element: str
+) -> dict[str, str]:
+    """What an assembled part depends on, as text by name."""
+    return {
         "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
         "element": part.element,
-        "youngs_modulus": repr(part.youngs_modulus),
-        "poissons_ratio": repr(part.poissons_ratio),
-        "density": repr(part.density),
+        "cells": part.cells,
+        "youngs_modulus": repr(part.material.youngs_modulus),
+        "poissons_ratio": repr(part.material.poissons_ratio),
+        "density": repr(part.material.density),
         "film_element": pressure_family(film_element),
-        "method": reduction.method,
+        "bores": " ".join(part.bores),
+        "points": " ".join(part.points),
+        "held_by": part.held_by,
         **{f"geometry.{name}": repr(float(v)) for name, v in sorted(part.geometry.items())},
     }
-    for name in METHOD_KEYS[reduction.method]:
-        values[name] = str(getattr(reduction, name))
-    return values
 
 
-def check_origin(
-    body: ReducedBody, asked: Mapping[str, str], tables: Mapping[str, Any], section: str
+def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
+    """A method and what it reads of its settings, as text by name."""
+    names = ("method", *METHOD_KEYS[reduction.method])
+    return {name: str(getattr(reduction, name)) for name in names}
+
+
+def require_provenance(
+    body: ReducedBody, asked: Mapping[str, str], written: set[str], section: str
 ) -> None:
     """Refuse a body that was not made as a scene file says.
 
-    Only what the file writes of the part, [reduction] and [film] counts; a body
-    that was not made from a scene is taken as it is.
+    One that was not made from a scene is taken as it is.
 
     Parameters
     ----------
     body
         From a file.
     asked
-        `origin` of the scene.
-    tables
-        The scene as written.
+        Provenance that the scene's would have.
+    written
+        Names in it that the file writes.
     section
-        Of the part, ``"rod"``.
+        Of the part.
 
     Raises
     ------
@@ -219,42 +201,11 @@ def check_origin(
     made = body.provenance
     if "model" not in made:
         return
-    written = {"film_element"} if "element" in tables.get("film", {}) else set()
-    for name in (section, "reduction"):
-        written |= set(tables.get(name, {}))
     if "geometry" in written:
         written |= {name for name in {*asked, *made} if name.startswith("geometry.")}
     for name in sorted(written & {*asked, *made}):
         if asked.get(name) != made.get(name):
             raise SettingsError(
-                f"the body was made with {name} = {made.get(name, 'default')}, the scene says "
-                f"{asked.get(name, 'default')}: reduce the {section} again or take the key out"
+                f"the body was made with {name} = {made.get(name, 'default')}, {section} says "
+                f"{asked.get(name, 'default')}: reduce the part again or take the key out"
             )
-
-
-def as_made(settings: Any, body: ReducedBody) -> Any:
-    """Settings of a scene with the part and the reduction that a body was made with.
-
-    A scene takes a body of any method; one that was not made from a scene leaves it as it is.
-
-    Parameters
-    ----------
-    settings
-        Of the scene.
-    body
-        From a file, or just reduced.
-    """
-    made, section = body.provenance, "housing" if settings.scene == "rotor" else "rod"
-    if not {"model", "method"} <= set(made):
-        return settings
-
-    def taken(values: Any, names: Iterable[str]) -> Any:
-        known = {n: type(getattr(values, n))(made[n]) for n in names if n in made}
-        return attrs.evolve(values, **known)
-
-    geometry = {n.removeprefix("geometry."): float(v) for n, v in made.items() if "geometry." in n}
-    part = getattr(settings, section)
-    names = ("element", "cells", "youngs_modulus", "poissons_ratio", "density")
-    part = attrs.evolve(taken(part, [n for n in names if hasattr(part, n)]), geometry=geometry)
-    reduction = taken(settings.reduction, ("method", *METHOD_KEYS.get(made["method"], ())))
-    return attrs.evolve(settings, **{section: part, "reduction": reduction})

@@ -1,11 +1,10 @@
-"""Settings of an elastic part's reduction and of the film mesh on its bore."""
+"""Settings of an elastic part's reduction, and what to choose from."""
 
 from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.scenes.sizes import film_cells
-from fenics_ehd.settings import choice, count, flag, number, text
+from fenics_ehd.base.fields import choice, count, flag, number, text
 
 ELEMENTS = ("serendipity", "lagrange")
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
@@ -19,22 +18,23 @@ SELECTIONS = (
     "largest-eigenvalue",
     "smallest-eigenvalue",
     "every-column",
-    "proper-orthogonal",
 )
 
 
 @attrs.frozen
-class Reduction:
-    """Reduction of the rod."""
+class ReductionSettings:
+    """Reduction of an elastic part."""
 
-    method: str = choice("m3", METHODS, "reduction method, the last one without elasticity")
+    method: str = choice("m4", METHODS, "the last one without elasticity")
     modes: int = count(37, "fixed-boundary modes (m1, m2)", least=1)
     interior_modes: int = count(20, "fixed-interface modes of the first step (m2)")
     vibration_modes: int = count(6, "free-floating vibration modes n_v (m3, m4, full)")
     residual_modes: int = count(31, "residual modes n_r (m3)")
     pressure_set: str = choice("pc2", PRESSURE_SETS, "unit pressures (34), shapes (35) (m3)")
     snapshots: str = text(
-        "none", "folder of a former run whose pressures replace pressure_set, or none (m3)"
+        "none",
+        "folder of a former run: the main patterns of its pressures are kept, whatever "
+        "pressure_set and selection say, or none (m3)",
     )
     selection: str = choice("lowest-frequency", SELECTIONS, "which residual modes are kept (m3)")
     residual_truncation: float = number(
@@ -42,18 +42,3 @@ class Reduction:
     )
     solver: str = choice("auto", SOLVERS, "of the static responses, by size or as named")
     estimate_error: bool = flag(True, "also solve for the bore flexibility the basis misses")
-
-
-@attrs.frozen
-class Film:
-    """Film mesh, and how it is joined to the bore's."""
-
-    element: str = choice(
-        "lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node (serendipity) or bilinear"
-    )
-    cells: tuple[int, ...] = film_cells(
-        (), "cells around and along, [20, 5] say; empty: those of the bore", optional=True
-    )
-    transfer: str = choice(
-        "conservative", TRANSFERS, "of pressures to a bore with another mesh, the last one by (14)"
-    )

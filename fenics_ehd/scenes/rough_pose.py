@@ -6,19 +6,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy import linalg
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.multibody.assembly import assemble
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.multibody.assembly import assemble, check_inertia
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.joints import AngleOverTime
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.planar_body import PlanarBody
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.multibody.system import System
-
-#: A motion that meets less than this share of any inertia, spring or film meets none.
-NOTHING = 1e-10
 
 #: Places at which a driven mechanism is assembled between its start and its end, at least, and
 #: angle of the fastest drive between two [rad].
@@ -48,7 +44,7 @@ def assembled_bodies(
     """
     system = System(mechanism)
     z, rates = assemble(system)
-    _check_inertia(system, z)
+    check_inertia(system, z)
     _check_way(system, z, span)
     if turning:
         pinned = System(replace(mechanism, drives={**mechanism.drives, **turning}))
@@ -88,34 +84,3 @@ def _placed(body: Body, z: np.ndarray, rates: np.ndarray) -> Body:
     return replace(  # type: ignore[type-var]
         body, position=(x, y), orientation=angle, velocity=(vx, vy), speed=speed
     )
-
-
-def _check_inertia(system: System, z: np.ndarray) -> None:
-    """Refuse a motion that no constraint, inertia, spring, damper or film resists."""
-    rest, instant = np.zeros(system.n), system.at(0.0, z)
-    forces = instant.motion(rest, rest, np.zeros(system.m)).derivatives()
-    blocks = [instant.jacobian, forces.acceleration, forces.rate, forces.position]
-    for film in system.films:
-        own = np.zeros((film.film.own + 1, system.n))
-        own[np.arange(film.film.own), film.xi[: film.film.own]] = 1.0
-        if film.joint.friction:
-            for angle in (film.journal_angle, film.bore_angle):
-                if angle is not None:
-                    own[-1, angle] = 1.0 if angle == film.journal_angle else -1.0
-        blocks.append(own)
-    rows = np.vstack([_directions(block) for block in blocks])
-    _, sizes, motions = linalg.svd(rows)
-    if system.n and (len(sizes) < system.n or sizes[-1] < NOTHING * sizes[0]):
-        free = np.abs(motions[-1])
-        name = max(system.bodies, key=lambda n: free[system.bodies[n]].max(initial=0.0))
-        raise SettingsError(
-            f"body {name} can move or turn freely without inertia: give it mass and inertia, or a "
-            "joint or drive that holds it"
-        )
-
-
-def _directions(rows: np.ndarray) -> np.ndarray:
-    """Rows of length 1, without those that are nothing but round-off."""
-    lengths = np.linalg.norm(rows, axis=1)
-    kept = lengths > 1e-14 * lengths.max(initial=0.0)
-    return rows[kept] / lengths[kept, None]

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.fields import NONE
 
 #: The frame at rest.
 GROUND = "ground"
-
-#: Point of a flexible body that is its lubricated bore.
-BORE = "bore"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +40,33 @@ class Scene:
     drives: Mapping[str, Any]
     forces: Mapping[str, Any]
     lubricants: Mapping[str, Any]
-    time: schema.Time
-    output: schema.Output
+    time: schema.TimeSettings
+    output: schema.OutputSettings
     warnings: tuple[str, ...]
 
     def joints_of(self, kind: type) -> Iterator[tuple[str, Any]]:
         """Names and settings of all joints of a class."""
         return ((name, j) for name, j in self.joints.items() if isinstance(j, kind))
+
+    def elastic_bore(self, joint: schema.LubricatedSettings) -> tuple[str, str] | None:
+        """Flexible body and bore of a joint, None for a rigid bore."""
+        name, _, point = joint.bore.partition(".")
+        body = self.bodies.get(name)
+        elastic = isinstance(body, schema.FlexibleSettings) and point in body.bores
+        return (name, point) if elastic else None
+
+    def films_of(self, body: str) -> dict[str, schema.LubricatedSettings]:
+        """Joints in the elastic bores of a flexible body by bore, in the order of its bores."""
+        found = {
+            self.elastic_bore(joint): joint
+            for _, joint in self.joints_of(schema.LubricatedSettings)
+        }
+        bores = self.bodies[body].bores
+        return {bore: found[body, bore] for bore in bores if (body, bore) in found}
+
+    def film_element(self, body: str) -> str:
+        """Element of a flexible body's films; others than the first's reach it by a transfer."""
+        return next((film.element for film in self.films_of(body).values()), "lagrange")
 
     @property
     def span(self) -> float:
@@ -60,6 +78,20 @@ class Scene:
     def speed_of(self, body: str) -> float:
         """Angular speed of a body at the start as written [rad/s]."""
         drive = self.drives.get(body)
-        if isinstance(drive, schema.Speed):
+        if isinstance(drive, schema.SpeedSettings):
             return drive.speed
         return getattr(self.bodies.get(body), "speed", 0.0)
+
+
+def meshed(scene: Scene) -> tuple[str, ...]:
+    """Names of the flexible bodies that are meshed and reduced, not read."""
+    return tuple(
+        name
+        for name, body in scene.bodies.items()
+        if isinstance(body, schema.FlexibleSettings) and body.model != NONE
+    )
+
+
+def lubricated_joints(scene: Scene) -> tuple[str, ...]:
+    """Names of the lubricated joints."""
+    return tuple(name for name, _ in scene.joints_of(schema.LubricatedSettings))

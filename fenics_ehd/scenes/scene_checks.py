@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
-from fenics_ehd.scenes.scene import BORE, GROUND, Scene
+from fenics_ehd.scenes.scene import GROUND, Scene
 
 #: Keys that name points, by the settings class's field.
 POINT_KEYS = ("between", "line", "point", "journal", "bore")
@@ -21,7 +21,7 @@ MODEL_KEYS = ("points", "held_by", "cells", "element", "material", "geometry", "
 def check_names(scene: Scene) -> None:
     """Refuse names of what is not there, and a bore used twice."""
     for name, body in scene.bodies.items():
-        if isinstance(body, schema.Flexible):
+        if isinstance(body, schema.FlexibleSettings):
             _check_source(scene, name, body)
     for table in ("joints", "forces"):
         for name, settings in getattr(scene, table).items():
@@ -33,12 +33,12 @@ def check_names(scene: Scene) -> None:
             if not any(getattr(settings, "direction", (1.0,))):
                 raise SettingsError(f"{table}.{name}.direction = [0, 0] is none")
     for name, force in scene.forces.items():
-        if isinstance(force, schema.AngleTable):
+        if isinstance(force, schema.AngleTableSettings):
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
     for name in scene.drives:
         _check_turning(scene, f"drives.{name}", name)
     bores: dict[str, str] = {}
-    for name, joint in scene.joints_of(schema.Lubricated):
+    for name, joint in scene.joints_of(schema.LubricatedSettings):
         _check_film(scene, name, joint)
         if joint.bore in bores:
             raise SettingsError(
@@ -58,9 +58,11 @@ def _check_apart(key: str, settings: Any) -> None:
                 raise SettingsError(f"{key}: {a} and {b} are points of one body")
 
 
-def _check_source(scene: Scene, name: str, body: schema.Flexible) -> None:
+def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> None:
     """Refuse a part of a model and a file, of neither, or keys of the other one."""
     key = f"bodies.{name}"
+    if not body.bores or len(set(body.bores)) < len(body.bores):
+        raise SettingsError(f"{key}.bores = {list(body.bores)} must be names, each of them once")
     if (body.model == NONE) == (body.body == NONE):
         raise SettingsError(f"{key}: give a model or a body, one of them")
     idle = [k for k in MODEL_KEYS if k in scene.tables["bodies"][name]]
@@ -73,8 +75,8 @@ def _check_source(scene: Scene, name: str, body: schema.Flexible) -> None:
 
 def points_of(body: Any) -> tuple[str, ...] | None:
     """Names of a body's points, None where only its file knows them."""
-    if isinstance(body, schema.Flexible):
-        return None if body.body != NONE else (BORE, *body.points)
+    if isinstance(body, schema.FlexibleSettings):
+        return None if body.body != NONE else (*body.bores, *body.points)
     return tuple(body.points)
 
 
@@ -82,7 +84,7 @@ def _check_point(scene: Scene, key: str, marker: str) -> None:
     name, dot, point = marker.partition(".")
     if name != GROUND:
         _body(scene, key, name)
-    known = points_of(scene.bodies.get(name, schema.Ground()))
+    known = points_of(scene.bodies.get(name, schema.GroundSettings()))
     if dot and known is not None and point not in known:
         has = f"its points: {', '.join(known)}" if known else "it has none but its origin"
         raise SettingsError(f"{key} = {marker!r}: body {name} has no point {point!r}, {has}")
@@ -97,11 +99,11 @@ def _body(scene: Scene, key: str, name: str) -> Any:
 
 def _check_turning(scene: Scene, key: str, name: str) -> None:
     body = _body(scene, key, name)
-    if isinstance(body, schema.Ground) or getattr(body, "held_by", NONE) != NONE:
+    if isinstance(body, schema.GroundSettings) or getattr(body, "held_by", NONE) != NONE:
         raise SettingsError(f"{key}: body {name} cannot turn")
 
 
-def _check_film(scene: Scene, name: str, joint: schema.Lubricated) -> None:
+def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
     """Refuse an oil that is not there, and a rigid bore without a size."""
     key = f"joints.{name}"
     if (joint.lubricant == NONE) == (joint.viscosity == 0.0):
@@ -119,13 +121,13 @@ def _check_film(scene: Scene, name: str, joint: schema.Lubricated) -> None:
         )
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
-    if isinstance(bored, schema.Shaft):
+    if isinstance(bored, schema.ShaftSettings):
         raise SettingsError(f"{key}.bore = {joint.bore!r}: a shaft has no bore, only journals")
-    elastic = isinstance(bored, schema.Flexible) and point == BORE
-    if isinstance(bored, schema.Flexible) and not point:
-        raise SettingsError(f"{key}.bore = {joint.bore!r}: the bore of {body} is {body}.{BORE}")
+    if isinstance(bored, schema.FlexibleSettings) and not point:
+        bores = ", ".join(f"{body}.{bore}" for bore in bored.bores)
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: the bores of {body} are {bores}")
     for size in ("radius", "width"):
-        if not elastic and not getattr(joint, size):
+        if not scene.elastic_bore(joint) and not getattr(joint, size):
             raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
 
 

@@ -12,25 +12,37 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import attrs
-
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.key_hints import key_hint, setting_names
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.key_hints import key_hint, setting_names
+from fenics_ehd.base.settings import build, read_toml, unusual
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.scene import GROUND, Scene
 from fenics_ehd.scenes.scene_checks import check_names, check_time
-from fenics_ehd.settings import build, read_toml, unusual
 
 #: Tables of a scene file.
 TABLES = (*schema.KINDS, "time", "output")
+
+#: Some of a scene file of version 0.1.
+OLD = {"mechanism", "bearing", "rod", "housing", "shaft", "journal", "film", "reduction"}
+
+#: What files of a scene end with.
+FILES = (".csv", ".h5", ".geo", ".msh")
 
 #: Kind of an entry that does not say its own.
 USUAL_KINDS = {"lubricants": "constant"}
 
 
-def has_bodies(tables: Mapping[str, Any]) -> bool:
-    """Whether the tables of a scene file are those of a mechanism."""
-    return "bodies" in tables
+def beside(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables with every file that they name, relative to the scene's folder, by its own path."""
+    found: dict[str, Any] = {}
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            found[key] = beside(value, folder)
+        elif isinstance(value, str) and Path(value).suffix in FILES:
+            found[key] = str((folder / value).absolute())
+        else:
+            found[key] = value
+    return found
 
 
 def shipped_names() -> tuple[str, ...]:
@@ -69,7 +81,8 @@ def read_scene(source: str | Path) -> Scene:
     Parameters
     ----------
     source
-        Path that ends in ``.toml``, or name of a shipped scene.
+        Path that ends in ``.toml``, or name of a shipped scene. Files that it names are found
+        beside it.
 
     Raises
     ------
@@ -77,8 +90,9 @@ def read_scene(source: str | Path) -> Scene:
         The file cannot be read, or naming the key that cannot be used.
     """
     path = Path(source)
-    tables = read_toml(path if path.suffix == ".toml" else _known(str(source)))
-    return scene_of(tables, str(source))
+    if path.suffix != ".toml":
+        return scene_of(read_toml(_known(str(source))), str(source))
+    return scene_of(beside(read_toml(path), path.parent), str(source))
 
 
 def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
@@ -89,17 +103,20 @@ def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
     SettingsError
         Naming the key that cannot be used.
     """
-    if not has_bodies(tables):
+    if "bodies" not in tables:
+        old = "scene" in tables or OLD & set(tables)
         raise SettingsError(
-            f"{name}: no [bodies.NAME] tables; a scene lists bodies, joints, drives and forces: "
-            "'fenics-ehd init slider-crank-paper' prints one with every setting explained"
+            f"{name}: {'a scene file of version 0.1' if old else 'no [bodies.NAME] tables'}; write "
+            "bodies, joints, drives and forces: 'fenics-ehd init slider-crank-paper' prints them "
+            "with every setting explained"
+            + (", docs/scene-keys.md says where every old key went" if old else "")
         )
     for key in tables:
         if key not in TABLES:
             raise SettingsError(f"unknown table [{key}]: {key_hint(TABLES, key)}")
     entries = {table: _entries(table, tables.get(table, {})) for table in schema.KINDS}
-    time = _settings(schema.Time, tables.get("time", {}), "time")
-    output = _settings(schema.Output, tables.get("output", {}), "output")
+    time = _settings(schema.TimeSettings, tables.get("time", {}), "time")
+    output = _settings(schema.OutputSettings, tables.get("output", {}), "output")
     warnings = unusual(time, "time.")
     for table, found in entries.items():
         for entry, settings in found.items():
@@ -124,34 +141,25 @@ def _entry(table: str, name: str, values: Any) -> Any:
     if not isinstance(values, Mapping):
         raise SettingsError(f"{path} = {values!r} must be a table: [{path}]")
     if table == "bodies" and name == GROUND:
-        return _settings(schema.Ground, values, path)
+        return _settings(schema.GroundSettings, values, path)
     kind = values.get("kind", USUAL_KINDS.get(table))
     if kind is None:
         raise SettingsError(f"{path}.kind is missing: one of {', '.join(kinds)}")
-    if kind not in kinds:
+    if not isinstance(kind, str) or kind not in kinds:
         raise SettingsError(f"{path}.kind = {kind!r}: {key_hint(kinds, str(kind))}")
     return _settings(kinds[kind], {k: v for k, v in values.items() if k != "kind"}, path, kind)
 
 
 def _settings(cls: type, values: Any, path: str, kind: str = "") -> Any:
-    """Settings object, its missing keys named."""
+    """Settings object; what is said of an unknown key knows the other kinds."""
     known = setting_names(cls, f"{path}.")
-    if isinstance(values, Mapping):
-        for key in values:
-            if f"{path}.{key}" not in known:
-                others = _elsewhere(path, key)
-                hint = others or key_hint(known, f"{path}.{key}")
-                of = f" of kind {kind!r}" if kind else ""
-                raise SettingsError(f"unknown key {path}.{key}{of}: {hint}")
-        for attribute in attrs.fields(cls):  # type: ignore[arg-type]
-            if attribute.default is attrs.NOTHING and attribute.name not in values:
-                told = attribute.metadata["help"]
-                raise SettingsError(f"{path}.{attribute.name} is missing: {told}")
-    return build(cls, values, f"{path}.", known)
-
-
-def _elsewhere(path: str, key: str) -> str:
-    """Which kinds have a key, or which section of them."""
     kinds = schema.KINDS.get(path.partition(".")[0], {})
-    having = [k for k, cls in kinds.items() if key in setting_names(cls)]
-    return f"a key of kind {' or '.join(having)}" if having else ""
+
+    def hint(key: str) -> str:
+        name = key.removeprefix(f"{path}.")
+        having = [other for other, its in kinds.items() if name in setting_names(its)]
+        of = f" of kind {kind!r}" if kind else ""
+        meant = f"a key of kind {' or '.join(having)}" if having else key_hint(known, key)
+        return f"{of}: {meant}"
+
+    return build(cls, values, f"{path}.", hint)

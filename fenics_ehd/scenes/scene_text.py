@@ -4,28 +4,15 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from fenics_ehd.base.settings import to_toml
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes.scene_checks import MODEL_KEYS
 from fenics_ehd.scenes.scene_file import GROUND, TABLES, Scene, read_scene, scene_of
-from fenics_ehd.settings import to_toml
-
-#: What files of a scene end with.
-FILES = (".csv", ".h5", ".geo", ".msh")
-
-
-def beside(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Tables with every file that they name, relative to the scene's folder, by its own path."""
-    found: dict[str, Any] = {}
-    for key, value in tables.items():
-        if isinstance(value, Mapping):
-            found[key] = beside(value, folder)
-        elif isinstance(value, str) and Path(value).suffix in FILES:
-            found[key] = str((folder / value).absolute())
-        else:
-            found[key] = value
-    return found
 
 
 def as_stored(source: str | Path) -> Scene:
@@ -34,21 +21,22 @@ def as_stored(source: str | Path) -> Scene:
     Parameters
     ----------
     source
-        As for `read_scene`; files are found beside a scene file.
+        As for `read_scene`.
     """
-    scene = read_scene(source)
-    path = Path(source)
-    if path.suffix == ".toml":
-        scene = scene_of(beside(scene.tables, path.parent), scene.name)
-    return scene_of(tomllib.loads(scene_text(scene)), path.stem)
+    return replace(stored(read_scene(source)), name=Path(source).stem)
 
 
-def files_of(tables: Mapping[str, Any]) -> Iterator[Path]:
-    """Files that tables name and that are there."""
+def stored(scene: Scene) -> Scene:
+    """A scene with the values that its text keeps."""
+    return scene_of(tomllib.loads(scene_text(scene)), scene.name)
+
+
+def csv_files(tables: Mapping[str, Any]) -> Iterator[Path]:
+    """Tables that a scene names and that are there."""
     for value in tables.values():
         if isinstance(value, Mapping):
-            yield from files_of(value)
-        elif isinstance(value, str) and Path(value).suffix in FILES and Path(value).is_file():
+            yield from csv_files(value)
+        elif isinstance(value, str) and value.endswith(".csv") and Path(value).is_file():
             yield Path(value)
 
 
@@ -64,5 +52,6 @@ def scene_text(scene: Scene) -> str:
         for name, entry in settings.items():
             kind = "" if name == GROUND else f'kind = "{kinds[type(entry)]}"\n'
             path = f"{table}.{name}"
-            blocks.append(f"[{path}]\n{kind}{to_toml(entry, f'{path}.')}")
+            without = MODEL_KEYS if getattr(entry, "body", NONE) != NONE else ()
+            blocks.append(f"[{path}]\n{kind}{to_toml(entry, f'{path}.', without=without)}")
     return "\n".join(blocks)

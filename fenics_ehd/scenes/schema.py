@@ -4,6 +4,8 @@ One settings class for every kind of entry; the docstrings and help texts are th
 Angles are counted from the x axis, positive from x to y, and a body's angle is that of its own x
 axis; a crank whose pin lies on its x axis has its outer (top) dead centre, for a piston on the
 positive x axis, at angle 0.
+
+Longer than other modules: it is one list, in the order of the reference that is made of it.
 """
 
 from __future__ import annotations
@@ -13,26 +15,25 @@ from types import MappingProxyType
 
 import attrs
 
-from fenics_ehd import quantities
-from fenics_ehd.lengths import LARGEST_LENGTH, metres, radial_clearance
+from fenics_ehd.base import quantities
+from fenics_ehd.base.fields import choice, count, flag, number, numbers, rows, section, text
+from fenics_ehd.base.quantities import LARGEST_LENGTH, metres, radial_clearance
 from fenics_ehd.scenes import part_settings
-from fenics_ehd.scenes.fields import NONE, REQUIRED, names, pair, place, places
-from fenics_ehd.scenes.sizes import film_cells
-from fenics_ehd.settings import choice, count, flag, number, numbers, rows, section, text
+from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
 
 
 @attrs.frozen
-class Ground:
+class GroundSettings:
     """The frame at rest; it is there without being listed."""
 
     points: dict = places("points of the frame at rest [m]")
 
 
 @attrs.frozen
-class Moving:
+class MovingSettings:
     """Where a body's origin and angle are at the start, roughly: assembly closes the joints."""
 
     position: tuple[float, float] = place("origin at the start, roughly [m]")
@@ -44,17 +45,17 @@ class Moving:
 
 
 @attrs.frozen
-class Massless(Moving):
+class MasslessSettings(MovingSettings):
     """A rigid body without mass, as a journal under a given load."""
 
     points: dict = places("points in the body's frame [m]")
 
 
 @attrs.frozen(kw_only=True)
-class Rigid(Massless):
+class RigidSettings(MasslessSettings):
     """A rigid body."""
 
-    mass: float = quantities.mass(REQUIRED, "[kg]", 1e4)
+    mass: float = quantities.mass(REQUIRED, "[kg]", 100)
     inertia: float = number(
         0.0,
         "about the centre of mass [kg m2]",
@@ -66,7 +67,7 @@ class Rigid(Massless):
 
 
 @attrs.frozen
-class Material:
+class MaterialSettings:
     """Of an elastic part."""
 
     youngs_modulus: float = quantities.youngs_modulus(210e9)
@@ -75,26 +76,22 @@ class Material:
 
 
 @attrs.frozen
-class Reduction(part_settings.Reduction):
-    """Reduction of an elastic part."""
+class FlexibleSettings(MovingSettings):
+    """An elastic part with lubricated bores, meshed and reduced, or reduced before.
 
-    method: str = choice("m4", part_settings.METHODS, "the last one without elasticity")
-
-
-@attrs.frozen
-class Flexible(Moving):
-    """An elastic part with a lubricated bore, meshed and reduced, or reduced before.
-
-    Its origin is the centre of its bore, the point `bore`.
+    Its origin is the centre of its first bore; a bore is a point, `bore` if no other is named.
     """
 
     model: str = text(NONE, "shipped model, or a .geo file, which is a program, or .msh")
     body: str = text(NONE, "HDF5 file of the reduced part, in place of a model")
+    bores: tuple[str, ...] = names("surfaces that films bend, the first one's axis is z", ("bore",))
     points: tuple[str, ...] = names("surfaces of the model whose mean places are points")
     held_by: str = text(NONE, "surface of the model that does not move, or none")
     cells: str = choice("hex", part_settings.CELLS, "structured hexahedra or 10-node tetrahedra")
     element: str = choice("serendipity", part_settings.ELEMENTS, "of hexahedra, 20- or 27-node")
-    damping_time: float = quantities.damping_time(0.0)
+    damping_time: float = number(
+        0.0, "zeta of D = zeta K [s]", least=0, usual=(1e-12, 0.1), example="1e-3 for 1 ms"
+    )
     mass: float = quantities.mass(0.0, "in place of the model's [kg], 0: the model's", 1e4)
     inertia: float = number(
         0.0, "in place of the model's, about the centre of mass [kg m2], 0: the model's", least=0
@@ -102,28 +99,13 @@ class Flexible(Moving):
     centre: tuple[float, float] = place(
         "centre of mass from the bore in place of the model's [m], [0, 0]: the model's"
     )
-    material: Material = section(Material)
+    material: MaterialSettings = section(MaterialSettings)
     geometry: dict = numbers("parameters of the Gmsh model by name")
-    reduction: Reduction = section(Reduction)
-
-    @property
-    def youngs_modulus(self) -> float:
-        """[Pa]."""
-        return self.material.youngs_modulus
-
-    @property
-    def poissons_ratio(self) -> float:
-        """[-]."""
-        return self.material.poissons_ratio
-
-    @property
-    def density(self) -> float:
-        """[kg/m3]."""
-        return self.material.density
+    reduction: part_settings.ReductionSettings = section(part_settings.ReductionSettings)
 
 
 @attrs.frozen
-class Shaft:
+class ShaftSettings:
     """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
 
     position: tuple[float, float] = place("of the undeformed axis [m]")
@@ -151,7 +133,7 @@ class Shaft:
 
 
 @attrs.frozen(kw_only=True)
-class Revolute:
+class RevoluteSettings:
     """Two points that stay together and turn freely."""
 
     between: tuple[str, ...] = names("the points, ground.hook or crank (its origin)", REQUIRED,
@@ -159,14 +141,14 @@ class Revolute:
 
 
 @attrs.frozen(kw_only=True)
-class Fixed(Revolute):
+class FixedSettings(RevoluteSettings):
     """Two points that stay together and do not turn."""
 
     angle: float = number(0.0, "of the second body ahead of the first [degrees]")
 
 
 @attrs.frozen(kw_only=True)
-class Slider:
+class SliderSettings:
     """A point on a line of another body."""
 
     line: str = text(REQUIRED, "point through which the line goes, fixed to its body")
@@ -177,7 +159,7 @@ class Slider:
 
 
 @attrs.frozen(kw_only=True)
-class Lubricated:
+class LubricatedSettings:
     """The journal of one body in the bore of another."""
 
     journal: str = text(REQUIRED, "point of the body with the journal, crank.pin")
@@ -197,9 +179,7 @@ class Lubricated:
     width: float = number(0.0, "of the bore [m]; 0: a flexible bore's own", least=0,
                           below=LARGEST_LENGTH)  # fmt: skip
     cells: tuple[int, ...] = film_cells(
-        (),
-        "film cells around and along, [40, 10]; empty: a flexible bore's own, 20 x 5 of a rigid",
-        optional=True,
+        "film cells around and along, [40, 10]; empty: a flexible bore's own, 20 x 5 of a rigid"
     )
     element: str = choice(
         "lagrange", part_settings.FILM_ELEMENTS, "9-node (lagrange), 8-node or bilinear"
@@ -229,7 +209,7 @@ class Lubricated:
 
 
 @attrs.frozen(kw_only=True)
-class Speed:
+class SpeedSettings:
     """A body's angle turns at a given speed, from the body's angle at the start on."""
 
     speed: float = quantities.speed(0.0, "constant [rad/s]")
@@ -237,7 +217,7 @@ class Speed:
 
 
 @attrs.frozen
-class Torque:
+class TorqueSettings:
     """A torque turns a body, from the body's angle and speed at the start on."""
 
     torque: float = number(0.0, "constant part, + in the sense of the angle [N m]")
@@ -248,7 +228,7 @@ class Torque:
 
 
 @attrs.frozen(kw_only=True)
-class ConstantForce:
+class ConstantForceSettings:
     """A force that stays the same in the frame at rest."""
 
     point: str = text(REQUIRED, "where it acts, piston or rod.pin")
@@ -256,7 +236,7 @@ class ConstantForce:
 
 
 @attrs.frozen(kw_only=True)
-class TimeTable:
+class TimeTableSettings:
     """A force over time, over and over."""
 
     point: str = text(REQUIRED, "where it acts")
@@ -269,7 +249,7 @@ class TimeTable:
 
 
 @attrs.frozen(kw_only=True)
-class AngleTable:
+class AngleTableSettings:
     """A force along a line at rest over a body's angle, over and over."""
 
     point: str = text(REQUIRED, "where it acts")
@@ -281,7 +261,7 @@ class AngleTable:
 
 
 @attrs.frozen(kw_only=True)
-class Rotating:
+class RotatingSettings:
     """A force that turns at constant speed, along x at time zero."""
 
     point: str = text(REQUIRED, "where it acts, shaft.disk")
@@ -293,7 +273,7 @@ class Rotating:
 
 
 @attrs.frozen(kw_only=True)
-class SpringDamper:
+class SpringDamperSettings:
     """A spring and a damper between two points, the same in all directions of the plane."""
 
     between: tuple[str, ...] = names("the points", REQUIRED, count=2)
@@ -302,21 +282,21 @@ class SpringDamper:
 
 
 @attrs.frozen
-class Gravity:
+class GravitySettings:
     """The weight of every body."""
 
     acceleration: tuple[float, float] = pair("[m/s2]", (0.0, -9.81))
 
 
 @attrs.frozen(kw_only=True)
-class Lubricant:
+class LubricantSettings:
     """An oil of constant viscosity."""
 
     viscosity: float = quantities.viscosity(REQUIRED)
 
 
 @attrs.frozen
-class Time:
+class TimeSettings:
     """How long, and in which steps."""
 
     end: float = number(0.0, "[s]; 0: as revolutions say", least=0)
@@ -348,7 +328,7 @@ class Time:
 
 
 @attrs.frozen
-class Output:
+class OutputSettings:
     """What a run writes beside history and summary."""
 
     plots: bool = flag(True, "curves as pictures")
@@ -357,15 +337,29 @@ class Output:
 
 
 #: Class of an entry by its table and kind.
-KINDS: Mapping[str, Mapping[str, type]] = MappingProxyType({
-    "bodies": {"rigid": Rigid, "flexible": Flexible, "shaft": Shaft, "massless": Massless},
-    "joints": {
-        "revolute": Revolute, "fixed": Fixed, "slider": Slider, "lubricated": Lubricated,
-    },
-    "drives": {"speed": Speed, "torque": Torque},
-    "forces": {
-        "constant": ConstantForce, "time-table": TimeTable, "angle-table": AngleTable,
-        "rotating": Rotating, "spring-damper": SpringDamper, "gravity": Gravity,
-    },
-    "lubricants": {"constant": Lubricant},
-})  # fmt: skip
+KINDS: Mapping[str, Mapping[str, type]] = MappingProxyType(
+    {
+        "bodies": {
+            "rigid": RigidSettings,
+            "flexible": FlexibleSettings,
+            "shaft": ShaftSettings,
+            "massless": MasslessSettings,
+        },
+        "joints": {
+            "revolute": RevoluteSettings,
+            "fixed": FixedSettings,
+            "slider": SliderSettings,
+            "lubricated": LubricatedSettings,
+        },
+        "drives": {"speed": SpeedSettings, "torque": TorqueSettings},
+        "forces": {
+            "constant": ConstantForceSettings,
+            "time-table": TimeTableSettings,
+            "angle-table": AngleTableSettings,
+            "rotating": RotatingSettings,
+            "spring-damper": SpringDamperSettings,
+            "gravity": GravitySettings,
+        },
+        "lubricants": {"constant": LubricantSettings},
+    }
+)

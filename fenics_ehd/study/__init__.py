@@ -1,1 +1,1 @@
-"""Error against run time: every reduction method against the full interface."""
+"""Many runs of one scene: sweeps over values, studies of what accuracy costs, one pool for both."""

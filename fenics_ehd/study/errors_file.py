@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_ehd.errors import InputError
+from fenics_ehd.base.errors import InputError
 
 if TYPE_CHECKING:  # slow to import, and workers do without
     from fenics_ehd.study.curves import Differences
 
-#: Names of the arrays, one value for each step of the run while errors count.
+#: Names of the arrays, one value for each step of the run while errors count; those of errors
+#: bear the joint's name before them, ``big_end.film_error``, if there are several.
 TIME, PRESSURE, FILM = "time_s", "pressure_error", "film_error"
 
 
@@ -22,10 +24,14 @@ def errors_path(directory: Path, against: str) -> Path:
     return directory / f"errors-{against}.npz"
 
 
-def write_errors(path: Path, found: Differences) -> None:
+def write_errors(path: Path, times: np.ndarray, found: Mapping[str, Differences]) -> None:
     """Write errors at the run's own steps, whole or not at all; the same ones, the same file."""
+    arrays = {TIME: times}
+    for joint, differences in found.items():
+        prefix = f"{joint}." if len(found) > 1 else ""
+        arrays |= {prefix + PRESSURE: differences.pressure, prefix + FILM: differences.film}
     content = io.BytesIO()
-    np.savez(content, **{TIME: found.time, PRESSURE: found.pressure, FILM: found.film})
+    np.savez(content, **arrays)
     partial = path.with_suffix(".part")
     partial.write_bytes(content.getvalue())
     partial.replace(path)
@@ -41,6 +47,6 @@ def read_errors(path: Path) -> dict[str, np.ndarray]:
     """
     try:
         with np.load(path) as file:
-            return {name: file[name] for name in (TIME, PRESSURE, FILM)}
+            return {name: file[name] for name in file.files}
     except Exception as error:  # a damaged archive raises what its parts happen to meet
         raise InputError(f"{path}: not the errors of a run ({error})") from None

@@ -9,24 +9,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from fenics_ehd.errors import BodyFileError, InputError
-from fenics_ehd.history_file import read_fields, read_history
-from fenics_ehd.lock import locked
-from fenics_ehd.output import require_writable, to_json, write_whole
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.lock import locked
+from fenics_ehd.base.output import require_writable, to_json, write_whole
 from fenics_ehd.reduction import load_body
+from fenics_ehd.scenes.run import BODY_FILE
+from fenics_ehd.study.curves import Reference
 from fenics_ehd.study.errors_file import errors_path
-from fenics_ehd.study.plan import Study, StudyRun
-from fenics_ehd.sweeps.work import Outcome
+from fenics_ehd.study.outcome import Outcome
+from fenics_ehd.study.plan import Study
 
 #: Beside the files of an ordinary run: what came of it, and of which settings.
 OUTCOME = "outcome.json"
 
 #: What a study and its report leave in its folder, beside runs and reduced bodies.
-TABLES = ("table.csv", "reference.json", "statements.csv", "report.html", "report.md")
+TABLES = ("table.csv", "reference.json", "report.html", "report.md")
 FIGURES = "figures"
 
-#: What a comparison reads of a run's fields; the second ones not every body has.
-FIELDS, MORE_FIELDS = ("coordinates", "rates", "pressure_Pa"), ("quasi_static",)
+#: Share of the simulated time that the last step of a complete run may lack.
+ROUND_OFF = 1e-9
 
 
 class StudyFolder:
@@ -50,10 +51,10 @@ class StudyFolder:
     """
 
     def __init__(self, directory: str | Path, study: Study, *, overwrite: bool = False):
-        self.path = Path(directory)
+        self.path, self.study = Path(directory), study
         require_writable(self.path)
         if not overwrite:
-            self._require_same_scene(study)
+            self._require_same_scene(study.scene.name)
         self.path.mkdir(parents=True, exist_ok=True)
         self._lock = locked(self.path / "study.lock")
         if overwrite:
@@ -73,7 +74,7 @@ class StudyFolder:
             for path in (self.path / "runs").glob(str(pattern)):
                 path.unlink(missing_ok=True)
 
-    def _require_same_scene(self, study: Study) -> None:
+    def _require_same_scene(self, ours: str) -> None:
         path = self.path / "study.json"
         if not path.exists():
             return
@@ -81,42 +82,52 @@ class StudyFolder:
             theirs = json.loads(path.read_text())["scene"]
         except (OSError, ValueError, KeyError, TypeError):
             raise InputError(f"{path}: unreadable, choose another folder or --overwrite") from None
-        if theirs != study.scene:
+        if theirs != ours:
             raise InputError(
-                f"{path}: scene = {theirs} there, {study.scene} here: "
-                "choose another folder or --overwrite"
+                f"{path}: scene = {theirs} there, {ours} here: choose another folder or --overwrite"
             )
 
     def run(self, name: str) -> Path:
         """Folder of a run."""
         return self.path / "runs" / name
 
-    def body(self, name: str) -> Path:
-        """File of a reduced body."""
-        return self.path / "bodies" / f"{name}.h5"
+    @property
+    def bodies(self) -> Path:
+        """Folder of the reduced bodies."""
+        return self.path / "bodies"
 
-    def has_body(self, name: str) -> bool:
-        """Whether there is such a reduced body, and its file can be read."""
-        try:
-            load_body(self.body(name))
-        except BodyFileError:
-            return False
-        return True
-
-    def outcome(self, run: StudyRun) -> Outcome | None:
+    def outcome(self, name: str) -> Outcome | None:
         """What came of a run; None: it did not run, with other settings or version, or is damaged.
 
-        The history of a run that is complete must have all its steps, in both of its files.
+        The files of a run that is complete must be there, all its steps in them.
         """
         try:
-            found = json.loads((self.run(run.name) / OUTCOME).read_text())
+            found = json.loads((self.run(name) / OUTCOME).read_text())
             outcome = Outcome(found["status"], found["figures"])
-            known = found["identity"] == run.identity
-            if known and (outcome.status != "complete" or _whole(self.run(run.name), outcome)):
+            known = found["identity"] == self.study.identities[name]
+            if known and (not outcome.complete or self._whole(name)):
                 return outcome
         except (OSError, ValueError, KeyError, TypeError, InputError):
             pass
         return None
+
+    def _whole(self, name: str) -> bool:
+        """Whether the files of a complete run can be read and reach its end."""
+        scene = self.study.cases[name].scene
+        for body in self.study.cases[name].bodies:
+            load_body(self.run(name) / BODY_FILE.format(body))
+        run = Reference(self.run(name), scene, self.study.start)
+        return bool(abs(run.times[-1] - scene.span) <= ROUND_OFF * scene.span)
+
+    def store(self, name: str, outcome: Outcome) -> None:
+        """Leave in a run's folder what came of it."""
+        self.run(name).mkdir(parents=True, exist_ok=True)
+        values = {
+            "identity": self.study.identities[name],
+            "status": outcome.status,
+            "figures": dict(outcome.figures),
+        }
+        write_whole(self.run(name) / OUTCOME, to_json(values) + "\n")
 
     def write(self, name: str, values: Mapping[str, Any]) -> None:
         """Write a JSON file, whole or not at all."""
@@ -132,17 +143,3 @@ class StudyFolder:
         trace: TracebackType | None,
     ) -> None:
         self._lock.close()
-
-
-def _whole(directory: Path, outcome: Outcome) -> bool:
-    """Whether the history of a complete run has all its steps."""
-    fields = read_fields(directory, FIELDS) | read_fields(directory, MORE_FIELDS, optional=True)
-    found = {len(values) for values in (read_history(directory)["time_s"], *fields.values())}
-    return found == {outcome.figures["steps"]}
-
-
-def store_outcome(directory: Path, identity: str, outcome: Outcome) -> None:
-    """Leave in a run's folder what came of it."""
-    directory.mkdir(parents=True, exist_ok=True)
-    values = {"identity": identity, "status": outcome.status, "figures": dict(outcome.figures)}
-    write_whole(directory / OUTCOME, json.dumps(values, indent=2) + "\n")

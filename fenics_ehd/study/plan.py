@@ -2,44 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from fenics_ehd.errors import SettingsError
-from fenics_ehd.study.film_check import film_check
-from fenics_ehd.study.scope import SCOPES, Scope
-from fenics_ehd.study.variants import Variant
-from fenics_ehd.sweeps.keys import with_values
-from fenics_ehd.sweeps.plan import Case, body_name, settings_identity
-from fenics_ehd.sweeps.scenes import read_settings
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
+from fenics_ehd.scenes.scene_text import as_stored
+from fenics_ehd.study.case import Case, checksum, identity, make_case
+from fenics_ehd.study.keys import with_values
+from fenics_ehd.study.scope import Scope, usual_scope
+from fenics_ehd.study.variants import FILM, Variant, film, steps, values_in
 
 #: Name of the run that all methods are measured against.
 REFERENCE = "reference"
+
+#: Share of the simulated time from which on errors count: before, the film builds up from no
+#: pressure at all. A cycle that repeats counts from its beginning.
+START = 0.02
 
 #: Largest steps that must fit between the start of errors and the end: three steps at least.
 LEAST_STEPS = 2
 
 #: Groups of rows, in the order of the table.
-METHODS, TOLERANCE, FILM, OWN = "methods", "tolerance", "film", "reference"
-
-
-@dataclass(frozen=True)
-class StudyRun:
-    """One run: its name, its case, and a checksum of all that its results depend on."""
-
-    name: str
-    case: Case
-    identity: str
-
-    @property
-    def body(self) -> str:
-        """Name of its reduced body."""
-        assert self.case.body is not None
-        return self.case.body
+METHODS, TOLERANCE, FILMS, OWN = "methods", "tolerance", "film", "reference"
 
 
 @dataclass(frozen=True)
@@ -53,7 +38,7 @@ class Row:
     against
         The run that its errors are relative to; empty: none, it is the finest.
     own
-        The same body with very fine steps, which shows the error of the steps alone; empty: none.
+        The same bodies with very fine steps, which shows the error of the steps alone; empty: none.
     """
 
     run: str
@@ -70,164 +55,171 @@ class Check:
     meaning: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Study:
     """A study.
 
     Attributes
     ----------
-    scene, quick, settings
-        What is studied; the settings that all runs have in common.
+    scene, quick
+        What all runs have in common, and whether the scope is the short one.
     start
         Time from which on errors count [s].
-    runs
+    cases
         By name; the reference is `REFERENCE`.
+    identities
+        Checksums of all that their results depend on, by name.
     rows
         Of the table.
     checks
         Of the reference: ``"step"``, ``"film"``, ``"basis"``.
     """
 
-    scene: str
+    scene: Scene
     quick: bool
-    settings: Any
     start: float
-    runs: Mapping[str, StudyRun]
+    cases: Mapping[str, Case]
+    identities: Mapping[str, str]
     rows: tuple[Row, ...]
     checks: Mapping[str, Check]
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Lubricated joints."""
+        return lubricated_joints(self.scene)
 
-class _Runs:
-    """Runs by name, each of them once."""
 
-    def __init__(self, base: Any):
-        self._base = base
+class _Cases:
+    """Cases by name, each of them once."""
+
+    def __init__(self, scene: Scene):
+        self._scene = scene
         self._names: dict[str, str] = {}
-        self.found: dict[str, StudyRun] = {}
+        self.found: dict[str, Case] = {}
 
-    def add(self, name: str, *values: Mapping[str, Any]) -> str:
-        """Add a run of these settings, unless there is one; returns its name."""
-        merged = {key: value for part in values for key, value in part.items()}
-        settings = with_values(self._base, merged)
-        same = identity(settings)
+    def add(self, variant: Variant) -> str:
+        """Add a case, unless there is one of these settings; returns its name."""
+        case = make_case(variant.name, self._scene, values_in(self._scene, variant.values))
+        same = checksum(identity(case.scene) | {n: b.name for n, b in case.bodies.items()})
         if same not in self._names:
-            assert name not in self.found, f"two runs are called {name}"
-            case = Case(len(self.found) + 1, (), settings, body_name(settings))
-            self.found[name] = StudyRun(name, case, same)
-            self._names[same] = name
+            assert variant.name not in self.found, f"two runs are called {variant.name}"
+            self.found[variant.name] = case
+            self._names[same] = variant.name
         return self._names[same]
 
+    @property
+    def identities(self) -> dict[str, str]:
+        """Checksums by name."""
+        return {name: same for same, name in self._names.items()}
 
-def identity(settings: Any) -> str:
-    """Checksum of all that a run's results depend on."""
-    parts = settings_identity(settings, {}) | {"body": str(body_name(settings))}
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
-
-def make_study(scene: str, *, quick: bool = False, scope: Scope | None = None) -> Study:
+def make_study(
+    source: str,
+    *,
+    quick: bool = False,
+    scope: Scope | None = None,
+    start: float | None = None,
+) -> Study:
     """Study of a scene.
 
     Parameters
     ----------
-    scene
-        ``slider-crank``, ``rotor``, or a scene file of their kind, whose settings hold for all
-        that is not varied.
+    source
+        Shipped scene, or a scene file, whose settings hold for all that is not varied.
     quick
         The small selection for people who try it out.
     scope
         What to run instead.
+    start
+        Time from which on errors count [s]; None: after 2 % of the simulated time, from the
+        beginning of a cycle that repeats.
 
     Raises
     ------
     SettingsError
-        The scene has no study, or settings that cannot be used.
+        The scene has no film or no part to reduce, or settings that cannot be used.
     """
-    given = read_settings(scene)
-    kind = given.scene
-    if scope is None:
-        if (kind, quick) not in SCOPES:
-            known = " or ".join(sorted({name for name, _ in SCOPES}))
-            raise SettingsError(f"scene {kind}: there is no study of it, only of {known}")
-        scope = SCOPES[kind, quick]
-    base = with_values(given, scope.settings)
-    _require_long_enough(base, scope.start)
-    runs = _Runs(base)
-    runs.add(REFERENCE, scope.reference.values, scope.reference_steps)
-    rows = [
-        *(Row(runs.add(v.name, v.values), METHODS, REFERENCE) for v in scope.methods),
-        *_tolerance_rows(runs, scope, base.time),
-        *_film_rows(runs, scope),
-    ]
-    checks = _checks(runs, scope, film_check(scope.film_check, base))
-    others = dict.fromkeys(check.run for check in checks.values())
-    rows = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others), *rows]
-    return Study(kind, quick, base, scope.start, runs.found, tuple(rows), checks)
-
-
-def _require_long_enough(settings: Any, start: float) -> None:
-    if settings.scene == "rotor":
-        key, turns, speed = "shaft.revolutions", settings.shaft.revolutions, settings.shaft.speed
-    else:
-        mechanism = settings.mechanism
-        key, turns, speed = "mechanism.revolutions", mechanism.revolutions, mechanism.crank_speed
-    end = 2 * math.pi * turns / speed
-    step = math.radians(settings.time.largest_step) / speed
-    if not end >= start + LEAST_STEPS * step:
+    scene = as_stored(source)
+    if not (meshed(scene) and lubricated_joints(scene)):
         raise SettingsError(
-            f"{key} = {turns:g} ends at {end:.3g} s, errors count from {start:g} s, a step may "
-            f"take {step:.3g} s: simulate more"
+            f"scene {scene.name}: there is nothing to study, it needs a flexible body with a "
+            "model and a lubricated joint"
+        )
+    if scope is not None:
+        scene = with_values(scene, values_in(scene, scope.settings))
+    scope = scope or usual_scope(scene, quick=quick)
+    if start is None:
+        start = 0.0 if scene.time.periodic else START * scene.span
+    _require_long_enough(scene, start)
+    cases = _Cases(scene)
+    cases.add(Variant(REFERENCE, {**scope.reference.values, **scope.reference_steps}))
+    rows = [
+        *(Row(cases.add(variant), METHODS, REFERENCE) for variant in scope.methods),
+        *_tolerance_rows(cases, scope, scene.time.tolerance),
+        *_film_rows(cases, scope),
+    ]
+    checks = _checks(cases, scope)
+    others = dict.fromkeys(check.run for check in checks.values())
+    own = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others)]
+    unique = tuple(dict.fromkeys([*own, *rows]))
+    return Study(scene, quick, start, cases.found, cases.identities, unique, checks)
+
+
+def _require_long_enough(scene: Scene, start: float) -> None:
+    time = scene.time
+    step = time.largest_step * scene.span / (time.revolutions or 1.0)
+    if not 0.0 <= start <= scene.span - LEAST_STEPS * step:
+        raise SettingsError(
+            f"errors count from start = {start:.3g} s, a step may take {step:.3g} s, and the scene "
+            f"ends at {scene.span:.3g} s: choose another start or simulate more"
         )
 
 
-def _tolerance_rows(runs: _Runs, scope: Scope, base: Any) -> list[Row]:
+def _tolerance_rows(cases: _Cases, scope: Scope, usual: float) -> list[Row]:
     rows = []
     for variant in scope.stepped:
-        finest = variant.but("finest", scope.finest_steps)
-        own = runs.add(finest.name, finest.values)
+        own = cases.add(variant.but("finest", scope.finest_steps))
         for tolerance in scope.tolerances:
-            asked = _stepped(variant, tolerance, base.tolerance)
-            rows.append(Row(runs.add(asked.name, asked.values), TOLERANCE, REFERENCE, own))
+            run = cases.add(_stepped(variant, tolerance, usual))
+            rows.append(Row(run, TOLERANCE, REFERENCE, own if run != own else ""))
         rows.append(Row(own, TOLERANCE, REFERENCE))
     for variant in scope.loose:
-        asked = _stepped(variant, scope.tolerances[0], base.tolerance)
-        rows.append(Row(runs.add(asked.name, asked.values), TOLERANCE, REFERENCE))
+        run = cases.add(_stepped(variant, scope.tolerances[0], usual))
+        rows.append(Row(run, TOLERANCE, REFERENCE))
     return rows
 
 
-def _stepped(variant: Variant, tolerance: float, default: float) -> Variant:
-    if tolerance == default:
+def _stepped(variant: Variant, tolerance: float, usual: float) -> Variant:
+    if tolerance == usual:
         return variant
-    return variant.but(f"tol-{tolerance:.0e}", {"time.tolerance": tolerance})
+    return variant.but(f"tol-{tolerance:.0e}", steps(tolerance))
 
 
-def _film_rows(runs: _Runs, scope: Scope) -> list[Row]:
+def _film_rows(cases: _Cases, scope: Scope) -> list[Row]:
     rows = []
     for variant in scope.meshed:
-        meshed = [_meshed(variant, cells) for cells in scope.meshes]
-        finest = runs.add(meshed[-1].name, meshed[-1].values)
-        rows += [Row(runs.add(v.name, v.values), FILM, finest) for v in meshed[:-1]]
-        rows.append(Row(finest, FILM, ""))
+        runs = [cases.add(_meshed(variant, factor)) for factor in scope.films]
+        rows += [Row(run, FILMS, runs[-1]) for run in runs[:-1]]
+        rows += [Row(run, FILMS, "") for run in runs[-1:]]
     return rows
 
 
-def _meshed(variant: Variant, cells: tuple[int, int]) -> Variant:
-    around, along = cells
-    return variant.but(f"film-{around}x{along}", {"film.cells": cells})
+def _meshed(variant: Variant, factor: float) -> Variant:
+    return variant if factor == 1.0 else variant.but(f"film-{factor:g}", film(factor))
 
 
-def _checks(runs: _Runs, scope: Scope, film: Mapping[str, Any]) -> dict[str, Check]:
-    reference, fine = scope.reference.values, scope.reference_steps
-    variant, values = scope.basis_check
-    changed = {"film": (reference, film), "basis": (variant.values, values)}
+def _checks(cases: _Cases, scope: Scope) -> dict[str, Check]:
+    basis, other = scope.basis_check
+    changed = {
+        "film": (scope.reference, scope.film_check),
+        "basis": (basis, {**basis.values, **other}),
+    }
     if scope.step_check is not None:
-        changed = {"step": (reference, scope.step_check)} | changed
+        changed = {"step": (scope.reference, scope.step_check)} | changed
     checks = {}
-    for kind, (basis, other) in changed.items():
-        run = runs.add(f"reference-{kind}", basis, fine, other)
-        words = _words(other if basis is reference else {**basis, **other})
-        checks[kind] = Check(run, f"with {words}")
+    for kind, (variant, values) in changed.items():
+        merged = {**variant.values, **scope.reference_steps, **values}
+        run = cases.add(Variant(f"{REFERENCE}-{kind}", merged))
+        words = (f"{'film cells times' if k == FILM else f'{k} ='} {v}" for k, v in values.items())
+        checks[kind] = Check(run, f"with {', '.join(words)}")
     return {"step": checks["basis"]} | checks
-
-
-def _words(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} = {value}" for key, value in values.items())

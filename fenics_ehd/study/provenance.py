@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import platform
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-import attrs
-
 from fenics_ehd import __version__
-from fenics_ehd.interrupt import interrupt_kept
-from fenics_ehd.output import versions
+from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.base.output import versions
 from fenics_ehd.study.plan import Study
 
 #: What the times of the table are.
@@ -24,15 +23,16 @@ def describe_study(study: Study) -> dict[str, object]:
     with interrupt_kept():  # Gmsh may be imported for its version
         found = versions(installed=True)
     return {
-        "scene": study.scene,
+        "scene": study.scene.name,
+        "joints": list(study.joints),
         "quick": study.quick,
         "version": __version__,
         "machine": machine(),
         "clock": CLOCK,
-        "errors_count_from_s": study.start,
-        "runs": len(study.runs),
+        "start": study.start,
+        "runs": len(study.cases),
         "versions": found,
-        "settings": attrs.asdict(study.settings),
+        "settings": dict(study.scene.tables),
     }
 
 
@@ -57,21 +57,13 @@ def machine() -> dict[str, object]:
         "cpu": _processor(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_GB": round(memory, 1),
-        "os": _system(),
+        "os": platform.platform(),
     }
 
 
 def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
-
-
-def _system() -> str:
-    try:
-        return platform.freedesktop_os_release()["PRETTY_NAME"]
-    except (OSError, KeyError):
-        return platform.system()
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.machine()

@@ -6,10 +6,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
+from fenics_ehd.scenes.films import DEFAULT_CELLS
+from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
+
+#: Stands for the cells of every film, as many times the scene's own in both directions.
+FILM = "film"
+
 
 @dataclass(frozen=True)
 class Variant:
-    """Settings by ``section.key``, under a name that is a file name as well."""
+    """Settings under a name that is a file name as well.
+
+    `values` are by full key, by ``reduction.KEY`` for all parts that are reduced alike, and by
+    `FILM` for all films.
+    """
 
     name: str
     values: Mapping[str, Any]
@@ -35,6 +46,7 @@ def m3(pressure_set: str, selection: str, modes: int) -> Variant:
         f"m3-{pressure_set}-{selection}-{modes}",
         method="m3",
         pressure_set=pressure_set,
+        snapshots=NONE,
         selection=selection,
         residual_modes=modes,
     )
@@ -64,11 +76,56 @@ def _reduction(name: str, **values: Any) -> Variant:
     return Variant(name, {f"reduction.{key}": value for key, value in values.items()})
 
 
-def steps(tolerance: float, order: int = 2) -> dict[str, Any]:
+def steps(tolerance: float) -> dict[str, Any]:
     """Settings of the time integration."""
-    return {"time.tolerance": tolerance, "time.order": order}
+    return {"time.tolerance": tolerance}
 
 
-def film(around: int, along: int) -> dict[str, Any]:
-    """Settings of the film mesh."""
-    return {"film.cells": (around, along)}
+def film(factor: float) -> dict[str, Any]:
+    """Settings of the film meshes: so many times the cells in both directions."""
+    return {FILM: factor}
+
+
+def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of a variant by full key."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        if key.startswith("reduction."):
+            found |= {f"bodies.{name}.{key}": value for name in meshed(scene)}
+        elif key == FILM:
+            joints = lubricated_joints(scene)
+            found |= {f"joints.{joint}.cells": _times(scene, joint, value) for joint in joints}
+        else:
+            found[key] = value
+    return found
+
+
+def _times(scene: Scene, joint: str, factor: float) -> list[int]:
+    """Cells of a film multiplied; those of the scene itself stay as they are written."""
+    if factor == 1.0:
+        return list(scene.joints[joint].cells)
+    own = planned_cells(scene, joint)
+    return [
+        max(int(factor * cells + 0.5), least)
+        for cells, least in zip(own, FEWEST_CELLS, strict=True)
+    ]
+
+
+def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
+    """Cells around and along that a film will have, as far as its settings tell."""
+    settings = scene.joints[joint]
+    if settings.cells:
+        around, along = settings.cells
+        return around, along
+    elastic = scene.elastic_bore(settings)
+    if elastic is None or elastic[0] not in meshed(scene):
+        return DEFAULT_CELLS
+    part = scene.bodies[elastic[0]]
+    if part.cells != "hex":
+        return DEFAULT_CELLS
+    names = ("bore_cells_around", "bore_cells_along")
+    around, along = (
+        int(part.geometry.get(name, cells))
+        for name, cells in zip(names, DEFAULT_CELLS, strict=True)
+    )
+    return around, along

@@ -12,6 +12,7 @@ from random import Random
 
 from attempt import Outcome, attempt, finish, launch
 from judge import Verdict, figures, judge
+from scene_cases import write_scene
 from world import COARSE, RESUME, World, command
 
 Found = Iterator[tuple[str, str, Verdict]]
@@ -23,7 +24,7 @@ LIMIT = 90
 
 
 def _run(scene: str, every: float = 0) -> tuple[str, ...]:
-    return ("run", scene, "--body", "rod.h5", "--no-plots", "--checkpoint-every", str(every),
+    return ("run", scene, "--no-plots", "--checkpoint-every", str(every),
             "-o", "out")  # fmt: skip
 
 
@@ -123,9 +124,8 @@ def ranks(world: World, options: argparse.Namespace) -> Found:
     """An error on one of two ranks ends both."""
     folder = world.folder / "ranks"
     folder.mkdir()
-    geometry = "\n".join(f"{key} = {value}" for key, value in COARSE.items())
-    right = f'scene = "slider-crank"\n[rod.geometry]\n{geometry}\n'
-    (folder / "right.toml").write_text(right)
+    coarse = {"bodies.rod.geometry": COARSE}
+    right = write_scene(folder / "right.toml", "slider-crank-paper", coarse).read_text()
     (folder / "wrong.toml").write_text(right + "[tyme]\n")
     found = [(name, rank) for name in ONE_RANK for rank in (0, 1)]
     random = Random(f"{options.seed} ranks")
@@ -143,7 +143,15 @@ def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
     for rank in (0, 1):
         variables, other = ONE_RANK[name] if rank == wrong else ((), {})
         options = {"--scene": "right.toml", "-o": "out.h5", "--basis": "basis.h5", **other}
-        program = ["env", *variables, sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod"]
+        program = [
+            "env",
+            *variables,
+            sys.executable,
+            "-m",
+            "fenics_ehd.cli",
+            "reduce",
+            "conrod",
+        ]
         pairs = [word for pair in options.items() for word in pair]
         whole += [*([":"] if rank else []), "-n", "1", *program, *pairs]
     done = subprocess.run(

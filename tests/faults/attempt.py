@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fenics_ehd.errors import EhdError
+from fenics_ehd.base.errors import EhdError
 
 #: Memory that a call may take beyond what it begins with [bytes].
 ROOM = 4 * 2**30

@@ -1,23 +1,17 @@
 """Malformed scenes, tables and options."""
 
 import os
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from random import Random
+from typing import Any
 
-import attrs
 from cases import Case
-from world import CALLS, TABLES, World, command
+from scene_cases import ROD_OF_A_FILE, Raw, tables_of, toml
+from world import CALLS, COARSE, TABLES, World, command
 
-from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-
-SCENES = {
-    "slider-crank": SliderCrankSettings,
-    "rotor": RotorSettings,
-    "loaded-journal": LoadedJournalSettings,
-}
+SCENES = ("slider-crank-paper", "rotor-paper", "loaded-journal", "four-bar")
 
 #: Values of which none belongs to a key that holds this type.
 WRONG_VALUES = {
@@ -26,19 +20,31 @@ WRONG_VALUES = {
     int: ['"3"', "true", "[]", "{}", "nan", "inf", "1.5", "-1", "[3]", "-" + "9" * 400],
     bool: ['"true"', "1", "0.0", "[]", "{}", "[true]"],
     str: ["1", "true", "[]", "{}", "nan", '"no such thing"', '"a\\u0000b"', f'"{"x" * 200_000}"'],
-    tuple: ["1", '"20x5"', "true", "[nan, 5]", "[20, 5, 3]", "[-20, 5]", "[[20, 5]]", "[1e999, 1]",
+    list: ["1", '"20x5"', "true", "[nan, 5]", "[20, 5, 3]", "[[20, 5]]", "[1e999, 1]",
             '["20", "5"]', "{}"],
     dict: ["1", '"text"', "[]", "true"],
 }  # fmt: skip
 
 #: Numbers at the ends of what can be written, for keys that do not say how long a run is.
 EXTREME = ["1e308", "-1e308", "1e-308", "5e-324", "0", "-0.0", "-1", "1e30", "1e-30"]
-MEASURES = {
-    "mechanism": ("crank_length", "crank_speed", "piston_mass", "crank_mass", "crank_inertia"),
-    "bearing": ("clearance", "viscosity", "smallest_film"),
-    "rod": ("youngs_modulus", "density", "damping_time"),
-    "start": ("eccentricity_x", "velocity_y"),
-}
+MEASURES = (
+    "drives.crank.speed",
+    "bodies.piston.mass",
+    "bodies.crank.mass",
+    "bodies.crank.inertia",
+    "bodies.crank.points.pin",
+    "bodies.rod.damping_time",
+    "bodies.rod.mass",
+    "bodies.rod.position",
+    "joints.big_end.clearance",
+    "joints.big_end.smallest_film",
+    "joints.big_end.eccentricity",
+    "joints.big_end.eccentricity_rate",
+    "joints.cylinder.direction",
+    "lubricants.oil.viscosity",
+)
+OF_THE_MODEL = ("bodies.rod.material.youngs_modulus", "bodies.rod.material.density")
+PAIRS = ("pin", "position", "eccentricity", "eccentricity_rate", "direction")
 
 #: Whole scene files; those that say the same as the intact one are marked.
 SAME = {
@@ -52,27 +58,36 @@ BROKEN: dict[str, Callable[[bytes], bytes]] = {
     "UTF-16": lambda text: text.decode().encode("utf-16"),
     "Latin-1": lambda text: text + b"# \xb5m\n",
     "zero byte": lambda text: text[:40] + b"\0" + text[40:],
-    "unknown key": lambda text: text + b"[time]\ntolerence = 1e-4\n",
+    "unknown key": lambda text: text + b"time.tolerence = 1e-4\n",
     "unknown table": lambda text: text + b"[tyme]\ntolerance = 1e-4\n",
-    "key twice": lambda text: text + b'gas_force = "gas.csv"\n',
-    "table twice": lambda text: text + b"[mechanism]\ncrank_length = 0.048\n",
+    "key twice": lambda text: text + b"time.tolerance = 1e-5\n",
+    "table twice": lambda text: text + b"[bodies.crank]\nmass = 1.0\n",
     "table as array": lambda text: text + b"[[time]]\ntolerance = 1e-4\n",
     "table as value": lambda text: b"time = 3\n" + text,
     "no value": lambda text: text + b"crank_length =\n",
     "no equals sign": lambda text: text + b"crank_length 0.048\n",
     "open string": lambda text: text + b'drive = "speed\n',
     "open bracket": lambda text: text + b"[film\ncells = [20\n",
-    "no scene": lambda text: text.replace(b'scene = "slider-crank"', b""),
-    "scene of another kind": lambda text: text.replace(b"slider-crank", b"rotor"),
-    "no such scene": lambda text: text.replace(b"slider-crank", b"slider-cranck"),
-    "scene a number": lambda text: text.replace(b'"slider-crank"', b"7"),
+    "no bodies": lambda text: re.sub(rb"(?m)^bodies.*$", b"", text),
+    "no joints": lambda text: re.sub(rb"(?m)^joints.*$", b"", text),
+    "scene of version 0.1": lambda text: b'scene = "slider-crank"\n[mechanism]\n',
+    "body of another kind": lambda text: text.replace(b'"flexible"', b'"shaft"'),
+    "no such kind": lambda text: text.replace(b'"flexible"', b'"flexibel"'),
+    "kind a number": lambda text: text.replace(b'"flexible"', b"7"),
+    "kind a list": lambda text: text.replace(b'"flexible"', b"[]"),
+    "a joint that stays open": lambda text: text.replace(b"pin = [0.048, 0.0]", b"pin = [9, 0.0]"),
+    "a loop twice": lambda text: (
+        text + b'joints.x = {kind = "fixed", between = ["rod", "piston"]}\n'
+    ),
+    "a joint of nothing": lambda text: text.replace(b'"rod.bore"', b'"rod.boer"'),
+    "a name with a slash": lambda text: text.replace(b"bodies.piston", b'bodies."../piston"'),
     "deep dotted key": lambda text: text + b".".join([b"a"] * 50_000) + b" = 1\n",
     "deep array": lambda text: text + b"cells = " + b"[" * 50_000 + b"]" * 50_000 + b"\n",
     "deep table": lambda text: text + b"[" + b".".join([b"a"] * 50_000) + b"]\n",
     "long key": lambda text: text + b"k" * 10**6 + b" = 1\n",
-    "long integer": lambda text: text + b"crank_length = " + b"7" * 5000 + b"\n",
+    "long integer": lambda text: text + b"time.cycles = " + b"7" * 5000 + b"\n",
     "binary": lambda text: bytes(range(256)) * 40,
-    "JSON": lambda text: b'{"scene": "slider-crank"}',
+    "JSON": lambda text: b'{"bodies": {}}',
     "carriage returns": lambda text: text.replace(b"\n", b"\r"),
 }
 
@@ -126,44 +141,41 @@ def _cut_or_flipped(random: Random) -> Callable[[bytes], bytes]:
 
 def scene_values(world: World, random: Random) -> Iterator[Case]:
     """Every key of every scene with values of the wrong type, and measures out of all range."""
-    found = []
-    for scene, settings in SCENES.items():
-        for table in attrs.fields(settings):
-            if not attrs.has(type(getattr(settings(), table.name))):
-                continue
-            for key in attrs.fields(type(getattr(settings(), table.name))):
-                kind = type(getattr(getattr(settings(), table.name), key.name))
-                for value in WRONG_VALUES[kind]:
-                    found.append((scene, table.name, key.name, value))
-    for scene, table, key, value in random.sample(found, len(found)):
-        text = _toml(scene, {table: {key: value}})
-        name = f"{scene} {table}.{key} = {value[:30]}"
+    found = [
+        (scene, key, value)
+        for scene in SCENES
+        for key, kind in _keys(tables_of(scene, {}))
+        for value in WRONG_VALUES[kind]
+    ]
+    for scene, key, value in random.sample(found, len(found)):
+        text = toml(tables_of(scene, {key: Raw(value)}))
+        name = f"{scene} {key} = {value[:30]}"
         yield Case("scene values", name, _writer({"scene.toml": text}), command(
             "run", "scene.toml", "--no-plots", "-o", "out"), intact="run")  # fmt: skip
 
 
+def _keys(tables: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, type]]:
+    """Dotted names of all keys and tables, and the type of what they hold."""
+    for key, value in tables.items():
+        yield f"{place}{key}", type(value)
+        if isinstance(value, Mapping):
+            yield from _keys(value, f"{place}{key}.")
+
+
 def scene_extremes(world: World, random: Random) -> Iterator[Case]:
     """Numbers at the ends of what can be written: refused, or an answer of finite numbers."""
-    found = [(t, k, v) for t, keys in MEASURES.items() for k in keys for v in EXTREME]
-    needed, _ = CALLS["run"]
-    for table, key, value in random.sample(found, len(found)):
-        tables = {"mechanism": {"revolutions": "0.002"}}
-        tables.setdefault(table, {})[key] = value
-        body = () if table == "rod" else ("--body", "rod.h5")
+    found = [(key, value) for key in (*MEASURES, *OF_THE_MODEL) for value in EXTREME]
+    for key, value in random.sample(found, len(found)):
+        written = Raw(f"[{value}, 0.0]" if key.endswith(PAIRS) else value)
+        part = {"bodies.rod.geometry": COARSE} if key in OF_THE_MODEL else ROD_OF_A_FILE
+        changes = {**part, "time.revolutions": 0.002, key: written}
 
-        def prepare(folder: Path, tables: dict = tables) -> None:
-            world.copy(needed, folder)
-            (folder / "scene.toml").write_text(_toml("slider-crank", tables))
+        def prepare(folder: Path, changes: dict = changes) -> None:
+            world.copy(("rod.h5",), folder)
+            (folder / "scene.toml").write_text(toml(tables_of("slider-crank-paper", changes)))
 
-        yield Case("scene extremes", f"{table}.{key} = {value}", prepare, command(
-            "run", "scene.toml", *body, "--no-plots", "-o", "out"), slow=True)  # fmt: skip
-
-
-def _toml(scene: str, tables: dict[str, dict[str, str]]) -> str:
-    lines = [f'scene = "{scene}"']
-    for table, keys in tables.items():
-        lines += [f"[{table}]", *(f"{key} = {value}" for key, value in keys.items())]
-    return "\n".join([*lines, ""])
+        yield Case("scene extremes", f"{key} = {value}", prepare, command(
+            "run", "scene.toml", "--no-plots", "-o", "out"), slow=True)  # fmt: skip
 
 
 def _writer(files: dict[str, str]) -> Callable[[Path], None]:
@@ -274,11 +286,12 @@ REFUSED = (
     ("init",), ("init", "piston"), ("plot",), ("plot", "nowhere"), ("plot", "."), ("plot", "file"),
     ("animate", "nowhere"), ("animate", "."), ("animate", "file"), ("report", "nowhere"),
     ("report", "."), ("sweep",), ("sweep", "slider-crank"), ("study", "bearing"), ("study",),
-    ("sweep", "slider-crank", "a=1", "-o", "s"), ("info", "x"), ("nonsense",), ("--nonsense",),
-    ("sweep", "slider-crank", "bearing.viscosity=", "-o", "s"),
-    ("sweep", "slider-crank", "bearing.viscosity=1:2:0", "-o", "s"),
-    ("sweep", "slider-crank", "bearing.viscosity=x", "-o", "s"),
-    ("sweep", "slider-crank", "bearing.viscosity=nan", "-o", "s"),
+    ("sweep", "slider-crank", "--set", "a=1", "-o", "s"), ("check", "x"), ("nonsense",),
+    ("--nonsense",),
+    ("sweep", "slider-crank", "--set", "oil.viscosity=", "-o", "s"),
+    ("sweep", "slider-crank", "--set", "oil.viscosity=1:2:0", "-o", "s"),
+    ("sweep", "slider-crank", "--set", "oil.viscosity=x", "-o", "s"),
+    ("sweep", "slider-crank", "--set", "oil.viscosity=nan", "-o", "s"),
     ("bearing",), ("bearing", "--load", "5", "--plot", "x.y"), ("bearing", "--load", "1e300"),
     ("bearing", "--load", "5", "--plot", "/dev/null/x.png"),
     ("bearing", "--eccentricity", "1"), ("bearing", "--load", "5", "--cells", "64x0"),

@@ -16,43 +16,32 @@ from hand_made_rod import Joint, make_body
 from judge import figures
 from mpi4py import MPI
 from petsc4py import PETSc
+from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, structure, write_scene
 from scipy import io, sparse
 
-from fenics_ehd.cli import main
+from fenics_ehd.cli.main import main
 from fenics_ehd.reduction import as_matrix, load_structure, save_body, save_structure
-from fenics_ehd.scenes.rod import build_structure
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.settings import build
 
-SCENE = """scene = "slider-crank"
-[mechanism]
-revolutions = 0.002
-gas_force = "gas.csv"
-drive = "torque"
-drive_torque_table = "torque.csv"
-"""
+#: The paper's machine with a rod of a file under two tables.
+SCENE = ROD_OF_A_FILE | {
+    "bodies.crank.speed": 500.0,
+    "drives.crank": {"kind": "torque", "table": "torque.csv"},
+    "forces.gas": {
+        "kind": "angle-table", "point": "piston", "angle_of": "crank", "file": "gas.csv"
+    },
+    "time.revolutions": 0.002,
+}  # fmt: skip
 
 #: A run of a second and 170 steps, to be stopped.
-LONG_SCENE = """scene = "slider-crank"
-[mechanism]
-revolutions = 0.15
-[time]
-tolerance = 1e-7
-"""
+LONG_SCENE = ROD_OF_A_FILE | {"time.revolutions": 0.15, "time.tolerance": 1e-7}
 
 #: A run whose history needs far more room than a run asks for at its start.
-LARGE_SCENE = LONG_SCENE.replace("0.15", "2.0").replace("1e-7", "1e-6")
+LARGE_SCENE = LONG_SCENE | {"time.revolutions": 2.0, "time.tolerance": 1e-6}
 
 #: A journal whose load repeats; its film is coarse.
-JOURNAL = """scene = "loaded-journal"
-[film]
-cells = [8, 2]
-[load]
-file = "load.csv"
-[time]
-tolerance = 1e-1
-periodicity = 1e-1
-"""
+JOURNAL = LOADED_JOURNAL | {
+    "joints.bearing.cells": [8, 2], "time.tolerance": 1e-1, "time.periodicity": 1e-1
+}  # fmt: skip
 
 TABLES = {
     "gas.csv": "angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n",
@@ -63,13 +52,13 @@ TABLES = {
 #: A rod of few elements, for the files of whole parts.
 COARSE = {
     "bore_cells_around": 10,
-    "bore_cells_along": 1,
+    "bore_cells_along": 2,
     "big_end_layers": 1,
     "shank_cells": 2,
     "small_end_layers": 1,
 }
 
-RUN = ("run", "scene.toml", "--body", "rod.h5", "--no-plots", "-o", "out")
+RUN = ("run", "scene.toml", "--no-plots", "-o", "out")
 JOURNAL_RUN = ("run", "journal.toml", "--no-plots", "-o", "out")
 RESUME = ("run", "--resume", "out", "--no-plots")
 
@@ -95,7 +84,7 @@ def read_structure() -> None:
 
     part = load_structure("part.h5", MPI.COMM_SELF)
     check_structure(part)
-    bore = part.lubricated_bore
+    bore = part.bore
     loads = [v.array for three in part.attachments.values() for v in three]
     leave_digest(
         *(a for m in (part.stiffness, part.mass, bore.load) for a in m.getValuesCSR()),
@@ -139,13 +128,17 @@ CALLS: dict[str, tuple[tuple[str, ...], Callable[[], None]]] = {
 def make_world(folder: Path) -> World:
     """Write the intact inputs and ask the program about each."""
     folder.mkdir(parents=True)
-    for name, text in {**TABLES, "scene.toml": SCENE, "journal.toml": JOURNAL}.items():
+    for name, text in TABLES.items():
         (folder / name).write_text(text)
-    (folder / "long.toml").write_text(LONG_SCENE)
-    (folder / "large.toml").write_text(LARGE_SCENE)
+    write_scene(folder / "journal.toml", "loaded-journal", JOURNAL)
+    # The load of the driver, in place of the tests' own.
+    (folder / "load.csv").write_text(TABLES["load.csv"])
+    scenes = {"scene.toml": SCENE, "long.toml": LONG_SCENE, "large.toml": LARGE_SCENE}
+    for name, changes in scenes.items():
+        write_scene(folder / name, "slider-crank-paper", changes)
     save_body(make_body(Joint()), folder / "rod.h5")
-    settings = build(SliderCrankSettings, {"rod": {"geometry": COARSE}})
-    save_structure(build_structure(settings, MPI.COMM_SELF), folder / "part.h5")
+    part = structure("slider-crank-paper", "rod", MPI.COMM_SELF, {"bodies.rod.geometry": COARSE})
+    save_structure(part, folder / "part.h5")
     write_matrices(folder)
     world = World(folder)
     stop_a_run(world)
@@ -182,7 +175,7 @@ def rows_in(folder: Path) -> int:
 
 def stop_a_run(world: World, rows: int = 100) -> None:
     """Leave in ``out`` what a killed run of the long scene leaves."""
-    run = ("run", "long.toml", "--body", "rod.h5", "--no-plots", "--checkpoint-every", "0")
+    run = ("run", "long.toml", "--no-plots", "--checkpoint-every", "0")
     began = time.monotonic()
     process = launch(command(*run, "-o", "out"), world.folder, 300)
     while rows_in(world.folder / "out") < rows:

@@ -1,0 +1,1 @@
+"""What every other room needs: errors, settings and units, files, PETSc options."""

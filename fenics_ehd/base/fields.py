@@ -1,0 +1,190 @@
+"""Kinds of fields of settings: numbers with units and limits, words, lists, each value checked."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import attrs
+
+from fenics_ehd.base.errors import SettingsError
+
+#: Sizes of a number whose powers and products are still numbers.
+SMALLEST, LARGEST = 1e-30, 1e30
+
+
+def checked(
+    default: Any,
+    help_text: str,
+    check: Callable[[str, Any], None],
+    converter: Callable[[Any], Any] | None = None,
+    **more: Any,
+) -> Any:
+    """A field whose name and value a function may refuse; `more` goes into its metadata."""
+    return attrs.field(
+        default=default,
+        converter=converter,
+        validator=lambda _, attribute, value: check(attribute.name, value),
+        metadata={"help": help_text, **more},
+    )
+
+
+def described(
+    default: Any,
+    help_text: str,
+    holds: Callable[[Any], bool],
+    wanted: str,
+    converter: Callable[[Any], Any] | None = None,
+) -> Any:
+    """A field whose value must be as words say, which is so where `holds` is true."""
+
+    def check(name: str, value: Any) -> None:
+        if not holds(value):
+            shown = list(value) if isinstance(value, tuple) else value
+            raise SettingsError(f"{name} = {shown!r} must be {wanted}")
+
+    return checked(default, help_text, check, converter)
+
+
+def number(
+    default: float,
+    help_text: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    usual: tuple[float, float] | None = None,
+    example: str = "",
+) -> Any:
+    """Real number with limits: `above` and `below` exclusive, `least` inclusive.
+
+    A value beyond a limit, perhaps in another unit, is told the unit and the `example`; one whose
+    size is not between the `usual` ones is told so by `unusual`.
+    """
+    unit = re.search(r"\[([^];-]+)\]", help_text)
+    measured = f" in {unit[1]}" if unit else ""
+    hint = f":{measured}, {example}" if example else ""
+
+    def check(name: str, value: Any) -> None:
+        if not finite(value):
+            bare = f"{measured}, without unit or quotes" if isinstance(value, str) else ""
+            raise SettingsError(f"{name} = {value!r} must be a finite number{bare}")
+        for limit, words, holds in (
+            (above, "above", operator.gt),
+            (least, "at least", operator.ge),
+            (below, "below", operator.lt),
+        ):
+            if limit is not None and not holds(value, limit):
+                raise SettingsError(
+                    f"{name} = {value!r} must be {words} {limit:g}"
+                    + (hint if words != "above" else "")
+                )
+        if value and not SMALLEST <= abs(value) <= LARGEST:
+            raise SettingsError(
+                f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in size"
+            )
+
+    return checked(default, help_text, check, as_float, usual=(usual, hint))
+
+
+def as_float(value: Any) -> Any:
+    """A whole number as a float; anything else as it is."""
+    if type(value) is not int:
+        return value
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf")
+
+
+def finite(value: Any) -> bool:
+    """Whether something is a float and finite."""
+    return isinstance(value, float) and abs(value) < float("inf")
+
+
+def as_tuple(value: Any) -> Any:
+    """Lists within lists as tuples, their whole numbers as floats."""
+    return tuple(map(as_tuple, value)) if isinstance(value, (list, tuple)) else as_float(value)
+
+
+def count(default: int, help_text: str, least: int = 0, most: int | None = None) -> Any:
+    """Whole number of at least `least` and at most `most`."""
+    limits = f"at least {least}" + (f" and at most {most}" if most is not None else "")
+    return described(
+        default,
+        help_text,
+        lambda n: type(n) is int and least <= n and (most is None or n <= most),
+        f"a whole number, {limits}",
+    )
+
+
+def rows(columns: tuple[str, ...], help_text: str) -> Any:
+    """List of rows of numbers with the given columns, empty by default."""
+    wanted = f"a list of [{', '.join(columns)}]"
+
+    def check(name: str, value: Any) -> None:
+        if not isinstance(value, tuple):
+            raise SettingsError(f"{name} = {value!r} must be {wanted}")
+        for row in value:
+            if not isinstance(row, tuple) or len(row) != len(columns):
+                raise SettingsError(f"{name}: {row!r} must be one of {wanted}")
+            for column, entry in zip(columns, row, strict=True):
+                if not finite(entry):
+                    raise SettingsError(f"{name}: {column} = {entry!r} must be a finite number")
+
+    return checked((), help_text, check, as_tuple)
+
+
+def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
+    """One of several words."""
+    listed = ", ".join(options)
+    text = f"{help_text}: {listed}"
+    return described(default, text, lambda word: word in options, f"one of {listed}")
+
+
+def text(default: str, help_text: str) -> Any:
+    """Non-empty text that can name a file."""
+    return described(
+        default,
+        help_text,
+        lambda word: isinstance(word, str) and word != "" and "\0" not in word,
+        "a non-empty text",
+    )
+
+
+def flag(default: bool, help_text: str) -> Any:
+    """True or false."""
+    return described(default, help_text, lambda word: isinstance(word, bool), "true or false")
+
+
+def section(cls: type) -> Any:
+    """Nested table."""
+    return attrs.field(factory=cls, metadata={"section": cls})
+
+
+def table(help_text: str, check: Callable[[str, Any], None], converter: Any = None) -> Any:
+    """Free table of names and what a function may refuse, which `converter` makes of each."""
+
+    def check_all(name: str, value: Any) -> None:
+        for key, entry in value.items():
+            check(f"{name}.{key}", entry)
+
+    def convert(value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value
+        return {key: converter(entry) for key, entry in value.items()}
+
+    factory: Any = attrs.Factory(dict)
+    return checked(factory, help_text, check_all, convert if converter else None, table=True)
+
+
+def numbers(help_text: str) -> Any:
+    """Free table of names and numbers."""
+
+    def check(name: str, value: Any) -> None:
+        if not finite(as_float(value)):
+            raise SettingsError(f"{name} = {value!r} must be a finite number")
+
+    return table(help_text, check)

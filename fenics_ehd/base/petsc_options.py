@@ -1,0 +1,100 @@
+"""Solvers whose defaults a user can override by prefix, and the end of PETSc objects."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from petsc4py import PETSc
+
+from fenics_ehd.base.errors import SolverError
+
+if TYPE_CHECKING:
+    from slepc4py import SLEPc
+
+
+@contextmanager
+def configured(
+    solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
+) -> Iterator[None]:
+    """Set a KSP, SNES or EPS from options, `defaults` standing in for those not given.
+
+    Set it up within the block if `defaults` has options of its parts: the levels of a
+    multigrid hierarchy and MUMPS come to be, and read theirs, no sooner.
+
+    Parameters
+    ----------
+    solver
+        PETSc object with ``setOptionsPrefix`` and ``setFromOptions``.
+    prefix
+        Options prefix, ``"film_"`` reads ``-film_...``.
+    defaults
+        Option name without prefix and value. They are withdrawn from PETSc's
+        options database after the block, so they cannot leak into another solver.
+    """
+    options = PETSc.Options(prefix)
+    added = {key: value for key, value in defaults.items() if not options.hasName(key)}
+    for key, value in added.items():
+        options[key] = value
+    try:
+        solver.setOptionsPrefix(prefix)
+        solver.setFromOptions()
+        yield
+    finally:
+        for key in added:
+            options.delValue(key)
+
+
+def configure(
+    solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
+) -> None:
+    """Set a solver from options as `configured` does, whose parts need none of `defaults`."""
+    with configured(solver, prefix, defaults):
+        pass
+
+
+def destroy_with(owner: object, *objects: PETSc.Object) -> None:
+    """Destroy PETSc objects when their Python owner is gone.
+
+    They keep arrays and Python contexts given to them until told otherwise, and
+    must not meet them when the interpreter is gone: at exit this happens too. Those that
+    Python merely lets go of PETSc 3.18 keeps until all ranks ask for them, which is for ever.
+    """
+    weakref.finalize(owner, _destroy, objects)
+
+
+def _destroy(objects: tuple[PETSc.Object, ...]) -> None:
+    for item in objects:
+        item.destroy()
+
+
+def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None:
+    """Solve for every column of a dense matrix, all at once when the method factorises.
+
+    Parameters
+    ----------
+    ksp
+        Solver, set up.
+    right, solution
+        Dense matrices of the same layout.
+
+    Raises
+    ------
+    SolverError
+        The iteration did not converge for one of the columns.
+    """
+    if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
+        ksp.pc.getFactorMatrix().matSolve(right, solution)
+        return
+    given, unknown = ksp.getOperators()[0].createVecs()
+    for column in range(right.size[1]):
+        given.array = right.getDenseArray()[:, column]
+        ksp.solve(given, unknown)
+        if ksp.getConvergedReason() < 0:
+            raise SolverError(
+                f"no convergence in {ksp.getIterationNumber()} iterations (reason "
+                f"{ksp.getConvergedReason()}): see -{ksp.getOptionsPrefix()}ksp_monitor"
+            )
+        solution.getDenseArray()[:, column] = unknown.array

@@ -1,0 +1,20 @@
+"""Vectors of the plane of motion."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+
+@lru_cache(maxsize=64)
+def rotation(angle: float) -> np.ndarray:
+    """Matrix that turns a vector by an angle [rad], shape (2, 2), not to be written to.
+
+    It also takes components in a frame turned by that angle to the frame at rest.
+    """
+    cosine, sine = math.cos(angle), math.sin(angle)
+    matrix = np.array([[cosine, -sine], [sine, cosine]])
+    matrix.setflags(write=False)
+    return matrix

@@ -1,0 +1,275 @@
+"""HDF5 files of this program: sealed, written whole or not at all, read with suspicion.
+
+The seal is the SHA-256 digest of all that follows it, in the 512 bytes that HDF5 leaves to its
+users at the head of a file (``head -n 1 body.h5`` shows it). What a disk, a transfer or an editor
+changed is found before HDF5 sees the file. It protects against accidents, not against forgers:
+whoever changes a file on purpose can seal it again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import MISSING, fields, is_dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, TypeVar
+
+import h5py
+import numpy as np
+
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.whole_file import put_in_place, write_whole
+
+T = TypeVar("T")
+
+#: Bytes before the HDF5 superblock, and how they begin.
+HEAD = 512
+_MARK = b"fenics_ehd sha256 "
+
+#: Most bytes that a byte of a file can stand for: the ratio of deflate.
+_DEFLATE = 1032
+
+#: Most groups within each other.
+_DEPTH = 8
+
+#: Types that a field of a stored dataclass may be declared with.
+_TYPES = {
+    "float": (float, int),
+    "int": int,
+    "str": str,
+    "tuple": tuple,
+    "Mapping": Mapping,
+    "np.ndarray": np.ndarray,
+}
+
+
+def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int) -> None:
+    """Write a sealed file, on the disk and whole before it replaces a former one.
+
+    Parameters
+    ----------
+    path
+        File.
+    tree
+        Dictionaries or dataclasses, of the same, arrays, numbers, text and tuples of text.
+    kind, version
+        Name and version of the format.
+    """
+    image = BytesIO()
+    with h5py.File(image, "w", userblock_size=HEAD) as file:
+        file.attrs.update(format=kind, format_version=version)
+        for name, value in _flat(tree):
+            if isinstance(value, Mapping):
+                file.create_group(name)
+            else:
+                text = isinstance(value, tuple)
+                file[name] = np.array(value, dtype=h5py.string_dtype()) if text else value
+    content = image.getvalue()[HEAD:]
+    write_whole(Path(path), _head(hashlib.sha256(content)) + content)
+
+
+def _flat(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
+    """Every group, empty, and every value of a tree by its path, in the order of the names."""
+    for name, value in sorted(tree.items()):
+        if is_dataclass(value):
+            value = vars(value)
+        if isinstance(value, Mapping):
+            yield place + name, {}
+            yield from _flat(value, f"{place}{name}/")
+        else:
+            yield place + name, value
+
+
+def digest(tree: Mapping[str, Any]) -> str:
+    """SHA-256 of the values of a tree, whatever program or version of HDF5 stored it."""
+    found = hashlib.sha256()
+    for name, value in _flat(tree):
+        array = np.asarray(value)
+        if not array.dtype.hasobject:
+            found.update(f"{name} {array.dtype.str} {array.shape} ".encode() + array.tobytes())
+    return found.hexdigest()
+
+
+def seal(partial: Path, path: Path) -> None:
+    """Seal a file written with ``userblock_size=HEAD``, and rename it over a former one."""
+    with open(partial, "r+b") as file:
+        file.seek(HEAD)
+        head = _head(hashlib.file_digest(file, "sha256"))  # type: ignore[arg-type]
+        file.seek(0)
+        file.write(head)
+    put_in_place(partial, path)
+
+
+def _head(found: Any) -> bytes:
+    return (_MARK + found.hexdigest().encode() + b"\n").ljust(HEAD, b"\0")
+
+
+def require_file(path: str | Path) -> None:
+    """Refuse a folder, a pipe, which would be waited for, or a device; what is missing is not."""
+    if Path(path).exists() and not Path(path).is_file():
+        raise ValueError("not a regular file")
+
+
+def _sealed(path: str | Path) -> bool:
+    """Whether a file has a seal.
+
+    Raises
+    ------
+    ValueError
+        It has one, and is not what was sealed; or it is no regular file.
+    """
+    require_file(path)
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+        if not head.startswith(_MARK[:8]):
+            return False
+        if head != _head(hashlib.file_digest(file, "sha256")):
+            raise ValueError("its digest is not that of its content: it changed after it was made")
+    return True
+
+
+@contextmanager
+def named(error: type[InputError], label: str) -> Iterator[None]:
+    """Turn what reading a file may raise into one line of an error of this package."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise error(f"{label}: no such file") from None
+    except (
+        OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
+    ) as cause:  # fmt: skip
+        reason = next(iter(str(cause).splitlines()), type(cause).__name__)
+        raise error(f"{label}: {reason.strip(chr(34))}") from cause
+
+
+def open_sealed(
+    path: str | Path, kind: str, version: int, *, remedy: str, foreign: bool = False
+) -> h5py.File:
+    """Open a file of a format for reading, once its seal is found whole.
+
+    Parameters
+    ----------
+    path, kind, version
+        As in `save_tree`.
+    remedy
+        What to do about another version.
+    foreign
+        Other programs write such files, too: they may do without the seal.
+
+    Raises
+    ------
+    ValueError, OSError
+        See `named`.
+    """
+    sealed = _sealed(path)
+    file = h5py.File(path, "r")
+    try:
+        if file.attrs.get("format") != kind:
+            raise ValueError(f"not a {kind}")
+        found = file.attrs["format_version"]
+        if found != version:
+            raise ValueError(f"format version {found}, this program reads {version}; {remedy}")
+        if not (sealed or foreign):
+            raise ValueError(f"it has no digest: {remedy}")
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def read_tree(group: h5py.Group) -> dict[str, Any]:
+    """What `save_tree` was given: numbers and text are Python's, dataclasses dictionaries."""
+    tree: dict[str, Any] = {}
+    if group.name.count("/") > _DEPTH:
+        raise ValueError(f"{group.name}: groups in groups without end")
+    for name in group:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise ValueError(f"{group.name}: {name} is a link, not data")
+        item = group[name]
+        tree[name] = read_tree(item) if isinstance(item, h5py.Group) else values(item)
+    return tree
+
+
+def values(item: Any, part: slice | tuple[()] = ()) -> Any:
+    """A dataset, or rows of it: an array of numbers, a tuple of text, or one of them.
+
+    Raises
+    ------
+    ValueError
+        It holds something else, or more than its file can.
+    """
+    require_numbers(item, text=True)
+    if item.dtype.kind in "fiu":
+        found = item[part]
+        return found.item() if isinstance(found, np.generic) else found
+    text = item.asstr()[part]
+    return text if isinstance(text, str) else tuple(text)
+
+
+def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> None:
+    """Refuse a dataset by its header, before memory is taken for it.
+
+    Raises
+    ------
+    ValueError
+        It is no dataset, holds no numbers of these kinds (f, i, u), or claims more than its file
+        can hold.
+    """
+    if not isinstance(item, h5py.Dataset) or item.shape is None:
+        raise ValueError(f"{item.name} is no array")
+    if item.dtype.kind not in kinds and not (text and h5py.check_string_dtype(item.dtype)):
+        raise ValueError(f"{item.name} holds {item.dtype}, not numbers of the kind it must")
+    packed = item.id.get_create_plist().get_nfilters() > 0
+    most = Path(item.file.filename).stat().st_size * (_DEFLATE if packed else 1)
+    if item.nbytes > most:
+        raise ValueError(f"{item.name} claims {item.nbytes} bytes, its file can hold {most}")
+
+
+def make(kind: type[T], tree: Mapping[str, Any]) -> T:
+    """A dataclass from the tree of its fields.
+
+    Raises
+    ------
+    ValueError
+        A field is missing, or not of the type that it is declared with.
+    """
+    found = {}
+    if not isinstance(tree, Mapping):
+        raise ValueError(f"a {type(tree).__name__} in place of the fields of {kind.__name__}")
+    for field in fields(kind):  # type: ignore[arg-type]
+        if field.name in tree:
+            value = tree[field.name]
+            wanted = _TYPES.get(str(field.type).split("[")[0], object)
+            if not isinstance(value, wanted):  # type: ignore[arg-type]
+                raise ValueError(f"{field.name} is a {type(value).__name__}, not a {field.type}")
+            found[field.name] = value
+        elif field.default is MISSING and field.default_factory is MISSING:
+            raise ValueError(f"{field.name} is missing")
+    return kind(**found)
+
+
+def require_like(tree: Mapping[str, Any], pattern: Mapping[str, Any], place: str = "") -> None:
+    """Refuse a tree whose names, types or array shapes are not those of a pattern.
+
+    An array of the pattern with at most one row stands for any number of rows.
+
+    Raises
+    ------
+    ValueError
+        Naming what differs.
+    """
+    for name, model in pattern.items():
+        value, here = tree.get(name), place + name
+        if value is None:
+            raise ValueError(f"{here} is missing")
+        if isinstance(model, Mapping) and isinstance(value, Mapping):
+            require_like(value, model, f"{here}/")
+            continue
+        array, wanted = np.asarray(value), np.asarray(model)
+        grows = wanted.shape[:1] in ((0,), (1,))
+        if array.dtype.kind != wanted.dtype.kind:
+            raise ValueError(f"{here} is of type {array.dtype}, not {wanted.dtype}")
+        if array.ndim != wanted.ndim or array.shape[grows:] != wanted.shape[grows:]:
+            raise ValueError(f"{here} has shape {array.shape}, not like {wanted.shape}")

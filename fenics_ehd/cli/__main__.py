@@ -1,0 +1,5 @@
+"""``python -m fenics_ehd.cli``."""
+
+from fenics_ehd.cli.main import main
+
+main()

@@ -1,0 +1,282 @@
+"""``fenics-ehd bearing``: its options, its table, its JSON."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.bearing.settings import (
+    CAVITATION,
+    CLOSED_SIDES,
+    ELEMENTS,
+    SHEAR_RULES,
+    BearingSettings,
+    Groove,
+)
+from fenics_ehd.cli.bearing_help import DESCRIPTION
+from fenics_ehd.cli.options import json_option
+
+if TYPE_CHECKING:  # slow to import, and --help does without
+    from fenics_ehd.bearing.operating_point import BearingResult
+
+
+def _groove(numbers: tuple[float, float, float]) -> Groove:
+    """Groove from degrees and Pa."""
+    angle, width, pressure = numbers
+    if not 0 <= width < 360:
+        raise SettingsError(f"--groove: a width of {width:g} degrees must lie in 0..360")
+    try:
+        return Groove(math.radians(angle), math.radians(width), pressure)
+    except SettingsError as error:
+        raise SettingsError(f"--groove: {error}") from None
+
+
+def _cells(text: str) -> tuple[int, int]:
+    """Two whole numbers from 64x12."""
+    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text.strip().lower())
+    if not match:
+        raise SettingsError(f"--cells {text!r} must be two whole numbers, around x along: 64x12")
+    return int(match[1]), int(match[2])
+
+
+def _default(name: str) -> Any:
+    return getattr(BearingSettings(), name)
+
+
+def _number(name: str, help_text: str, metavar: str) -> Callable:
+    """Option for a number of the settings, with its default."""
+    return click.option(
+        f"--{name.replace('_', '-')}",
+        type=float,
+        default=_default(name),
+        show_default=True,
+        metavar=metavar,
+        help=help_text,
+    )
+
+
+def _choice(name: str, options: tuple[str, ...], help_text: str) -> Callable:
+    return click.option(
+        f"--{name.replace('_', '-')}",
+        type=click.Choice(options),
+        default=_default(name),
+        show_default=True,
+        help=help_text,
+    )
+
+
+def _pair(name: str, metavar: str, help_text: str) -> Callable:
+    return click.option(
+        f"--{name}", type=(float, float), default=(0.0, 0.0), metavar=metavar, help=help_text
+    )
+
+
+@click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing.")
+@click.option("--eccentricity", type=float, metavar="E", help="Eccentricity over clearance, 0..1.")
+@click.option("--load", type=float, metavar="W", help="Load on the shaft [N], instead.")
+@_number("radius", "Radius R of the bore [m].", "R")
+@_number("clearance", "Radial clearance c [m].", "C")
+@_number("width", "Width B [m].", "B")
+@_number("viscosity", "Dynamic viscosity of the oil [Pa s].", "ETA")
+@_number("speed", "Speed of the shaft [rad/s].", "OMEGA")
+@_number("bore_speed", "Speed of the bore [rad/s], the load standing still.", "OMEGA")
+@_pair("tilt", "AX AY", "Tilt of the shaft about x and y [rad].")
+@_pair("squeeze", "VX VY", "Velocity of the shaft's centre along x and y [m/s].")
+@click.option(
+    "--groove",
+    "grooves",
+    type=(float, float, float),
+    multiple=True,
+    metavar="ANGLE WIDTH PRESSURE",
+    help="Axial groove over the whole width: its middle from the load line in direction of "
+    "rotation, its width [degrees], its pressure [Pa]. It stands still. Repeatable.",
+)
+@click.option(
+    "--line-at-max-film",
+    is_flag=True,
+    help="p = 0 along the maximum film, as the classical tables have it. For --coefficients it "
+    "turns with the shaft's eccentricity.",
+)
+@click.option(
+    "--line-held",
+    is_flag=True,
+    help="For --coefficients the line of --line-at-max-film stays where it is when the shaft "
+    "moves, as a groove does.",
+)
+@_number("ambient", "Pressure at the sides above that of cavitation [Pa].", "P")
+@_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
+@_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
+@_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
+@_choice(
+    "cavitation",
+    CAVITATION,
+    "Cavitation condition; mass-conserving: that of Jakobsson, Floberg and Olsson, needs a supply.",
+)
+@_choice("shear_rule", SHEAR_RULES, "Shear in the cavitated zone.")
+@click.option(
+    "--cells",
+    default=f"{_default('cells_around')}x{_default('cells_along')}",
+    show_default=True,
+    metavar="NxM",
+    help="Cells around and along, more where the film is thin. The default gives the load to 0.1 % "
+    "for eccentricities from 0.1 to 0.999 and B from R/2 to 8R.",
+)
+@click.option(
+    "--element",
+    type=click.Choice(ELEMENTS),
+    help="9-node, 4-node or 8-node (the paper's).  [default: lagrange, the first; mass-conserving: "
+    "bilinear]",
+)
+@click.option("--coefficients", is_flag=True, help="Add stiffness, damping and stability.")
+@click.option("--plot", type=click.Path(dir_okay=False), help="Draw pressure, film and forces.")
+@json_option
+def bearing(
+    eccentricity: float | None,
+    load: float | None,
+    grooves: tuple[tuple[float, float, float], ...],
+    cells: str,
+    element: str | None,
+    coefficients: bool,
+    plot: str | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Read the options, solve, print."""
+    if (eccentricity is None) == (load is None):
+        raise SettingsError("give either --eccentricity or --load")
+    around, along = _cells(cells)
+    conserving = options["cavitation"] == "mass-conserving"
+    if conserving and coefficients:
+        raise SettingsError(
+            "--coefficients: those of --cavitation mass-conserving depend on the frequency, take "
+            "reynolds"
+        )
+    element = element or ("bilinear" if conserving else _default("element"))
+    settings = BearingSettings(
+        cells_around=around,
+        cells_along=along,
+        element=element,
+        grooves=[_groove(groove) for groove in grooves],
+        **options,
+    )
+    if plot:
+        from fenics_ehd.plotting.bearing import require_format
+
+        require_format(plot)
+    result = _solve(settings, eccentricity, load, coefficients)
+    if plot:
+        from fenics_ehd.plotting.bearing import plot_bearing
+
+        plot_bearing(result, plot)
+    from fenics_ehd.base.output import to_json
+
+    click.echo(to_json(summary(result)) if as_json else report(result))
+
+
+def _solve(
+    settings: BearingSettings, eccentricity: float | None, load: float | None, coefficients: bool
+) -> BearingResult:
+    """Solve; a film that fails is kept in the current folder."""
+    from fenics_ehd.base.output import keeping_failed_film
+    from fenics_ehd.bearing.operating_point import solve_bearing
+
+    with keeping_failed_film("."):
+        return solve_bearing(
+            settings, eccentricity=eccentricity, load=load, with_coefficients=coefficients
+        )
+
+
+def summary(result: BearingResult) -> dict[str, Any]:
+    """Figures of a bearing by their names in the JSON output."""
+    values: dict[str, Any] = {
+        "load_N": result.load,
+        "attitude_angle_deg": _degrees(result.attitude),
+        "max_pressure_Pa": result.max_pressure,
+        "max_pressure_angle_deg": _degrees(result.max_pressure_angle),
+        "min_film_thickness_m": result.min_film_thickness,
+        "eccentricity_ratio": result.eccentricity_ratio,
+        "sommerfeld_number": result.sommerfeld_number,
+        "side_flow_m3_per_s": result.flow.side,
+        "supply_flow_m3_per_s": result.flow.supply,
+        "friction_torque_Nm": result.friction_torque,
+        "power_loss_W": result.power_loss,
+        "tilting_moment_Nm": result.tilting_moment.tolist(),
+    }
+    linear = result.coefficients
+    if linear is not None:
+        values |= {
+            "stiffness_N_per_m": linear.stiffness.tolist(),
+            "damping_Ns_per_m": linear.damping.tolist(),
+            "stability_threshold": linear.threshold,
+            "critical_mass_kg": linear.critical_mass,
+            "whirl_frequency_ratio": linear.whirl_ratio,
+        }
+    return values
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else math.degrees(angle)
+
+
+#: Rows of the table: label, key, factor, unit.
+ROWS = (
+    ("load", "load_N", 1, "N"),
+    ("eccentricity ratio", "eccentricity_ratio", 1, ""),
+    ("attitude angle", "attitude_angle_deg", 1, "degrees"),
+    ("Sommerfeld number", "sommerfeld_number", 1, ""),
+    ("maximum pressure", "max_pressure_Pa", 1e-6, "MPa"),
+    ("  from the maximum film", "max_pressure_angle_deg", 1, "degrees"),
+    ("minimum film thickness", "min_film_thickness_m", 1e6, "um"),
+    ("side flow", "side_flow_m3_per_s", 1e6, "cm3/s"),
+    ("friction torque", "friction_torque_Nm", 1, "N m"),
+    ("power loss", "power_loss_W", 1, "W"),
+)
+
+
+def report(result: BearingResult) -> str:
+    """The figures in a table."""
+    values = summary(result)
+    lines = [_row(label, values[key], factor, unit) for label, key, factor, unit in ROWS]
+    settings = result.settings
+    if settings.grooves or settings.line_at_max_film:
+        lines.append(_row("supply flow", values["supply_flow_m3_per_s"], 1e6, "cm3/s"))
+    if any(settings.tilt):
+        moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
+        lines.append(f"{'tilting moment on shaft':<26}{moment} N m  about x, y")
+    if result.coefficients is not None:
+        lines += _linear_rows(values)
+        if settings.line_at_max_film:
+            how = "stays where it is" if settings.line_held else "turns with the eccentricity"
+            lines.append(f"coefficients of a line at the maximum film that {how}")
+    lines.append(
+        f"{settings.cells_around} x {settings.cells_along} {settings.element} cells, shear in the "
+        f"cavitated zone: {settings.shear_rule}"
+    )
+    return "\n".join(lines)
+
+
+def _linear_rows(values: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for label, key, unit in (
+        ("stiffness", "stiffness_N_per_m", "N/m"),
+        ("damping", "damping_Ns_per_m", "N s/m"),
+    ):
+        for name, row in zip("xy", values[key], strict=True):
+            head = f"{label} {name}x, {name}y"
+            lines.append(f"{head:<26}{row[0]:>12.5g} {row[1]:>12.5g} {unit}")
+    if values["critical_mass_kg"] is None:
+        lines.append(f"{'stability':<26}at every speed")
+    else:
+        lines.append(_row("critical mass", values["critical_mass_kg"], 1, "kg"))
+        lines.append(_row("stability threshold", values["stability_threshold"], 1, ""))
+    return lines
+
+
+def _row(label: str, value: float | None, factor: float, unit: str) -> str:
+    number = "undefined" if value is None else f"{factor * value:.5g}"
+    return f"{label:<26}{number:>12} {unit}".rstrip()

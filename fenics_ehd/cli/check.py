@@ -1,0 +1,134 @@
+"""``fenics-ehd check``: an installation tests itself."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+import click
+
+from fenics_ehd.base.errors import VerificationError
+
+#: A part that is reduced in a second, the same on any number of ranks.
+REDUCE = ("reduce", "conrod", "--method", "m1", "--modes", "4", "--no-estimate-error", "--json")
+
+#: Seconds after which ranks are taken to wait for each other.
+PATIENCE = 300
+
+#: Attitude angle of a bearing as wide as its diameter at eccentricity 0.6 [degrees], from the
+#: tables of Raimondi and Boyd's method with Reynolds' condition, see `docs/validation.md`.
+ATTITUDE = 51.98
+
+
+@click.command()
+def check() -> None:
+    """Test this installation in about a minute: libraries, a reduction, a film, steps, ranks."""
+    from fenics_ehd.base.output import versions
+
+    found = versions(installed=True)
+    missing = [name for name, version in found.items() if version == "missing"]
+    for name, told in found.items():
+        click.echo(f"  {name:14s} {told}")
+    if missing:
+        raise VerificationError(f"not installed: {', '.join(missing)}")
+    failures = []
+    with TemporaryDirectory() as folder:
+        for name, run in CHECKS.items():
+            began = perf_counter()
+            try:
+                told = run(Path(folder))
+            except Exception as error:  # whatever is wrong here is to be told, not to end the rest
+                told = f"FAILED: {type(error).__name__}: {str(error).strip()}"
+                failures.append(name)
+            click.echo(f"  {name:14s} {told} ({perf_counter() - began:.1f} s)")
+    if failures:
+        raise VerificationError(f"this installation does not work: {', '.join(failures)}")
+    click.echo("all is well")
+
+
+def _film(_: Path) -> str:
+    import numpy as np
+
+    from fenics_ehd.bearing.operating_point import solve_bearing
+    from fenics_ehd.bearing.settings import BearingSettings
+
+    settings = BearingSettings(radius=0.02, width=0.04, clearance=2e-5)
+    found = np.degrees(solve_bearing(settings, eccentricity=0.6).attitude or 0.0)
+    return _within(found, ATTITUDE, 0.1, "attitude angle {:.2f} degrees")
+
+
+def _reduction(folder: Path) -> str:
+    frequency = _lowest(folder, [])
+    (folder / "one").write_text(repr(frequency))
+    return f"lowest frequency {frequency:.1f} Hz"
+
+
+def _lowest(folder: Path, launcher: list[str]) -> float:
+    """Lowest frequency [Hz] of the part, reduced by processes of their own."""
+    command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
+    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [*command, str(folder / "part.h5")],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        env={**os.environ, **one_thread},
+    )
+    if done.returncode:
+        raise VerificationError(done.stderr.strip().rpartition("\n")[2])
+    return float(json.loads(done.stdout)["frequencies_Hz"][0])
+
+
+def _steps(folder: Path) -> str:
+    from mpi4py import MPI
+
+    from fenics_ehd.multibody.simulation import simulate
+    from fenics_ehd.reduction import load_body
+    from fenics_ehd.scenes.build import build_mechanism
+    from fenics_ehd.scenes.scene_file import read_scene
+
+    body = load_body(folder / "part.h5")
+    built = build_mechanism(read_scene("slider-crank-paper"), MPI.COMM_SELF, bodies={"rod": body})
+    steps = replace(built.steps, tolerance=1e-3)
+    result = simulate(built.mechanism, 1e-4, **vars(steps))
+    return _within(result.energy_balance_error, 0.0, 0.05, "energy balance error {:.1e}")
+
+
+def _ranks(folder: Path) -> str:
+    launcher = shutil.which("mpirun")
+    if launcher is None:
+        return "no mpirun: left out"
+    allowed = ["--allow-run-as-root"] if os.geteuid() == 0 else []
+    found = _lowest(folder, [launcher, *allowed, "--oversubscribe", "-n", "2"])
+    alone = float((folder / "one").read_text())
+    return _within(found / alone, 1.0, 1e-6, "on two ranks over one: {:.9f}")
+
+
+def _within(found: float, expected: float, most: float, text: str) -> str:
+    """The figure in words.
+
+    Raises
+    ------
+    VerificationError
+        It is further than `most` from what is expected.
+    """
+    if not abs(found - expected) <= most:
+        raise VerificationError(f"{text.format(found)}, expected {expected:g} within {most:g}")
+    return text.format(found)
+
+
+#: What is tried, in this order.
+CHECKS: dict[str, Callable[[Path], str]] = {
+    "film": _film,
+    "reduction": _reduction,
+    "steps": _steps,
+    "two ranks": _ranks,
+}

@@ -1,0 +1,268 @@
+"""Command line. Heavy imports happen inside the commands, so that ``--help`` answers at once."""
+
+from __future__ import annotations
+
+from fenics_ehd.base.interrupt import INTERRUPTED, ending_signals_raise
+
+with ending_signals_raise():
+    import io
+    import logging
+    import os
+    import sys
+    import traceback
+    from contextlib import suppress
+    from itertools import pairwise
+    from pathlib import Path
+
+    import click
+
+    from fenics_ehd import __version__
+    from fenics_ehd.base.errors import EhdError
+    from fenics_ehd.base.ranks import agreed, all_ranks
+    from fenics_ehd.cli.animate import animate
+    from fenics_ehd.cli.bearing import bearing
+    from fenics_ehd.cli.check import check
+    from fenics_ehd.cli.info import info
+    from fenics_ehd.cli.options import json_option, output_option
+    from fenics_ehd.cli.report import report
+    from fenics_ehd.cli.study import study
+    from fenics_ehd.cli.sweep import sweep
+    from fenics_ehd.scenes.part_settings import CELLS, METHODS, SOLVERS
+
+# One thread per rank; the BLAS reads these when numpy is first imported.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="fenics-ehd")
+def cli() -> None:
+    """Mechanisms with elastohydrodynamically lubricated revolute joints."""
+
+
+@cli.command()
+@click.argument("scene", required=False)
+@click.option(
+    "--resume",
+    type=click.Path(file_okay=False),
+    help="Go on with the run in this folder from its last checkpoint, in place of SCENE.",
+)
+@click.option(
+    "--checkpoint-every",
+    "interval",
+    type=click.FloatRange(min=0),
+    default=10.0,
+    show_default=True,
+    help="Seconds between two checkpoints.",
+)
+@click.option("--body", type=click.Path(dir_okay=False), help="Reduced part made by 'reduce'.")
+@click.option("--method", type=click.Choice(METHODS), help="Reduction of the part.")
+@output_option("directory", "Folder for the results [default: results/SCENE].")
+@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the curves.")
+@click.option(
+    "--vtk",
+    is_flag=True,
+    help="Write a ParaView series: the flexible bodies as they move, their elastic "
+    "displacement to warp by, the pressure.",
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(min=2),
+    default=60,
+    show_default=True,
+    help="Frames of the series.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
+@json_option
+def run(
+    scene: str | None,
+    resume: str | None,
+    interval: float,
+    body: str | None,
+    method: str | None,
+    directory: str | None,
+    plots: bool,
+    vtk: bool,
+    frames: int,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Simulate SCENE: a name that 'init' lists, or a TOML file made by it."""
+    from fenics_ehd.cli import run
+
+    if (scene is None) == (resume is None):
+        raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
+    if scene is not None:
+        target = Path(directory or Path("results") / Path(scene).stem)
+        wanted = frames if vtk else None
+        run.run(scene, body, method, target, plots, wanted, interval, as_json, overwrite)
+        return
+    if body or method or directory or vtk or overwrite:
+        raise click.UsageError("--resume takes scene and body from its folder: drop the others")
+    assert resume is not None
+    run.resume(Path(resume), plots, interval, as_json)
+
+
+@cli.command()
+@click.argument("part")
+@output_option("path", "HDF5 file of the reduced body.", folder=False, required=True)
+@click.option(
+    "--scene",
+    type=click.Path(dir_okay=False),
+    help="Scene file that has PART; options below win.",
+)
+@click.option(
+    "--cells",
+    type=click.Choice(CELLS),
+    help="Structured hexahedra (the default) or unstructured 10-node tetrahedra.",
+)
+@click.option("--method", type=click.Choice(METHODS), help="Reduction method.")
+@click.option("--modes", type=int, help="Fixed-boundary modes (m1, m2).")
+@click.option("--interior-modes", type=int, help="Interior modes of the first step (m2).")
+@click.option("--vibration-modes", type=int, help="n_v (m3, m4, full).")
+@click.option("--residual-modes", type=int, help="n_r (m3).")
+@click.option("--pressure-set", help="pc1, pc2, pc2-long, pc2-short or journal (m3).")
+@click.option("--snapshots", help="Folder of a run whose pressures replace the set (m3).")
+@click.option("--selection", help="Which residual modes, lowest-frequency say (m3).")
+@click.option("--residual-truncation", type=float, help="Of the residual flexibility (m4).")
+@click.option("--solver", type=click.Choice(SOLVERS), help="Static solver.")
+@click.option(
+    "--estimate-error/--no-estimate-error",
+    default=None,
+    help="Also find what flexibility the basis misses: one solve per pressure node.",
+)
+@click.option(
+    "--basis",
+    "basis_path",
+    type=click.Path(dir_okay=False),
+    help="HDF5 file for displacement and stress of the whole part.",
+)
+@click.option(
+    "--export",
+    "exports",
+    multiple=True,
+    type=click.Choice(["npz", "mtx"]),
+    help="Also write the body for NumPy or as Matrix Market files, beside the HDF5 file.",
+)
+@json_option
+def reduce(
+    part: str,
+    path: str,
+    scene: str | None,
+    cells: str | None,
+    basis_path: str | None,
+    exports: tuple[str, ...],
+    as_json: bool,
+    **options: str | float | None,
+) -> None:
+    """Reduce PART to a handful of modes; also under mpirun.
+
+    PART is conrod, housing or, with --scene, a flexible body of that scene or its model.
+    """
+    from fenics_ehd.cli.reduction import reduce_part
+
+    given = {k: v for k, v in options.items() if v is not None}
+    reduce_part(part, path, scene, cells, basis_path, exports, given, as_json)
+
+
+@cli.command()
+@click.argument("scene", required=False)
+def init(scene: str | None) -> None:
+    """Print the scene file SCENE, every setting explained; without SCENE the names there are."""
+    from fenics_ehd.scenes.scene_file import shipped, shipped_names
+
+    click.echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
+
+
+@cli.command()
+@click.argument("directories", nargs=-1, required=True, type=click.Path(file_okay=False))
+@output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")
+def plot(directories: tuple[str, ...], target: str | None) -> None:
+    """Draw peak pressure, film thickness and orbits of the joints of one or more runs."""
+    from fenics_ehd.base.output import require_writable
+    from fenics_ehd.plotting.history import plot_runs
+
+    runs = {Path(d).name or str(d): Path(d) for d in directories}
+    if len(runs) < len(directories):
+        runs = {str(d): Path(d) for d in directories}
+    folder = Path(target or directories[0])
+    require_writable(folder)
+    for path in plot_runs(runs, folder):
+        click.echo(path)
+
+
+cli.add_command(animate)
+cli.add_command(bearing)
+cli.add_command(check)
+cli.add_command(info)
+cli.add_command(report)
+cli.add_command(sweep)
+cli.add_command(study)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: named errors become one line and an exit status, on any number of ranks."""
+    _quiet_compilers()
+    with all_ranks() as comm:
+        status, message = agreed(comm, *_outcome(arguments))
+    if message:
+        with suppress(OSError):  # nobody is listening
+            click.echo(message, err=True)
+    sys.exit(status)
+
+
+def _outcome(arguments: list[str] | None) -> tuple[int, str]:
+    """Exit status of a command, and what is to be said of an error."""
+    try:
+        _require_arguments(sys.argv[1:] if arguments is None else arguments)
+        with ending_signals_raise():
+            return cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0, ""
+    except click.ClickException as error:
+        shown = io.StringIO()
+        error.show(shown)
+        return 2, shown.getvalue().rstrip()
+    except EhdError as error:
+        return error.exit_status, _line(f"{type(error).__name__}: {error}")
+    except (KeyboardInterrupt, click.exceptions.Abort, BrokenPipeError):
+        return INTERRUPTED, _line("interrupted")
+    except MemoryError:
+        return 1, _line("out of memory: choose fewer modes or a coarser mesh")
+    except OSError as error:
+        return 1, _line(f"{error.filename or 'file'}: {error.strerror or error}")
+    except Exception as error:
+        module, last = type(error).__module__, str(error).strip().rpartition("\n")[2]
+        if "petsc4py" in module:
+            return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
+        if "cffi" in module or "just-in-time" in str(error):
+            return 1, _line(f"forms are compiled by cc and kept in ~/.cache/fenics: {last}")
+        return 1, traceback.format_exc().rstrip()
+
+
+def _require_arguments(arguments: list[str]) -> None:
+    """Refuse an empty argument: as a path it would be the current folder, or none be given.
+
+    Raises
+    ------
+    click.UsageError
+        Naming what stands before it.
+    """
+    for before, argument in pairwise(["fenics-ehd", *arguments]):
+        if not argument or (argument.startswith("--") and argument.endswith("=")):
+            raise click.UsageError(
+                f"{argument or before} is followed by nothing: is a shell variable empty?"
+            )
+
+
+def _line(message: str) -> str:
+    return f"fenics-ehd: {' '.join(message.split())}"
+
+
+def _quiet_compilers() -> None:
+    """Keep the build log of just-in-time compiled forms off the terminal.
+
+    setuptools raises the root logger to INFO while it builds them, so the
+    threshold goes to the handlers.
+    """
+    logging.basicConfig()
+    for handler in logging.getLogger().handlers:
+        handler.setLevel(logging.WARNING)

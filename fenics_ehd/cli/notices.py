@@ -1,0 +1,25 @@
+"""Lines on the first rank's standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import click
+from mpi4py import MPI
+
+
+def warn_of(lines: Iterable[str]) -> None:
+    """Say which numbers are not usual ones: their unit may be another."""
+    _say(f"fenics-ehd: warning: {line}" for line in lines)
+
+
+def say_reducing(names: Iterable[str]) -> None:
+    """Say which bodies are reduced: the first time ever, this takes long."""
+    found = ", ".join(names)
+    _say([f"reducing {found} (forms are compiled once, in about half a minute)"] if found else [])
+
+
+def _say(lines: Iterable[str]) -> None:
+    if MPI.COMM_WORLD.rank == 0:
+        for line in lines:
+            click.echo(line, err=True)

@@ -1,0 +1,31 @@
+"""Options that several commands have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print results as JSON on stdout, nothing else there."
+)
+
+
+def output_option(
+    name: str, help_text: str, *, folder: bool = True, required: bool = False
+) -> Callable[[Command], Command]:
+    """``-o``, a folder or a file, under the name of an argument."""
+    path = click.Path(file_okay=not folder, dir_okay=folder)
+    return click.option("-o", "--output", name, type=path, help=help_text, required=required)
+
+
+def workers_option(more: str) -> Callable[[Command], Command]:
+    """``--workers``; `more` is what else there is to say."""
+    return click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help=f"Processes [default: the cores this one may use]{more}",
+    )

@@ -1,0 +1,203 @@
+"""``fenics-ehd reduce``: a part to a reduced body, on any number of ranks."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import click
+import numpy as np
+from mpi4py import MPI
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.output import require_writable, to_json, versions
+from fenics_ehd.base.settings import build, unusual
+from fenics_ehd.base.whole_file import naming
+from fenics_ehd.cli.notices import say_reducing, warn_of
+from fenics_ehd.reduction import (
+    ModeRecord,
+    ReducedBody,
+    export_matrix_market,
+    export_npz,
+    save_basis,
+    save_body,
+)
+from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.part import ReducedPart
+from fenics_ehd.scenes.scene import Scene, meshed
+from fenics_ehd.scenes.scene_file import read_scene
+
+#: Scenes whose flexible bodies are known by their models.
+SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
+
+#: What the files of other programs end with, beside the body's ``rod.h5``, and their writers.
+EXPORTS: dict[str, tuple[str, Callable[[ReducedBody, str], Path]]] = {
+    "npz": (".npz", export_npz),
+    "mtx": ("-mtx", export_matrix_market),
+}
+
+#: Most lines of the inventory for modes that are no coordinates.
+SHOWN = 8
+
+
+def reduce_part(
+    part: str,
+    path: str,
+    scene_name: str | None,
+    cells: str | None,
+    basis_path: str | None,
+    exports: tuple[str, ...],
+    options: Mapping[str, Any],
+    as_json: bool,
+) -> None:
+    """Reduce the part: every rank takes part, the first one writes the body."""
+    targets = {form: str(Path(path).with_suffix("")) + EXPORTS[form][0] for form in exports}
+    outputs = {"-o": path, "--basis": basis_path or ""}
+    _require_outputs(outputs | {f"--export {form}": file for form, file in targets.items()})
+    scene, name = _flexible(part, scene_name)
+    settings = scene.bodies[name]
+    key = f"bodies.{name}."
+    tables = {**attrs.asdict(settings.reduction), **options}
+    reduction: Any = build(type(settings.reduction), tables, f"{key}reduction.")
+    settings = attrs.evolve(settings, reduction=reduction, cells=cells or settings.cells)
+    warn_of(unusual(settings, key))
+    say_reducing([name])
+    element = scene.film_element(name)
+    made = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce()
+    assert isinstance(made, ReducedPart)
+    rod, body = made, made.body
+    if basis_path:
+        _in_place(basis_path, lambda: save_basis(basis_path, rod.structure, rod.columns))
+    if MPI.COMM_WORLD.rank:
+        return
+    _in_place(path, lambda: save_body(body, path))
+    for form, target in targets.items():
+        _in_place(target, lambda form=form, target=target: EXPORTS[form][1](body, target))
+    summary = reduction_summary(rod, path, basis_path) | {"part": part, "exports": targets}
+    click.echo(to_json(summary) if as_json else report(body, summary))
+
+
+def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
+    """A scene and the name of the flexible body that is meant.
+
+    Raises
+    ------
+    SettingsError
+        There is none, or more than one.
+    """
+    if scene_name is None and part not in SHIPPED:
+        raise SettingsError(f"part {part!r}: not {' or '.join(SHIPPED)}; --scene FILE has others")
+    scene = read_scene(scene_name or SHIPPED[part])
+    models = {name: scene.bodies[name].model for name in meshed(scene)}
+    found = [name for name, model in models.items() if part in (name, model, Path(model).stem)]
+    if len(found) != 1:
+        known = ", ".join(models) or "none"
+        raise SettingsError(
+            f"part {part!r}: scene {scene.name} has {len(found)} flexible bodies of that name or "
+            f"model, not one; its flexible bodies with a model: {known}"
+        )
+    return scene, found[0]
+
+
+def _require_outputs(outputs: Mapping[str, str]) -> None:
+    """Refuse files that cannot be written, or that two options would write."""
+    taken: dict[Path, str] = {}
+    for option, file in outputs.items():
+        if not file:
+            continue
+        require_writable(file)
+        path = Path(file).resolve()
+        if path.exists() and path.is_dir() != (option == "--export mtx"):
+            wanted = "a file" if path.is_dir() else "a folder"
+            raise SettingsError(f"{option} would write {wanted} {shlex.quote(file)}: it is none")
+        if path in taken:
+            raise SettingsError(
+                f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose another "
+                "name for one of them"
+            )
+        taken[path] = option
+
+
+def _in_place(path: str, write: Any) -> None:
+    with naming(Path(path)):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        write()
+
+
+def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> dict[str, object]:
+    """Figures of a reduction."""
+    body = rod.body
+    inertia = body.inertia
+    return {
+        # Settings first: what came out of them has the last word on a key of the same name.
+        **body.provenance,
+        **body.accuracy,
+        "method": body.method,
+        "modes": body.modes,
+        "frame": body.frame,
+        "mass_kg": inertia.total_mass,
+        "centre_of_mass_m": float(np.hypot(*inertia.centre_of_mass)),
+        "polar_inertia_kg_m2": inertia.polar_inertia,
+        "frequencies_Hz": [float(f) for f in body.frequencies],
+        "kinds": list(body.kinds),
+        "participation": [r.participation for r in body.inventory if not r.dropped][: body.modes],
+        "dropped_modes": sum(bool(r.dropped) for r in body.inventory),
+        "residual_patterns": body.residual.rank if body.residual else 0,
+        "reduction_time_s": rod.seconds,
+        "file": path,
+        "basis_file": basis_path,
+        "versions": versions(),
+    }
+
+
+def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
+    """What was done, and the mode inventory."""
+    inertia = body.inertia
+    lines = [
+        f"{body.method}: {body.modes} modes of {summary['degrees_of_freedom']} degrees of freedom, "
+        f"frame {body.frame}, {summary['reduction_time_s']:.2f} s",
+        f"  mass {inertia.total_mass:.4f} kg, centre {summary['centre_of_mass_m'] * 1e3:.2f} mm "
+        f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2",
+    ]
+    if "flexibility_followed" in body.accuracy:
+        share = 100 * body.accuracy["flexibility_followed"]
+        lines.append(f"  these modes follow {share:.4g} % of the bore's flexibility")
+    if body.accuracy.get("static_dropped"):
+        lines.append(
+            f"  {int(body.accuracy['static_dropped'])} static modes dropped as linearly dependent"
+        )
+    if body.accuracy.get("static_added"):
+        lines.append(
+            f"  {int(body.accuracy['static_added'])} residual modes more than asked for: their "
+            "pressures have the same singular value as the last one"
+        )
+    lines.append("  number  kind            frequency [Hz]  bore flexibility")
+    kept = [r for r in body.inventory if not r.dropped]
+    for i, mode in enumerate(kept[: body.modes], 1):
+        lines.append(f"  {i:6d}  {_line(mode)}")
+    lines += _group("quasi-static patterns", kept[body.modes :])
+    lines += _group("dropped", [r for r in body.inventory if r.dropped])
+    lines.append(f"  written to {summary['file']}")
+    if summary["basis_file"]:
+        lines.append(f"  displacement and stress of the part: {summary['basis_file']}")
+    lines += [f"  exported to {target}" for target in summary["exports"].values()]
+    return "\n".join(lines)
+
+
+def _group(name: str, modes: list[ModeRecord]) -> list[str]:
+    """Some lines of a long list, and what the rest amounts to."""
+    if not modes:
+        return []
+    lines = [f"  {name}: {len(modes)}, {100 * sum(m.participation for m in modes):.3g} %"]
+    lines += [f"       -  {_line(mode)}" for mode in modes[:SHOWN]]
+    if len(modes) > SHOWN:
+        lines.append(f"       -  {len(modes) - SHOWN} more")
+    return lines
+
+
+def _line(mode: ModeRecord) -> str:
+    share = f"{100 * mode.participation:14.4f} %"
+    return f"{mode.kind:14s}  {mode.frequency:14.1f}  {share}  {mode.dropped}".rstrip()

@@ -1,0 +1,171 @@
+"""``fenics-ehd run``: a scene's results, or those of a run that goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import click
+import numpy as np
+from mpi4py import MPI
+
+from fenics_ehd.base.errors import SettingsError, VerificationError
+from fenics_ehd.base.output import require_writable, to_json
+from fenics_ehd.base.settings import read_toml
+from fenics_ehd.cli.notices import say_reducing, warn_of
+from fenics_ehd.results.checkpoint import CHECKPOINT, load_run_state
+from fenics_ehd.results.progress import progress_bar
+from fenics_ehd.results.run_folder import RunFolder, complete_result, first_rank_folder
+from fenics_ehd.scenes.build import Built, build_mechanism
+from fenics_ehd.scenes.given import with_body, with_method
+from fenics_ehd.scenes.run import run_scene, stored_scene
+from fenics_ehd.scenes.scene import Scene, meshed
+from fenics_ehd.scenes.scene_text import as_stored
+
+if TYPE_CHECKING:  # slow to import, for ParaView series only
+    from fenics_ehd.results.paraview import PartFields
+
+
+#: Basis error estimate over the thinnest film above which it is said to be large.
+LARGEST_ESTIMATE = 0.2
+
+
+def run(
+    name: str,
+    body: str | None,
+    method: str | None,
+    directory: Path,
+    plots: bool,
+    frames: int | None,
+    interval: float,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """Run a scene; collective until it is built.
+
+    `frames`, of a ParaView series, and `body`, a file, take the place of what the scene says.
+    """
+    scene = as_stored(name)
+    if body is not None:
+        if method is not None:
+            raise SettingsError("--body and --method exclude each other: the body has its method")
+        scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
+    if method is not None:
+        scene = with_method(scene, method)
+    if frames is not None:
+        scene = replace(scene, output=attrs.evolve(scene.output, paraview=True, frames=frames))
+    warn_of(scene.warnings)
+    require_writable(directory)
+    if scene.output.paraview and not meshed(scene):
+        raise SettingsError(
+            f"--vtk, output.paraview: scene {scene.name} has no flexible body with a mesh, which "
+            "a file of a reduced body does not hold"
+        )
+    with first_rank_folder(directory, overwrite) as folder:
+        built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
+        parts = _whole_parts(built) if scene.output.paraview else {}
+        # The time integration is serial: other ranks have done their share.
+        if folder is not None:
+            _finish(scene, built, folder, interval, plots, as_json, parts=parts)
+
+
+def _whole_parts(built: Built) -> dict[str, PartFields]:
+    """Bodies reduced here, for a ParaView series; collective."""
+    from fenics_ehd.results.paraview import gather_part
+
+    parts = {
+        name: gather_part(part.structure, part.body, part.columns)
+        for name, part in built.reduced.items()
+    }
+    return {name: part for name, part in parts.items() if part is not None}
+
+
+def resume(directory: Path, plots: bool, interval: float, as_json: bool) -> None:
+    """Go on with a run; serial."""
+    with RunFolder(directory, resume=True) as folder:
+        done = complete_result(folder.path)
+        if done is not None and not (folder.path / CHECKPOINT).exists():
+            # A periodic solution keeps its last cycle, and nothing to go on with.
+            click.echo(to_json(done) if as_json else report(done, folder.directory))
+            return
+        former = load_run_state(folder.path)
+        scene, built = stored_scene(folder.path)
+        if scene.output.paraview:
+            warn_of(["no ParaView series of a run that goes on: the mesh is not in its folder"])
+        _finish(scene, built, folder, interval, plots, as_json, former)
+
+
+def _finish(
+    scene: Scene,
+    built: Built,
+    folder: RunFolder,
+    interval: float,
+    plots: bool,
+    as_json: bool,
+    former: Mapping[str, Any] | None = None,
+    parts: Mapping[str, PartFields] | None = None,
+) -> None:
+    """Integrate, draw, print; `parts` go into a ParaView series.
+
+    Raises
+    ------
+    VerificationError
+        The run is not complete.
+    """
+    bar = progress_bar(scene.span)
+    summary = run_scene(scene, built, folder.path, bar, interval=interval, former=former)
+    if plots and scene.output.plots:
+        from fenics_ehd.plotting.history import plot_joints
+
+        plot_joints(scene.name, folder.path)
+    if parts:
+        from fenics_ehd.results.paraview import write_bodies
+
+        write_bodies(built.mechanism, parts, folder.path, scene.output.frames)
+    click.echo(to_json(summary) if as_json else report(summary, folder.directory))
+    if summary["status"] != "complete":
+        raise VerificationError(str(summary["status"]))
+
+
+def report(summary: Mapping[str, Any], directory: Path) -> str:
+    """The run in a few lines."""
+    joints = summary["joints"] if "joints" in summary else {summary["joint"]: summary}
+    lines = [
+        f"{summary['scene']}: {summary['steps']} steps, "
+        f"{summary['newton_iterations']} Newton iterations"
+    ]
+    for name, body in summary["bodies"].items():
+        lines.append(f"  {name}: {body['method']} with {body['modes']} modes")
+    for name, joint in joints.items():
+        lines.append(f"  {name}")
+        lines.append(
+            f"    maximum pressure        {joint['max_pressure_Pa'] * 1e-6:9.3f} MPa "
+            f"at {joint['max_pressure_time_s'] * 1e3:.3f} ms"
+        )
+        lines.append(
+            f"    minimum film thickness  {joint['min_film_thickness_m'] * 1e6:9.4f} um  "
+            f"at {joint['min_film_thickness_time_s'] * 1e3:.3f} ms"
+        )
+        estimate, thinnest = joint["basis_error_estimate_m"], joint["min_film_thickness_m"]
+        if estimate is not None and np.isfinite(estimate):
+            more = ", not small against the film: take more modes"
+            lines.append(
+                f"    basis error estimate    {estimate * 1e6:9.4f} um  of gap"
+                + more * bool(estimate > LARGEST_ESTIMATE * thinnest)
+            )
+    if "cycles" in summary:
+        lines.append(
+            f"  periodic after {summary['cycles']} cycles: the films change by "
+            f"{summary['periodicity_defect']:.1e}"
+        )
+    lines += [
+        f"  energy balance error    {summary['energy_balance_error']:9.1e}     of the energy "
+        f"exchanged, {summary['net_energy_balance_error']:.1e} of that put in for good",
+        f"  time: reduction {summary['reduction_time_s']:.2f} s, "
+        f"integration {summary['wall_time_s']:.2f} s",
+        f"  results in {directory}",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""Gmsh models and dolfinx: meshes, structures, stresses."""

@@ -1,0 +1,123 @@
+"""What one film's equations have to do with the unknowns of motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.film.cavitation import Complementarity
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.multibody.border import FilmBorder
+from fenics_ehd.multibody.system import FilmPlace
+
+
+@dataclass(frozen=True, eq=False)
+class FilmPoint:
+    """One film at one evaluation.
+
+    Attributes
+    ----------
+    nodal
+        Dimensionless pressure at all nodes.
+    gap, problem
+        See `Film`.
+    defect
+        Scaled equations, shape (m,).
+    """
+
+    nodal: np.ndarray
+    gap: Gap
+    problem: Complementarity
+    defect: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FilmColumns:
+    """What does not change in the border of one film.
+
+    Attributes
+    ----------
+    place
+        Whose.
+    gap
+        Gap change at the Gauss points for unit xi, shaft's angle and leading patterns, shape
+        (g, n + 1 + k).
+    velocity
+        Mean velocity for unit rates of xi and of the shaft's angle, shape (g, n + 1).
+    forces
+        Minus the force of unit pressures at free nodes on xi, shape (n, m).
+    shares
+        Minus the leading patterns' share of such pressures, shape (k, m); None: no patterns.
+    """
+
+    place: FilmPlace
+    gap: np.ndarray
+    velocity: np.ndarray
+    forces: np.ndarray
+    shares: np.ndarray | None
+
+    @classmethod
+    def of(
+        cls, place: FilmPlace, patterns: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> FilmColumns:
+        """With leading patterns: gap changes and shares of nodal pressures."""
+        joint = place.film
+        free, scale = joint.film.free, joint.film.parameters.pressure_scale
+        turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
+        velocity = np.hstack([joint.mean_velocity, turning])
+        gap = np.hstack([joint.thickness, np.zeros_like(turning)])
+        forces = -scale * joint.load[:, free]
+        if patterns is None:
+            return cls(place, gap, velocity, forces, None)
+        shapes, shares = patterns
+        return cls(place, np.hstack([gap, shapes]), velocity, forces, -scale * shares[:, free])
+
+    @property
+    def leading(self) -> int:
+        """Number k of leading patterns."""
+        return 0 if self.shares is None else len(self.shares)
+
+    def border(
+        self,
+        point: FilmPoint,
+        scale: float,
+        shift: float,
+        speed: np.ndarray,
+        patterns: slice,
+        share: float,
+        size: int,
+    ) -> FilmBorder:
+        """At one point; the rates of xi follow xi alone: their share of the drift is tiny.
+
+        Parameters
+        ----------
+        point, scale
+            Of the film, and what its equations are divided by.
+        shift
+            Of the step.
+        speed
+            Derivative of all rates along all unknowns x but the patterns.
+        patterns, share
+            Places of the leading patterns in x, and how they answer within the step.
+        size
+            Number of unknowns x.
+        """
+        place = self.place
+        film, n = place.film.film, place.film.size
+        along_h, along_v = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+        inputs, velocity = along_h @ self.gap, along_v @ self.velocity
+        inputs[:, :n] += shift * velocity[:, :n]
+        inputs[:, n] += velocity[:, n]
+        spread = np.zeros((inputs.shape[1], size))
+        spread[np.arange(n), place.xi] = 1.0
+        if place.journal_angle is not None:
+            spread[n, : speed.shape[1]] += speed[place.journal_angle]
+        if place.bore_angle is not None:
+            spread[n, : speed.shape[1]] -= speed[place.bore_angle]
+        outputs, rows = self.forces, place.xi
+        if self.shares is not None:
+            outputs = np.vstack([outputs, share * self.shares])
+            rows = np.concatenate([rows, np.arange(patterns.start, patterns.stop)])
+            spread[n + 1 :, patterns] = np.eye(patterns.stop - patterns.start)
+        return FilmBorder(inputs[film.free] / scale, spread, outputs, rows, patterns, along_h)

@@ -1,0 +1,144 @@
+"""Cycle after cycle of a run, until its films repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.base.errors import PeriodicityError, SettingsError
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.solver_state import MechanismStep
+
+#: Cycles that change the films by less than this tell where the next one should begin, at most so
+#: many of them; and the share that a film may become thinner by that.
+NEAR, REMEMBERED, THINNER = 0.3, 6, 0.3
+
+#: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
+NOISE = 1e-2
+
+
+class Cycles:
+    """Steps of a run, without a stop in between, until no film changes over a cycle.
+
+    A cycle maps its start to its end. Where it forgets its start slowly the next one begins at the
+    combination of former ends for which the same combination of changes is least (Anderson 1965).
+
+    Parameters
+    ----------
+    run
+        At its start.
+    period
+        Of all drives and forces [s].
+    periodicity
+        Largest change of a film from the start of a cycle to its end, relative to the film.
+    most
+        Cycles to give up after.
+
+    Attributes
+    ----------
+    number
+        Of the cycle under way, from 1.
+    defect
+        Change of the films over the last complete cycle.
+
+    Raises
+    ------
+    SettingsError
+        There is no film to repeat.
+    """
+
+    def __init__(self, run: Run, period: float, periodicity: float = 1e-4, most: int = 20):
+        if not run.equations.system.films:
+            raise SettingsError("a mechanism without a lubricated joint has no film to repeat")
+        self._run, self.period = run, period
+        self._periodicity, self._most = periodicity, most
+        self.number, self.defect = 1, float("nan")
+        system = run.equations.system
+        self._angles = [
+            system.bodies[name].start + body.angle
+            for name, body in system.each_name()
+            if body.angle is not None
+        ]
+        self._gaps = self._films()
+        self._ends: list[np.ndarray] = []
+        self._changes: list[np.ndarray] = []
+
+    @property
+    def start(self) -> float:
+        """Of the cycle under way [s]."""
+        return (self.number - 1) * self.period
+
+    def _films(self) -> np.ndarray:
+        return self._run.norm.gaps(self._run.state.observed[0])
+
+    def __iter__(self) -> Iterator[MechanismStep]:
+        """Accepted steps.
+
+        Raises
+        ------
+        PeriodicityError
+            The films still change after so many cycles.
+        StepSizeError, FilmTooThinError
+            From `Run.until`.
+        """
+        while True:
+            yield from self._run.until(self.number * self.period)
+            gaps = self._films()
+            change = gaps - self._gaps
+            self.defect = float(np.max(np.abs(change) / gaps))
+            # Over the first one the films build up; that they end as they began means nothing.
+            if self.number > 1 and self.defect <= self._periodicity:
+                return
+            if self.number >= self._most:
+                raise PeriodicityError(
+                    f"after cycles = {self.number} of {self.period:g} s the films still change by "
+                    f"{self.defect:.2e} from cycle to cycle, above periodicity = "
+                    f"{self._periodicity:g}: allow more cycles or check the loads"
+                )
+            self._begin(change)
+            self.number += 1
+
+    def _begin(self, change: np.ndarray) -> None:
+        """Begin the next cycle."""
+        state, norm = self._run.state, self._run.norm
+        if self.defect < NEAR:
+            end = np.stack([state.x[0], state.rate[0]])
+            self._ends = [*self._ends, end][-REMEMBERED:]
+            self._changes = [*self._changes, change][-REMEMBERED:]
+        if len(self._ends) > 1:
+            gaps, apart = self._films(), np.diff(self._ends, axis=0)
+            changes = np.diff(self._changes, axis=0) / gaps
+            sizes = np.linalg.norm(changes, axis=1)
+            directions = changes.T / sizes
+            shares = np.linalg.lstsq(directions, change / gaps, rcond=NOISE)[0] / sizes
+            # Whole turns are none.
+            turns = apart[:, 0, self._angles] / (2 * np.pi)
+            apart[:, 0, self._angles] -= 2 * np.pi * np.round(turns)
+            x, rate = -np.tensordot(shares, apart, 1)
+            # Former points move with the newest, along its rate.
+            past = x + np.multiply.outer(state.times - state.time, rate)
+            observed = np.array([norm.observe(point) for point in state.x + past])
+            room = norm.gaps(observed[0]) / gaps
+            if room.min() > 1.0 - THINNER:
+                moved = {"x": state.x + past, "rate": state.rate + rate, "observed": observed}
+                self._run.state = replace(state, **moved)
+        self._gaps = self._films()
+
+    def stored_state(self) -> dict[str, Any]:
+        """Where the search is, for `load_state`."""
+        return {
+            "number": self.number,
+            "defect": self.defect,
+            "gaps": self._gaps,
+            "ends": np.reshape(self._ends, (-1, 2, self._run.state.x.shape[1])),
+            "changes": np.reshape(self._changes, (-1, len(self._gaps))),
+        }
+
+    def load_state(self, stored: Mapping[str, Any]) -> None:
+        """Go on where another search of the same mechanism was."""
+        self.number, self.defect = int(stored["number"]), float(stored["defect"])
+        self._gaps = np.array(stored["gaps"])
+        self._ends, self._changes = list(stored["ends"]), list(stored["changes"])

@@ -1,0 +1,162 @@
+"""A mechanism on its way in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.base.errors import FilmTooThinError, InputError, SettingsError
+from fenics_ehd.base.sealed_file import named, require_like
+from fenics_ehd.multibody.assembly import assemble, check_inertia
+from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
+from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.step_solver import CoupledSteps
+from fenics_ehd.multibody.system import FilmPlace, System
+
+#: Damping ratio above which the formula of order 3 damps a mode at every step: it is A(82)-stable.
+DAMPED = float(np.cos(np.radians(82.0)))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How to step.
+
+    Attributes
+    ----------
+    tolerance
+        Local error of a step: relative change of every gap, and of coordinates as
+        `Body.error_measure` has them.
+    order
+        Of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping.
+    first, smallest
+        [s].
+    largest
+        Share of the time to simulate, or of a cycle.
+    """
+
+    tolerance: float = 1e-5
+    order: int = 3
+    first: float = 1e-8
+    smallest: float = 1e-13
+    largest: float = 0.02
+
+
+class Run:
+    """A mechanism and the state it is in, step by step.
+
+    Parameters
+    ----------
+    mechanism
+        It is assembled from its rough pose.
+    steps, span
+        How to step, and the time that `Steps.largest` is a share of [s].
+
+    Attributes
+    ----------
+    equations, norm
+        Of the mechanism.
+    state
+        Of the integration.
+
+    Raises
+    ------
+    SettingsError
+        The mechanism cannot be assembled, or the span is not above 0.
+    """
+
+    def __init__(self, mechanism: Mechanism, steps: Steps, span: float):
+        if not span > 0.0:
+            raise SettingsError(f"end or period = {span:g} s must be above 0")
+        self._system = system = System(mechanism)
+        self._solve = CoupledSteps(system)
+        self.equations = self._solve.equations
+        self.norm = StepNorm(self.equations)
+        # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
+        # theirs: a full interface without damping was 71 % off (`docs/extremes.md`).
+        order = steps.order if system.least_damping >= DAMPED else min(steps.order, 2)
+        self._control = StepControl(
+            steps.tolerance, steps.first, steps.smallest, steps.largest * span, order
+        )
+        z, rates = assemble(system)
+        check_inertia(system, z)
+        resting = np.zeros(self.equations.responses.size)
+        start = np.concatenate([z, resting]), np.concatenate([rates, resting])
+        self.state: IntegratorState[SolverState] = IntegratorState.begin(
+            self.norm, 0.0, *start, self._control
+        )
+
+    def stored_state(self) -> dict[str, Any]:
+        """The state as nested dictionaries of arrays and numbers, for `load_state`."""
+        state, solver = self.state, self.state.solver
+        points = {name: getattr(state, name) for name in ("times", "x", "rate", "observed", "step")}
+        return {"integrator": points, "solver": {} if solver is None else vars(solver)}
+
+    def load_state(self, stored: Mapping[str, Any]) -> None:
+        """Go on where another run of the same mechanism was.
+
+        Raises
+        ------
+        InputError
+            It is not the state of such a run.
+        """
+        with named(InputError, "the checkpoint's state"):
+            require_like(stored, self.stored_state())
+            solver = None
+            if stored["solver"]:
+                require_like(stored["solver"], self._solve.pattern(), "solver/")
+                solver = SolverState(**stored["solver"])
+            state = IntegratorState(**stored["integrator"], solver=solver)
+            _require_sound(state)
+        self.state = state
+
+    def until(self, end: float) -> Iterator[MechanismStep]:
+        """Accepted steps up to a time [s].
+
+        Raises
+        ------
+        StepSizeError
+            No step is short enough.
+        FilmTooThinError
+            After the step whose film is too thin.
+        """
+        while self.state.time < end:
+            step, self.state = advance(
+                self.norm, self.state, end, self._control, self._solve, self._system.tables
+            )
+            yield step
+            gaps = self.norm.film_gaps(step.observed)
+            for place, gap in zip(self._system.films, gaps, strict=True):
+                _check_film(place, float(gap.min()), step.time)
+
+
+def _require_sound(state: IntegratorState[SolverState]) -> None:
+    """Past points of one length, finite, newest first, and a step."""
+    for name, past in (("integrator", state), ("solver", state.solver)):
+        if past is None:
+            continue
+        for key, values in vars(past).items():
+            if key != "solver" and not np.isfinite(values).all():
+                raise ValueError(f"{name}/{key} holds a value that is not finite")
+            if np.ndim(values) and len(values) != len(past.times):
+                raise ValueError(
+                    f"{name}/{key} has {len(values)} rows, times has {len(past.times)}"
+                )
+        if not ((np.diff(past.times) < 0).all() and past.times[0] == state.time):
+            raise ValueError(f"{name}/times must descend from {state.time:.9g} s")
+    if not state.step > 0:
+        raise ValueError(f"integrator/step = {state.step} s must be positive")
+
+
+def _check_film(place: FilmPlace, thickness: float, time: float) -> None:
+    smallest = place.joint.smallest_film * place.film.clearance
+    if thickness < smallest:
+        raise FilmTooThinError(
+            f"the film of {place.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, below "
+            f"joints.{place.name}.smallest_film of the clearance, {smallest * 1e6:.3g} um: "
+            "surfaces would touch; the history up to there is kept"
+        )

@@ -1,0 +1,36 @@
+"""The mechanism of a run's folder, moving; nothing is meshed, reduced or compiled for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from mpi4py import MPI
+
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.results.motion import read_motion
+from fenics_ehd.results.replay import Replay
+from fenics_ehd.results.run_folder import SCENE_NAME
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.run import stored_bodies
+from fenics_ehd.scenes.scene_text import as_stored
+
+
+def recorded(directory: str | Path) -> Replay:
+    """All recorded steps of a run of a scene, also of one that goes on or was killed.
+
+    Raises
+    ------
+    InputError
+        The folder holds no scene, or no step.
+    SettingsError, BodyFileError
+        Scene or bodies cannot be read.
+    """
+    folder = Path(directory)
+    if not (folder / SCENE_NAME).is_file():
+        raise InputError(f"{folder / SCENE_NAME}: missing, {directory} is not the folder of a run")
+    scene = as_stored(folder / SCENE_NAME)
+    bodies = stored_bodies(scene, folder)
+    # Forces move nothing here, and their tables may be gone.
+    mechanism = build_mechanism(replace(scene, forces={}), MPI.COMM_SELF, bodies=bodies).mechanism
+    return Replay(mechanism, read_motion(folder, mechanism))

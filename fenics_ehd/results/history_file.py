@@ -1,0 +1,285 @@
+"""The history of a run on disk: ``history.csv`` row by row, fields in ``history.h5``.
+
+Both files are only ever appended to, and can be read at any moment, also after the writer
+was killed: rows of the CSV are whole lines, and HDF5 writes in its single-writer mode. A run
+that goes on repeats the steps since its last checkpoint; rows that are there already are the
+same to the last bit and are kept.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+import h5py
+import numpy as np
+
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.sealed_file import named, require_file, require_numbers
+from fenics_ehd.base.whole_file import BOOKKEEPING, naming, sync_path, whole_hdf5, write_whole
+
+#: Rows of the HDF5 datasets written between two flushes to disk.
+FLUSH_EVERY = 50
+
+#: Rows of a chunk of these datasets.
+CHUNK = 64
+
+CSV_NAME, FIELDS_NAME = "history.csv", "history.h5"
+
+
+class HistoryWriter:
+    """Writes ``history.csv`` and ``history.h5`` while a run goes on.
+
+    The files are made with the first step, which says what they hold.
+
+    Parameters
+    ----------
+    directory
+        Of the run, see `fenics_ehd.results.run_folder`.
+    constants
+        Arrays stored once.
+    resumed
+        Rows of a former run to go on after; None: a new run.
+
+    Attributes
+    ----------
+    rows
+        Steps of the run so far.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written; all rows before stay, and can be read.
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        constants: Mapping[str, np.ndarray],
+        *,
+        resumed: int | None = None,
+    ):
+        self.directory = Path(directory)
+        self._constants = constants
+        self._resumed = resumed
+        self.rows = resumed or 0
+        self._csv: _CsvFile | None = None
+        self._file: h5py.File | None = None
+
+    def add(self, row: Mapping[str, float], fields: Mapping[str, np.ndarray]) -> None:
+        """Append one accepted step."""
+        if self._csv is None:
+            self._open(list(row), {name: len(values) for name, values in fields.items()})
+        assert self._csv is not None
+        assert self._file is not None
+        self._reserve()
+        self._csv.write(self.rows, [f"{value:.10g}" for value in row.values()])
+        for name, values in fields.items():
+            data = self._file[name]
+            if len(data) <= self.rows:
+                data.resize(self.rows + 1, axis=0)
+            data[self.rows] = values
+        self.rows += 1
+        if self.rows % FLUSH_EVERY == 0:
+            self._file.flush()
+
+    def _reserve(self) -> None:
+        """Have the system keep room for the next rows: HDF5 crashes where it cannot write."""
+        assert self._file is not None
+        chunk = sum(8 * CHUNK * d.shape[1] for d in self._file.values() if d.chunks)
+        with naming(self._path):
+            # Twice, as the former chunk may still be in memory.
+            end, room = self._file.id.get_filesize(), 2 * chunk + BOOKKEEPING
+            os.posix_fallocate(self._file.id.get_vfd_handle(), end, room)
+
+    def sync(self) -> None:
+        """Put all rows on the disk itself."""
+        if self._csv is not None and self._file is not None:
+            self._reserve()
+            self._file.flush()
+            for path in (self.directory / CSV_NAME, self._path):
+                with naming(path):
+                    sync_path(path)
+
+    @property
+    def _path(self) -> Path:
+        return self.directory / FIELDS_NAME
+
+    def _open(self, names: list[str], lengths: Mapping[str, int]) -> None:
+        former = {name: np.empty((0, length)) for name, length in lengths.items()}
+        if self._resumed is not None:
+            former = read_fields(self.directory, tuple(lengths))
+            short = min(len(values) for values in former.values())
+            if short < self.rows:
+                raise InputError(
+                    f"{self._path}: holds {short} steps, its checkpoint {self.rows}: start anew"
+                )
+        with naming(self.directory):
+            self.directory.mkdir(parents=True, exist_ok=True)
+        # A copy, as a killed writer leaves its file marked as open.
+        with whole_hdf5(self._path, "latest") as file:
+            for name, values in self._constants.items():
+                file[name] = values
+            for name, data in former.items():
+                n = data.shape[1]
+                file.create_dataset(name, data=data, maxshape=(None, n), chunks=(CHUNK, max(n, 1)))
+        self._csv = _CsvFile(self.directory / CSV_NAME, names, self._resumed)
+        with naming(self._path):
+            self._file = h5py.File(self._path, "r+", libver="latest")
+        self._file.swmr_mode = True
+
+    def __enter__(self) -> HistoryWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._csv is not None:
+            self._csv.close()
+        if self._file is not None:
+            self._file.close()
+            # Once more, which returns the room that was kept, unless a reader has it open.
+            with suppress(OSError):
+                h5py.File(self._path, "r+", libver="latest").close()
+
+
+class _CsvFile:
+    """Append-only rows; those of a former run are compared with, not written again."""
+
+    def __init__(self, path: Path, names: list[str], resumed: int | None):
+        self._path = path
+        whole = [_line(names)]
+        if resumed is not None:
+            lines = path.read_bytes().splitlines(keepends=True)
+            # A killed writer may have left its last row unfinished.
+            whole = [line for line in lines if line.endswith(b"\n")]
+            if len(whole) < 1 + resumed or whole[0] != _line(names):
+                raise InputError(f"{path}: not the history of the run to go on with: start anew")
+        self._begin(whole)
+
+    def _begin(self, lines: list[bytes]) -> None:
+        write_whole(self._path, b"".join(lines))
+        self._header, *self._former = lines
+        # Without a buffer, which would be written once more when there is no room for it.
+        self._file = open(self._path, "ab", buffering=0)
+
+    def write(self, index: int, values: list[str]) -> None:
+        """Row number `index`."""
+        line = _line(values)
+        if index < len(self._former):
+            if self._former[index] == line:
+                return
+            # Another machine rounds differently: its rows stand from here on.
+            self.close()
+            self._begin([self._header, *self._former[:index]])
+            self._former = []
+        with naming(self._path):
+            while line:
+                line = line[self._file.write(line) :]
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _line(values: list[str]) -> bytes:
+    buffer = io.StringIO()
+    csv.writer(buffer).writerow(values)
+    return buffer.getvalue().encode()
+
+
+def read_history(directory: str | Path) -> dict[str, np.ndarray]:
+    """Columns of ``history.csv`` by name.
+
+    Raises
+    ------
+    InputError
+        The directory holds no history of at least one step.
+    """
+    path = Path(directory) / CSV_NAME
+    try:
+        require_file(path)
+        with open(path, newline="") as file:
+            header, *rows = list(csv.reader(file))
+        # A run that was killed may have left its last row unfinished.
+        whole = [row for row in rows if len(row) == len(header)]
+        columns = np.array(whole, dtype=float).T
+        if not len(whole):
+            raise ValueError("no steps")
+        if header[:1] != ["time_s"]:
+            raise ValueError("not its columns")
+    except FileNotFoundError:
+        raise InputError(_no_results(path)) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: not a history of a run ({reason})") from None
+    return dict(zip(header, columns, strict=True))
+
+
+def keep_last_rows(directory: str | Path, first: int) -> None:
+    """Drop all rows of a finished history before one: a periodic run's cycles but the last."""
+    csv_path, path = (Path(directory) / name for name in (CSV_NAME, FIELDS_NAME))
+    header, *lines = csv_path.read_bytes().splitlines(keepends=True)
+    with _opened(path) as file:
+        kept = {name: data[first:] if data.chunks else data[()] for name, data in file.items()}
+    with whole_hdf5(path, "latest") as file:
+        for name, values in kept.items():
+            file[name] = values
+    write_whole(csv_path, b"".join([header, *lines[first:]]))
+
+
+def _no_results(path: Path) -> str:
+    """What a missing file of a run means."""
+    if path.parent.is_dir():
+        return f"{path.parent}: not a results folder, it has no {path.name}"
+    return f"{path.parent}: no such folder"
+
+
+def read_fields(
+    directory: str | Path, names: tuple[str, ...], *, optional: bool = False
+) -> dict[str, np.ndarray]:
+    """Arrays of ``history.h5`` by name, one row a step; `optional` ones if they are there.
+
+    Raises
+    ------
+    InputError
+        The directory holds no such file, or it lacks one of them.
+    """
+    path = Path(directory) / FIELDS_NAME
+    if not path.exists():
+        raise InputError(_no_results(path))
+    with named(InputError, f"{path}: not a history of a run"), _opened(path) as file:
+        # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
+        whole, size = file.id.get_filesize(), path.stat().st_size
+        if size < whole:
+            raise OSError(f"it ends after {size} of {whole} bytes")
+        found = {name: file[name] for name in names if name in file or not optional}
+        return {name: _finite(dataset) for name, dataset in found.items()}
+
+
+def _opened(path: Path) -> h5py.File:
+    """The file, as a reader beside a writer if it is of a run that goes on, or was killed.
+
+    Not without need: such a reader tries for minutes to read what is damaged.
+    """
+    require_file(path)
+    with open(path, "rb") as file:
+        # The superblock's consistency flags: open for writing.
+        marked = file.read(12)[11:] not in (b"", b"\0")
+    return h5py.File(path, "r", libver="latest", swmr=marked)
+
+
+def _finite(dataset: h5py.Dataset) -> np.ndarray:
+    require_numbers(dataset)
+    values = np.array(dataset)
+    if not values.ndim or not np.isfinite(values).all():
+        raise ValueError(f"{dataset.name} holds a value that is not finite, or no rows")
+    return values

@@ -1,0 +1,143 @@
+"""A mechanism in the motion that a run recorded."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.multibody.body import Body
+from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rigid_body import ground
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.system import FilmPlace, System
+from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.results.history_file import FIELDS_NAME
+from fenics_ehd.results.motion import RecordedMotion
+
+
+class Replay:
+    """Where bodies and films of a mechanism are at recorded instants.
+
+    Parameters
+    ----------
+    mechanism
+        Of the run.
+    motion
+        Its steps, or instants between them.
+
+    Attributes
+    ----------
+    bodies
+        By name, the ground too.
+    system
+        The mechanism's coordinates.
+
+    Raises
+    ------
+    InputError
+        The motion is not one of this mechanism.
+    """
+
+    def __init__(self, mechanism: Mechanism, motion: RecordedMotion):
+        self.motion = motion
+        self.bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
+        self.system = System(mechanism)
+        self._equations = StepEquations(self.system, dense_limit=0)
+        self._states = np.hstack([motion.coordinates, motion.quasi_static])
+        expected = {
+            "coordinates": (motion.coordinates, self.system.n),
+            "quasi_static": (motion.quasi_static, self._equations.responses.size),
+            **{p.name: (motion.pressures[p.name], self.nodes(p)) for p in self.system.films},
+        }
+        for name, (values, size) in expected.items():
+            if values.shape[1] != size:
+                raise InputError(
+                    f"{FIELDS_NAME}: {values.shape[1]} values of {name} a step where its scene "
+                    f"and bodies have {size}: it is of another run"
+                )
+
+    def coordinates(self, body: str) -> np.ndarray:
+        """Of one body, shape (t, n)."""
+        return self.motion.coordinates[:, self.system.bodies[body]]
+
+    def marker(self, body: str, point: str, coordinates: np.ndarray | None = None) -> np.ndarray:
+        """Position and angle of a point, or of the origin for an empty name, shape (t, 3).
+
+        Parameters
+        ----------
+        body, point
+            Which.
+        coordinates
+            In place of the body's own, shape (t, n).
+        """
+        rows = self.coordinates(body) if coordinates is None else coordinates
+        return np.array([self.bodies[body].marker(point, row).values[:3] for row in rows])
+
+    def part(self, body: str) -> ReducedBody:
+        """The part that a flexible body is."""
+        found = self.bodies[body]
+        assert isinstance(found, FlexibleBody)
+        return found.reduced
+
+    def elastic(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """Elastic coordinates of a flexible body and amplitudes of its residual patterns.
+
+        Returns
+        -------
+        coordinates, amplitudes : numpy.ndarray
+            shape (t, n), (t, r).
+        """
+        part, own = self.part(body), self.coordinates(body)
+        amplitudes = np.zeros((len(own), part.residual.rank if part.residual else 0))
+        responses = self._equations.responses
+        pairs = zip(responses.flexibilities, responses.amplitudes, strict=True)
+        for flexibility, places in pairs:
+            if self.system.films[flexibility.films[0]].bore_body == body:
+                amplitudes = self._states[:, places]
+        return own[:, own.shape[1] - part.modes :], amplitudes
+
+    @cached_property
+    def gaps(self) -> dict[str, np.ndarray]:
+        """Film thickness at the nodes of every film by joint, shape (t, k) [m]."""
+        norm = StepNorm(self._equations)
+        rows = [norm.film_gaps(norm.observe(state)) for state in self._states]
+        found = zip(*rows, strict=True)
+        return {
+            place.name: np.array(gaps)[:, -self.nodes(place) :]
+            for place, gaps in zip(self.system.films, found, strict=True)
+        }
+
+    @cached_property
+    def orbits(self) -> dict[str, np.ndarray]:
+        """Eccentricity of the circle that comes nearest to the gap, by joint, shape (t, 2) [m].
+
+        The bore is as it is, deformed, turned as its body's frame; in a rigid one it is the
+        journal's own eccentricity.
+        """
+        found = {}
+        for place in self.system.films:
+            angle = place.film.film.parameters.grid.node_positions[:, 0]
+            waves = np.column_stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
+            found[place.name] = np.linalg.lstsq(waves, self.gaps[place.name].T, rcond=None)[0][1:].T
+        return found
+
+    @staticmethod
+    def nodes(place: FilmPlace) -> int:
+        """Number of nodes of a film, behind whose Gauss points the gap is observed at them."""
+        return len(place.film.film.parameters.grid.node_positions)
+
+    def bore_pressure(self, body: str) -> np.ndarray:
+        """Pressures at all pressure nodes of a flexible body, bore by bore, shape (t, k) [Pa]."""
+        part = self.part(body)
+        total = np.zeros((len(self.motion.time), part.load_projection.shape[1]))
+        for place in self.system.films:
+            bore = place.film.bore
+            if place.bore_body == body and bore is not None:
+                pressures = self.motion.pressures[place.name]
+                own = part.rows_of(place.bore).pressures
+                total[:, own] = [bore.structure_pressure(p) for p in pressures]
+        return total

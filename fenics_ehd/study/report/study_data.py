@@ -1,0 +1,213 @@
+"""What a study left in its folder, as its report reads it: rows, histories, errors over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.results.history_file import read_fields, read_history
+from fenics_ehd.study.errors_file import errors_path, read_errors
+
+#: Norms of the error of a curve: largest over time, root mean square over time.
+NORMS = {"max": "largest", "l2": "L2"}
+
+#: Errors of the reference below which those of runs on its film mesh mean nothing.
+LIMITING = ("step", "basis")
+
+#: Run that every other one is compared with.
+REFERENCE_RUN = "reference"
+
+History = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One of the two curves that a lubricated joint is judged by."""
+
+    key: str
+    title: str
+    column: str
+    factor: float
+    unit: str
+
+
+PRESSURE = Quantity("pressure", "peak pressure", "max_pressure_Pa", 1e-6, "MPa")
+FILM = Quantity("film", "minimum film thickness", "min_film_thickness_m", 1e6, "µm")
+QUANTITIES = (PRESSURE, FILM)
+
+
+@dataclass(frozen=True, eq=False)
+class StudyRow:
+    """A run in ``table.csv``, as one lubricated joint has it.
+
+    Attributes
+    ----------
+    values
+        By column, text or numbers in SI units, nan where a cell is empty. Errors are relative: of
+        the pressure to the reference's peak, of the film to the film. Those called own are relative
+        to the same model with very fine steps.
+    """
+
+    values: Mapping[str, Any]
+
+    def __getitem__(self, column: str) -> Any:
+        return self.values[column]
+
+    @property
+    def complete(self) -> bool:
+        """Whether its figures count."""
+        return bool(self["status"] == "complete")
+
+    def error(self, quantity: Quantity, norm: str = "max") -> float:
+        """Relative error of a curve against the reference, as measured."""
+        return float(self[f"{quantity.key}_error_{norm}"])
+
+    def floor(self, quantity: Quantity, norm: str = "max") -> float:
+        """Error of the reference itself, as far as it is known, else 0."""
+        value = float(self[f"{quantity.key}_floor" + ("_l2" if norm == "l2" else "")])
+        return value if math.isfinite(value) else 0.0
+
+    def visible_error(self, quantity: Quantity, norm: str = "max") -> float:
+        """Error that may be shown: none below the reference's own."""
+        return max(self.error(quantity, norm), self.floor(quantity, norm))
+
+    def bounded(self, quantity: Quantity, norm: str = "max") -> bool:
+        """Whether only a bound of the error is known, the reference's own."""
+        return self.error(quantity, norm) < self.floor(quantity, norm)
+
+    @property
+    def worst_error(self) -> float:
+        """The larger one of both curves' largest errors, none below the reference's own."""
+        return max(self.visible_error(quantity) for quantity in QUANTITIES)
+
+    @property
+    def measured(self) -> bool:
+        """Whether it came to its end and was compared with a reference."""
+        return self.complete and all(math.isfinite(self.error(q)) for q in QUANTITIES)
+
+
+@dataclass(frozen=True, eq=False)
+class StudyData:
+    """A study's folder.
+
+    Attributes
+    ----------
+    directory
+        Where it is.
+    info
+        ``study.json``.
+    reference
+        ``reference.json``, empty before there is one.
+    rows
+        Of ``table.csv`` in their order, for all lubricated joints.
+    """
+
+    directory: Path
+    info: Mapping[str, Any]
+    reference: Mapping[str, Any]
+    rows: tuple[StudyRow, ...]
+
+    @cached_property
+    def joints(self) -> tuple[JointData, ...]:
+        """The same for each lubricated joint."""
+        return tuple(JointData(self, name) for name in self.info["joints"])
+
+    @property
+    def start(self) -> float:
+        """Time from which on errors count, of a periodic study in its cycle [s]."""
+        return float(self.info.get("start", 0.0))
+
+    def worst_error(self, run: str) -> float:
+        """The largest error of both curves in any joint, nan where it was not compared."""
+        rows = (row for joint in self.joints for row in joint.measured("methods", run=run))
+        return max((row.worst_error for row in rows), default=math.nan)
+
+    def folder(self, run: str) -> Path:
+        """Results of a run."""
+        return self.directory / "runs" / run
+
+
+@dataclass(frozen=True, eq=False)
+class JointData:
+    """What a study tells of one lubricated joint.
+
+    Attributes
+    ----------
+    study
+        All of it.
+    name
+        Of the joint.
+    """
+
+    study: StudyData
+    name: str
+
+    @property
+    def title(self) -> str:
+        """Its name where there are several, else nothing."""
+        return self.name if len(self.study.info["joints"]) > 1 else ""
+
+    def planned(self, *groups: str, **wanted: Any) -> list[StudyRow]:
+        """Runs of some groups with these values, whatever came of them."""
+        return [
+            row
+            for row in self.study.rows
+            if row["joint"] in (self.name, "")
+            and row["group"] in groups
+            and all(row[column] == value for column, value in wanted.items())
+        ]
+
+    def measured(self, *groups: str, **wanted: Any) -> list[StudyRow]:
+        """Those of them that were compared with a reference, few coordinates first."""
+        chosen = [row for row in self.planned(*groups, **wanted) if row.measured]
+        return sorted(chosen, key=lambda row: row["coordinates"])
+
+    def own_error(self, kind: str, quantity: Quantity, norm: str = "max") -> float:
+        """One of the reference's own errors, nan where it is not known."""
+        entry = self.study.reference.get(kind) or {}
+        value = entry.get("joints", {}).get(self.name, entry).get(f"{quantity.key}_{norm}")
+        return math.nan if value is None else float(value)
+
+    def history(self, run: str) -> History | None:
+        """Columns of a run's history under their plain names, None when it left none.
+
+        ``time_s`` is that within the cycle where the run is periodic.
+        """
+        try:
+            columns = read_history(self.study.folder(run))
+        except InputError:
+            return None
+        time = columns.get("cycle_time_s", columns["time_s"])
+        return self._own(columns) | {"time_s": time}
+
+    def _own(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        found = {k: v for k, v in values.items() if k.startswith(self._prefix)}
+        return {name.removeprefix(self._prefix): value for name, value in found.items()}
+
+    @property
+    def _prefix(self) -> str:
+        return f"{self.title}." if self.title else ""
+
+    def errors_over_time(self, run: str) -> History | None:
+        """``time_s`` and signed ``pressure_error``, ``film_error`` of a run, None without any."""
+        try:
+            found = read_errors(errors_path(self.study.folder(run), REFERENCE_RUN))
+        except InputError:
+            return None
+        return self._own(found) | {"time_s": found["time_s"]}
+
+    def pressures(self, run: str) -> tuple[np.ndarray, np.ndarray] | None:
+        """Film nodes, angle [rad] and height [m], and pressures [Pa], shape (steps, nodes)."""
+        names = (f"{self._prefix}film_nodes", f"{self._prefix}pressure_Pa")
+        try:
+            nodes, pressure = read_fields(self.study.folder(run), names).values()
+        except InputError:
+            return None
+        return nodes, pressure

@@ -1,0 +1,84 @@
+"""The command line as tests use it: in this process, or in one of its own that may be stopped."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from interrupt_case import heed_interrupt, rows_in
+
+from fenics_ehd.cli.main import main
+from fenics_ehd.results.history_file import read_fields
+
+COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
+
+#: Figures of a summary that are of the machine, or of what a process happened to import.
+OF_THE_MACHINE = {"wall_time_s", "processor_time_s", "reduction_time_s", "versions"}
+
+
+def call(*arguments):
+    """Exit status of the command, in this process."""
+    with pytest.raises(SystemExit) as caught:
+        main([str(a) for a in arguments])
+    return caught.value.code
+
+
+def exit_of(capfd, *arguments):
+    """Status, output and error output of the command, in this process."""
+    return call(*arguments), *capfd.readouterr()
+
+
+def program(*arguments, **options):
+    """The command in a process of its own, to its end."""
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options
+    )
+
+
+def start(arguments):
+    """The command in a process of its own, begun."""
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)],
+        preexec_fn=heed_interrupt,
+        stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+    )
+
+
+def stop_after(process, folder, rows, how):
+    """Send a signal as soon as the history has so many rows; returns the exit status."""
+    deadline = time.monotonic() + 120
+    while rows_in(folder) < rows and process.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(1e-3)
+    assert process.poll() is None, f"the run was over before the signal: {process.returncode}"
+    process.send_signal(how)
+    return process.wait(timeout=60)
+
+
+def assert_same_results(one, other):
+    """Two folders hold the same run, to the last bit."""
+    assert (one / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
+    names = ("coordinates", "rates", "pressure_Pa")
+    for name, values in read_fields(one, names).items():
+        np.testing.assert_array_equal(values, read_fields(other, (name,))[name])
+    ours, theirs = (json.loads((f / "summary.json").read_text()) for f in (one, other))
+    for key in set(theirs) - OF_THE_MACHINE:
+        assert ours[key] == theirs[key], key
+
+
+def killed_again_and_again(folder, command, resume, moments):
+    """Kill a run at these rows, the next time as it goes on, and let it end at last.
+
+    Yields the folder it worked in after each kill.
+    """
+    process = start(command)
+    for rows in moments:
+        assert stop_after(process, folder, rows, signal.SIGKILL) == -signal.SIGKILL
+        (run,) = folder.glob(".run-*")
+        yield run
+        process = start(resume)
+    assert process.wait(timeout=120) == 0

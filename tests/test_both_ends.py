@@ -1,0 +1,239 @@
+"""A flexible rod lubricated at both of its ends: what one film presses moves the other's bore."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanism_cases import CRANK, REVOLUTION, SPEED, slider_crank
+from mpi4py import MPI
+from test_several_bores import COARSE
+
+from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.material import Material
+from fenics_ehd.fem.models import model_path
+from fenics_ehd.fem.structure import assemble_structure
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.layout import film_grid
+from fenics_ehd.multibody import step_solver
+from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.multibody.simulation import Run, Steps, simulate
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.plotting.animation_shape import shape_of_bores
+from fenics_ehd.reduction import (
+    Reductor,
+    full_interface,
+    load_dependent,
+    residual_flexibility,
+    two_step_craig_bampton,
+)
+from fenics_ehd.results.motion import RecordedMotion
+from fenics_ehd.results.replay import Replay
+
+END = 0.1 * REVOLUTION
+JOINTS = ("big_end", "gudgeon")
+
+
+def part(bores):
+    geometry = COARSE | {"bore_cells_along": 2}
+    mesh = build_mesh(model_path("conrod"), geometry, comm=MPI.COMM_SELF, bores=bores)
+    return Reductor(assemble_structure(mesh, Material(210e9, 0.3, 7850.0), bores=bores))
+
+
+@pytest.fixture(scope="module")
+def rod():
+    return part(("bore", "pin"))
+
+
+@pytest.fixture(scope="module")
+def bodies(rod):
+    return {
+        "full": full_interface(rod, 10),
+        "m4": residual_flexibility(rod, 6),
+        "m3": load_dependent(rod, 6, 60),
+        "m2": two_step_craig_bampton(rod, 120),
+    }
+
+
+def film(grid, clearance):
+    return Film(FilmParameters(grid, clearance, Lubricant(0.01), rate=SPEED))
+
+
+def machine(body, gudgeon=True, pin_cells=None):
+    bores = body.bores
+    own = [film_grid(bore.pressure_coordinates) for bore in bores.values()]
+    if pin_cells:
+        own[1] = uniform_grid(bores["pin"].radius, bores["pin"].width, pin_cells, "lagrange")
+    flexible = FlexibleBody(body, 1e-3, position=(CRANK, 0.0))
+    return slider_crank(flexible, film(own[0], 17e-6), film(own[1], 12e-6) if gudgeon else None)
+
+
+@pytest.fixture(scope="module")
+def results(bodies):
+    return {name: simulate(machine(body), END, tolerance=1e-5) for name, body in bodies.items()}
+
+
+def apart(one, other, start=2e-4):
+    """Largest differences of two runs, of pressures over the peak, and of films."""
+    late = one.time > start
+    found = {}
+    for joint in one.joints:
+        a, b = one.joints[joint], other.joints[joint]
+        pressure, thickness = (
+            np.interp(one.time[late], other.time, getattr(b, name))
+            for name in ("max_pressure", "min_film_thickness")
+        )
+        peak = b.max_pressure.max()
+        found[f"{joint} pressure"] = np.abs(a.max_pressure[late] - pressure).max() / peak
+        found[f"{joint} film"] = np.abs(a.min_film_thickness[late] / thickness - 1).max()
+    return found
+
+
+@pytest.mark.parametrize(("method", "limit"), [("m4", 5e-4), ("m3", 5e-3), ("m2", 0.05)])
+def test_methods_agree_on_both_films(results, method, limit):
+    found = apart(results["full"], results[method])
+    assert len(found) == 4
+    assert max(found.values()) < limit, found
+
+
+def test_energy_is_balanced(results):
+    for name, result in results.items():
+        assert result.energy_balance_error < 1e-3, name
+
+
+def test_newtons_method_converges_fast(results):
+    """Half an iteration more a step than with the coupling in the films' own matrices."""
+    for name, result in results.items():
+        assert result.newton_iterations / len(result.time) < 3.5, name
+
+
+def test_one_film_of_two_bores_is_that_of_a_rod_with_one():
+    """The same modes, and patterns that together are the same flexibility."""
+    found = [
+        simulate(
+            machine(residual_flexibility(part(bores), 6, truncation=0.0), gudgeon=False),
+            0.5 * END,
+            tolerance=1e-5,
+        )
+        for bores in (("bore",), ("bore", "pin"))
+    ]
+    assert max(apart(*found).values()) < 1e-4
+
+
+def test_large_films_are_those_of_small_ones(bodies, monkeypatch):
+    """Films factorised sparse and dense, patterns in the derivatives and beside them."""
+    small = simulate(machine(bodies["m4"]), 0.3 * END, tolerance=1e-5)
+    monkeypatch.setattr(
+        step_solver.CoupledSteps.__init__,
+        "__kwdefaults__",
+        {
+            "options_prefix": "motion_",
+            "dense_limit": 0,
+        },
+    )
+    large = simulate(machine(bodies["m4"]), 0.3 * END, tolerance=1e-5)
+    assert max(apart(small, large, 5e-5).values()) < 1e-4
+
+
+def test_a_film_of_other_cells_than_its_bore_is_coupled_too(bodies, results):
+    fine = simulate(machine(bodies["m4"], pin_cells=(16, 4)), END, tolerance=1e-5)
+    found = apart(results["m4"], fine)
+    assert max(v for k, v in found.items() if k.startswith("big_end")) < 0.02
+    assert max(found.values()) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("pin_cells", "transfer", "limit"),
+    [(None, "conservative", 5e-3), ((16, 4), "mortar", 5e-3), ((16, 4), "conservative", 2e-2)],
+)
+def test_what_presses_in_one_bore_moves_the_other(bodies, pin_cells, transfer, limit):
+    """The gap of every film by the pressure in the other, as the reduced part has it."""
+    body, mechanism = bodies["m4"], machine(bodies["m4"], pin_cells=pin_cells)
+    gudgeon = replace(mechanism.joints["gudgeon"], transfer=transfer)
+    joints = {**mechanism.joints, "gudgeon": gudgeon}
+    run = Run(replace(mechanism, joints=joints), Steps(), END)
+    (flexibility,) = run.equations.responses.flexibilities
+    places = run.equations.system.films
+    assert [place.bore for place in places] == ["bore", "pin"]
+    for i, j in ((0, 1), (1, 0)):
+        pressures = [np.zeros(p.film.film.assembly.size) for p in places]
+        angle = places[j].film.film.parameters.grid.node_positions[:, 0]
+        pressures[j] = 1e7 * (1.0 + np.cos(angle))
+        load = np.zeros(body.load_projection.shape[1])
+        own = body.rows_of(places[j].bore).pressures
+        load[own] = places[j].film.bore.structure_pressure(pressures[j])
+        moved = flexibility.each(flexibility.moved(np.concatenate(pressures)))
+        residual = body.residual
+        nodes = body.rows_of(places[i].bore).nodes
+        expected = residual.displacement[nodes] @ (residual.patterns @ load)
+        reading = places[i].film.bore.normal
+        assert np.abs(moved[i]).max() > 1e-10
+        difference = np.abs(moved[i] - reading @ expected.ravel()).max()
+        assert difference < limit * np.abs(moved[i]).max()
+
+
+def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both(bodies):
+    run = Run(machine(bodies["m3"]), Steps(tolerance=1e-4), END)
+    tracker = Tracker(run.equations, run.norm)
+    for step in run.until(0.1 * END):
+        row, _ = tracker.add(step)
+    estimates = [row[f"{joint}.basis_error_estimate_m"] for joint in JOINTS]
+    missing = bodies["m3"].missing_flexibility
+    largest = max(float(np.abs(f.pressure).max()) for f in step.solution.films)
+    for estimate in estimates:
+        assert 0.0 < estimate < np.abs(missing).sum(axis=1).max() * largest
+    loads = tracker._loads(step.solution.films)["rod"]
+    assert len(loads) == missing.shape[1]
+    for place, film in zip(run.equations.system.films, step.solution.films, strict=True):
+        own = loads[bodies["m3"].rows_of(place.bore).pressures]
+        np.testing.assert_array_equal(own, place.film.bore.structure_pressure(film.pressure))
+
+
+def test_results_do_not_depend_on_the_order_of_the_bores_in_the_list(bodies):
+    """Both films of another order of joints' names."""
+    mechanism = machine(bodies["m4"])
+    renamed = {
+        "z" if name == "big_end" else name: joint for name, joint in mechanism.joints.items()
+    }
+    ours, theirs = (
+        simulate(m, 0.05 * END, tolerance=1e-5)
+        for m in (mechanism, replace(mechanism, joints=renamed))
+    )
+    ours = replace(ours, joints={"gudgeon": ours.joints["gudgeon"]})
+    assert max(apart(ours, theirs, 0.0).values()) < 1e-7
+
+
+def test_a_recorded_run_has_gaps_and_pressures_of_both_bores(bodies):
+    body, mechanism = bodies["m4"], machine(bodies["m4"])
+    run = Run(mechanism, Steps(tolerance=1e-3), END)
+    tracker = Tracker(run.equations, run.norm)
+    rows, fields, films = [], [], []
+    for step in run.until(0.05 * END):
+        row, stored = tracker.add(step)
+        rows.append(row)
+        fields.append(stored)
+        films.append(step.solution.films)
+    coordinates, rates, quasi_static = (
+        np.array([f[name] for f in fields]) for name in ("coordinates", "rates", "quasi_static")
+    )
+    pressures = {j: np.array([f[f"{j}.pressure_Pa"] for f in fields]) for j in JOINTS}
+    time = np.array([row["time_s"] for row in rows])
+    replay = Replay(mechanism, RecordedMotion(time, coordinates, rates, quasi_static, pressures))
+    assert replay.elastic("rod")[1].shape == (len(time), body.residual.rank)
+    for joint, film in zip(JOINTS, films[-1], strict=True):
+        least = replay.gaps[joint][-1].min()
+        # At the nodes alone, and at the Gauss points too.
+        assert least == pytest.approx(rows[-1][f"{joint}.min_film_thickness_m"], rel=2e-2)
+        own = body.rows_of({"big_end": "bore", "gudgeon": "pin"}[joint]).pressures
+        loads = replay.bore_pressure("rod")[-1, own]
+        np.testing.assert_allclose(np.sort(loads), np.sort(film.pressure), rtol=1e-12)
+
+
+def test_a_body_alone_shows_a_ring_for_every_bore(bodies):
+    body = bodies["m4"]
+    shape = shape_of_bores(body)
+    assert shape.fields.shape[2] == body.modes + body.residual.rank
+    halves = np.split(np.arange(len(shape.nodes)), [len(shape.nodes[shape.nodes[:, 0] < 0.1])])
+    for nodes, bore in zip(halves, body.bores.values(), strict=True):
+        radii = np.hypot(*(shape.nodes[nodes] - bore.centre)[:, :2].T)
+        assert radii.min() == pytest.approx(bore.radius)
+    assert {len(np.unique(f < halves[1][0])) for f in shape.faces} == {1}

@@ -1,0 +1,306 @@
+"""What a report says of the paper's statements, on studies whose answer is known."""
+
+from functools import partial
+
+import numpy as np
+import paper
+import paper_rotor as rotor
+import paper_slider_crank as crank
+import paper_statement as comparisons
+import pytest
+from paper_statement import FAILS, HOLDS, NOT_RUN, OPEN, PARTLY, MissingRunsError
+from report_cases import (
+    bearing,
+    m1,
+    m2,
+    m3,
+    m4,
+    run,
+    without_end,
+    write_bodies,
+    write_history,
+    write_study,
+)
+
+from fenics_ehd.base.errors import InputError
+
+ALL = (*crank.STATEMENTS, *rotor.STATEMENTS)
+
+UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
+LITERAL = {"selection": "smallest-eigenvalue"}
+LONG, SHORT = ({"pressure_set": f"pc2-{name}"} for name in ("long", "short"))
+
+
+@pytest.mark.parametrize("scene", paper.STATEMENTS)
+def test_a_study_without_runs_says_not_run_of_every_statement(scene, tmp_path):
+    empty = bearing(scene=scene, directory=tmp_path)
+    findings = [statement.judge(empty) for statement in paper.STATEMENTS[scene]]
+    assert {finding.verdict for finding in findings} == {NOT_RUN}
+    assert all(finding.measured for finding in findings)
+
+
+def test_sections_and_selection_rule_are_all_there():
+    places = " ".join(statement.place for statement in ALL)
+    for place in ("fig. 5", "fig. 6", "fig. 7", "fig. 8", "fig. 10", "fig. 11", "(31)-(32)"):
+        assert place in places
+    assert {statement.place for statement in ALL} >= {"4.2", "5.2", "6"}
+
+
+@pytest.mark.parametrize(
+    ("check", "runs", "verdict"),
+    [
+        (crank.rich_reference, [m3(60, 0.03, 0.04, **UNIT)], HOLDS),
+        (crank.rich_reference, [m3(61, 0.03, 0.08, **UNIT)], FAILS),
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.2, 0.2), m2(37, 0.1, 0.1)], HOLDS),
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.2, 0.1), m2(37, 0.1, 0.2)], PARTLY),
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.1, 0.1), m2(37, 0.2, 0.2)], FAILS),
+        # Other numbers of coordinates are not compared.
+        (comparisons.m2_ahead_of_m1, [m1(37, 0.1, 0.1), m2(67, 0.2, 0.2)], NOT_RUN),
+        (crank.literal_selection, [m3(31), m3(31, 0.5, 0.2, **LITERAL)], FAILS),
+        (crank.literal_selection, [m3(31), m3(31, 0.01, 0.01, **LITERAL)], HOLDS),
+        (crank.literal_selection, [m3(31)], NOT_RUN),
+        # M2's need lies between the last run that is not as good and the first that is.
+        (crank.quarter_of_m2, [m3(31), m2(67)], OPEN),
+        (crank.quarter_of_m2, [m3(31), m2(170)], HOLDS),
+        (crank.quarter_of_m2, [m3(31), m2(67, 0.01, 0.01)], FAILS),
+        (crank.quarter_of_m2, [m3(31), m2(67), m2(170, 0.01, 0.01)], OPEN),
+        (crank.quarter_of_m2, [m3(31), m2(160), m2(170, 0.01, 0.01)], HOLDS),
+        (crank.one_shape_is_not_enough, [m3(31), m3(31, 0.1, 0.2, **LONG)], NOT_RUN),
+        (crank.one_shape_is_not_enough, [m3(31), m3(31, **SHORT)], NOT_RUN),
+        (crank.one_shape_is_not_enough,
+         [m3(31), m3(31, 0.1, 0.2, **LONG), m3(31, 0.1, 0.2, **SHORT)], HOLDS),
+        (crank.one_shape_is_not_enough, [m3(31), m3(31, 0.1, 0.2, **LONG), m3(31, **SHORT)],
+         PARTLY),
+        (crank.one_shape_is_not_enough, [m3(31), m3(31, **LONG), m3(31, **SHORT)], FAILS),
+        # More modes of both kinds would not be a fair comparison.
+        (crank.one_shape_is_not_enough,
+         [m3(80), m3(31, 0.1, 0.2, **LONG), m3(31, 0.1, 0.2, **SHORT)], NOT_RUN),
+        (crank.m3_fastest, [m1(37, online_s=9.0), m3(31, online_s=5.0)], HOLDS),
+        (crank.m3_fastest, [m1(37, online_s=3.0), m3(31, online_s=5.0)], FAILS),
+        # One measurement of each time tells no difference of a few per cent.
+        (crank.m3_fastest, [m1(37, online_s=5.2), m3(31, online_s=5.0)], OPEN),
+        (crank.m3_fastest, [m1(37, online_s=5.2), m1(67, online_s=9.0), m3(31, online_s=5.0)],
+         PARTLY),
+        (crank.m3_fastest, [m1(37, 0.001, 0.002, online_s=9.0), m3(31, online_s=5.0)], FAILS),
+        (crank.best_at_every_size, [m1(37), m2(37), m3(31)], HOLDS),
+        (crank.best_at_every_size, [m1(37), m2(37), m3(31, 0.15, 0.02)], PARTLY),
+        # Below the reference's own error nothing is smaller than anything.
+        (comparisons.m2_ahead_of_m1, [m1(37, 3e-4, 3e-4), m2(37, 1e-4, 1e-4)], OPEN),
+        (crank.best_at_every_size, [m1(37, 3e-4, 3e-4), m2(37, 3e-4, 3e-4), m3(31, 1e-4, 1e-4)],
+         OPEN),
+    ],
+)  # fmt: skip
+def test_verdict_follows_from_the_table(check, runs, verdict, tmp_path):
+    try:
+        found = check(bearing(*runs, directory=tmp_path)).verdict
+    except MissingRunsError:
+        found = NOT_RUN
+    assert found == verdict
+
+
+#: By statement, runs that are enough for a verdict, and those that it must not be given without.
+WAITED_FOR = [
+    (crank.rich_reference, [m3(60, **UNIT)], [m3(61, pressure_set="pc1")]),
+    (crank.enough_with_31, [m3(31)], [m3(31, **LITERAL)]),
+    (crank.literal_selection, [m3(31)], [m3(31, **LITERAL)]),
+    (crank.literal_selection, [m3(31, **LITERAL), m3(31)], [m3(31, selection="every-column")]),
+    (crank.quarter_of_m2, [m3(31), m2(170)], [m2(37)]),
+    (crank.quarter_of_m2, [m2(170)], [m3(31)]),
+    (crank.one_shape_is_not_enough, [m3(31), m3(31, **LONG)], [m3(31, **SHORT)]),
+    (crank.m3_fastest, [m1(37), m3(31, online_s=1.0)], [m2(37)]),
+    (crank.best_at_every_size, [m1(37), m2(37), m3(31)], [m3(61)]),
+    (comparisons.m2_ahead_of_m1, [m1(37), m2(37)], [m2(67)]),
+    (partial(comparisons.many_modes, method="m1"), [m1(127), m3(31)], [m1(37)]),
+    (partial(comparisons.many_modes, method="m1"), [m1(127), m3(31)], [m3(16)]),
+    (partial(comparisons.m3_best, sizes=(39,)), [m1(37), m2(38), m3(31)], [m2(37)]),
+]
+
+
+@pytest.mark.parametrize("status", ["not run", "failed: OSError: no space left on device"])
+@pytest.mark.parametrize(("check", "there", "missing"), WAITED_FOR)
+def test_no_verdict_before_the_runs_that_it_needs(check, there, missing, status, tmp_path):
+    whole = bearing(*there, *missing, directory=tmp_path)
+    assert check(whole).verdict != NOT_RUN
+    waiting = bearing(*there, *(without_end(row, status) for row in missing), directory=tmp_path)
+    with pytest.raises(MissingRunsError, match=missing[0]["run"]):
+        check(waiting)
+
+
+def test_runs_of_other_sizes_are_not_waited_for(tmp_path):
+    runs = [m1(37), m2(37), m3(31), without_end(m1(67)), without_end(m3(61))]
+    assert comparisons.m3_best(bearing(*runs, directory=tmp_path), (39,)).verdict == HOLDS
+
+
+def test_a_selection_that_could_not_run_is_told_and_fails(tmp_path):
+    failed = without_end(m3(31, **LITERAL), "failed: StepSizeError: 1e-13 s")
+    finding = crank.literal_selection(bearing(m3(31), failed, directory=tmp_path))
+    assert finding.verdict == FAILS
+    assert "StepSizeError" in finding.measured
+
+
+def test_another_number_of_modes_that_could_not_run_says_nothing(tmp_path):
+    failed = without_end(m3(61, **LITERAL), "failed: StepSizeError: 1e-13 s")
+    with pytest.raises(MissingRunsError):
+        crank.literal_selection(bearing(m3(31), failed, directory=tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("rival", "verdict"), [(m1(127, 0.2, 0.2), HOLDS), (m1(37, 0.04, 0.04), FAILS),
+                           (m1(127, 0.04, 0.04), OPEN), (m1(37, 0.2, 0.2), OPEN)]
+)  # fmt: skip
+def test_many_modes_are_twice_those_of_m3(rival, verdict, tmp_path):
+    found = comparisons.many_modes(bearing(rival, m3(31), directory=tmp_path), "m1")
+    assert found.verdict == verdict
+
+
+def test_errors_below_the_reference_s_own_are_told_as_its_own(tmp_path):
+    tiny = m3(60, 1e-5, 1e-5, **UNIT)
+    told = crank.rich_reference(bearing(tiny, directory=tmp_path)).measured
+    assert "≤ 0.1 % / ≤ 0.2 %" in told
+
+
+@pytest.mark.parametrize(("falling", "verdict"), [(True, HOLDS), (False, PARTLY)])
+def test_plateau_is_seen_in_the_reference(falling, verdict, tmp_path):
+    folder = bearing(directory=tmp_path)
+    write_history(folder.study, "reference", falling=falling)
+    assert crank.plateau(folder).verdict == verdict
+    assert crank.peak_at_the_axis(folder).verdict == HOLDS
+
+
+@pytest.mark.parametrize(
+    "check", [crank.plateau, crank.peak_at_the_axis, crank.smoother_flank, rotor.unsymmetric]
+)
+def test_a_reference_that_is_not_complete_tells_nothing(check, tmp_path):
+    folder = bearing(directory=tmp_path, status="failed: StepSizeError: 1e-13 s")
+    write_history(folder.study, "reference")
+    with pytest.raises(MissingRunsError, match="complete"):
+        check(folder)
+
+
+@pytest.mark.parametrize("check", [crank.plateau, crank.peak_at_the_axis, crank.smoother_flank])
+def test_a_reference_that_ends_on_the_plateau_tells_nothing_of_it(check, tmp_path):
+    folder = bearing(directory=tmp_path)
+    write_history(folder.study, "reference", end=7e-3)
+    with pytest.raises(MissingRunsError, match="reaches 8 ms"):
+        check(folder)
+
+
+def test_flank_behind_the_peak_gets_flatter(tmp_path):
+    folder = bearing(directory=tmp_path)
+    write_history(folder.study, "reference")
+    finding = crank.smoother_flank(folder)
+    # exp(-(angle / width)^2) is one half at width sqrt(ln 2); the profile's width is 0.4 rad at
+    # 6 ms and 0.6 at 8 ms.
+    width = np.degrees(np.sqrt(np.log(2)) * np.array([0.4, 0.6]))
+    told = [float(word) for word in finding.measured.replace(",", "").split() if "." in word]
+    np.testing.assert_allclose(told, width, atol=1.0)
+    assert finding.verdict == HOLDS
+
+
+@pytest.mark.parametrize(("above", "verdict"), [(0.05, HOLDS), (-0.05, FAILS), (5e-4, OPEN)])
+def test_too_stiff_is_too_high_a_pressure_at_high_loads(above, verdict, tmp_path):
+    folder = bearing(m1(37), directory=tmp_path)
+    write_history(folder.study, "reference", steps=400)
+    write_history(folder.study, "m1-37", above=above)
+    assert crank.m1_stiff(folder).verdict == verdict
+
+
+def test_vibration_modes_do_not_depend_on_the_residual_ones(tmp_path):
+    rows = [m1(8), m3(6), m3(12), m4()]
+    write_bodies(bearing(*rows, directory=tmp_path).study, *(row["run"] for row in rows))
+    finding = crank.independent_numbers(bearing(*rows, directory=tmp_path))
+    assert finding.verdict == HOLDS
+    assert "6 vibration modes beside 10, 16 static ones" in finding.measured
+    # Bodies of an earlier study, which no row names, are left out.
+    with pytest.raises(MissingRunsError, match="different numbers"):
+        crank.independent_numbers(bearing(m3(6), directory=tmp_path))
+
+
+@pytest.mark.parametrize(("tilt", "verdict"), [(0.0, FAILS), (0.5, HOLDS)])
+def test_a_tilted_shaft_makes_the_pressure_unsymmetric(tilt, verdict, tmp_path):
+    folder = bearing(scene="rotor-paper", directory=tmp_path)
+    write_history(folder.study, "reference", tilt=tilt)
+    assert rotor.unsymmetric(folder).verdict == verdict
+
+
+def rotor_runs(size, m3_error):
+    m1_run, m2_run = m1(size - 2, 0.3, 0.3), m2(size - 2, 0.2, 0.2)
+    errors = {"pressure_error_max": m3_error, "film_error_max": m3_error}
+    m3_run = run(f"m3-{size}", coordinates=size, residual_modes=size - 10, **UNIT, **errors)
+    return [m1_run, m2_run, m3_run]
+
+
+@pytest.mark.parametrize(
+    ("error", "best", "small"), [(0.05, HOLDS, HOLDS), (0.15, HOLDS, FAILS), (0.4, FAILS, FAILS)]
+)
+def test_methods_of_the_rotor_are_compared_with_as_many_modes(error, best, small, tmp_path):
+    runs = [*rotor_runs(30, error), *rotor_runs(50, error)]
+    folder = bearing(*runs, scene="rotor-paper", directory=tmp_path)
+    assert comparisons.m3_best(folder, (30, 50)).verdict == best
+    assert rotor.small_for_m3(folder).verdict == small
+    assert comparisons.m1_worst(folder, 30).verdict == (HOLDS if error < 0.3 else PARTLY)
+
+
+def test_pressure_shapes_are_compared_with_unit_pressures(tmp_path):
+    shapes = run("shapes", pressure_set="pc2", residual_modes=20, pressure_error_max=0.5,
+                 film_error_max=0.5, coordinates=30)  # fmt: skip
+    folder = bearing(shapes, *rotor_runs(30, 0.05), scene="rotor-paper", directory=tmp_path)
+    assert rotor.shapes_fail(folder).verdict == HOLDS
+
+
+@pytest.mark.parametrize(
+    ("status", "verdict"),
+    [("failed: FilmTooThinError: 0.16 um", HOLDS), ("failed: OSError: disk", NOT_RUN)],
+)
+def test_pressure_shapes_that_break_the_film_down_are_worse(status, verdict, tmp_path):
+    shapes = without_end(run("shapes", pressure_set="pc2", residual_modes=20), status)
+    folder = bearing(shapes, *rotor_runs(30, 0.05), scene="rotor-paper", directory=tmp_path)
+    (statement,) = [one for one in rotor.STATEMENTS if one.check is rotor.shapes_fail]
+    assert statement.judge(folder).verdict == verdict
+
+
+def test_errors_are_larger_where_the_pressure_is_high(tmp_path):
+    folder = write_study(tmp_path, rotor_runs(30, 0.05), ("bearing",), scene="rotor-paper").joints[
+        0
+    ]
+    write_history(folder.study, "reference")
+    for name in ("m1-28", "m2-28", "m3-30"):
+        write_history(folder.study, name, above=0.1)
+    assert rotor.large_where_high(folder).verdict == HOLDS
+
+
+def test_the_rotor_has_the_paper_s_figures_10_and_11(tmp_path):
+    unit = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
+    rows = [m1(28), m2(28), m1(48), m2(48), m3(20, coordinates=30, **unit),
+            m3(40, coordinates=50, **unit)]  # fmt: skip
+    study = write_study(tmp_path, rows, ("bearing",), scene="rotor-paper")
+    for name, above in (("reference", 0.0), *((row["run"], 0.1) for row in rows)):
+        write_history(study, name, above=above)
+    page = "\n".join(paper.write_paper(tmp_path))
+    assert page == (tmp_path / "paper.md").read_text()
+    for name in ("curves", "figure_10", "figure_11"):
+        assert f"paper/{name}.png" in page
+        assert (tmp_path / "paper" / f"{name}.svg").is_file()
+    judged = [line.split(" | ") for line in page.splitlines() if line.startswith("| 5.2")]
+    verdicts = {cells[1]: cells[-1] for cells in judged}
+    assert verdicts["with 30 modes M1 is farthest off"] == "holds |"
+    assert verdicts["the tilting shaft makes the pressure unsymmetric along the axis"] == (
+        "does not hold |"
+    )
+
+
+def test_the_slider_crank_has_the_paper_s_figures_5_to_8(tmp_path):
+    rows = [m1(37), m2(37), m3(31), m3(61, pressure_set="pc1"), m4()]
+    study = write_study(tmp_path, rows)
+    drawn = {name for name, figure, _ in paper.figures(study.joints[0]) if figure}
+    assert drawn == set()
+    for name in ("reference", *(row["run"] for row in rows)):
+        write_history(study, name)
+    drawn = {name for name, figure, _ in paper.figures(study.joints[0]) if figure}
+    assert drawn == {*(f"figure_{n}" for n in (5, 6, 7, 8)), "selections", "errors_over_time"}
+
+
+def test_the_study_of_another_machine_is_refused(tmp_path):
+    write_study(tmp_path, [m1(37)], scene="engine")
+    with pytest.raises(InputError, match="scene = engine"):
+        paper.read_paper(tmp_path)

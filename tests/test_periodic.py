@@ -1,0 +1,131 @@
+"""The search for the cycle that repeats: an affine map, whose fixed point is known, as a run."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fenics_ehd.base.errors import PeriodicityError
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.multibody import periodic
+from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.multibody.forces import PointForce, RotatingForce
+from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.simulation import simulate_periodic
+
+#: Multipliers of a cycle: a whirl that dies away slowly, and a film's that dies at once.
+SLOW = 0.93 * np.array([[np.cos(1.3), -np.sin(1.3)], [np.sin(1.3), np.cos(1.3)]])
+MAP = np.block([[SLOW, np.ones((2, 1))], [np.zeros((1, 2)), 0.01 * np.ones((1, 1))]])
+FIXED = np.array([0.01, -0.02, 0.005])
+
+
+class AffineRun:
+    """Gaps ``1 + x`` that every cycle of a second maps so, and an angle that makes two turns."""
+
+    def __init__(self):
+        self.norm = SimpleNamespace(observe=self.observe, gaps=lambda observed: observed[:3])
+        body = SimpleNamespace(angle=0)
+        system = SimpleNamespace(
+            films=["film"], bodies={"crank": slice(3, 4)}, each_name=lambda: [("crank", body)]
+        )
+        self.equations = SimpleNamespace(system=system)
+        self.state = self.at(0.0, np.zeros(4))
+
+    @staticmethod
+    def observe(x):
+        return np.concatenate([1.0 + x[:3], x[3:]])
+
+    def at(self, time, x):
+        past = np.stack([x, 0.99 * x])
+        observed = np.array([self.observe(point) for point in past])
+        return IntegratorState(np.array([time, time - 0.1]), past, 2.0 * past, observed, 0.1)
+
+    def until(self, end):
+        if self.state.time >= end:
+            return
+        x = self.state.x[0]
+        moved = FIXED + MAP @ (x[:3] - FIXED)
+        self.state = self.at(end, np.append(moved, x[3] + 4 * np.pi))
+        yield end
+
+
+def searched(periodicity=1e-10, most=300):
+    run = AffineRun()
+    search = Cycles(run, 1.0, periodicity, most)
+    ends = [(search.number, run.state.x[0]) for _ in search]
+    return run, search, ends
+
+
+def test_the_fixed_point_of_an_affine_map_is_found_as_soon_as_it_can_be_known():
+    run, search, _ = searched()
+    # Three differences of changes span three directions; the cycle after that shows it.
+    assert search.number == 5
+    np.testing.assert_allclose(run.state.x[0, :3], FIXED, atol=1e-9)
+    # No angle but whole turns is added by the shift of a start.
+    assert run.state.x[0, 3] == pytest.approx(4 * np.pi * search.number, abs=1e-9)
+
+
+def test_without_former_cycles_it_takes_as_many_as_the_map_needs(monkeypatch):
+    monkeypatch.setattr(periodic, "REMEMBERED", 1)
+    _, search, _ = searched(1e-6)
+    assert search.number > 100
+
+
+def test_a_search_goes_on_as_if_it_had_not_stopped():
+    whole = searched()[2]
+    run = AffineRun()
+    search = Cycles(run, 1.0, 1e-10, 300)
+    steps = iter(search)
+    for _ in range(5):
+        next(steps)
+    memory, state = search.stored_state(), run.state
+    again = AffineRun()
+    again.state = state
+    resumed = Cycles(again, 1.0, 1e-10, 300)
+    resumed.load_state(memory)
+    rest = [(resumed.number, again.state.x[0]) for _ in resumed]
+    for (number, x), (expected, x_expected) in zip(rest, whole[5:], strict=True):
+        assert number == expected
+        np.testing.assert_array_equal(x, x_expected)
+
+
+def test_a_start_that_would_close_a_gap_is_not_taken(monkeypatch):
+    monkeypatch.setattr(periodic, "THINNER", -1.0)
+    _, search, _ = searched(1e-6)
+    assert search.number > 100
+
+
+def test_no_cycle_is_enough_for_a_map_that_turns_for_ever():
+    with pytest.raises(PeriodicityError, match="above periodicity"):
+        searched(periodicity=1e-30, most=5)
+
+
+@pytest.mark.slow
+def test_a_rotor_near_the_onset_of_whirl_repeats_after_a_quarter_of_the_cycles(monkeypatch):
+    film = Film(
+        FilmParameters(
+            uniform_grid(0.0225, 0.01, (16, 3), "lagrange"), 30e-6, Lubricant(0.01), rate=300.0
+        )
+    )
+    mechanism = Mechanism(
+        bodies={"rotor": RigidBody(500.0, 1e-3)},
+        joints={"bearing": LubricatedJoint("rotor", "ground", film)},
+        drives={"rotor": Speed(300.0)},
+        forces={
+            "load": PointForce("rotor", (0.0, -1.0), lambda _time: (300.0, 0.0)),
+            "unbalance": RotatingForce("rotor", 60.0, 300.0),
+        },
+    )
+    found = {}
+    for remembered in (1, periodic.REMEMBERED):
+        monkeypatch.setattr(periodic, "REMEMBERED", remembered)
+        search = {"periodicity": 1e-4, "cycles": 60, "tolerance": 1e-4, "order": 2}
+        found[remembered] = simulate_periodic(mechanism, 2 * np.pi / 300, **search)
+    plain, moved = found.values()
+    assert moved.cycles < 0.3 * plain.cycles
+    films = [run.joints["bearing"].min_film_thickness.min() for run in (plain, moved)]
+    assert films[0] == pytest.approx(films[1], rel=1e-4)

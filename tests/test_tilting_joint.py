@@ -1,0 +1,236 @@
+"""A shaft that tilts in a flexible bore: the film's linear maps, derivatives, energy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rotor_cases import MODES, SPEED, C, R, flexible, held_body, make_film, shifted
+
+from fenics_ehd.film import ShaftMotion, shaft_gap
+from fenics_ehd.multibody.assembly import assemble
+from fenics_ehd.multibody.beam import Shaft, beam_plane
+from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.multibody.forces import RotatingForce
+from fenics_ehd.multibody.implicit_step import ImplicitStep
+from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rotor import ModalRotor
+from fenics_ehd.multibody.shaft_body import ShaftBody
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.system import System
+
+pytestmark = pytest.mark.kernels
+
+# --- The film's linear maps on xi = (e_x, e_y, psi_x, psi_y, q)
+
+
+@pytest.fixture(scope="module")
+def film():
+    return make_film()
+
+
+def joint_film(film, body):
+    return JointFilm(LubricatedJoint("shaft", "housing.bore", film), body, tilting=True)
+
+
+@pytest.fixture(scope="module")
+def joint(film):
+    return joint_film(film, flexible(film))
+
+
+def test_gap_of_a_tilting_shaft_is_the_films_own(film, joint):
+    xi, rate = np.zeros((2, joint.size))
+    xi[:4], rate[:4] = [3e-7, -2e-7, 1e-5, 3e-5], [2e-3, 1e-3, 0.2, -0.1]
+    exact = shaft_gap(
+        film.points,
+        R,
+        C,
+        ShaftMotion(xi[:2], SPEED, eccentricity_rate=rate[:2], tilt=xi[2:4], tilt_rate=rate[2:4]),
+    )
+    found = joint.gap(xi, rate, SPEED)
+    # What is left out is e_t^2 / 2 R and its rate.
+    furthest, fastest = 7e-7, 5e-3
+    assert np.abs(found.thickness - exact.thickness).max() < furthest**2 / R
+    assert np.abs(found.thickness_rate - exact.thickness_rate).max() < furthest * fastest / R
+    # The surface's speed is that of the journal's own radius, R - c.
+    slower = 1.1 * SPEED * C
+    assert np.abs(found.mean_velocity - exact.mean_velocity).max() < slower
+    assert np.abs(found.sliding_velocity - exact.sliding_velocity).max() < slower
+    # And of the right sign: the gap changes by as much as the shaft moves.
+    assert np.ptp(found.thickness) == pytest.approx(np.ptp(exact.thickness), rel=1e-4)
+    assert np.ptp(found.thickness) > 1e-6
+
+
+def test_gap_of_a_bent_bore_is_the_films_own(film):
+    # Modes that leave the bore's mean where it is, so that both see velocities from there.
+    modes = [mode for mode in MODES if mode is not shifted]
+    joint = joint_film(film, held_body(film, modes, (1e3, 1e3, 1e3)))
+    rng = np.random.default_rng(4)
+    q, q_rate = 1e-7 * rng.uniform(-1, 1, (2, 3))
+    shape = (*film.points.angle.shape, -1)
+    normal = joint.thickness[:, 4:].reshape(shape)
+    tangential = -joint.sliding_velocity[:, 4:].reshape(shape)
+    expected = shaft_gap(
+        film.points, R, C, ShaftMotion(np.zeros(2), SPEED * (R - C) / R),
+        bore_displacement=(normal @ q, tangential @ q),
+        bore_velocity=(normal @ q_rate, tangential @ q_rate),
+    )  # fmt: skip
+    found = joint.gap(np.append(np.zeros(4), q), np.append(np.zeros(4), q_rate), SPEED)
+    for name in ("thickness", "thickness_rate"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)
+    for name in ("mean_velocity", "sliding_velocity"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=2e-3)
+    angle, height = film.points.angle, film.points.height
+    waves = np.cos(3 * angle) * (1 + 20 * height)
+    assert np.abs(normal[..., 2] - waves).max() < 0.03  # quadratic cells, 12 around
+
+
+def test_a_bore_that_moves_is_a_shaft_that_moves_back(film):
+    joint = joint_film(film, held_body(film, [shifted], (1e3,)))
+    back = -np.array([1.0, 0.5])
+    for name in ("thickness", "mean_velocity", "sliding_velocity"):
+        columns = getattr(joint, name)
+        np.testing.assert_allclose(columns[:, 4], columns[:, :2] @ back, atol=1e-12)
+    np.testing.assert_allclose(
+        joint.load[4], back @ joint.load[:2], atol=1e-12 * np.abs(joint.load).max()
+    )
+
+
+def test_gap_and_force_are_conjugate(film, joint, figure):
+    rng = np.random.default_rng(2)
+    pressure = rng.uniform(0, 1e6, len(film.parameters.grid.nodes))
+    rate = rng.uniform(-1e-3, 1e-3, joint.size)
+    # Power on the surfaces, point by point: p dh/dt.
+    opening = joint.gap(np.zeros(joint.size), rate, 0.0).thickness_rate
+    values = film.assembly.at_points(pressure)[0]
+    power = R**2 * np.sum(film.assembly.area * values * opening)
+    error = abs(joint.load @ pressure @ rate / power - 1)
+    figure("rotor", "power of the pressure, on gap and on coordinates", error, most=1e-12)
+
+
+def test_tilting_moments_of_a_pressure(film, joint):
+    # p = z cos(phi): a moment on the shaft about y, none about x, no force.
+    angle, z = film.parameters.grid.node_positions.T
+    load = joint.load[:4] @ (z * np.cos(angle))
+    width = film.parameters.grid.width
+    expected = [0.0, 0.0, 0.0, -np.pi * R * width**3 / 12]
+    np.testing.assert_allclose(load, expected, atol=1e-4 * abs(expected[3]))
+
+
+def test_observed_gap_holds_gauss_points_and_nodes(film, joint):
+    xi = 1e-6 * np.random.default_rng(8).uniform(-1, 1, joint.size)
+    inside = joint.gap(xi, xi, SPEED).thickness.ravel()
+    gap = C + joint.observed @ xi
+    np.testing.assert_allclose(gap[: len(inside)], inside, rtol=1e-12)
+    angle, z = film.parameters.grid.node_positions.T
+    e_x, e_y, psi_x, psi_y = xi[:4]
+    xi[4:] = 0.0
+    moved = (e_x + z * psi_y) * np.cos(angle) + (e_y - z * psi_x) * np.sin(angle)
+    np.testing.assert_allclose((C + joint.observed @ xi)[len(inside) :], C - moved, rtol=1e-12)
+
+
+# --- Equations of a step
+
+
+def shaft_in_housing(film, force="shaft.disk"):
+    """An elastic shaft that tilts, on springs, in a flexible bore."""
+    beam = beam_plane(Shaft(1.0, 2 * R, 210e9, 7446.0, 2e7, 8))
+    shaft = ShaftBody(ModalRotor.of(beam, 4), 1e-3, 5e-3, {"middle": 0.5, "disk": 0.75})
+    return Mechanism(
+        {"shaft": shaft, "housing": FlexibleBody(flexible(film), 1e-6)},
+        {"bearing": LubricatedJoint("shaft.middle", "housing.bore", film)},
+        {"shaft": Speed(SPEED)},
+        {"load": RotatingForce(force, 2000.0, SPEED)},
+    )
+
+
+@pytest.mark.parametrize("shift", [1e3, 1e5])
+def test_derivatives_of_a_step_are_exact(film, shift):
+    system = System(shaft_in_housing(film))
+    equations = StepEquations(system, dense_limit=700)
+    n, m, (nodes,) = system.n, system.m, equations.sizes
+    rng = np.random.default_rng(1)
+    z, _ = assemble(system)
+    z = z + 1e-7 * rng.uniform(-1, 1, n)
+    nothing = np.zeros(n)
+    past = 1e-3 * rng.uniform(-1, 1, n) - shift * z
+    equations.begin(
+        ImplicitStep(1e-4, shift, past, nothing, nothing, nothing, (nothing, nothing), 1e-6)
+    )
+    pressure = rng.uniform(0.5, 1.0, nodes)
+    rest = np.concatenate([z, 100.0 * rng.uniform(-1, 1, m), np.zeros(m)])
+
+    def residual(pressure, rest):
+        point = equations.evaluate([pressure], rest)
+        return point.films[0].defect, point.rest
+
+    point = equations.evaluate([pressure], rest)
+    found = equations.linearise(point)
+    (border,), every = found.borders, np.arange(nodes)
+    exact = {
+        "film by motion": (border.inputs @ border.spread)[:, :n],
+        "film by pressure": found.matrices[0].block(every, every),
+        "motion by motion": found.core[:, :n],
+    }
+    forces = np.zeros((len(rest), nodes))
+    forces[border.rows] = border.outputs
+    exact["motion by pressure"] = forces
+    size = np.where(system.weights == 1.0, 1e-8, 1e-9)[:n]
+    along = [
+        [np.array(a) - np.array(b) for a, b in zip(
+            residual(pressure, rest + np.pad(h, (0, 2 * m))),
+            residual(pressure, rest - np.pad(h, (0, 2 * m))), strict=True)]
+        for h in np.diag(size)
+    ]  # fmt: skip
+    pressed = [
+        [a - b for a, b in zip(residual(pressure + h, rest), residual(pressure - h, rest),
+                               strict=True)]
+        for h in 1e-3 * np.eye(nodes)
+    ]  # fmt: skip
+    difference = {
+        "film by motion": np.column_stack([c[0] for c in along]) / (2 * size),
+        "motion by motion": np.column_stack([c[1] for c in along]) / (2 * size),
+        "film by pressure": np.column_stack([c[0] for c in pressed]) / 2e-3,
+        "motion by pressure": np.column_stack([c[1] for c in pressed]) / 2e-3,
+    }
+    for name, expected in difference.items():
+        largest = np.abs(expected).max(axis=0, keepdims=True)
+        error = np.abs(exact[name] - expected) / np.maximum(largest, 1e-6 * largest.max())
+        assert error.max() < 2e-5, name
+
+
+@pytest.mark.slow
+def test_energy_balance_closes_with_the_tolerance(film, figure):
+    # A force that is there at once is the hardest start: order 2 is tolerance^(2/3).
+    loose, tight = (
+        simulate(shaft_in_housing(film), 5e-4, tolerance=tolerance, order=2).energy_balance_error
+        for tolerance in (1e-7, 1e-9)
+    )
+    figure("rotor", "energy balance from a sudden force", tight, most=3e-3, unit="%")
+    assert tight < loose / 8
+
+
+def test_a_force_half_way_does_not_tilt():
+    film = make_film((20, 3))
+
+    def tilt(mechanism):
+        rigid = {**mechanism.bodies, "housing": FlexibleBody(held_body(film))}
+        result = simulate(replace(mechanism, bodies=rigid), 1e-4, tolerance=1e-4, order=2)
+        motion = mechanism.bodies["shaft"].rotor.motion(0.5)
+        return np.abs(result.bodies["shaft"][:, 1:] @ motion[2:].T).max()
+
+    assert tilt(shaft_in_housing(film, "shaft.middle")) < 1e-12
+    assert tilt(shaft_in_housing(film, "shaft.disk")) > 1e-9
+
+
+def test_a_ramp_begins_gently():
+    force = RotatingForce("shaft", 3600.0, 600.0, 1e-3)
+    sizes = [np.hypot(*force.load(t, np.zeros(5), np.zeros(5), (5,)).value[:2])
+             for t in (0.0, 1e-6, 5e-4, 1e-3, 2e-3)]  # fmt: skip
+    assert sizes[0] == 0.0
+    assert sizes[1] < 1e-5 * sizes[3]
+    assert sizes[2:] == pytest.approx([1800.0, 3600.0, 3600.0])
+    turned = force.load(1e-3, np.zeros(5), np.zeros(5), (5,)).value[:2]
+    assert turned == pytest.approx(3600.0 * np.array([np.cos(0.6), np.sin(0.6)]))
