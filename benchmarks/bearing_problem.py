@@ -30,6 +30,13 @@ RADIUS, CLEARANCE, VISCOSITY, SPEED = 0.0225, 17e-6, 0.01, 500.0
 TOLERANCE = 1e-8
 
 
+def linear_system(film: Film, gap: Gap) -> tuple[sparse.csr_matrix, np.ndarray]:
+    """``A`` (free nodes) and ``b`` of (11), dimensionless, of a constant oil."""
+    problem = film.equation.problem(gap)
+    zero = np.zeros(len(film.free))
+    return film.assembly.pattern.matrix(problem.entries(zero)), -problem.residual(zero)
+
+
 @dataclass(frozen=True, eq=False)
 class BearingProblem:
     """One film, one position of the shaft.
@@ -69,7 +76,7 @@ class BearingProblem:
 
     def system(self) -> tuple[sparse.csr_matrix, np.ndarray]:
         """``A`` and ``b``, dimensionless."""
-        return self.film.linear_system(self.gap)
+        return linear_system(self.film, self.gap)
 
     @cached_property
     def mass(self) -> sparse.csr_matrix | None:
@@ -109,7 +116,7 @@ class BearingProblem:
         if coarse is None:
             return None
         film = Film(replace(self.film.parameters, grid=coarse), tolerance=TOLERANCE)
-        return film, CoarseTransfer(self.grid, coarse, self.film.assembly.tensors)
+        return film, CoarseTransfer(self.grid, coarse, self.film.assembly.tensors.points)
 
     def nested_start(self) -> np.ndarray | None:
         """Pressure (n,) from coarser meshes, as `Film` makes it itself; None on the coarsest."""

@@ -36,7 +36,7 @@ from film_solvers import (
     relaxation_factor,
 )
 
-from fenics_ehd.film.partition import GENERAL_OPTIONS, LARGE, LARGE_OPTIONS, SYMMETRIC_OPTIONS
+from fenics_ehd.film.active_set import GENERAL_OPTIONS, LARGE, LARGE_OPTIONS, SYMMETRIC_OPTIONS
 
 CELLS = ((20, 5), (40, 10), (80, 20), (160, 40), (320, 80))
 CASES = (("serendipity", CELLS[:1]), ("lagrange", CELLS), ("bilinear", CELLS))

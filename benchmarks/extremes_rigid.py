@@ -3,24 +3,20 @@
 The shaft's eccentricity changes the motion of a slider-crank by clearance over crank length,
 some 1e-4. Without it crank, rod and piston move as every textbook says, and Newton's laws give the
 force between rod and crank as a function of time. The film then has to bear it: an equation of
-first order for the eccentricity, with all terms of order c / R that the scene drops.
+first order for the eccentricity of a journal without mass in a bearing at rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from time import process_time
-
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, ShaftMotion
-from fenics_ehd.film.layout import film_grid
-from fenics_ehd.multibody.bdf import StepControl, integrate
-from fenics_ehd.multibody.massless_journal import JournalState, MasslessJournal
-from fenics_ehd.reduction import ReducedBody
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.multibody.forces import PointForce, Table
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.scenes.build import Built
 
 #: Local error of a step of the balance, relative to the gap, and its first steps over a radian.
 TOLERANCE, FIRST_STEP = 1e-6, 1e-5
@@ -29,17 +25,14 @@ TOLERANCE, FIRST_STEP = 1e-6, 1e-5
 class RigidSliderCrank:
     """Textbook slider-crank: crank l, rod L, its mass m at d from the crank pin, piston M."""
 
-    def __init__(
-        self,
-        settings: SliderCrankSettings,
-        body: ReducedBody,
-        gas: Callable[[float], tuple[float, float]] | None = None,
-    ):
-        self.crank, self.piston = settings.mechanism.crank_length, settings.mechanism.piston_mass
-        self.rod = float(body.points["pin"][0, 0])
-        self.mass, self.inertia = body.inertia.total_mass, body.inertia.polar_inertia
-        self.centre = float(body.inertia.centre_of_mass[0])
-        self._gas = gas
+    def __init__(self, built: Built):
+        bodies, rod = built.mechanism.bodies, built.parts["rod"]
+        self.crank, self.piston = bodies["crank"].named_points["pin"][0], bodies["piston"].mass
+        self.rod = float(rod.points["pin"][0, 0])
+        self.mass, self.inertia = rod.inertia.total_mass, rod.inertia.polar_inertia
+        self.centre = float(rod.inertia.centre_of_mass[0])
+        gas = built.mechanism.forces.get("gas")
+        self._gas = gas.size if isinstance(gas, PointForce) else None
 
     def rod_angle(self, angle: float, speed: float, acceleration: float = 0.0) -> tuple:
         """``theta`` with ``L sin(theta) = -l sin(phi)`` and its two rates."""
@@ -100,45 +93,38 @@ class RigidSliderCrank:
         return solve_ivp(slope, span, start, "DOP853", times, rtol=1e-10, atol=1e-10).y[0]
 
 
-class _Balance(MasslessJournal):
-    """The shaft in the rod's frame, which turns: its speed in there changes."""
+class _JournalLoad:
+    """The crank's force in the rod's frame, which turns, and the journal's angle in there."""
 
-    def __init__(self, film: Film, machine: RigidSliderCrank, speed: float):
+    def __init__(self, machine: RigidSliderCrank, speed: float):
         self._machine, self._speed = machine, speed
-        motion = ShaftMotion(np.zeros(2), speed)
-        super().__init__(film, self.load_at, motion)
 
-    def load_at(self, time: float) -> np.ndarray:
-        """Force on the shaft that the film has to balance [N]."""
-        return self._machine.load(self._speed * time, self._speed)
+    def component(self, axis: int) -> Table:
+        """Of the force over time [N]; its derivative is nobody's business."""
+        return lambda time: (self._machine.load(self._speed * time, self._speed)[axis], 0.0)
 
-    def state(self, time: float, x: np.ndarray, rate: np.ndarray, guess) -> JournalState:
-        """With the shaft's speed of the moment."""
-        turning = self._machine.rod_angle(self._speed * time, self._speed)[1]
-        self._speeds = replace(self._speeds, shaft_speed=self._speed - turning)
-        return super().state(time, x, rate, guess)
+    def angle(self, time: float) -> tuple[float, float]:
+        """Of the journal relative to the rod [rad], and its rate."""
+        crank = self._speed * time
+        rod, rate, _ = self._machine.rod_angle(crank, self._speed)
+        return crank - rod, self._speed - rate
 
 
-def balanced(
-    settings: SliderCrankSettings,
-    body: ReducedBody,
-    end: float,
-    gas: Callable[[float], tuple[float, float]] | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Times, peak pressures [Pa], thinnest films [m] at a given crank speed; processor time."""
-    began = process_time()
-    bearing, speed = settings.bearing, settings.mechanism.crank_speed
-    grid = film_grid(body.pressure_nodes)
-    film = Film(FilmParameters(grid, bearing.clearance, Lubricant(bearing.viscosity), speed))
-    problem = _Balance(film, RigidSliderCrank(settings, body, gas), speed)
-    control = StepControl(TOLERANCE, FIRST_STEP / speed, 1e-10 / speed, 0.05 / speed)
-    x, rows = np.zeros(2), []
-    # Where the scene looks for the thinnest film: nodes and Gauss points, not between them.
-    angles = np.append(film.points.angle.ravel(), grid.node_positions[:, 0])
-    normals = np.stack([np.cos(angles), np.sin(angles)])
-    rate = problem.starting_rate(0.0, x, float(np.hypot(*problem.load_at(0.0))))
-    for step in integrate(problem, (0.0, end), x, rate, control):
-        thinnest = bearing.clearance - (step.x @ normals).max()
-        rows.append((step.time, step.auxiliary.film.pressure.max(), thinnest))
-    times, pressure, thickness = np.array(rows).T
-    return times, pressure, thickness, process_time() - began
+def balanced(built: Built, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, peak pressures [Pa], thinnest films [m] at the speed of the crank's drive."""
+    film = built.mechanism.joints["big_end"].film
+    speed = built.mechanism.drives["crank"](0.0)[1]
+    load = _JournalLoad(RigidSliderCrank(built), speed)
+    mechanism = Mechanism(
+        bodies={"journal": RigidBody(0.0)},
+        joints={"bearing": LubricatedJoint("journal", "ground", film)},
+        drives={"journal": load.angle},
+        forces={
+            "x": PointForce("journal", (1.0, 0.0), load.component(0)),
+            "y": PointForce("journal", (0.0, 1.0), load.component(1)),
+        },
+    )
+    steps = {"first": FIRST_STEP / speed, "smallest": 1e-10 / speed, "largest": 0.05 / speed / end}
+    result = simulate(mechanism, end, tolerance=TOLERANCE, order=2, **steps)
+    joint = result.joints["bearing"]
+    return result.time, joint.max_pressure, joint.min_film_thickness

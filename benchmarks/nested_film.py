@@ -1,98 +1,114 @@
 """The obvious formulation of a lubricated mechanism: the film solved within every evaluation.
 
-`fenics_ehd.multibody.coupled` solves pressures and coordinates together. Here pressures
-are a function of coordinates and rates, made by a whole solution of the film, and what is
-left is an implicit second-order system for any integrator. Tests use it as the independent
-formulation, benchmarks to drive PETSc's and SciPy's integrators.
+`fenics_ehd.multibody.step_solver` solves pressures and coordinates together. Here pressures are
+a function of coordinates and rates, made by a whole solution of every film, and Newton's method
+is left with coordinates and multipliers alone. Tests and benchmarks use it as the independent
+way to solve a step.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.errors import SolverError
 from fenics_ehd.film import FilmState
-from fenics_ehd.film.kinematics import GapSlopes
-from fenics_ehd.multibody.bdf import relative_error
-from fenics_ehd.multibody.equations import Mechanism
+from fenics_ehd.film.kinematics import GapDerivatives
+from fenics_ehd.multibody.implicit_step import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.solver_state import CoupledState
+from fenics_ehd.multibody.step_equations import Point, StepEquations
+
+MAX_NEWTON = 12
 
 
-@dataclass(frozen=True, eq=False)
-class NestedState:
-    """Film and mechanism of one evaluation."""
-
-    film: FilmState
-    mechanism: Any
-
-
-class NestedFilm:
-    """A mechanism without residual patterns as a `SecondOrderProblem`.
+class NestedSteps:
+    """A `StepSolver` of mechanisms without residual patterns, by Newton's method.
 
     Parameters
     ----------
-    mechanism
-        Its journal without compliance.
+    equations
+        Of the mechanism.
     """
 
-    def __init__(self, mechanism: Mechanism):
-        assert mechanism.journal.compliance is None
-        self.mechanism, self.journal = mechanism, mechanism.journal
-        self.film = mechanism.journal.film
-        self.size = mechanism.journal.coordinates
+    def __init__(self, equations: StepEquations):
+        assert not equations.responses.size
+        self.equations, self.system = equations, equations.system
 
-    def solve_film(
-        self,
-        time: float,
-        x: np.ndarray,
-        rate: np.ndarray,
-        guess: FilmState | None,
-        shifts: tuple[float, float] = (0.0, 0.0),
-    ) -> tuple[FilmState, np.ndarray]:
-        """Film at a position and velocity, and the slope of the shaft's speed.
+    def evaluate(
+        self, rest: np.ndarray, guesses: list[FilmState | None]
+    ) -> tuple[Point, list[FilmState]]:
+        """All equations at ``(z, l, m)`` with the pressures that belong to it."""
+        # Without patterns a gap does not depend on pressures.
+        nothing = [np.zeros(size) for size in self.equations.sizes]
+        point = self.equations.evaluate(nothing, rest)
+        films = [place.film.film for place in self.system.films]
+        found = [
+            film.solve(own.gap, guess)
+            for film, own, guess in zip(films, point.films, guesses, strict=True)
+        ]
+        pressures = [
+            state.pressure[film.free] / film.parameters.pressure_scale
+            for film, state in zip(films, found, strict=True)
+        ]
+        return self.equations.evaluate(pressures, rest), found
 
-        The guide's angular rate depends on no acceleration and no pressure.
-        """
-        nothing, rest = np.zeros(self.film.assembly.size), np.zeros(self.size)
-        free = self.mechanism.equations(time, x, rate, rest, shifts, nothing)
-        gap = self.journal.film_gap(x, rate, free.shaft_rate)
-        return self.film.solve(gap, guess), free.shaft_rate_slope
+    def jacobian(self, point: Point, films: list[FilmState], shift: float) -> np.ndarray:
+        """Total derivative of motion and constraints along ``(z, l, m)``."""
+        derivative = self.equations.linearise(point)
+        jacobian = derivative.core
+        for place, border, state in zip(self.system.films, derivative.borders, films, strict=True):
+            film = place.film
+            shape = (*film.film.points.angle.shape, -1)
+            unmoved = np.zeros((len(film.thickness), 1))
+            turning = np.full_like(unmoved, 0.5 * film.shaft_radius)
+            thickness = np.hstack([film.thickness, unmoved])
+            velocity = np.hstack([shift * film.mean_velocity, turning])
+            slopes = (thickness, shift * thickness, velocity)
+            answer = film.film.sensitivity(
+                state, GapDerivatives(*(s.reshape(shape) for s in slopes))
+            )
+            jacobian[place.xi] -= film.load @ answer @ border.spread
+        return jacobian
 
-    def linearise(
-        self,
-        time: float,
-        x: np.ndarray,
-        rate: np.ndarray,
-        acceleration: np.ndarray,
-        shifts: tuple[float, float],
-        guess: NestedState | None,
-    ) -> tuple[np.ndarray, np.ndarray, NestedState]:
-        """Residual and its total derivative along x."""
-        film, speed_slope = self.solve_film(time, x, rate, guess.film if guess else None, shifts)
-        found = self.mechanism.equations(time, x, rate, acceleration, shifts, film.pressure)
-        shape = (*film.gap.thickness.shape, -1)
-        thickness = self.journal.thickness.reshape(shape)
-        velocity = self.journal.mean_velocity_slope(shifts[0], speed_slope).reshape(shape)
-        slopes = GapSlopes(thickness, shifts[0] * thickness, velocity)
-        slope = found.slope - found.coupling @ self.film.sensitivity(film, slopes)
-        return found.residual, slope, NestedState(film, found.state)
+    def __call__(self, problem: Any, step: ImplicitStep, former: Any) -> Attempt:
+        """Solve one step; `problem` judges errors."""
+        self.equations.begin(step)
+        system, n = self.system, self.system.n
+        guesses, multipliers = former or ([None] * len(system.films), np.zeros(2 * system.m))
+        change = step.predicted - step.start
+        fraction = _open(*(problem.gaps(observed) for observed in step.observed))
+        rest = np.concatenate([step.start + fraction * change, multipliers])
+        for iteration in range(1, MAX_NEWTON + 1):
+            try:
+                point, films = self.evaluate(rest, guesses)
+                update = -np.linalg.solve(self.jacobian(point, films, step.shift), point.rest)
+            except (SolverError, np.linalg.LinAlgError) as error:
+                return Attempt(iteration, failure=f"{type(error).__name__}: {error}", cause=error)
+            guesses = films
+            observed, moved = problem.observe(rest[:n]), problem.observe(rest[:n] + update[:n])
+            fraction = _open(problem.gaps(observed), problem.gaps(moved))
+            rest = rest + fraction * update
+            small = problem.error_norm(observed, moved - observed) <= step.tolerance
+            # One iteration would leave the films those of the prediction.
+            if iteration > 1 and fraction == 1.0 and small:
+                x, rate = self.equations.state(point)
+                found, kept = CoupledState(films, point.motion), (films, rest[n:])
+                return Attempt(iteration, Solved(x, rate, found, kept))
+        return Attempt(MAX_NEWTON, failure=f"Newton did not converge in {MAX_NEWTON} iterations")
 
-    def watch(self, x: np.ndarray) -> np.ndarray:
-        """Gap at the watched points [m]."""
-        return self.journal.gap(x)
 
-    def error_norm(self, watched: np.ndarray, error: np.ndarray) -> float:
-        """See `relative_error`."""
-        return relative_error(watched, error)
+class NestedRun(Run):
+    """A run whose steps are solved so."""
 
-    def norm(self, x: np.ndarray, change: np.ndarray) -> float:
-        """Largest change of the gap relative to the gap there."""
-        gap = self.watch(x)
-        return self.error_norm(gap, self.watch(x + change) - gap)
+    def __init__(self, mechanism: Mechanism, steps: Steps, span: float):
+        super().__init__(mechanism, steps, span)
+        self._solve: Any = NestedSteps(self.equations)
 
-    def admissible_fraction(self, x: np.ndarray, change: np.ndarray) -> float:
-        """Fraction of a change at which the gap closes somewhere."""
-        gap = self.watch(x)
-        largest = float(((gap - self.watch(x + change)) / gap).max())
-        return 1.0 / largest if largest > 0.0 else np.inf
+
+def _open(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of a change that leaves every gap open."""
+    closing = 1.0 - float((after / before).min(initial=np.inf))
+    return min(1.0, BOUNDARY_FRACTION / closing) if closing > 0.0 else 1.0

@@ -14,6 +14,7 @@ from time import perf_counter
 import numpy as np
 from mpi4py import MPI
 from reduction_scipy import SCIPY_METHODS
+from scene_runs import changed
 
 from fenics_ehd.reduction import (
     Structure,
@@ -22,9 +23,7 @@ from fenics_ehd.reduction import (
     residual_flexibility,
     two_step_craig_bampton,
 )
-from fenics_ehd.scenes.rod import build_structure
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
-from fenics_ehd.settings import build
+from fenics_ehd.scenes.elastic_part import elastic_part
 
 #: No error estimate: that is a Pc1 reduction more for every method but M4.
 METHODS = {
@@ -69,8 +68,11 @@ def peak_memory() -> float:
 
 def make(size: int) -> Structure:
     """Rod of about `size` degrees of freedom, over all ranks."""
-    settings = build(SliderCrankSettings, {"rod": {"geometry": geometry(size)}})
-    return build_structure(settings, MPI.COMM_WORLD)
+    cells = {f"bodies.rod.geometry.{name}": value for name, value in geometry(size).items()}
+    rod = changed("slider-crank-paper", cells).bodies["rod"]
+    source = elastic_part(rod, "rod", "lagrange", MPI.COMM_WORLD).source
+    assert isinstance(source, Structure)
+    return source
 
 
 def main() -> None:

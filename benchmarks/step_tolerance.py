@@ -2,23 +2,19 @@
 
     python benchmarks/step_tolerance.py [revolutions]
 
-Runs the default scene at falling tolerances and compares the peak-pressure and
-minimum-film curves with the tightest of them: pressure relative to its peak,
-film thickness pointwise, both as maxima over the revolution.
+Runs the paper's scene with M4 at falling tolerances and compares the curves of peak pressure and
+minimum film, at the steps of each, with the tightest of them: pressure relative to its peak, film
+thickness pointwise, both as maxima over the revolution.
 """
 
 from __future__ import annotations
 
 import sys
 
-import attrs
-import numpy as np
-from scipy.interpolate import PchipInterpolator
+from scene_runs import METHOD, REVOLUTIONS, TOLERANCE, Curves, Parts, changed, difference, follow
 from tqdm import tqdm
 
-from fenics_ehd.scenes.rod import reduce_rod
-from fenics_ehd.scenes.run import Totals, simulate
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.multibody.run import Run
 
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
 REFERENCE = 1e-7
@@ -27,41 +23,32 @@ REFERENCE = 1e-7
 START = 2e-4
 
 
-def curves(settings: SliderCrankSettings, body, tolerance: float):
-    """Times, peak pressures, film thicknesses and totals of one run."""
-    time = attrs.evolve(settings.time, tolerance=tolerance)
-    rows: list[tuple[float, float, float]] = []
-
-    def record(row, _fields):
-        rows.append((row["time_s"], row["max_pressure_Pa"], row["min_film_thickness_m"]))
-
-    totals = simulate(attrs.evolve(settings, time=time), body, Totals(), record)
-    return np.array(rows).T, totals
-
-
 def main(revolutions: float = 1.0) -> None:
     """Print the table."""
-    settings = SliderCrankSettings()
-    mechanism = attrs.evolve(settings.mechanism, revolutions=revolutions)
-    settings = attrs.evolve(settings, mechanism=mechanism)
-    body = reduce_rod(settings).body
-    runs = {t: curves(settings, body, t) for t in tqdm((*TOLERANCES, REFERENCE))}
-    (times, pressure, film), _ = runs[REFERENCE]
-    grid = np.linspace(START, times[-1], 4000)
-    exact_pressure = PchipInterpolator(times, pressure)(grid)
-    exact_film = PchipInterpolator(times, film)(grid)
+    scene = changed("slider-crank-paper", {METHOD: "m4", REVOLUTIONS: revolutions})
+    parts = Parts()
+
+    def run(tolerance: float) -> Curves:
+        built = parts.build(changed(scene, {TOLERANCE: tolerance}))
+        return follow(
+            Run(built.mechanism, built.steps, scene.span),
+            scene.span,
+            fields=tolerance == REFERENCE,
+            start=0.5 * START,
+        )
+
+    runs = {tolerance: run(tolerance) for tolerance in tqdm((*TOLERANCES, REFERENCE))}
     print("tolerance   steps  Newton  time [s]  p_max [MPa]  h_min [um]  "
           "pressure [%]  film [%]  energy")  # fmt: skip
     for tolerance in TOLERANCES:
-        (times, pressure, film), totals = runs[tolerance]
-        pressure_error = np.abs(PchipInterpolator(times, pressure)(grid) - exact_pressure).max()
-        film_error = np.abs(PchipInterpolator(times, film)(grid) / exact_film - 1).max()
+        found = runs[tolerance]
+        figures = found.figures
+        pressure, film = difference(found, runs[REFERENCE], START)
         print(
-            f"{tolerance:9.0e} {totals.steps:7d} {totals.newton_iterations:7d} "
-            f"{totals.wall_time:9.2f} {totals.max_pressure / 1e6:12.3f} "
-            f"{totals.min_film_thickness * 1e6:11.4f} "
-            f"{100 * pressure_error / exact_pressure.max():13.3f} {100 * film_error:9.3f} "
-            f"{totals.energy_error:9.1e}"
+            f"{tolerance:9.0e} {figures['steps']:7d} {figures['newton_iterations']:7d} "
+            f"{found.seconds:9.2f} {figures['max_pressure_Pa'] / 1e6:12.3f} "
+            f"{figures['min_film_thickness_m'] * 1e6:11.4f} "
+            f"{100 * pressure:13.3f} {100 * film:9.3f} {figures['energy_balance_error']:9.1e}"
         )
 
 

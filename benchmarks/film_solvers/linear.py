@@ -9,7 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from fenics_ehd.petsc_options import configure
+from fenics_ehd.base.petsc_options import configure
 
 #: Solution of ``A x = b`` for a csr matrix and an array (n,).
 LinearSolver = Callable[[sparse.csr_matrix, np.ndarray], np.ndarray]

@@ -51,7 +51,7 @@ def block_pivot(
         ``N^-1 (A p - b)``; None: of p and ``A p - b``.
     patience
         Block exchanges without fewer wrong signs before single pivots; None for
-        Goenka's variant, which gives up when it meets a partition again.
+        Goenka's variant, which gives up when it meets an active set again.
     max_pivots
         Largest number of linear solves.
     """
@@ -60,15 +60,15 @@ def block_pivot(
     visited: set[int] = set()
     pressure = np.zeros(len(rhs))
     for pivots in range(1, max_pivots + 1):
-        pressure, flux = _on_partition(matrix, mass, rhs, film, solve)
+        pressure, flux = _on_active_set(matrix, mass, rhs, film, solve)
         wrong = _wrong_signs(film, pressure, flux, tolerance)
         if not len(wrong):
             return Solution(np.maximum(pressure, 0.0), pivots, True)
         if patience is None:
-            partition = hash(film.tobytes())
-            if partition in visited:
+            active_set = hash(film.tobytes())
+            if active_set in visited:
                 break
-            visited.add(partition)
+            visited.add(active_set)
         elif len(wrong) < fewest:
             fewest, trials = len(wrong), patience
         else:
@@ -79,7 +79,7 @@ def block_pivot(
     return Solution(np.maximum(pressure, 0.0), pivots, False)
 
 
-def _on_partition(
+def _on_active_set(
     matrix: sparse.csr_matrix,
     mass: sparse.csr_matrix | None,
     rhs: np.ndarray,
