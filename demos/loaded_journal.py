@@ -18,48 +18,61 @@
 import sys
 from pathlib import Path
 
-import attrs
-
-from fenics_ehd.scenes.loaded_journal_run import OrbitTotals, simulate
-from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.multibody.forces import PointForce
+from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.result import Result
+from fenics_ehd.multibody.rigid_body import RigidBody, ground
+from fenics_ehd.multibody.simulation import simulate_periodic
+from fenics_ehd.scenes.load_history import read_load
 
 LOAD = Path(__file__).parent / "loads" / "single_cylinder.csv"
+SPEED = 300.0  # rad/s
 # -
 
-# ## The scene
+# ## The mechanism
 #
 # The load is that of a single-cylinder four-stroke engine at 300 rad/s: a file of
-# `time_s,Fx_N,Fy_N`. The film has 20 x 5 cells with 9 nodes.
+# `time_s,Fx_N,Fy_N`. The film has 20 x 5 cells with 9 nodes, the journal no mass.
 
 
-def scene(load: str | Path, tolerance: float) -> LoadedJournalSettings:
-    """The default bearing under a load, with one tolerance for steps and for the repetition."""
-    settings = LoadedJournalSettings()
-    return attrs.evolve(
-        settings,
-        load=attrs.evolve(settings.load, file=str(load)),
-        film=attrs.evolve(settings.film, cells=(20, 5)),
-        time=attrs.evolve(settings.time, tolerance=tolerance, periodicity=tolerance),
+def mechanism(load: str | Path) -> tuple[Mechanism, float]:
+    """A journal under a load, and the period [s]."""
+    grid = uniform_grid(radius=0.025, width=0.02, cells=(20, 5))
+    film = Film(FilmParameters(grid, clearance=25e-6, lubricant=Lubricant(0.01), rate=SPEED))
+    along_x, along_y = read_load(Path(load))
+    journal = Mechanism(
+        bodies={"ground": ground({"bearing": (0.0, 0.0)}), "journal": RigidBody(0.0, 0.0)},
+        joints={"film": LubricatedJoint("journal", "ground.bearing", film, smallest_film=1e-4)},
+        drives={"journal": Speed(SPEED)},
+        forces={
+            "x": PointForce("journal", (1.0, 0.0), along_x),
+            "y": PointForce("journal", (0.0, 1.0), along_y),
+        },
     )
+    return journal, along_x.period
 
 
 # ## The periodic orbit
 #
-# What an engine bearing does, cycle after cycle, is the solution with `e(T) = e(0)`. Newton's
-# method finds its start. The monodromy matrix, d e(T) / d e(0), comes with it, and its largest
-# eigenvalue says how fast the bearing forgets: a journal without mass hardly remembers one
-# stroke.
+# What an engine bearing does, cycle after cycle, is the solution with `e(T) = e(0)`. Cycle after
+# cycle is integrated until no film changes from one to the next: a journal without mass hardly
+# remembers one stroke, so that two or three are enough.
 
 
-def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> OrbitTotals:
+def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> Result:
     """Find the orbit and print what a designer asks for first."""
-    totals = OrbitTotals()
-    cycle = simulate(scene(load, tolerance), totals)
-    print(f"periodic after {totals.cycle} cycles, {totals.steps} steps")
-    print(f"largest Floquet multiplier {cycle.largest_multiplier:.1e}")
-    print(f"maximum pressure {totals.max_pressure / 1e6:.2f} MPa")
-    print(f"minimum film thickness {totals.min_film_thickness * 1e6:.3f} um")
-    return totals
+    journal, period = mechanism(load)
+    result = simulate_periodic(
+        journal, period, periodicity=tolerance, tolerance=tolerance, order=2, first=1e-6
+    )
+    film = result.joints["film"]
+    print(f"periodic after {result.cycles} cycles, the last one in {len(result.time)} steps")
+    print(f"maximum pressure {film.max_pressure.max() / 1e6:.2f} MPa")
+    print(f"minimum film thickness {film.min_film_thickness.min() * 1e6:.3f} um")
+    return result
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ measured. Run it with
 from pathlib import Path
 
 import numpy as np
-
 from fenics_ehd.scenes.engine_load import engine_load
 
 SPEED = 300.0  # rad/s

@@ -7,7 +7,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from fenics_ehd.cli import cli
+from fenics_ehd.cli.main import cli
 
 #: Columns of the page.
 WIDTH = 88

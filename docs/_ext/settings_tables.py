@@ -1,4 +1,4 @@
-"""``{scene-settings} NAME``: every key of a scene file, from the classes that check it."""
+"""``{scene-settings} TABLE``: keys of a table of a scene file, from the classes that check them."""
 
 import json
 
@@ -8,42 +8,48 @@ from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from fenics_ehd.scenes.loaded_journal_settings import LoadedJournalSettings
-from fenics_ehd.scenes.rotor_settings import RotorSettings
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.scenes import schema
 
-SCENES = {
-    "slider-crank": SliderCrankSettings,
-    "rotor": RotorSettings,
-    "loaded-journal": LoadedJournalSettings,
-}
+#: Tables that have no kinds.
+ALONE = {"time": schema.TimeSettings, "output": schema.OutputSettings}
 
 
 def rows(cls: type, path: str = "") -> list[tuple[str, str, str]]:
     """Key, default and meaning, sections after the keys of their parent."""
     own, nested = [], []
     for attribute in attrs.fields(cls):
-        name, value = f"{path}{attribute.name}", getattr(cls(), attribute.name)
+        name, default = f"{path}{attribute.name}", attribute.default
         section = attribute.metadata.get("section")
         if section:
             nested += rows(section, f"{name}.")
         else:
-            default = f"{value:g}" if isinstance(value, float) else json.dumps(value)
-            own.append((name, default, attribute.metadata["help"]))
+            if isinstance(default, attrs.Factory):
+                default = default.factory()
+            told = "must be given" if default is attrs.NOTHING else f"`{_text(default)}`"
+            own.append((f"`{name}`", told, attribute.metadata["help"]))
     return own + nested
 
 
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else json.dumps(value)
+
+
 class SceneSettings(SphinxDirective):
-    """Table of a scene's keys."""
+    """Tables of the keys of a scene's table, one for every kind of entry."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Build the table from reStructuredText or Markdown, whichever page asks."""
-        lines = ["| key | default | meaning |", "|---|---|---|"]
-        for row in rows(SCENES[self.arguments[0]]):
-            key, default, meaning = (text.replace("|", r"\|") for text in row)
-            lines.append(f"| `{key}` | `{default}` | {meaning} |")
+        """Build the tables from reStructuredText or Markdown, whichever page asks."""
+        table, lines = self.arguments[0], []
+        kinds = {"": ALONE[table]} if table in ALONE else schema.KINDS[table]
+        for kind, cls in kinds.items():
+            if kind:
+                lines += [f'**`kind = "{kind}"`**: {cls.__doc__.splitlines()[0]}', ""]
+            lines += ["| key | default | meaning |", "|---|---|---|"]
+            for row in rows(cls):
+                lines.append("| " + " | ".join(text.replace("|", r"\|") for text in row) + " |")
+            lines.append("")
         parent = nodes.Element()
         self.state.nested_parse(StringList(lines, self.get_source_info()[0]), 0, parent)
         return parent.children

@@ -5,13 +5,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from fenics_ehd.multibody.crank import ConstantSpeedCrank
-from fenics_ehd.multibody.guide import rod_angle
-from fenics_ehd.scenes.slider_crank_settings import SliderCrankSettings
+from fenics_ehd.multibody.assembly import assemble
+from fenics_ehd.multibody.joints import Revolute, Slider, Speed
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.system import System
+from fenics_ehd.scenes.scene_file import read_scene
 
 from .sketch import BORE, FILM, LOAD, SHAFT, arrow, dot, frame, label, paper, point, turn
 
-CRANK = SliderCrankSettings().mechanism.crank_length
+CRANK = read_scene("slider-crank-paper").bodies["crank"].points["pin"][0]
 ROD = 0.16
 
 #: Crank angle of the drawing [degrees].
@@ -20,12 +23,23 @@ PHI = 52.0
 
 def rod_motion() -> float:
     """Angle of the rod as the program has it, shaft and bore centred [degrees]."""
-    speed = SliderCrankSettings().mechanism.crank_speed
-    crank = ConstantSpeedCrank(CRANK, speed).at(np.radians(PHI) / speed)
-    # A rigid rod: its pin moves with the bore.
-    pin = np.array([[ROD, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    rest = np.zeros(2)
-    return float(np.degrees(rod_angle(crank, pin, rest, rest, rest, (0.0, 0.0)).angle))
+    start = np.radians(PHI)
+    mechanism = Mechanism(
+        {
+            "crank": RigidBody(1.0, 1.0, {"pin": (CRANK, 0.0)}, orientation=start),
+            "rod": RigidBody(1.0, 1.0, {"pin": (ROD, 0.0)}),
+            "piston": RigidBody(1.0, 1.0, position=(CRANK + ROD, 0.0)),
+        },
+        {
+            "main": Revolute("ground", "crank"),
+            "big_end": Revolute("crank.pin", "rod"),
+            "gudgeon": Revolute("rod.pin", "piston"),
+            "cylinder": Slider("ground", "piston"),
+        },
+        {"crank": Speed(1.0, start)},
+    )
+    system = System(mechanism)
+    return float(np.degrees(assemble(system)[0][system.bodies["rod"]][2]))
 
 
 def draw_rod() -> Figure:

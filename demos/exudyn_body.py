@@ -1,0 +1,150 @@
+# # A reduced body in another program
+#
+# Exudyn (https://github.com/jgerstmayr/EXUDYN, `pip install exudyn` in an environment of its own)
+# moves a body by a reference frame and modal coordinates, A. Zwoelfer and J. Gerstmayr, Acta
+# Mechanica 232 (2021) 835. Its equations need how the modes couple with rotations about all three
+# axes, which the part's own mass matrix gives: with the fields F (position x, unit translations,
+# modes) and `S_c F = e_c x F` node by node, the matrices `F^T M F`, `F^T M S_c F` and
+# `(S_c F)^T M (S_d F)`. Residual flexibility (M4) has no mass and no place there: take M1 or M3.
+#
+#     python demos/exudyn_body.py
+#
+# reduces the connecting rod, writes `rod.npz` in the keys that Exudyn's
+# `ObjectFFRFreducedOrderInterface.LoadFromFile` reads, and prints the frequencies of the free rod,
+# Exudyn's beside those of the reduction.
+
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+
+from fenics_ehd.base.errors import ExportError
+from fenics_ehd.reduction import ReducedBody, Structure, load_dependent
+from fenics_ehd.reduction.distributed import inner, symmetric
+from fenics_ehd.reduction.mass import MassOperator
+from fenics_ehd.reduction.rigid_motion import rigid_fields, turned
+
+#: Position and unit translations stand before the elastic modes.
+MOVES, MODES = slice(1, 4), slice(4, None)
+
+
+def inertia(structure: Structure, columns: np.ndarray) -> tuple[np.ndarray, ...]:
+    """``F^T M F``, ``F^T M S_c F`` and ``(S_c F)^T M (S_d F)`` of part-size modes (dofs, n)."""
+    mass, comm = MassOperator(structure.mass), structure.comm
+    position = structure.coordinates.reshape(-1, 1)
+    fields = np.hstack([position, rigid_fields(structure.coordinates)[:, :3], columns])
+    spun = [turned(fields, axis) for axis in range(3)]
+    forces = [mass.multiply(each) for each in spun]
+    spin = np.array([inner(fields, force, comm) for force in forces])
+    centrifugal = np.array([[inner(s, force, comm) for force in forces] for s in spun])
+    return symmetric(inner(fields, mass.multiply(fields), comm)), spin, centrifugal
+
+
+def couplings(structure: Structure, columns: np.ndarray) -> dict[str, np.ndarray]:
+    """Constant matrices of Exudyn's equations, column ``3 * mode + axis`` of turned modes."""
+    gram, spin, centrifugal = inertia(structure, columns)
+    total, n = gram[1, 1], columns.shape[1]
+    centre = gram[0, MOVES] / total
+    turned_twice = centrifugal[:, :, MODES, MODES].transpose(2, 0, 3, 1)
+    return {
+        "totalMass": np.array(total),
+        "Mtt": total * np.eye(3),
+        "inertiaLocal": centrifugal[:, :, 0, 0],
+        "chiU": centre,
+        "chiUtilde": np.cross(centre, np.eye(3)).T,
+        "mPhitTPsi": gram[MOVES, MODES],
+        "mPhitTPsiTilde": -spin[:, MOVES, MODES].transpose(1, 2, 0).reshape(3, 3 * n),
+        "mXRefTildePsi": spin[:, 0, MODES],
+        "mXRefTildePsiTilde": centrifugal[:, :, 0, MODES].transpose(0, 2, 1).reshape(3, 3 * n),
+        "mPsiTildePsi": spin[:, MODES, MODES].transpose(1, 0, 2).reshape(3 * n, n),
+        "mPsiTildePsiTilde": turned_twice.reshape(3 * n, 3 * n),
+    }
+
+
+def export(body: ReducedBody, structure: Structure, path: Path) -> Path:
+    """Write a body that kept its basis.
+
+    Mesh nodes for markers are those of the bore, then each boundary point, the mean of its
+    surface: it moves with the frame as a node does.
+
+    Raises
+    ------
+    ExportError
+        Exudyn cannot hold it: it has no modes, is clamped, or has flexibility without mass.
+    """
+    if not body.modes or body.frame == "clamped" or body.residual is not None:
+        raise ExportError("Exudyn moves a free body whose coordinates all have mass: M1, M2, M3")
+    points, n = list(body.points.values()), body.modes
+    nodes = np.vstack([body.bore_nodes, *(row[:, :1].T for row in points)])
+    basis = np.concatenate([body.bore_basis, *(row[None, :, 3:] for row in points)])
+    arrays: dict[str, Any] = {
+        "fileVersion": 1,
+        "type": "ObjectFFRFreducedOrderInterface",
+        "rigidBodyNodeType": "NodeType.RotationEulerParameters",
+        # Exudyn looks for a key in it: in a text there is none.
+        "postProcessingModes": "",
+        "infoList": [n, len(nodes), 3, 4, 7, 7 + n],
+        "modeBasis": basis.reshape(-1, n),
+        "xRef": nodes.ravel(),
+        "trigList": np.zeros((0, 3), dtype=np.int64),
+        "massMatrixReduced": body.mass,
+        "stiffnessMatrixReduced": body.stiffness,
+        **couplings(structure, body.columns),
+    }
+    np.savez(path, **arrays)
+    return path
+
+
+def add_body(mbs: Any, path: Path, **motion: Any) -> dict[str, Any]:
+    """Add the body to an Exudyn system, a ``MainSystem`` that is not yet assembled.
+
+    `motion` are arguments of Exudyn's ``AddObjectFFRFreducedOrder``: ``positionRef`` (where the
+    bore's centre lies), ``rotationMatrixRef``, ``initialVelocity``, ``initialAngularVelocity``,
+    ``gravity``, ``stiffnessProportionalDamping``.
+    """
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
+
+    interface = ObjectFFRFreducedOrderInterface()
+    interface.LoadFromFile(str(path), mode="NPZ")
+    return interface.AddObjectFFRFreducedOrder(mbs, **motion)
+
+
+def frequencies(path: Path) -> np.ndarray:
+    """Frequencies that Exudyn finds for the free part, six of them zero but for round-off [Hz]."""
+    import exudyn
+    from exudyn.solver import ComputeODE2Eigenvalues
+
+    container = exudyn.SystemContainer()
+    mbs = container.AddSystem()
+    add_body(mbs, path)
+    mbs.Assemble()
+    return np.asarray(ComputeODE2Eigenvalues(mbs, convert2Frequencies=True)[0])
+
+
+def free_frequencies(body: ReducedBody) -> np.ndarray:
+    """Elastic frequencies of the free part [Hz], rigid motion eliminated."""
+    share = body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_coupling)
+    return np.sqrt(eigh(body.stiffness, body.mass - share, eigvals_only=True)) / (2 * np.pi)
+
+
+def main() -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies of the rod by Exudyn and by the reduction [Hz]."""
+    from mpi4py import MPI
+
+    from fenics_ehd.scenes.elastic_part import elastic_part
+    from fenics_ehd.scenes.scene_file import read_scene
+
+    rod = read_scene("slider-crank-paper").bodies["rod"]
+    structure = elastic_part(rod, "rod", "lagrange", MPI.COMM_SELF).source
+    body = load_dependent(structure, 6, 31, keep_basis=True, estimate_error=False)
+    with TemporaryDirectory() as folder:
+        path = export(body, structure, Path(folder, "rod.npz"))
+        return frequencies(path)[6:], free_frequencies(body)
+
+
+if __name__ == "__main__":
+    for theirs, ours in zip(*main(), strict=True):
+        print(f"{theirs:14.3f} Hz  {ours:14.3f} Hz")
