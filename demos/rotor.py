@@ -46,7 +46,8 @@ def shaft() -> ShaftBody:
     beams = Shaft(1.0, 0.045, 210e9, 7446.0, support_stiffness=1.58e8, elements=20)
     disk = Disk(0.5, mass=0.8, polar_inertia=1e-3, diametral_inertia=5e-4)
     rotor = ModalRotor.of(beam_plane(beams, [disk]), 10)
-    print("shaft without oil:", ", ".join(f"{f:.1f}" for f in rotor.angular[:3] / (2 * np.pi)), "Hz")
+    frequencies = rotor.angular[:3] / (2 * np.pi)
+    print("shaft without oil:", ", ".join(f"{f:.1f}" for f in frequencies), "Hz")
     polar = beams.polar_inertia + disk.polar_inertia
     return ShaftBody(rotor, polar, 1e-3, {"bearing": 0.5, "force": 0.75})
 

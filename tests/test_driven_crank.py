@@ -174,7 +174,7 @@ def test_friction_is_that_of_the_two_walls(joint):
     (film,) = step.solution.films
     friction = film_friction(place.film, film)
     e, rate = step.x[place.xi[:2]], step.rate[place.xi[:2]]
-    motion = ShaftMotion(e, place.shaft_rate(step.rate), eccentricity_rate=rate)
+    motion = ShaftMotion(e, place.ahead(step.rate), eccentricity_rate=rate)
     forces = film_forces(joint.film, film, motion)
     assert friction.torque == pytest.approx(forces.friction_torque, rel=2e-3)
     # The resultants differ by int h dp/dy t dA.

@@ -1,8 +1,9 @@
 """Load files and the example load."""
 
+import make_single_cylinder
 import numpy as np
 import pytest
-from engine_load import Engine, engine_load
+from make_single_cylinder import Engine, engine_load
 from scipy.integrate import trapezoid
 
 from fenics_ehd.base.errors import SettingsError
@@ -73,6 +74,12 @@ def test_period_must_reach_beyond_the_file(tmp_path):
     path.write_text(GOOD)
     with pytest.raises(SettingsError, match=r"load.period = 0.003 s must be above 0.004 s"):
         read_load(path, period=3e-3)
+
+
+def test_the_demo_writes_its_load(tmp_path):
+    assert make_single_cylinder.main(tmp_path / "load.csv").read_text() == (
+        make_single_cylinder.FILE.read_text()
+    )
 
 
 def test_example_load_is_the_formula():

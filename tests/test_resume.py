@@ -317,7 +317,7 @@ def filled(value):
         ({"state__solver__values": lambda v: v[:, :-1]}, "solver/values has shape"),
         ({"state__solver__patterns": lambda n: None}, "solver/patterns is missing"),
         ({"state__totals__time": lambda t: t / 2}, "totals/time must be that of the integrator"),
-        ({"state__balance__work": lambda x: x[:-1]}, "balance/work has shape"),
+        ({"state__balance__totals": lambda x: x[:-1]}, "balance/totals has shape"),
         ({"state__extremes__big_end": lambda t: None}, "extremes/big_end is missing"),
         ({"state__estimates": lambda t: None}, "estimates is missing"),
         ({"state__recorded": lambda t: None}, "recorded is missing"),

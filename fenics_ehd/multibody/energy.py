@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
+
+from fenics_ehd.multibody.integrals import Integrals
 
 #: What adds to the energy and what takes from it.
 SIGNS = {"drive": 1, "applied": 1, "drag": 1, "film": -1, "damping": -1}
@@ -51,17 +53,11 @@ class Powers:
 
 
 class EnergyBalance:
-    """Defect of the balance and the energies exchanged so far [J].
-
-    Work is the integral of the cubic through the last four powers: a crank lends its rod hundreds
-    of times what is lost, and by a parabola the error of that integral would be ten times the
-    defect of the integration itself.
-    """
+    """Defect of the balance and the energies exchanged so far [J]."""
 
     def __init__(self, time: float, powers: Powers):
-        self._points = [(time, powers)]
+        self._integrals = Integrals(time, _exchanged(powers))
         self._start = powers.stored
-        self._work = dict.fromkeys(SIGNS, 0.0)
         self.defect = 0.0
         self.largest_defect = 0.0
         self.largest_exchange = 0.0
@@ -69,13 +65,8 @@ class EnergyBalance:
 
     def add(self, time: float, powers: Powers) -> None:
         """Account for one accepted step."""
-        self._points = [*self._points[-3:], (time, powers)]
-        weights = last_interval(np.array([point[0] for point in self._points]))
-        for name in self._work:
-            values = [getattr(point[1], name) for point in self._points]
-            self._work[name] += float(weights @ values)
-        change = powers.stored - self._start
-        work = self._work
+        self._integrals.add(time, _exchanged(powers))
+        change, work = powers.stored - self._start, self.work
         self.defect = change - sum(sign * work[name] for name, sign in SIGNS.items())
         self.largest_defect = max(self.largest_defect, abs(self.defect))
         exchanged = max(abs(change), *(abs(value) for value in work.values()))
@@ -87,16 +78,12 @@ class EnergyBalance:
     @property
     def work(self) -> Mapping[str, float]:
         """Work of every power since the start [J], by the names of `SIGNS`."""
-        return self._work
+        return self._integrals.totals
 
     def stored_state(self) -> dict[str, np.ndarray]:
         """All that the balance knows, as arrays, for `of`."""
-        return {
-            "times": np.array([time for time, _ in self._points]),
-            "powers": np.array([astuple(powers) for _, powers in self._points]),
-            "work": np.array(list(self._work.values())),
-            "figures": np.array([getattr(self, name) for name in FIGURES]),
-        }
+        figures = np.array([getattr(self, name) for name in FIGURES])
+        return {**self._integrals.stored_state(), "figures": figures}
 
     @classmethod
     def pattern(cls) -> dict[str, np.ndarray]:
@@ -106,13 +93,8 @@ class EnergyBalance:
     @classmethod
     def of(cls, stored: Mapping[str, np.ndarray]) -> EnergyBalance:
         """Where another balance of the same mechanism was."""
-        points = [
-            (float(time), Powers(*map(float, powers)))
-            for time, powers in zip(stored["times"], stored["powers"], strict=True)
-        ]
-        balance = cls(*points[0])
-        balance._points = points
-        balance._work = dict(zip(SIGNS, map(float, stored["work"]), strict=True))
+        balance = cls(0.0, Powers(*np.zeros(len(fields(Powers)))))
+        balance._integrals = Integrals.of(tuple(SIGNS), stored)
         for name, value in zip(FIGURES, stored["figures"], strict=True):
             setattr(balance, name, float(value))
         return balance
@@ -130,17 +112,16 @@ class EnergyBalance:
         since most was stored. What a crank lends and takes back is a hundred times as much and
         says little of the film.
         """
-        net = self._work["film"] + self._work["damping"] + self._kept
+        work = self.work
+        net = work["film"] + work["damping"] + self._kept
         if net > 0.0:
             return self.largest_defect / net
         return np.inf if self.largest_defect else 0.0
 
 
-def last_interval(times: np.ndarray) -> np.ndarray:
-    """Weights of the integral, over the last interval, of the polynomial through all points."""
-    step = times[-1] - times[-2]
-    powers = np.vander((times - times[-2]) / step, increasing=True)
-    return step * np.linalg.solve(powers.T, 1.0 / np.arange(1, len(times) + 1))
+def _exchanged(powers: Powers) -> dict[str, float]:
+    """Powers by the names of `SIGNS`."""
+    return {name: getattr(powers, name) for name in SIGNS}
 
 
 def trusted(error: float, net_error: float) -> str:

@@ -145,7 +145,7 @@ class StepEquations:
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
         gaps = [
-            place.film.gap(z[place.xi], rates[place.xi], place.shaft_rate(rates))
+            place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates))
             for place in system.films
         ]
         self.responses.add(pressures, gaps)

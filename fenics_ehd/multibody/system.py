@@ -50,10 +50,10 @@ class FilmPlace:
     bore_body: str
     bore: str
 
-    def shaft_rate(self, rates: np.ndarray) -> float:
-        """Speed of the journal relative to the bore [rad/s]."""
-        ahead = 0.0 if self.journal_angle is None else rates[self.journal_angle]
-        return float(ahead - (0.0 if self.bore_angle is None else rates[self.bore_angle]))
+    def ahead(self, values: np.ndarray) -> float:
+        """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
+        journal = 0.0 if self.journal_angle is None else values[self.journal_angle]
+        return float(journal - (0.0 if self.bore_angle is None else values[self.bore_angle]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from fenics_ehd.film import FilmState
 from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.joint_rates import joint_rates
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.powers import step_powers
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -71,6 +72,7 @@ class Tracker:
             if place.film.bore
         }
         self.balance: EnergyBalance | None = None
+        self.rates: dict[str, Integrals] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
         self.time = 0.0
@@ -88,6 +90,8 @@ class Tracker:
         self.balance = None
         for estimate in self.estimates.values():
             estimate.largest *= 0.0  # what is not known stays so
+        for rates in self.rates.values():
+            rates.restart()
         return True
 
     def add(self, step: MechanismStep) -> tuple[dict[str, float], dict[str, np.ndarray]]:
@@ -159,12 +163,15 @@ class Tracker:
             "force_x_N": force[0],
             "force_y_N": force[1],
         }
-        if place.film.friction:
-            # Braking is positive, and the power that the journal's turning puts into the oil.
-            torque = -film_friction(place.film, film).torque
-            figures["friction_torque_Nm"] = torque
-            figures["friction_power_W"] = torque * place.shaft_rate(step.rate)
-        return figures
+        return figures | self._integrate(place.name, step.time, joint_rates(place, step, film))
+
+    def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
+        """Account for a joint's rates; they are returned."""
+        if joint in self.rates:
+            self.rates[joint].add(time, rates)
+        elif rates:
+            self.rates[joint] = Integrals(time, rates)
+        return rates
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
@@ -202,6 +209,7 @@ class Tracker:
                 "basis_error_estimate_m": self.estimates[name].largest
                 if name in self.estimates
                 else float("nan"),
+                **self._means(name),
             }
             for name, extremes in self.extremes.items()
         }
@@ -218,6 +226,11 @@ class Tracker:
             **self.counts,
             "rejected_because": dict(self.rejected_because),
         }
+
+    def _means(self, joint: str) -> dict[str, float]:
+        """Of a joint's rates over the run, or the cycle."""
+        found = self.rates[joint].means if joint in self.rates else {}
+        return {f"mean_{name}": value for name, value in found.items()}
 
     def verdict(self) -> str:
         """``"complete"``, or why the figures cannot be trusted."""
@@ -241,6 +254,10 @@ class Tracker:
             "extremes": {name: asdict(found) for name, found in self.extremes.items()},
             "estimates": {name: found.stored_state() for name, found in self.estimates.items()},
             "balance": {} if self.balance is None else self.balance.stored_state(),
+            "rates": {
+                name: {"names": tuple(rates.totals), **rates.stored_state()}
+                for name, rates in self.rates.items()
+            },
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -272,6 +289,10 @@ class Tracker:
         for joint, found in stored["estimates"].items():
             self.estimates[joint].load_state(found)
         self.balance = EnergyBalance.of(stored["balance"]) if stored["balance"] else None
+        self.rates = {
+            joint: Integrals.of(tuple(found["names"]), found)
+            for joint, found in stored["rates"].items()
+        }
 
 
 def _bore_body(equations: StepEquations, place: FilmPlace) -> FlexibleBody:
