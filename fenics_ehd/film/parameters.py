@@ -9,6 +9,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.lubricant import Lubricant
+from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.film.supply import Region, Sides
 
 
@@ -29,6 +30,8 @@ class FilmParameters:
         dimensionless; results do not depend on it beyond round-off.
     sides, regions
         Given pressures.
+    surfaces
+        Of journal and bore, None for smooth ones that never touch.
     """
 
     grid: FilmGrid
@@ -37,6 +40,7 @@ class FilmParameters:
     rate: float
     sides: Sides = field(default_factory=Sides)
     regions: tuple[Region, ...] = ()
+    surfaces: RoughSurfaces | None = None
 
     def __post_init__(self) -> None:
         for name in ("clearance", "rate"):

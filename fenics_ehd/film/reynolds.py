@@ -65,6 +65,8 @@ class ReynoldsEquation:
         Gauss points on the bore.
     factors
         Viscosity and density that depend on the place, over those of the oil.
+    surfaces
+        See `FilmParameters`.
     weights
         Entries of the mass matrix N of (11) for the 8-node element, else None.
     """
@@ -78,6 +80,10 @@ class ReynoldsEquation:
         self._supplied = bool(pressure.any())
         self.assembly = Assembly(grid, self.free)
         self.points = gauss_points(grid, self.assembly.tensors.points)
+        self.surfaces = parameters.surfaces
+        self._conductance = (
+            None if self.surfaces is None else self.surfaces.conductance(parameters.clearance)
+        )
         self.factors = [self._field(f) for f in ("viscosity_field", "density_field")]
         weighted = grid.family == "serendipity"
         zero = np.zeros(self.assembly.area.shape)
@@ -100,8 +106,10 @@ class ReynoldsEquation:
         return values
 
     def dimensionless(self, gap: Gap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``H``, ``dH/dt`` and the mean velocity over ``Omega R``."""
+        """``H``, ``dH/dt`` and the mean velocity over ``Omega R``; rough surfaces' average ones."""
         p = self.parameters
+        if self.surfaces is not None:
+            gap = self.surfaces.average(gap)
         return (
             gap.thickness / p.clearance,
             gap.thickness_rate / (p.clearance * p.rate),
@@ -121,6 +129,8 @@ class ReynoldsEquation:
         thickness, rate, velocity = self.dimensionless(gap)
         viscosity, density = self.factors
         mobility = density * thickness**3 / viscosity
+        if self._conductance is not None:
+            mobility = mobility * self._conductance(thickness)[0]
         entries = self.assembly.matrix(Coefficients(mobility, mobility))
         around, along = -density * thickness * velocity, None
         if self._supplied:
@@ -170,7 +180,15 @@ class ReynoldsEquation:
             viscosity, density = self.factors
             none = np.zeros(value.shape)
             return OilProperties(
-                around, along, none + viscosity, none, none + density, none, none, none
+                around,
+                along,
+                none + viscosity,
+                none,
+                none + density,
+                none,
+                none,
+                none,
+                self._conductance,
             )
         # Shape functions may undershoot between nodes, where the laws are not meant: the oil
         # keeps its properties there.
@@ -198,6 +216,7 @@ class ReynoldsEquation:
             density_derivative,
             expansion,
             expansion_derivative,
+            self._conductance,
         )
 
     def change(
@@ -225,6 +244,8 @@ class ReynoldsEquation:
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
         oil = self.oil(pressure, density_rate)
+        if self.surfaces is not None:
+            derivatives = self.surfaces.along(gap, derivatives)
         shape = (thickness.size, derivatives.thickness.shape[-1])
         changes = derivatives.thickness.reshape(shape) / p.clearance
         speeds = derivatives.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
@@ -258,6 +279,12 @@ class ReynoldsEquation:
         oil = self.oil(pressure)
         along_h, along_v = flux_derivatives(self.assembly, oil, thickness, velocity)
         along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
+        if self.surfaces is not None:
+            change = self.surfaces.change(gap)
+            along_h *= change.thickness[:, :, None]
+            along_h += self.assembly.source_elements(oil.density * change.rate / p.rate)
+            faster = p.clearance / (p.rate * p.grid.radius) * change.velocity
+            along_h += faster[:, :, None] * along_v
         return (
             self.assembly.gather(along_h / p.clearance),
             self.assembly.gather(along_v / (p.rate * p.grid.radius)),
