@@ -101,7 +101,7 @@ def seven_halves(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _series(coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Value and two derivatives of polynomials by their coefficients (points, k), at x (points,)."""
+    """Value and two derivatives of polynomials, coefficients (points, k), at x (points,)."""
     value, slope, half = np.zeros((3, len(x)))
     for c in coefficients.T[::-1]:
         half = half * x + slope

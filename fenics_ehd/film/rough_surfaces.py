@@ -103,7 +103,8 @@ class RoughSurfaces:
         return (self.journal**2 - self.bore**2) / self.roughness**2
 
     @property
-    def _dragging(self) -> bool:
+    def dragging(self) -> bool:
+        """Whether sliding surfaces take oil along beside what both carry."""
         return self.flow_factors and self.weight != 0.0
 
     def average(self, gap: Gap) -> Gap:
@@ -111,7 +112,7 @@ class RoughSurfaces:
         ratio = gap.thickness / self.roughness
         value, share, _ = flow_factors.mean_gap(ratio)
         velocity = gap.mean_velocity
-        if self._dragging:
+        if self.dragging:
             velocity = velocity + gap.sliding_velocity * self._drag(ratio, value)
         return replace(
             gap,
@@ -129,7 +130,7 @@ class RoughSurfaces:
         ratio = gap.thickness / self.roughness
         value, share, density = flow_factors.mean_gap(ratio)
         rate = density / self.roughness * gap.thickness_rate
-        if not self._dragging:
+        if not self.dragging:
             none = np.zeros_like(share)
             return GapChange(share, rate, none, none)
         factor, slope = flow_factors.shear_factor(ratio)

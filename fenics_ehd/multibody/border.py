@@ -140,6 +140,9 @@ class FilmBorder:
         Places in x of the leading residual patterns.
     along_gap
         Derivative along the gap at the Gauss points, its rate following, shape (m, g).
+    contact
+        Places in x of the contact pressures that move its bore, and the gap change at the Gauss
+        points for unit values of them; None: there are none.
     """
 
     inputs: np.ndarray
@@ -148,6 +151,7 @@ class FilmBorder:
     rows: np.ndarray
     patterns: slice
     along_gap: sparse.csc_matrix
+    contact: tuple[slice, np.ndarray] | None = None
 
 
 class BorderedSystem:

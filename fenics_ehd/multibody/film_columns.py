@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder
@@ -24,12 +25,15 @@ class FilmPoint:
         See `Film`.
     defect
         Scaled equations, shape (m,).
+    touch
+        Contact at the Gauss points, None between smooth surfaces.
     """
 
     nodal: np.ndarray
     gap: Gap
     problem: Complementarity
     defect: np.ndarray
+    touch: Touch | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +82,16 @@ class FilmColumns:
         """Number k of leading patterns."""
         return 0 if self.shares is None else len(self.shares)
 
+    def _velocity(self, gap: Gap) -> np.ndarray:
+        """Of the film: rough surfaces take oil along when they slide."""
+        joint = self.place.film
+        surfaces = joint.film.parameters.surfaces
+        if surfaces is None or not surfaces.dragging:
+            return self.velocity
+        turning = np.full((len(joint.thickness), 1), joint.shaft_radius)
+        sliding = np.hstack([joint.sliding_velocity, turning])
+        return self.velocity + surfaces.change(gap).sliding.reshape(-1, 1) * sliding
+
     def border(
         self,
         point: FilmPoint,
@@ -106,7 +120,7 @@ class FilmColumns:
         place = self.place
         film, n = place.film.film, place.film.size
         along_h, along_v = film.equation.gap_derivatives(point.gap, point.nodal, shift)
-        inputs, velocity = along_h @ self.gap, along_v @ self.velocity
+        inputs, velocity = along_h @ self.gap, along_v @ self._velocity(point.gap)
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
         spread = np.zeros((inputs.shape[1], size))

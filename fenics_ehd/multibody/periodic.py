@@ -88,7 +88,7 @@ class Cycles:
             yield from self._run.until(self.number * self.period)
             gaps = self._films()
             change = gaps - self._gaps
-            self.defect = float(np.max(np.abs(change) / gaps))
+            self.defect = float(np.max(np.abs(change) / self._run.norm.lengths(gaps)))
             # Over the first one the films build up; that they end as they began means nothing.
             if self.number > 1 and self.defect <= self._periodicity:
                 return
@@ -110,10 +110,11 @@ class Cycles:
             self._changes = [*self._changes, change][-REMEMBERED:]
         if len(self._ends) > 1:
             gaps, apart = self._films(), np.diff(self._ends, axis=0)
-            changes = np.diff(self._changes, axis=0) / gaps
+            lengths = norm.lengths(gaps)
+            changes = np.diff(self._changes, axis=0) / lengths
             sizes = np.linalg.norm(changes, axis=1)
             directions = changes.T / sizes
-            shares = np.linalg.lstsq(directions, change / gaps, rcond=NOISE)[0] / sizes
+            shares = np.linalg.lstsq(directions, change / lengths, rcond=NOISE)[0] / sizes
             # Whole turns are none.
             turns = apart[:, 0, self._angles] / (2 * np.pi)
             apart[:, 0, self._angles] -= 2 * np.pi * np.round(turns)
@@ -121,8 +122,7 @@ class Cycles:
             # Former points move with the newest, along its rate.
             past = x + np.multiply.outer(state.times - state.time, rate)
             observed = np.array([norm.observe(point) for point in state.x + past])
-            room = norm.gaps(observed[0]) / gaps
-            if room.min() > 1.0 - THINNER:
+            if norm.closing(gaps, norm.gaps(observed[0])) < THINNER:
                 moved = {"x": state.x + past, "rate": state.rate + rate, "observed": observed}
                 self._run.state = replace(state, **moved)
         self._gaps = self._films()

@@ -27,6 +27,9 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
         film, drag = film + lost, drag + fed
+    if equations.contacts is not None:
+        stored, rubbed = equations.contacts.energy(state.films)
+        strain, film = strain + stored, film + rubbed
     return Powers(
         kinetic=kinetic,
         strain=strain,

@@ -30,6 +30,8 @@ class StepNorm:
         for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
             for i, observed in zip(flexibility.films, flexibility.observed, strict=True):
                 rows[i][:, places] = observed
+        self._joints = [film.film for film in system.films]
+        self._rough = any(joint.film.parameters.surfaces is not None for joint in self._joints)
         self._ends = np.cumsum([len(r) for r in rows])
         self._gaps = int(self._ends[-1]) if rows else 0
         self._measure = system.error_measure
@@ -46,6 +48,19 @@ class StepNorm:
         """Those of what is observed that must stay positive."""
         return observed[: self._gaps]
 
+    def lengths(self, gaps: np.ndarray) -> np.ndarray:
+        """What changes of all gaps are compared with: the gaps, if surfaces are smooth."""
+        if not self._rough:
+            return gaps
+        each = zip(self._joints, np.split(gaps, self._ends[:-1]), strict=True)
+        return np.concatenate([joint.lengths(own) for joint, own in each])
+
+    def closing(self, before: np.ndarray, after: np.ndarray) -> float:
+        """Largest relative closing of a gap; -inf without one."""
+        if not self._rough:
+            return 1.0 - float((after / before).min(initial=np.inf))
+        return float(((before - after) / self.lengths(before)).max(initial=-np.inf))
+
     def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
         """The gap of every film."""
         return np.split(self.gaps(observed), self._ends[:-1]) if self._gaps else []
@@ -55,7 +70,8 @@ class StepNorm:
         coordinates = float(np.abs(error[self._gaps :]).max(initial=0.0))
         if not self._gaps:
             return coordinates
-        return max(relative_error(self.gaps(observed), self.gaps(error)), coordinates)
+        lengths = self.lengths(self.gaps(observed))
+        return max(relative_error(lengths, self.gaps(error)), coordinates)
 
     def coordinate_error(self, change: np.ndarray) -> float:
         """Largest dimensionless change of coordinates z, shape (n,)."""

@@ -309,7 +309,8 @@ def _too_coarse(place: FilmPlace, thickness: float) -> str:
     angles = np.unique(place.film.film.parameters.grid.node_positions[:, 0].round(9))
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # Where the gap is below twice its least: h = c (1 - eps cos phi).
-    thin = np.degrees(np.sqrt(2 * thickness / place.film.clearance))
+    length = float(place.film.lengths(np.array([thickness]))[0])
+    thin = np.degrees(np.sqrt(2 * length / place.film.clearance))
     if spacing <= NODE_SPACING * thin:
         return ""
     return (
