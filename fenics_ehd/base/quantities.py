@@ -72,6 +72,13 @@ def radial_clearance(default: float) -> Any:
     )
 
 
+def roughness(help_text: str) -> Any:
+    """Root mean square height of a surface [m]; ground ones have 0.1 to 1 um."""
+    return number(
+        0.0, help_text, least=0, below=1e-4, usual=(1e-9, 1e-5), example="0.4e-6 for 0.4 um"
+    )
+
+
 def too_narrow(clearance: float, radius: float) -> bool:
     """Whether a clearance is too small a part of the bore's radius to be in the same unit."""
     return clearance < SMALLEST_RATIO * (1 - _ROUNDING) * radius

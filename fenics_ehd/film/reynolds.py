@@ -107,14 +107,16 @@ class ReynoldsEquation:
 
     def dimensionless(self, gap: Gap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """``H``, ``dH/dt`` and the mean velocity over ``Omega R``; rough surfaces' average ones."""
-        p = self.parameters
-        if self.surfaces is not None:
-            gap = self.surfaces.average(gap)
+        p, gap = self.parameters, self.seen(gap)
         return (
             gap.thickness / p.clearance,
             gap.thickness_rate / (p.clearance * p.rate),
             gap.mean_velocity / (p.rate * p.grid.radius),
         )
+
+    def seen(self, gap: Gap) -> Gap:
+        """The gap in which oil flows: the average one between rough surfaces."""
+        return gap if self.surfaces is None else self.surfaces.average(gap)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
         """Dimensionless pressure at all nodes from that at the free ones."""

@@ -151,6 +151,22 @@ class RoughSurfaces:
             (1 + 2 * change.sliding) * derivatives.mean_velocity + change.velocity * thickness,
         )
 
+    def sheared(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
+        """Heights of smooth films with the same stress of sliding, and of pressure [m].
+
+        Patir and Cheng's stress on a surface leaves out what the pressure does to its slopes. On a
+        smooth one there is none: what acts there, ``phi_f + |w| phi_fs``, acts on both.
+        """
+        if not self.flow_factors:
+            average = self.average(gap).thickness
+            return average, average
+        ratio = gap.thickness / self.roughness
+        inverse = flow_factors.stress_factor(ratio)
+        if self.weight:
+            inverse = inverse + abs(self.weight) * flow_factors.rough_stress_factor(ratio)
+        deep = gap.thickness * flow_factors.stress_pressure_factor(ratio)
+        return self.roughness / np.maximum(inverse, np.finfo(float).tiny), deep
+
     def length(self, gap: np.ndarray) -> np.ndarray:
         """``h_T / (dh_T / dh)`` of nominal gaps [m]: above 0 however far they overlap."""
         value, share, _ = flow_factors.mean_gap(gap / self.roughness)

@@ -135,7 +135,7 @@ class Contacts:
             thickness = open_ + share * flexibility.pushed(areas * pressure)
             found, slope = self._pressures(body, thickness)
             step = found - pressure
-            points = np.flatnonzero(self.near(body, thickness) | (pressure > 0.0))
+            points = np.flatnonzero(self.near(body, thickness))
             if len(points):
                 reached = self.reached(body, points)
                 points = reached.points

@@ -21,6 +21,9 @@ from scipy import linalg, sparse
 from fenics_ehd.multibody.system import FilmPlace
 from fenics_ehd.reduction.body import ReducedBody
 
+#: Gauss points of a body's films up to which answers to forces on all of them are kept.
+FEW_POINTS = 2000
+
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -164,6 +167,15 @@ class BodyFlexibility:
 
     def pushed_by(self, points: np.ndarray) -> np.ndarray:
         """The same for unit forces on some Gauss points, shape (g, a)."""
+        if self._reading.shape[0] <= FEW_POINTS:
+            return self._pushed[:, points]
+        return self._push(points)
+
+    @cached_property
+    def _pushed(self) -> np.ndarray:
+        return self._push(np.arange(self._reading.shape[0]))
+
+    def _push(self, points: np.ndarray) -> np.ndarray:
         values = self._reading[points]
         for matrix in self._response:
             values = values @ matrix.T

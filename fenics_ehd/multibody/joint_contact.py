@@ -22,8 +22,8 @@ from fenics_ehd.multibody.system import FilmPlace
 #: only makes friction a function at the reversal of sliding.
 FULL_SLIDING = 1e-3
 
-#: h over sigma beyond which contact, below 1e-9 of that at h = 0, is left out of derivatives.
-REACH = 6.0
+#: h over sigma beyond which contact, below 4e-6 of that at h = 0, is left out of derivatives.
+REACH = 4.0
 
 
 class JointContact:
@@ -54,6 +54,7 @@ class JointContact:
         assert surfaces is not None
         self.surfaces = surfaces
         self.friction = surfaces.boundary_friction if joint.friction else 0.0
+        self.shaft_radius = joint.shaft_radius
         area = film.parameters.grid.radius**2 * film.assembly.area
         supplied = in_supply(film, film.points.angle, film.points.height)
         self.area = np.where(supplied, 0.0, area).ravel()
@@ -90,6 +91,11 @@ class JointContact:
         if self.friction:
             found -= (force * self.rubbing(gap)[0]) @ self.sliding
         return found
+
+    def braking(self, gap: Gap) -> float:
+        """Torque of boundary friction against the journal's turning [N m]."""
+        pressure = self.touch(gap.thickness).pressure
+        return float(self.shaft_radius * (self.area @ (pressure * self.rubbing(gap)[0])))
 
     def rubbing_power(self, touch: Touch, gap: Gap) -> float:
         """Lost by boundary friction [W]."""

@@ -15,6 +15,7 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.film import FilmState
 from fenics_ehd.multibody.basis_error import estimate_at
+from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import Integrals
@@ -73,6 +74,7 @@ class Tracker:
         }
         self.balance: EnergyBalance | None = None
         self.rates: dict[str, Integrals] = {}
+        self.contacts = ContactRecord.of_all(equations)
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
         self.time = 0.0
@@ -92,6 +94,8 @@ class Tracker:
             estimate.largest *= 0.0  # what is not known stays so
         for rates in self.rates.values():
             rates.restart()
+        for contact in self.contacts.values():
+            contact.restart()
         return True
 
     def add(self, step: MechanismStep) -> tuple[dict[str, float], dict[str, np.ndarray]]:
@@ -163,7 +167,12 @@ class Tracker:
             "force_x_N": force[0],
             "force_y_N": force[1],
         }
-        return figures | self._integrate(place.name, step.time, joint_rates(place, step, film))
+        record, contact = self.contacts.get(place.name), None
+        if record is not None:
+            contact = record.contact
+            figures |= record.add(step.time, step.time - self._start, film.gap)
+        rates = joint_rates(place, step, film, contact)
+        return figures | self._integrate(place.name, step.time, rates)
 
     def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
         """Account for a joint's rates; they are returned."""
@@ -210,6 +219,7 @@ class Tracker:
                 if name in self.estimates
                 else float("nan"),
                 **self._means(name),
+                **(self.contacts[name].figures() if name in self.contacts else {}),
             }
             for name, extremes in self.extremes.items()
         }
@@ -258,6 +268,7 @@ class Tracker:
                 name: {"names": tuple(rates.totals), **rates.stored_state()}
                 for name, rates in self.rates.items()
             },
+            "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -293,6 +304,8 @@ class Tracker:
             joint: Integrals.of(tuple(found["names"]), found)
             for joint, found in stored["rates"].items()
         }
+        for joint, found in stored["contacts"].items():
+            self.contacts[joint].load_state(found)
 
 
 def _bore_body(equations: StepEquations, place: FilmPlace) -> FlexibleBody:

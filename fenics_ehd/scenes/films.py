@@ -15,6 +15,7 @@ from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.contact import rough_surfaces
 from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.scene import Scene
 
@@ -152,6 +153,7 @@ def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: 
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
+            rough_surfaces(scene, joint),
         )
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.contact import check_contact
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.scene import GROUND, Scene
 
@@ -119,6 +120,7 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
             f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
             "length must be below 1"
         )
+    check_contact(joint, key)
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
     if isinstance(bored, schema.ShaftSettings):
