@@ -16,6 +16,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import GapClosedError
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.bearing.contact import BearingContact, ContactFigures, least_gap, surfaces_of
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.grading import gap_graded_grid
@@ -106,6 +107,7 @@ class BearingFilm:
                 _rate(settings),
                 _sides(settings),
                 regions,
+                surfaces_of(settings),
             ),
             options_prefix=options_prefix,
         )
@@ -117,6 +119,9 @@ class BearingFilm:
         )
         self._oil = MassConservingFilm(self.film) if conserving else None
         self._load = self.film.load(np.stack(self.film.points.normal, axis=-1))
+        self._contact: BearingContact | None = None
+        if self.film.parameters.surfaces is not None:
+            self._contact = BearingContact(self.film)
 
     def _regions(self) -> tuple[AxialGroove, ...]:
         if self.settings.line_at_max_film:
@@ -148,7 +153,9 @@ class BearingFilm:
             ends = [
                 motion.eccentricity @ normal + shift @ normal for shift in _end_shifts(s, motion)
             ]
-            return 1.0 - np.max(ends, axis=0) / s.clearance
+            gap = 1.0 - np.max(ends, axis=0) / s.clearance
+            surfaces = surfaces_of(s)
+            return gap if surfaces is None else surfaces.length(s.clearance * gap) / s.clearance
 
         return thickness
 
@@ -177,8 +184,17 @@ class BearingFilm:
             state = self._oil.steady(gap, guess)
         else:
             state = self.film.solve(gap, guess)
-        force = -rotation(angle) @ (self._load @ state.pressure)
+        push = self._load @ state.pressure
+        if self._contact is not None:
+            push += self._contact.push(gap)
+        force = -rotation(angle) @ push
         return Operation(position, force, angle, motion, state)
+
+    def contact_figures(self, operation: Operation) -> ContactFigures | None:
+        """Contact of an operation; None for smooth surfaces."""
+        if self._contact is None:
+            return None
+        return self._contact.figures(operation.state.gap, float(np.hypot(*operation.force)))
 
     def derivatives(
         self, operation: Operation, *, line_held: bool = False
@@ -212,8 +228,11 @@ class BearingFilm:
             places[:, 1] = 0.0
             places[2:, 1] = _quarter(-motion.tilt) / distance
             rates[:2, 1] = _quarter(-motion.eccentricity_rate) / distance
-        change = self._sensitivity(operation.state, self._gap_derivatives(motion, places, rates))
-        force = -turn @ (self._load @ change)
+        derivatives = self._gap_derivatives(motion, places, rates)
+        push = self._load @ self._sensitivity(operation.state, derivatives)
+        if self._contact is not None:
+            push += self._contact.stiffness(operation.state.gap, derivatives)
+        force = -turn @ push
         if follows:
             force[:, 1] += _quarter(operation.force) / distance
         return force[:, :2] @ turn.T, force[:, 2:] @ turn.T
@@ -265,12 +284,17 @@ def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
     shift = 0.5 * settings.width * np.array([settings.tilt[1], -settings.tilt[0]])
     farthest = max(float(np.linalg.norm(position + sign * shift)) for sign in (1, -1))
     thinnest = settings.clearance - farthest
-    if not thinnest > 0:
+    least = least_gap(settings)
+    if not thinnest > least:
         raise GapClosedError(
-            f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be positive: "
-            "lower the eccentricity or the tilt"
+            f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be "
+            f"{_above(least)}: lower the eccentricity or the tilt"
         )
     return thinnest
+
+
+def _above(least: float) -> str:
+    return f"above {least * 1e6:.3g} um" if least else "positive"
 
 
 def _lubricant(settings: BearingSettings) -> Lubricant:

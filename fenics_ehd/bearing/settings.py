@@ -10,7 +10,13 @@ import attrs
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import choice, count, flag, number
-from fenics_ehd.base.quantities import SMALLEST_RATIO, metres, radial_clearance, too_narrow
+from fenics_ehd.base.quantities import (
+    SMALLEST_RATIO,
+    metres,
+    radial_clearance,
+    roughness,
+    too_narrow,
+)
 
 ELEMENTS = ("lagrange", "bilinear", "serendipity")
 SHEAR_RULES = ("streamers", "full", "none")
@@ -82,6 +88,15 @@ class BearingSettings:
     shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
     barus: float = number(0.0, "pressure coefficient of the viscosity [1/Pa], 0: none", least=0)
     roelands: float = number(0.0, "pressure index of the viscosity [-], 0: none", least=0)
+    journal_roughness: float = roughness("of the shaft, rms [m], 0: smooth")
+    bore_roughness: float = roughness("of the bore, rms [m], 0: smooth")
+    asperity_product: float = number(
+        0.04, "density x radius x roughness of asperities [-]", above=0
+    )
+    asperity_slenderness: float = number(1e-3, "roughness over radius of asperities [-]", above=0)
+    contact_modulus: float = number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0)
+    boundary_friction: float = number(0.1, "coefficient of friction of asperities", least=0)
+    flow_factors: bool = flag(True, "Patir and Cheng's factors of rough surfaces")
 
     def __attrs_post_init__(self) -> None:
         if self.cells_around * self.cells_along > MOST_CELLS:

@@ -112,6 +112,18 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
+@_number("journal_roughness", "rms roughness of the shaft [m], 0: smooth.", "SIGMA")
+@_number("bore_roughness", "rms roughness of the bore [m], 0: smooth.", "SIGMA")
+@_number("asperity_product", "Density x radius x combined roughness of the asperities.", "X")
+@_number("asperity_slenderness", "Combined roughness over radius of the asperities.", "X")
+@_number("contact_modulus", "E' of asperities, 1 / E' = sum (1 - nu^2) / E [Pa].", "E")
+@_number("boundary_friction", "Coefficient of friction of asperities that touch.", "MU")
+@click.option(
+    "--flow-factors/--no-flow-factors",
+    default=_default("flow_factors"),
+    show_default=True,
+    help="Whether oil between rough surfaces flows as Patir and Cheng have it.",
+)
 @_choice(
     "cavitation",
     CAVITATION,
@@ -207,6 +219,15 @@ def summary(result: BearingResult) -> dict[str, Any]:
         "power_loss_W": result.power_loss,
         "tilting_moment_Nm": result.tilting_moment.tolist(),
     }
+    contact = result.contact
+    if contact is not None:
+        values |= {
+            "contact_load_N": contact.load,
+            "contact_share": contact.share,
+            "max_contact_pressure_Pa": contact.max_pressure,
+            "contact_power_W": contact.power,
+            "friction_coefficient": result.friction_coefficient,
+        }
     linear = result.coefficients
     if linear is not None:
         values |= {
@@ -237,6 +258,14 @@ ROWS = (
     ("power loss", "power_loss_W", 1, "W"),
 )
 
+#: Of rough surfaces.
+CONTACT = (
+    ("load carried by contact", "contact_load_N", 1, "N"),
+    ("maximum contact pressure", "max_contact_pressure_Pa", 1e-6, "MPa"),
+    ("power lost in contact", "contact_power_W", 1, "W"),
+    ("coefficient of friction", "friction_coefficient", 1, ""),
+)
+
 
 def report(result: BearingResult) -> str:
     """The figures in a table."""
@@ -248,6 +277,8 @@ def report(result: BearingResult) -> str:
     if any(settings.tilt):
         moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
         lines.append(f"{'tilting moment on shaft':<26}{moment} N m  about x, y")
+    if result.contact is not None:
+        lines += [_row(label, values[key], factor, unit) for label, key, factor, unit in CONTACT]
     if result.coefficients is not None:
         lines += _linear_rows(values)
         if settings.line_at_max_film:

@@ -25,7 +25,7 @@ from typing import Protocol
 import numpy as np
 
 from fenics_ehd.film import Film, FilmState
-from fenics_ehd.film.shear import film_fields, sheared_heights
+from fenics_ehd.film.shear import beside_drag, film_fields, sheared_heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,7 @@ def film_friction(
     driven = area * deep * fields.slope_around
     sheared = np.sum(couette * gap.sliding_velocity)
     if p.surfaces is not None:
-        # What moves the oil along the circumference there is not what `Film.powers` has as drag.
-        seen = p.surfaces.average(gap)
-        drag = area * seen.thickness * fields.slope_around * seen.mean_velocity
-        sheared += np.sum(driven * gap.mean_velocity - drag)
+        sheared += np.sum(area * beside_drag(film, gap, fields))
     # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding.
     on_xi = -driven.ravel() @ journal.mean_velocity - couette.ravel() @ journal.sliding_velocity
     shaft_radius = p.grid.radius - p.clearance

@@ -18,10 +18,6 @@ from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.shear import in_supply
 from fenics_ehd.multibody.system import FilmPlace
 
-#: Sliding velocity U_0 [m/s]: at 13 times that boundary friction is 0.3 % below its full size. It
-#: only makes friction a function at the reversal of sliding.
-FULL_SLIDING = 1e-3
-
 #: h over sigma beyond which contact, below 4e-6 of that at h = 0, is left out of derivatives.
 REACH = 4.0
 
@@ -41,7 +37,7 @@ class JointContact:
     area
         That a Gauss point stands for, 0 in grooves and holes, shape (g,) [m2].
     friction
-        Coefficient of boundary friction, 0 without friction in the joint.
+        Whether asperities that touch rub.
     rows
         Places in z of all coordinates on which contact does work, shape (k,).
     normal, sliding
@@ -53,7 +49,7 @@ class JointContact:
         surfaces = film.parameters.surfaces
         assert surfaces is not None
         self.surfaces = surfaces
-        self.friction = surfaces.boundary_friction if joint.friction else 0.0
+        self.friction = joint.friction and surfaces.boundary_friction > 0.0
         self.shaft_radius = joint.shaft_radius
         area = film.parameters.grid.radius**2 * film.assembly.area
         supplied = in_supply(film, film.points.angle, film.points.height)
@@ -80,9 +76,7 @@ class JointContact:
 
     def rubbing(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
         """``mu s`` and its derivative along U, shape (g,)."""
-        speed = gap.sliding_velocity.ravel()
-        size = np.hypot(speed, FULL_SLIDING)
-        return self.friction * speed / size, self.friction * FULL_SLIDING**2 / size**3
+        return self.surfaces.rubbing(gap.sliding_velocity.ravel())
 
     def forces(self, touch: Touch, gap: Gap) -> np.ndarray:
         """Generalised forces on `rows`, shape (k,)."""
@@ -94,11 +88,15 @@ class JointContact:
 
     def braking(self, gap: Gap) -> float:
         """Torque of boundary friction against the journal's turning [N m]."""
+        if not self.friction:
+            return 0.0
         pressure = self.touch(gap.thickness).pressure
         return float(self.shaft_radius * (self.area @ (pressure * self.rubbing(gap)[0])))
 
     def rubbing_power(self, touch: Touch, gap: Gap) -> float:
         """Lost by boundary friction [W]."""
+        if not self.friction:
+            return 0.0
         speed = gap.sliding_velocity.ravel()
         return float(self.area @ (touch.pressure * self.rubbing(gap)[0] * speed))
 
