@@ -1,4 +1,4 @@
-"""Viscosity and density of the oil as functions of pressure and position.
+"""Viscosity and density of the oil as functions of pressure, position and temperature.
 
 A law gives the ratio to the value at ambient pressure and its derivative, both
 at arrays of pressures [Pa]. Position enters by a factor on either, given at
@@ -8,12 +8,13 @@ the Gauss points (`Lubricant.viscosity_field`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.temperature import DENSITY, Oil
 
 
 class PressureLaw(Protocol):
@@ -124,6 +125,13 @@ class Lubricant:
     viscosity_field, density_field
         Factors that depend on the place, of a known temperature for instance;
         None for an oil that is the same everywhere.
+    density
+        At ambient pressure [kg/m3]. The film's pressure does not depend on it: it is what
+        makes masses of the volumes that flow.
+    oil
+        What the lubricant is at other temperatures; None: not known.
+    temperature
+        The one that `viscosity` and `density` belong to [C]; None: not known.
     """
 
     viscosity: float
@@ -131,9 +139,52 @@ class Lubricant:
     density_law: PressureLaw = field(default_factory=Constant)
     viscosity_field: Field | None = None
     density_field: Field | None = None
+    density: float = DENSITY
+    oil: Oil | None = None
+    temperature: float | None = None
 
     def __post_init__(self) -> None:
         _positive("viscosity", self.viscosity)
+        _positive("density", self.density)
+
+    @classmethod
+    def of(cls, oil: Oil, temperature: float) -> Lubricant:
+        """An oil at a temperature [C], its viscosity the same at every pressure.
+
+        Raises
+        ------
+        SettingsError
+            See `Oil.kinematic_viscosity`.
+        """
+        viscosity, density = oil.viscosity(temperature), oil.density(temperature)
+        return cls(viscosity, density=density, oil=oil, temperature=temperature)
+
+    def at(self, temperature: float) -> Lubricant:
+        """The same lubricant at another temperature [C], its laws and fields kept.
+
+        Roelands' law starts from the viscosity there; a Barus coefficient stays.
+
+        Raises
+        ------
+        SettingsError
+            What it is at other temperatures is not known, or see `Oil.kinematic_viscosity`.
+        """
+        if self.oil is None:
+            raise SettingsError(
+                f"a lubricant of viscosity = {self.viscosity:g} Pa s has no other at "
+                f"{temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
+            )
+        there = self.of(self.oil, temperature)
+        law = self.viscosity_law
+        if isinstance(law, Roelands):
+            law = replace(law, viscosity=there.viscosity)
+        return replace(
+            self,
+            viscosity=there.viscosity,
+            viscosity_law=law,
+            density=there.density,
+            temperature=temperature,
+        )
 
     @property
     def linear(self) -> bool:
