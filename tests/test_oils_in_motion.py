@@ -12,7 +12,7 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import simulate
 
-GROUP = "Oils in motion"
+GROUP = "oil"
 
 OILS = {
     "Barus": Lubricant(ETA, Barus(4e-8)),
@@ -41,7 +41,13 @@ def test_constant_load_ends_at_the_equilibrium_of_the_film_alone(name, figure):
     expected = equilibrium(film, load, OMEGA, found)
     plain = equilibrium(make_film((24, 4)), load, OMEGA, found)
     defect = np.abs(found - expected).max() / C
-    figure(GROUP, f"{name}, journal at rest, eccentricity over clearance", defect, most=1e-3)
+    figure(
+        GROUP,
+        f"{name}, journal comes to rest, eccentricity over clearance",
+        defect,
+        most=1e-3,
+        unit="%",
+    )
     assert np.abs(expected - plain).max() / C > 0.02, "the law must matter"
     # The pressure is that of the film alone in this gap, to Newton's tolerance.
     (state,) = last.solution.films
