@@ -18,9 +18,9 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 
-
-#: Shear rate over gamma_c, and exponent, whose power is still a number.
-LARGEST_RELATIVE_RATE, LARGEST_EXPONENT = 1e30, 10.0
+#: Shear rate over gamma_c, and exponent, whose power is still a number; and the rate below which
+#: oil is at rest.
+LARGEST_RELATIVE_RATE, LARGEST_EXPONENT, SMALLEST_RELATIVE_RATE = 1e30, 10.0, 1e-30
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,12 @@ class Cross:
 
     def __call__(self, shear_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ratio [-] to the viscosity at rest and its derivative [s], at shear rates >= 0 [1/s]."""
-        # The largest numbers that still have powers: all that can go is gone there.
-        relative = np.minimum(shear_rate / self.rate, LARGEST_RELATIVE_RATE)
+        # At the largest numbers that still have powers all that can go is gone.
+        relative = np.minimum(shear_rate, LARGEST_RELATIVE_RATE * self.rate) / self.rate
         share = 1.0 / (1.0 + relative**self.exponent)
         change = -(1.0 - self.second) * self.exponent * share * (1.0 - share)
-        slope = np.divide(change, shear_rate, out=np.zeros_like(change), where=shear_rate > 0.0)
+        moving = relative > SMALLEST_RELATIVE_RATE
+        slope = np.divide(change, shear_rate, out=np.zeros_like(change), where=moving)
         return self.second + (1.0 - self.second) * share, slope
 
 
