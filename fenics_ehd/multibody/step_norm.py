@@ -49,7 +49,7 @@ class StepNorm:
     def _turning_angles(self, films: Sequence[FilmPlace], size: int) -> list[np.ndarray]:
         """Rows of the angles of journals whose shape turns; where, which and whose is kept."""
         self._turning: list[tuple[slice, int, JointShape]] = []
-        angles = []
+        angles: list[np.ndarray] = []
         for i, film in enumerate(films):
             shape = film.film.shape
             if shape is not None and shape.turning:
