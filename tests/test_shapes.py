@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from journal_cases import OMEGA, UNIT_LOAD, C, R, make_film
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, make_film
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.shape import Lobes, Misalignment, Profile, ShapeTable, SumOfShapes, shape_of
 from fenics_ehd.multibody.assembly import assemble
 from fenics_ehd.multibody.forces import PointForce, RotatingForce
@@ -315,3 +316,26 @@ def test_a_turning_journal_is_a_turned_frame_on_a_fine_mesh(figure):
 def test_a_gap_closed_at_the_start_is_refused():
     with pytest.raises(SettingsError, match=r"joints\.bearing\.bore_shape.*-4 um.*20 um"):
         Run(swinging(Lobes(1.2 * C)), Steps(), 1e-3)
+
+
+# --- Along the axis
+
+
+def crowned_film(along):
+    """Largest error of the pressure under a crowned journal pressed flat onto its bore."""
+    grid = uniform_grid(R, R, (8, along), "lagrange")
+    film = Film(FilmParameters(grid, C, Lubricant(ETA), OMEGA))
+    crown, speed, half = 0.4 * C, 1e-3, 0.5 * R
+    gap = joint_film(film, journal=Profile(half, -crown)).gap(np.zeros(2), np.zeros(2), 0.0)
+    gap = replace(gap, thickness_rate=np.full_like(gap.thickness, -speed))
+    z = grid.node_positions[:, 1]
+    h = C + crown * (z / half) ** 2
+    # h^3 dp/dz = -12 eta v z, integrated from the end, where h = c + a.
+    exact = 3 * ETA * speed * half**2 / crown * (1 / h**2 - 1 / (C + crown) ** 2)
+    return np.abs(film.solve(gap).pressure - exact).max() / exact.max()
+
+
+def test_a_crowned_journal_is_the_exact_solution_along_the_axis(figure):
+    errors = np.array([crowned_film(n) for n in (2, 4, 8)])
+    figure("shapes", "crowned journal, squeezed, 8 cells along", errors[-1], most=1e-4)
+    assert np.all(np.log2(errors[:-1] / errors[1:]) > 2.5)

@@ -19,6 +19,7 @@ from fenics_ehd.bearing.settings import (
     Groove,
 )
 from fenics_ehd.cli.bearing_help import DESCRIPTION
+from fenics_ehd.cli.bearing_shape import bore_shape, shape_options
 from fenics_ehd.cli.options import json_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -112,6 +113,7 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
+@shape_options
 @_choice(
     "cavitation",
     CAVITATION,
@@ -157,7 +159,9 @@ def bearing(
             "reynolds"
         )
     element = element or ("bilinear" if conserving else _default("element"))
+    shape = bore_shape(options)
     settings = BearingSettings(
+        bore_shape=shape,
         cells_around=around,
         cells_along=along,
         element=element,

@@ -37,6 +37,8 @@ class Shape(Protocol):
     def round(self) -> bool:
         """Whether it is the same at all angles: then turning changes nothing."""
 
+    def __hash__(self) -> int: ...
+
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
         """Deviation [m] at angles [rad] and heights [m], or its derivative along the angle.
 
