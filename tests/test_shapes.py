@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_made_rod import Joint, flexible, make_mechanism, run, with_residual
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, make_film
 
 from fenics_ehd.base.errors import SettingsError
@@ -339,3 +340,42 @@ def test_a_crowned_journal_is_the_exact_solution_along_the_axis(figure):
     errors = np.array([crowned_film(n) for n in (2, 4, 8)])
     figure("shapes", "crowned journal, squeezed, 8 cells along", errors[-1], most=1e-4)
     assert np.all(np.log2(errors[:-1] / errors[1:]) > 2.5)
+
+
+def end_of(tolerance):
+    """Eccentricity after two thirds of a turn of an oval journal."""
+    film, shape = make_film((12, 2)), Lobes(0.25 * C)
+    mechanism = Mechanism(
+        {"journal": RigidBody(0.0)},
+        {"bearing": LubricatedJoint("journal", "ground", film, journal_shape=shape)},
+        {"journal": Speed(OMEGA)},
+        {"load": RotatingForce("journal", 0.15 * UNIT_LOAD, 0.3 * OMEGA)},
+    )
+    steps = {"order": 2, "first": 1e-7, "largest": 0.5}
+    result = simulate(mechanism, 4 / OMEGA, tolerance=tolerance, **steps)
+    return result.joints["bearing"].eccentricity[-1]
+
+
+def test_the_motion_converges_with_the_tolerance(figure):
+    exact = end_of(1e-8)
+    errors = np.array([np.abs(end_of(t) - exact).max() / C for t in (1e-3, 1e-4, 1e-5, 1e-6)])
+    figure("shapes", "oval journal, eccentricity at tolerance 1e-6", errors[-1], most=2e-4)
+    # Of order 2 with the local error under control: tolerance^(2/3), a factor of 100.
+    assert errors[0] / errors[-1] > 50
+
+
+def test_an_oval_journal_in_an_elastic_bore_costs_no_iterations(figure):
+    # The rod's modes, its residual patterns and the journal's angle move the gap together.
+    joint = Joint((10, 2))
+    rod = with_residual(joint, flexible(joint)[0])
+    errors, counts = [], []
+    for shape in (None, Lobes(3e-6, 0.2)):
+        found = [
+            run(make_mechanism(rod, joint, journal_shape=shape), 0.03, t) for t in (1e-3, 1e-5)
+        ]
+        errors.append([result.energy_balance_error for result in found])
+        counts.append([result.newton_iterations / len(result.time) for result in found])
+    (_, plain), (loose, tight) = errors
+    figure("shapes", "energy balance, oval journal in an elastic rod", tight, most=2e-4)
+    assert tight < max(loose / 3, 2 * plain)
+    assert np.all(np.array(counts[1]) < np.array(counts[0]) + 0.5)
