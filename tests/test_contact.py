@@ -12,6 +12,7 @@ from test_coupled_steps import LIMITS, mechanism_with, some_step, split, whole_m
 
 from fenics_ehd.base.errors import ContactError, FilmTooThinError
 from fenics_ehd.film import Film, Lubricant
+from fenics_ehd.film.shape import Lobes
 from fenics_ehd.multibody import step_equations
 from fenics_ehd.multibody.friction import FilmFriction
 from fenics_ehd.multibody.run import Run, Steps
@@ -33,11 +34,11 @@ def with_surfaces(mechanism, rough, **changes):
 @pytest.mark.kernels
 @pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("residual", [False, True])
-@pytest.mark.parametrize("share", [0.5, 0.9])
-def test_derivatives_equal_central_differences(residual, limit, share):
+@pytest.mark.parametrize(("share", "shape"), [(0.5, None), (0.9, None), (0.5, Lobes(3e-6, 0.3))])
+def test_derivatives_equal_central_differences(residual, limit, share, shape):
     # So rough and stiff that contact is everywhere, and as strong as the film.
     rough = surfaces(CLEARANCE / 3, share, modulus=1e13)
-    mechanism = with_surfaces(mechanism_with("lagrange", residual), rough)
+    mechanism = with_surfaces(mechanism_with("lagrange", residual), rough, journal_shape=shape)
     equations = StepEquations(System(mechanism), dense_limit=limit)
     equations.lead(100)
     start, sizes, rng = some_step(equations)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.errors import CavitationError, GapClosedError, SettingsError, SolverError
+from fenics_ehd.film.balance import OilProperties
 from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Complementarity
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.nested import CoarseTransfer
@@ -147,12 +148,25 @@ class Film:
         else:
             start = self._cold_start(gap)
         try:
-            result = self.cavitation.solve(problem, start)
+            result = self._from_either_end(problem, start)
         except CavitationError as error:
             error.state.update({name: getattr(gap, name) for name in Gap.__dataclass_fields__})
             raise
         pressure = self.parameters.pressure_scale * self.equation.nodal(result.pressure)
         return FilmState(pressure, gap, result, problem, density_rate=density_rate)
+
+    def _from_either_end(self, problem: Complementarity, start: np.ndarray) -> CavitationResult:
+        """Solve from a start, or else from a film that is full everywhere.
+
+        The matrix of 8-node cells is no M-matrix: from few full nodes active sets may follow each
+        other for ever (at eccentricities of round-off, on some processors).
+        """
+        try:
+            return self.cavitation.solve(problem, start)
+        except CavitationError:
+            if self.equation.weights is None:
+                raise
+            return self.cavitation.solve(problem, np.full_like(start, problem.unit))
 
     def _cold_start(self, gap: Gap) -> np.ndarray:
         if self._coarse is None:
@@ -191,7 +205,13 @@ class Film:
 
     def density(self, state: FilmState) -> np.ndarray:
         """Density over that of the oil at zero pressure, at the Gauss points."""
-        return self.equation.oil(state.pressure / self.parameters.pressure_scale).density
+        return self.oil(state).density
+
+    def oil(self, state: FilmState) -> OilProperties:
+        """Oil of a solved film at the Gauss points, dimensionless."""
+        equation = self.equation
+        nodal = state.pressure / self.parameters.pressure_scale
+        return equation.oil(nodal, equation.thinning(state.gap))
 
     def powers(self, state: FilmState) -> tuple[float, float]:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
@@ -202,7 +222,7 @@ class Film:
         """
         p = self.parameters
         thickness, change, velocity = self.equation.dimensionless(state.gap)
-        q = self.equation.oil(state.pressure / p.pressure_scale)
+        q = self.oil(state)
         area = self.assembly.area
         loss = np.sum(area * q.mobility(thickness) * (q.around**2 + q.along**2))
         drag = np.sum(area * q.density * thickness * velocity * q.around)

@@ -143,16 +143,17 @@ class RoughSurfaces:
         return GapChange(share, rate, velocity, self._drag(ratio, value))
 
     def along(self, gap: Gap, derivatives: GapDerivatives) -> GapDerivatives:
-        """Changes of the film's gap along those of the nominal one.
-
-        The bore carries the frame: U changes by twice what the mean velocity does.
-        """
+        """Changes of the film's gap along those of the nominal one."""
         change = GapChange(*(values[..., None] for values in self.change(gap)))
-        thickness = derivatives.thickness
+        thickness, sliding = derivatives.thickness, derivatives.sliding_velocity
+        velocity = derivatives.mean_velocity + change.velocity * thickness
+        if sliding is not None:
+            velocity = velocity + change.sliding * sliding
         return GapDerivatives(
             change.thickness * thickness,
             change.thickness * derivatives.thickness_rate + change.rate * thickness,
-            (1 + 2 * change.sliding) * derivatives.mean_velocity + change.velocity * thickness,
+            velocity,
+            sliding,
         )
 
     def rubbing(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -143,6 +143,8 @@ class FilmBorder:
     contact
         Places in x of the contact pressures that move its bore, and the gap change at the Gauss
         points for unit values of them; None: there are none.
+    slope
+        Gap change there per angle of the journal ahead of the bore, shape (g,); None: none.
     """
 
     inputs: np.ndarray
@@ -152,6 +154,7 @@ class FilmBorder:
     patterns: slice
     along_gap: sparse.csc_matrix
     contact: tuple[slice, np.ndarray] | None = None
+    slope: np.ndarray | None = None
 
 
 class BorderedSystem:

@@ -70,20 +70,22 @@ class ContactColumns:
         speed
             Derivative of all rates along the unknowns of motion.
         """
-        for i, (place, film) in enumerate(zip(self._places, self._films, strict=True)):
+        for i, film in enumerate(self._films):
             joint = self._contacts.joints[i]
             if joint is None:
                 continue
             touch = film.touch
             assert touch is not None
             points, unknowns = self._own(i)
-            stiffness = touch.slope[points, None] * place.film.thickness[points]
-            forces = joint.per_pressure(film.gap, points)
+            stiffness = touch.slope[points, None] * joint.outward(film.turned)[points]
+            forces = joint.per_pressure(film.gap, points, film.turned)
             if unknowns is None:
-                core[np.ix_(joint.rows, place.xi)] -= forces @ stiffness
+                core[np.ix_(joint.rows, joint.rows)] -= forces @ stiffness
             else:
                 core[np.ix_(joint.rows, unknowns)] -= forces
-                core[np.ix_(unknowns, place.xi)] -= stiffness
+                core[np.ix_(unknowns, joint.rows)] -= stiffness
+            if film.turned is not None:
+                core[np.ix_(joint.rows, joint.rows)] -= joint.bent(touch, film.turned)
             if joint.friction:
                 along = joint.rubbing_per_rate(touch, film.gap, points)
                 core[joint.rows, : speed.shape[1]] += along @ speed[joint.rows]

@@ -111,7 +111,7 @@ class Contacts:
         """Take a film's contact forces from the residual of motion."""
         joint = self.joints[i]
         if joint is not None and film.touch is not None:
-            residual[joint.rows] -= joint.forces(film.touch, film.gap)
+            residual[joint.rows] -= joint.forces(film.touch, film.gap, film.turned)
 
     def energy(self, films: Sequence[FilmState]) -> tuple[float, float]:
         """Stored in all contact [J], and the power lost by boundary friction [W]."""

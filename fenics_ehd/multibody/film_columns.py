@@ -10,6 +10,7 @@ from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder
+from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
 
@@ -27,6 +28,8 @@ class FilmPoint:
         Scaled equations, shape (m,).
     touch
         Contact at the Gauss points, None between smooth surfaces.
+    turned
+        Of a joint's shape that turns, else None.
     """
 
     nodal: np.ndarray
@@ -34,6 +37,7 @@ class FilmPoint:
     problem: Complementarity
     defect: np.ndarray
     touch: Touch | None = None
+    turned: Turned | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +51,9 @@ class FilmColumns:
     gap
         Gap change at the Gauss points for unit xi, shaft's angle and leading patterns, shape
         (g, n + 1 + k).
-    velocity
-        Mean velocity for unit rates of xi and of the shaft's angle, shape (g, n + 1).
+    velocity, sliding
+        Mean and sliding velocity for unit rates of xi and of the shaft's angle, shape
+        (g, n + 1); None: the oil does not thin, nor is one surface rougher.
     forces
         Minus the force of unit pressures at free nodes on xi, shape (n, m).
     shares
@@ -60,6 +65,7 @@ class FilmColumns:
     velocity: np.ndarray
     forces: np.ndarray
     shares: np.ndarray | None
+    sliding: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -72,25 +78,20 @@ class FilmColumns:
         velocity = np.hstack([joint.mean_velocity, turning])
         gap = np.hstack([joint.thickness, np.zeros_like(turning)])
         forces = -scale * joint.load[:, free]
+        sliding, surfaces = None, joint.film.parameters.surfaces
+        dragging = surfaces is not None and surfaces.dragging
+        if dragging or joint.film.parameters.lubricant.shear_law is not None:
+            sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
         if patterns is None:
-            return cls(place, gap, velocity, forces, None)
+            return cls(place, gap, velocity, forces, None, sliding)
         shapes, shares = patterns
-        return cls(place, np.hstack([gap, shapes]), velocity, forces, -scale * shares[:, free])
+        gap, shares = np.hstack([gap, shapes]), -scale * shares[:, free]
+        return cls(place, gap, velocity, forces, shares, sliding)
 
     @property
     def leading(self) -> int:
         """Number k of leading patterns."""
         return 0 if self.shares is None else len(self.shares)
-
-    def _velocity(self, gap: Gap) -> np.ndarray:
-        """Of the film: rough surfaces take oil along when they slide."""
-        joint = self.place.film
-        surfaces = joint.film.parameters.surfaces
-        if surfaces is None or not surfaces.dragging:
-            return self.velocity
-        turning = np.full((len(joint.thickness), 1), joint.shaft_radius)
-        sliding = np.hstack([joint.sliding_velocity, turning])
-        return self.velocity + surfaces.change(gap).sliding.reshape(-1, 1) * sliding
 
     def border(
         self,
@@ -119,8 +120,10 @@ class FilmColumns:
         """
         place = self.place
         film, n = place.film.film, place.film.size
-        along_h, along_v = film.equation.gap_derivatives(point.gap, point.nodal, shift)
-        inputs, velocity = along_h @ self.gap, along_v @ self._velocity(point.gap)
+        along_h, along_v, along_u = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+        inputs, velocity = along_h @ self.gap, along_v @ self.velocity
+        if along_u is not None:
+            velocity += along_u @ self.sliding
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
         spread = np.zeros((inputs.shape[1], size))

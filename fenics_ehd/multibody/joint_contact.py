@@ -16,6 +16,7 @@ import numpy as np
 from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.shear import in_supply
+from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
 #: h over sigma beyond which contact, below 4e-6 of that at h = 0, is left out of derivatives.
@@ -41,7 +42,8 @@ class JointContact:
     rows
         Places in z of all coordinates on which contact does work, shape (k,).
     normal, sliding
-        Change of the gap and sliding velocity for unit values of, or rates of these, shape (g, k).
+        Change of the gap and sliding velocity for unit values of, or rates of these, shape (g, k);
+        the first without what the journal's shape does.
     """
 
     def __init__(self, place: FilmPlace):
@@ -60,8 +62,8 @@ class JointContact:
             if angle is not None
         ]
         self.rows = np.concatenate([place.xi, [angle for angle, _ in turning]]).astype(int)
-        speeds = np.full((len(self.area), len(turning)), joint.shaft_radius)
-        speeds *= [sign for _, sign in turning]
+        self._signs = np.array([sign for _, sign in turning])
+        speeds = joint.shaft_radius * np.tile(self._signs, (len(self.area), 1))
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
 
@@ -78,10 +80,18 @@ class JointContact:
         """``mu s`` and its derivative along U, shape (g,)."""
         return self.surfaces.rubbing(gap.sliding_velocity.ravel())
 
-    def forces(self, touch: Touch, gap: Gap) -> np.ndarray:
+    def outward(self, turned: Turned | None) -> np.ndarray:
+        """Change of the gap for unit values of all coordinates, shape (g, k)."""
+        if turned is None:
+            return self.normal
+        found = self.normal.copy()
+        found[:, found.shape[1] - len(self._signs) :] = turned.slope[:, None] * self._signs
+        return found
+
+    def forces(self, touch: Touch, gap: Gap, turned: Turned | None = None) -> np.ndarray:
         """Generalised forces on `rows`, shape (k,)."""
         force = self.area * touch.pressure
-        found = force @ self.normal
+        found = force @ self.outward(turned)
         if self.friction:
             found -= (force * self.rubbing(gap)[0]) @ self.sliding
         return found
@@ -100,9 +110,20 @@ class JointContact:
         speed = gap.sliding_velocity.ravel()
         return float(self.area @ (touch.pressure * self.rubbing(gap)[0] * speed))
 
-    def per_pressure(self, gap: Gap, points: np.ndarray) -> np.ndarray:
+    def bent(self, touch: Touch, turned: Turned) -> np.ndarray:
+        """Change of the forces on `rows` as the shape of the journal turns, shape (k, k)."""
+        found, size = np.zeros((len(self.rows),) * 2), len(self._signs)
+        factor = float(self.area @ (touch.pressure * turned.curve))
+        found[len(found) - size :, len(found) - size :] = factor * np.outer(
+            self._signs, self._signs
+        )
+        return found
+
+    def per_pressure(
+        self, gap: Gap, points: np.ndarray, turned: Turned | None = None
+    ) -> np.ndarray:
         """Forces on `rows` of unit contact pressures at some points, shape (k, points)."""
-        forces = self.normal[points]
+        forces = self.outward(turned)[points]
         if self.friction:
             forces = forces - self.rubbing(gap)[0][points, None] * self.sliding[points]
         return (self.area[points, None] * forces).T

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.multibody.contact_record import contact_rates
-from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.friction_rates import friction_rates
 from fenics_ehd.multibody.joint_contact import JointContact
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
@@ -19,12 +19,7 @@ def joint_rates(
     """Columns of the history whose means over a run, or a cycle, are figures of its summary."""
     rates: dict[str, float] = {}
     if place.film.friction:
-        # Braking is positive, and the power that the journal's turning puts into the oil.
-        torque = -film_friction(place.film, film).torque
-        if contact is not None:
-            torque += contact.braking(film.gap)
-        rates["friction_torque_Nm"] = torque
-        rates["friction_power_W"] = torque * place.ahead(step.rate)
+        rates |= friction_rates(place, step, film, contact)
     if contact is not None:
         rates |= contact_rates(contact, place, film)
     return rates

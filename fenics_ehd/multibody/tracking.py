@@ -323,7 +323,9 @@ def _too_coarse(place: FilmPlace, thickness: float) -> str:
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # Where the gap is below twice its least: h = c (1 - eps cos phi).
     length = float(place.film.lengths(np.array([thickness]))[0])
-    thin = np.degrees(np.sqrt(2 * length / place.film.clearance))
+    shape = place.film.shape
+    bend = place.film.clearance + (0.0 if shape is None else shape.bend)
+    thin = np.degrees(np.sqrt(2 * length / bend))
     if spacing <= NODE_SPACING * thin:
         return ""
     return (
