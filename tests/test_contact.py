@@ -37,7 +37,7 @@ def with_surfaces(mechanism, rough, **changes):
 @pytest.mark.parametrize(("share", "shape"), [(0.5, None), (0.9, None), (0.5, Lobes(3e-6, 0.3))])
 def test_derivatives_equal_central_differences(residual, limit, share, shape):
     # So rough and stiff that contact is everywhere, and as strong as the film.
-    rough = surfaces(CLEARANCE / 3, share, modulus=1e13)
+    rough = surfaces(CLEARANCE / 2, share, modulus=1e13)
     mechanism = with_surfaces(mechanism_with("lagrange", residual), rough, journal_shape=shape)
     equations = StepEquations(System(mechanism), dense_limit=limit)
     equations.lead(100)

@@ -144,7 +144,8 @@ class RoughSurfaces:
 
     def along(self, gap: Gap, derivatives: GapDerivatives) -> GapDerivatives:
         """Changes of the film's gap along those of the nominal one."""
-        change = GapChange(*(values[..., None] for values in self.change(gap)))
+        shape = (*derivatives.thickness.shape[:-1], 1)
+        change = GapChange(*(values.reshape(shape) for values in self.change(gap)))
         thickness, sliding = derivatives.thickness, derivatives.sliding_velocity
         velocity = derivatives.mean_velocity + change.velocity * thickness
         if sliding is not None:
