@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.asperities import Asperities
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.scenes import schema
@@ -13,34 +12,6 @@ from fenics_ehd.scenes.scene import Scene
 
 #: Young's modulus of a bore whose material nothing tells [Pa]: steel.
 STEEL = 210e9
-
-#: Combined roughness over the clearance above which there is no film between rough surfaces.
-ROUGHEST = 0.3
-
-
-def check_contact(joint: schema.LubricatedSettings, key: str) -> None:
-    """Refuse what is no pair of rough surfaces.
-
-    Raises
-    ------
-    SettingsError
-        Keys of smooth surfaces, one of two that belong together, or surfaces too rough.
-    """
-    contact, key = joint.contact, f"{key}.contact"
-    roughness = np.hypot(contact.journal_roughness, contact.bore_roughness)
-    if not roughness:
-        if contact != schema.ContactSettings():
-            raise SettingsError(
-                f"{key}: journal_roughness and bore_roughness are 0: give one of them, or drop it"
-            )
-        return
-    if bool(contact.asperity_density) != bool(contact.asperity_radius):
-        raise SettingsError(f"{key}: asperity_density and asperity_radius belong together")
-    if not roughness < ROUGHEST * joint.clearance:
-        raise SettingsError(
-            f"{key}: the combined roughness of {roughness:g} m must be below {ROUGHEST:g} of the "
-            f"clearance, {joint.clearance:g} m"
-        )
 
 
 def rough_surfaces(scene: Scene, joint: schema.LubricatedSettings) -> RoughSurfaces | None:

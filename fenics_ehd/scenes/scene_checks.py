@@ -9,7 +9,6 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.contact import check_contact
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.scene import GROUND, Scene
 
@@ -18,6 +17,9 @@ POINT_KEYS = ("between", "line", "point", "journal", "bore")
 
 #: Keys of a flexible body that only its mesh and reduction read.
 MODEL_KEYS = ("points", "held_by", "cells", "element", "material", "geometry", "reduction")
+
+#: Combined roughness over the clearance above which there is no film between rough surfaces.
+ROUGHEST = 0.3
 
 
 def check_names(scene: Scene) -> None:
@@ -126,7 +128,7 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
             f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
             "length must be below 1"
         )
-    check_contact(joint, key)
+    _check_contact(joint, key)
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
     if isinstance(bored, schema.ShaftSettings):
@@ -137,6 +139,31 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
     for size in ("radius", "width"):
         if not scene.elastic_bore(joint) and not getattr(joint, size):
             raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
+
+
+def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
+    """Refuse what is no pair of rough surfaces.
+
+    Raises
+    ------
+    SettingsError
+        Keys of smooth surfaces, one of two that belong together, or surfaces too rough.
+    """
+    contact, key = joint.contact, f"{key}.contact"
+    roughness = np.hypot(contact.journal_roughness, contact.bore_roughness)
+    if not roughness:
+        if contact != schema.ContactSettings():
+            raise SettingsError(
+                f"{key}: journal_roughness and bore_roughness are 0: give one of them, or drop it"
+            )
+        return
+    if bool(contact.asperity_density) != bool(contact.asperity_radius):
+        raise SettingsError(f"{key}: asperity_density and asperity_radius belong together")
+    if not roughness < ROUGHEST * joint.clearance:
+        raise SettingsError(
+            f"{key}: the combined roughness of {roughness:g} m must be below {ROUGHEST:g} of the "
+            f"clearance, {joint.clearance:g} m"
+        )
 
 
 def check_time(scene: Scene) -> None:
