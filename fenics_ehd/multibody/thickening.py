@@ -47,8 +47,8 @@ def unresolved(place: FilmPlace, steepest: float) -> str:
         return ""
     return (
         f"untrustworthy: the oil in {place.name} thickens {steepest:.2g} times within a cell, "
-        f"above {MOST_WITHIN_A_CELL:g}: use more joints.{place.name}.cells; where that does not help the "
-        "viscosity runs away, lower the load or the pressure coefficient (barus, roelands)"
+        f"above {MOST_WITHIN_A_CELL:g}: use more joints.{place.name}.cells; where that does not "
+        "help the viscosity runs away, lower the load or the pressure coefficient (barus, roelands)"
     )
 
 
