@@ -25,6 +25,7 @@ from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import FilmPlace
+from fenics_ehd.multibody.thickening import steepest_thickening, unresolved
 
 #: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
 #: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
@@ -43,6 +44,7 @@ class Extremes:
     max_pressure_time: float = 0.0
     min_film_thickness: float = np.inf
     min_film_thickness_time: float = 0.0
+    steepest_thickening: float = 1.0
 
     def add(self, time: float, pressure: float, thickness: float) -> None:
         """Account for one step."""
@@ -152,7 +154,11 @@ class Tracker:
         peak = int(np.argmax(film.pressure))
         angle, _ = place.film.film.parameters.grid.node_positions[peak]
         thickness, pressure = float(gap.min()), float(film.pressure[peak])
-        self.extremes[place.name].add(step.time - self._start, pressure, thickness)
+        extremes = self.extremes[place.name]
+        extremes.add(step.time - self._start, pressure, thickness)
+        if not place.film.film.parameters.lubricant.viscosity_law.constant:
+            steepest = steepest_thickening(place, film.pressure)
+            extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
         force = step.solution.motion.multipliers[place.rows]
         figures = {
             "max_pressure_Pa": pressure,
@@ -235,7 +241,9 @@ class Tracker:
     def verdict(self) -> str:
         """``"complete"``, or why the figures cannot be trusted."""
         for place in self._equations.system.films:
-            told = _too_coarse(place, self.extremes[place.name].min_film_thickness)
+            extremes = self.extremes[place.name]
+            told = _too_coarse(place, extremes.min_film_thickness)
+            told = told or unresolved(place, extremes.steepest_thickening)
             if told:
                 return told
         balance = self.balance
