@@ -20,6 +20,8 @@ from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedGroove, FeedHole
 from fenics_ehd.multibody import step_solver
 from fenics_ehd.multibody.assembly import assemble
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
@@ -40,19 +42,19 @@ FAMILIES = ["lagrange", "serendipity", "bilinear"]
 LIMITS = [0, 10_000]
 
 
-def film_of(joint, family, cells=(12, 3)):
+def film_of(joint, family, cells=(12, 3), feeds=()):
     parameters = joint.film.parameters.grid
     grid = uniform_grid(parameters.radius, parameters.width, cells, family)
-    return Film(FilmParameters(grid, CLEARANCE, Lubricant(0.01), SPEED))
+    return Film(FilmParameters(grid, CLEARANCE, Lubricant(0.01), SPEED, feeds=feeds))
 
 
-def mechanism_with(family, residual, damping_time=1e-3):
+def mechanism_with(family, residual, damping_time=1e-3, feeds=()):
     """A crank that torque and gas drive, and a flexible rod."""
     joint = Joint()
     body = flexible(joint)[0]
     if residual:
         body = with_residual(joint, body)
-    joint.film = film_of(joint, family)
+    joint.film = film_of(joint, family, (20, 5) if feeds else (12, 3), feeds)
     return driven(
         make_mechanism(body, joint, damping_time),
         2e-3,
@@ -115,7 +117,26 @@ def whole_matrix(equations, derivative):
 @pytest.mark.parametrize("residual", [False, True])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_derivatives_equal_central_differences(family, residual, limit):
-    equations = StepEquations(System(mechanism_with(family, residual)), dense_limit=limit)
+    system = System(mechanism_with(family, residual))
+    assert_exact_derivatives(StepEquations(system, dense_limit=limit))
+
+
+#: A hole that turns with the journal behind a passage, a groove that does, one at rest.
+FEEDS = (
+    Feed("hole", FeedHole(0.3, 1e-3, 9e-3), 4e6, 1e11, on_journal=True),
+    Feed("turning", FeedGroove(2.0, 0.0, 0.6, 11e-3), 1e6, on_journal=True),
+    Feed("resting", FeedGroove(4.0, -1e-3, 0.5, 9e-3), 2e6),
+)
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_derivatives_with_supplies_equal_central_differences(family, limit):
+    system = System(mechanism_with(family, False, feeds=FEEDS))
+    assert_exact_derivatives(StepEquations(system, dense_limit=limit))
+
+
+def assert_exact_derivatives(equations):
     equations.lead(100)
     start, sizes, rng = some_step(equations)
     matrix = whole_matrix(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.supply import Region, Sides
@@ -29,6 +30,8 @@ class FilmParameters:
         dimensionless; results do not depend on it beyond round-off.
     sides, regions
         Given pressures.
+    feeds
+        Supplies that conduct oil into the film.
     """
 
     grid: FilmGrid
@@ -37,6 +40,7 @@ class FilmParameters:
     rate: float
     sides: Sides = field(default_factory=Sides)
     regions: tuple[Region, ...] = ()
+    feeds: tuple[Feed, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("clearance", "rate"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fenics_ehd.film.flow import feed_power
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -14,6 +15,7 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
     motion = state.motion
     z, rates = step.x[: system.n], step.rate[: system.n]
     kinetic = strain = damping = film = drag = 0.0
+    applied = motion.applied_power
     for _, body, (own, own_rates) in system.each_body(z, rates):
         energies = body.energies(own, own_rates)
         kinetic, strain = kinetic + energies.kinetic, strain + energies.strain
@@ -27,6 +29,8 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
         film, drag = film + lost, drag + fed
+        if joint.film.film.parameters.feeds:
+            applied += feed_power(joint.film.film, found)
     return Powers(
         kinetic=kinetic,
         strain=strain,
@@ -34,5 +38,5 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         drag=drag,
         film=film,
         damping=damping,
-        applied=motion.applied_power,
+        applied=applied,
     )

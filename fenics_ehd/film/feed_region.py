@@ -1,0 +1,158 @@
+"""Shapes of supply regions: the share of the surface that they cover, point by point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.grid import FilmGrid
+
+TURN = 2 * np.pi
+
+
+def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
+    """1 well within, 0 well outside of an edge at a distance [m]; and the derivative.
+
+    The cubic between them is blurred over `blur` [m], half of it on either side.
+    """
+    t = np.clip(0.5 - distance / blur, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / blur
+
+
+class FeedRegion(Protocol):
+    """Part of a bore's or a journal's surface."""
+
+    @property
+    def angle(self) -> float:
+        """Of its middle, from the x axis of the surface's body [rad]."""
+
+    def sizes(self, radius: float) -> tuple[float, ...]:
+        """Lengths that film cells must resolve [m]."""
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest z [m]."""
+
+    def share(
+        self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Covered share, and its derivative along the offset.
+
+        Points by their angle from the region's middle, within half a turn [rad], and their
+        height [m].
+        """
+
+
+@dataclass(frozen=True)
+class FeedHole:
+    """Round hole: angle [rad] and height [m] of its middle, diameter [m]."""
+
+    angle: float
+    height: float
+    diameter: float
+
+    def sizes(self, radius: float) -> tuple[float, ...]:
+        """See `FeedRegion`."""
+        return (self.diameter,)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """See `FeedRegion`."""
+        return self.height - 0.5 * self.diameter, self.height + 0.5 * self.diameter
+
+    def share(
+        self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `FeedRegion`."""
+        arc = radius * offset
+        distance = np.hypot(arc, height - self.height)
+        value, slope = step(distance - 0.5 * self.diameter, blur)
+        return value, slope * radius * arc / np.maximum(distance, np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class FeedGroove:
+    """Groove with edges along axis and circumference: angle [rad] and height [m] of its middle.
+
+    Attributes
+    ----------
+    extent
+        Along the circumference [rad]; a whole turn: all around.
+    width
+        Along the axis [m].
+    """
+
+    angle: float
+    height: float
+    extent: float
+    width: float
+
+    @property
+    def closed(self) -> bool:
+        """Whether it goes all around."""
+        return self.extent >= TURN - 1e-9
+
+    def sizes(self, radius: float) -> tuple[float, ...]:
+        """See `FeedRegion`: what it leaves free around, too."""
+        if self.closed:
+            return (self.width,)
+        return self.width, radius * self.extent, radius * (TURN - self.extent)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """See `FeedRegion`."""
+        return self.height - 0.5 * self.width, self.height + 0.5 * self.width
+
+    def share(
+        self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `FeedRegion`."""
+        along, _ = step(np.abs(height - self.height) - 0.5 * self.width, blur)
+        if self.closed:
+            return along, np.zeros_like(along)
+        around, slope = step(radius * (np.abs(offset) - 0.5 * self.extent), blur)
+        return along * around, along * slope * radius * np.sign(offset)
+
+
+def blur_of(region: FeedRegion, grid: FilmGrid, cells: float) -> float:
+    """Width of a region's blurred edge [m]: so many cells, at most the region's own size."""
+    cell = float(max(np.max(grid.cell_sizes[0]), np.max(grid.cell_sizes[1]))) * grid.radius
+    return min(cells * cell, *region.sizes(grid.radius))
+
+
+def check_region(name: str, region: FeedRegion, grid: FilmGrid) -> None:
+    """Refuse a region that the bearing or its mesh cannot hold.
+
+    Raises
+    ------
+    SettingsError
+        Naming value and limit.
+    """
+    low, high = grid.heights[0], grid.heights[-1]
+    bottom, top = region.reach
+    if not (low < bottom and top < high):
+        raise SettingsError(
+            f"{name} reaches from z = {1e3 * bottom:.4g} to {1e3 * top:.4g} mm, the bearing from "
+            f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: a region must leave land at both sides, else "
+            "its oil runs out there and no film says how much"
+        )
+    around, along = (float(np.max(sizes)) * grid.radius for sizes in grid.cell_sizes)
+    smallest = min(region.sizes(grid.radius))
+    land = min(bottom - low, high - top)
+    for what, value in (("", smallest), (" a land of", land)):
+        cell = max(around, along) if not what else along
+        if value < cell * (1 - 1e-9):
+            counts = [
+                int(np.ceil(n * size / value - 1e-9))
+                for n, size in zip(grid.cells, (around, along), strict=True)
+            ]
+            counts = [max(n, own) for n, own in zip(counts, grid.cells, strict=True)]
+            if what:
+                counts[0] = grid.cells[0]
+            raise SettingsError(
+                f"{name} has{what or ' a size of'} {1e3 * value:.4g} mm, less than a film cell of "
+                f"{1e3 * cell:.4g} mm: use cells = {counts} or more"
+            )
