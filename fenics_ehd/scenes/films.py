@@ -9,6 +9,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.film.supply import AxialGroove, Sides
@@ -17,6 +18,7 @@ from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.supplies import check_supply, feeds
 
 #: Film cells around and along a bore that offers none.
 DEFAULT_CELLS = (20, 5)
@@ -70,6 +72,11 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
             _film(scene, joint, grid, 1.0)
         except SettingsError as error:
             raise SettingsError(f"{key}.grooves: {error}") from None
+    if joint.supply:
+        if own is not None and not joint.cells:
+            raise SettingsError(f"{key}.cells: a supply needs film cells of its own, [40, 10] say")
+        cells = joint.cells or DEFAULT_CELLS
+        check_supply(scene, name, uniform_grid(radius, width, cells, joint.element))
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
     if (
@@ -115,7 +122,7 @@ def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -
         The cells of a flexible bore are wanted and are not a structured quadratic mesh.
     """
     joint = scene.joints[name]
-    return _film(scene, joint, film_mesh(joint, body), rate)
+    return _film(scene, joint, film_mesh(joint, body), rate, feeds(scene, name))
 
 
 def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> FilmGrid:
@@ -134,7 +141,13 @@ def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> Fil
     return replace(grid, family="bilinear") if joint.element == "bilinear" else grid
 
 
-def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: float) -> Film:
+def _film(
+    scene: Scene,
+    joint: schema.LubricatedSettings,
+    grid: FilmGrid,
+    rate: float,
+    fed: tuple[Feed, ...] = (),
+) -> Film:
     """Film on a mesh."""
     viscosity = joint.viscosity
     if joint.lubricant != NONE:
@@ -152,6 +165,7 @@ def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: 
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
+            fed,
         )
     )
 

@@ -20,6 +20,7 @@ from fenics_ehd.base.fields import choice, count, flag, number, numbers, rows, s
 from fenics_ehd.base.quantities import LARGEST_LENGTH, metres, radial_clearance
 from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
+from fenics_ehd.scenes.supply_settings import supplies
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
@@ -198,6 +199,7 @@ class LubricatedSettings:
         ("angle", "width", "pressure"),
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
     )
+    supply: dict = supplies("holes and grooves of bore or journal that feed the film")
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
