@@ -118,9 +118,15 @@ class FeedGroove:
 
 
 def blur_of(region: FeedRegion, grid: FilmGrid, cells: float) -> float:
-    """Width of a region's blurred edge [m]: so many cells, at most the region's own size."""
+    """Width of a region's blurred edge [m]: so many cells, at most its size, twice its land."""
     cell = float(max(np.max(grid.cell_sizes[0]), np.max(grid.cell_sizes[1]))) * grid.radius
-    return min(cells * cell, *region.sizes(grid.radius))
+    return min(cells * cell, 2 * _land(region, grid), *region.sizes(grid.radius))
+
+
+def _land(region: FeedRegion, grid: FilmGrid) -> float:
+    """Least distance from a side of the bearing [m]."""
+    bottom, top = region.reach
+    return float(min(bottom - grid.heights[0], grid.heights[-1] - top))
 
 
 def check_region(name: str, region: FeedRegion, grid: FilmGrid) -> None:
@@ -141,8 +147,7 @@ def check_region(name: str, region: FeedRegion, grid: FilmGrid) -> None:
         )
     around, along = (float(np.max(sizes)) * grid.radius for sizes in grid.cell_sizes)
     smallest = min(region.sizes(grid.radius))
-    land = min(bottom - low, high - top)
-    for what, value in (("", smallest), (" a land of", land)):
+    for what, value in (("", smallest), (" a land of", _land(region, grid))):
         cell = max(around, along) if not what else along
         if value < cell * (1 - 1e-9):
             counts = [
