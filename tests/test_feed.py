@@ -11,9 +11,10 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film import Lubricant
 from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.feed_region import FeedGroove, FeedHole
-from fenics_ehd.film.feeding import EDGE, Feeds
+from fenics_ehd.film.feeding import EDGES, Feeds
 from fenics_ehd.film.flow import feed_power, flow_balance
 from fenics_ehd.film.lubricant import Barus, DowsonHigginson
+from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.supply import Sides
 
 #: What is tried: supply pressure [Pa], a hole, a groove.
@@ -45,9 +46,8 @@ def test_groove_all_around_feeds_its_two_lands(family, ratio, figure):
         flows = flow_balance(film, solve(film, ratio, speed=0.0))
         errors.append(abs(flows.supply / two_lands(width, ratio, SUPPLY) - 1))
         assert flows.feeds == {"groove": flows.supply}
-    assert errors[0] > 1.8 * errors[1] > 1.8 * 1.8 * errors[2]
-    most = 0.01 if family == "bilinear" else 0.003
-    figure("supply", f"flow of a groove all around, {family}, eps {ratio}", errors[2], most=most)
+    assert errors[0] > 1.6 * errors[1] > 1.6 * 1.6 * errors[2]
+    figure("supply", f"flow of a groove all around, {family}, eps {ratio}", errors[2], most=2e-3)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -115,9 +115,9 @@ def test_load_and_flow_converge_and_do_not_feel_the_mesh_below(region, figure):
 
 def test_edges_are_where_they_should_be_for_one_constant_alone(monkeypatch):
     # Less conductance lets the film's pressure into the groove, more blows the groove up.
-    feed, loads = Feed("groove", GROOVE, SUPPLY), {}
+    feed, loads, edge = Feed("groove", GROOVE, SUPPLY), {}, EDGES["lagrange"]
     for factor in (0.25, 1.0, 4.0, 30.0):
-        monkeypatch.setattr("fenics_ehd.film.feeding.EDGE", factor * EDGE)
+        monkeypatch.setitem(EDGES, "lagrange", factor * edge)
         loads[factor] = [
             force(film, solve(film, -0.6).pressure)[1]
             for film in (make_film((4 * n, n), feeds=(feed,)) for n in (10, 20))
@@ -200,3 +200,65 @@ def test_reference_speed_changes_nothing():
         for rate in (OMEGA, 3 * OMEGA)
     )
     np.testing.assert_allclose(two, one, atol=1e-8 * one.max())
+
+
+# --- Films that conserve their oil
+
+
+def test_a_dry_film_is_filled_by_what_flows_in():
+    resistance, step = 1e12, 2e-3
+    film = make_film((24, 8), "bilinear", feeds=(Feed("a", HOLE, SUPPLY, resistance),))
+    oil, gap = MassConservingFilm(film), gap_of(film, shaft(speed=0.0))
+    content, flows = oil.filled(gap, 0.0), []
+    for _ in range(40):
+        state = oil.solve(gap, content, step)
+        balance = flow_balance(film, state)
+        grown = (state.content - content).sum()
+        assert grown == pytest.approx(step * balance.squeeze, rel=1e-9, abs=1e-20)
+        assert balance.supply == pytest.approx(balance.feeds["a"], rel=1e-14)
+        content, flows = state.content, [*flows, balance.supply]
+    # Into an empty film all of the supply pressure drives the oil; the full one lets out what
+    # comes in.
+    assert flows[0] == pytest.approx(SUPPLY / resistance, rel=1e-12)
+    assert state.fluid_fraction.max() == 1.0
+    assert state.fluid_fraction.min() == 0.0  # the far side stays dry
+    assert np.all(np.diff(flows) <= 1e-9 * flows[0])
+
+
+def test_a_film_that_conserves_its_oil_agrees_with_a_full_one():
+    # At rest nothing ruptures: lumping alone tells the two apart, and it fades with the mesh.
+    errors = []
+    for n in (8, 16, 32):
+        feeds = (Feed("a", HOLE, SUPPLY, 1e11), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+        film = make_film((4 * n, n), "bilinear", feeds=feeds)
+        gap = gap_of(film, shaft(0.6, speed=0.0))
+        full = flow_balance(film, film.solve(gap)).supply
+        errors.append(flow_balance(film, MassConservingFilm(film).steady(gap)).supply / full - 1)
+    assert np.abs(errors).max() < 1e-2
+    assert np.abs(errors[-1]) < 4e-3
+
+
+def test_derivatives_of_a_film_that_conserves_its_oil_are_exact():
+    feeds = (Feed("a", HOLE, 3e6, 1e11, True), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+    film = make_film((20, 6), "bilinear", feeds=feeds, tolerance=1e-13)
+    oil = MassConservingFilm(film, tolerance=1e-13)
+    gap, slopes = bore_like(film, seed=3)
+    content = oil.filled(gap, 0.8)
+    state = oil.solve(gap, content, 1e-3)
+    assert 0.0 < state.fluid_fraction.min() < 0.99
+    exact = oil.sensitivity(state, slopes)
+    sides = [oil.solve(moved(gap, slopes, h), content, 1e-3, state) for h in (1e-6, -1e-6)]
+    for found, name in zip(exact, ("pressure", "fluid_fraction"), strict=True):
+        difference = (getattr(sides[0], name) - getattr(sides[1], name)) / 2e-6
+        assert np.abs(found[:, 0] - difference).max() < 1e-6 * np.abs(difference).max()
+    # Along the angle of the journal, by the balance at the solution.
+    step = oil.balance.step(gap, content, 1e-3)
+    nodal = state.pressure / film.parameters.pressure_scale
+    ends = [
+        oil.balance.full_film(oil.balance.step(replace(gap, turn=h), content, 1e-3), nodal)
+        for h in (1e-5, -1e-5)
+    ]
+    difference = (ends[0] - ends[1]) / 2e-5
+    found = oil.balance.along_turn(step, nodal)
+    assert np.abs(found - difference).max() < 1e-6 * np.abs(difference).max()
+    assert np.abs(difference).max() > 0.0

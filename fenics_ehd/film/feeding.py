@@ -10,7 +10,7 @@ place continuously. w is the region's indicator, blurred over a width d of `BLUR
 
 Without a resistance kappa belongs to the film's own conductance on the scale of the blur,
 ``kappa = C rho h^3 / (12 eta d^2)``. C is such that the pressure beside a straight edge is that of
-a region with p = p_s up to the edge itself (`EDGE`). With a hydraulic resistance, of the passage
+a region with p = p_s up to the edge itself (`EDGES`). With a hydraulic resistance, of the passage
 that leads to the region, kappa is uniform and ``int w kappa dA = 1 / resistance``: the flow is
 ``(p_s - mean p) / resistance`` to round-off, the mean weighted by w. Viscosity and density in kappa
 are those at ambient pressure.
@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.assembly import Assembly
 from fenics_ehd.film.feed_region import TURN, blur_of, check_region
 from fenics_ehd.film.kinematics import Gap, SurfacePoints
 from fenics_ehd.film.parameters import FilmParameters
@@ -37,11 +38,15 @@ BLUR = 1.5
 
 #: ``C = kappa d^2`` over the film's mobility for which an edge is where it should be: with
 #: ``q = p_s - p``, ``q'' = C w q`` decays into the region, and the straight line that it leaves
-#: with meets q = 0 at the edge. A quarter of it moves the edge by 0.24 d inward, four times by
-#: 0.15 d outward. Load error of that groove on 40 x 10, 80 x 20, 160 x 40 and 320 x 80 cells: 0.9,
-#: 0.27, 0.08, 0.02 %, of second order; with 1000 in its place 9.3, 4.6, 2.3, 1.2 %. Beside a groove
-#: all around the edge is off by 0.015 d on 9-node cells and by 0.05 d on bilinear ones.
-EDGE = 33.119152
+#: with meets q = 0 at the edge for C = 33.1. A quarter of it moves the edge by 0.24 d inward, four
+#: times by 0.15 d outward. Load error of the groove of `BLUR` on 40 x 10, 80 x 20, 160 x 40 and 320
+#: x 80 cells: 0.9, 0.27, 0.08, 0.02 %; with 1000 in its place 9.3, 4.6, 2.3, 1.2 %. Bilinear cells,
+#: which resolve the decay less, need what is measured beside a groove all around: within 0.012 d
+#: with 9 nodes, 0.012 d with 4, and 0.035 d lumped. Unchanged, 33.1 is 0.05 and 0.18 d off there.
+EDGES = {"lagrange": 33.119152, "serendipity": 33.119152, "bilinear": 24.0}
+
+#: Factor on it where flows are lumped at the nodes.
+LUMPED = 2.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +76,24 @@ class FeedTerm:
     def inflow(self, pressure: np.ndarray) -> np.ndarray:
         """``kappa w (P_s - P)`` of every supply, for P at the Gauss points, (n, cells, points)."""
         return self.conductance * (self.pressure[:, None, None] - pressure)
+
+    def lumped(self, assembly: Assembly, nodal: np.ndarray) -> np.ndarray:
+        """Outflow tested with every node, (nodes,), each with the pressure at its own node.
+
+        All flows stay what they are, and the matrix of the film an M-matrix.
+        """
+        given = np.tensordot(self.pressure, self.conductance, 1)
+        return assembly.source(self.total) * nodal - assembly.source(given)
+
+    def lumped_elements(
+        self, assembly: Assembly, slope: np.ndarray, nodal: np.ndarray
+    ) -> np.ndarray:
+        """Its derivative for a change `slope` of the conductances, for `Assembly.gather`."""
+        at_nodes = nodal[assembly.grid.cell_nodes][:, None, :]
+        given = np.tensordot(self.pressure, slope, 1)
+        return assembly.source_elements(slope.sum(axis=0)) * at_nodes - assembly.source_elements(
+            given
+        )
 
     def outflow(self, pressure: np.ndarray) -> np.ndarray:
         """Source term of the weak form: out of the film into all supplies, (cells, points)."""
@@ -114,8 +137,9 @@ class Feeds:
         for feed in feeds:
             check_region(feed.name, feed.region, grid)
         self._blurs = [blur_of(feed.region, grid, BLUR) for feed in feeds]
+        edge = EDGES[grid.family]
         self._own = [
-            None if feed.resistance else EDGE * (grid.radius / blur) ** 2 * mobility
+            None if feed.resistance else edge * (grid.radius / blur) ** 2 * mobility
             for feed, blur in zip(feeds, self._blurs, strict=True)
         ]
         # The pressure scale over a resistance, in units of the flow c Omega R^2.
@@ -146,13 +170,16 @@ class Feeds:
             slopes.append(-slope if feed.on_journal else np.zeros_like(slope))
         return np.array(values), np.array(slopes)
 
-    def term(self, gap: Gap, thickness: np.ndarray) -> FeedTerm:
-        """At the angle and time of a gap, its dimensionless thickness given."""
+    def term(self, gap: Gap, thickness: np.ndarray, *, lumped: bool = False) -> FeedTerm:
+        """At the angle and time of a gap, its dimensionless thickness given.
+
+        `lumped` where it is for `FeedTerm.lumped`.
+        """
         shares, slopes = self._at(gap.turn)
         conductance, along_h, along_turn = (np.zeros_like(shares) for _ in range(3))
         for i, (own, flow) in enumerate(zip(self._own, self._conductance, strict=True)):
             if own is not None:
-                film = own * thickness**3
+                film = (LUMPED if lumped else 1.0) * own * thickness**3
                 conductance[i], along_turn[i] = film * shares[i], film * slopes[i]
                 along_h[i] = 3.0 * film * shares[i] / thickness
                 continue

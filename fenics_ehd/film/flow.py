@@ -87,7 +87,8 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
 
 def feed_flows(film: Film, state: FilmState) -> dict[str, float]:
     """Into the film through everything in `FilmParameters.feeds`, by name [m3/s]."""
-    p, feed = film.parameters, film.equation.fed(state.gap)
+    lumped = isinstance(state, OilState)
+    p, feed = film.parameters, film.equation.fed(state.gap, lumped=lumped)
     assert feed is not None
     pressure = film.assembly.at_points(state.pressure / p.pressure_scale)[0]
     flows = np.sum(film.assembly.area * feed.inflow(pressure), axis=(1, 2))
@@ -97,10 +98,15 @@ def feed_flows(film: Film, state: FilmState) -> dict[str, float]:
 
 def feed_power(film: Film, state: FilmState) -> float:
     """Power that the oil of all `FilmParameters.feeds` brings into the film [W]: ``int p dQ``."""
-    p, feed = film.parameters, film.equation.fed(state.gap)
+    lumped = isinstance(state, OilState)
+    p, feed = film.parameters, film.equation.fed(state.gap, lumped=lumped)
     assert feed is not None
-    pressure = film.assembly.at_points(state.pressure / p.pressure_scale)[0]
-    power = -np.sum(film.assembly.area * feed.outflow(pressure) * pressure)
+    nodal = state.pressure / p.pressure_scale
+    if lumped:
+        power = -nodal @ feed.lumped(film.assembly, nodal)
+    else:
+        pressure = film.assembly.at_points(nodal)[0]
+        power = -np.sum(film.assembly.area * feed.outflow(pressure) * pressure)
     return float(p.clearance * p.grid.radius**2 * p.rate * p.pressure_scale * power)
 
 

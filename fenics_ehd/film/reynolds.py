@@ -115,9 +115,11 @@ class ReynoldsEquation:
             gap.mean_velocity / (p.rate * p.grid.radius),
         )
 
-    def fed(self, gap: Gap) -> FeedTerm | None:
-        """What supplies add to the equation at a gap, None without any."""
-        return None if self.feeds is None else self.feeds.term(gap, self.dimensionless(gap)[0])
+    def fed(self, gap: Gap, *, lumped: bool = False) -> FeedTerm | None:
+        """What supplies add to the equation at a gap, see `Feeds.term`; None without any."""
+        if self.feeds is None:
+            return None
+        return self.feeds.term(gap, self.dimensionless(gap)[0], lumped=lumped)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
         """Dimensionless pressure at all nodes from that at the free ones."""
