@@ -215,8 +215,14 @@ def entries(help_text: str, kinds: Mapping[str, type], make: Callable[..., Any])
         word = name.rpartition(".")[2]
         if not word.replace("_", "").replace("-", "").isalnum():
             raise SettingsError(f"[{name}]: a name must be of letters, digits, _ and -")
-        if not isinstance(value, tuple(kinds.values())):
+        if isinstance(value, tuple(kinds.values())):
+            return
+        try:
             entry(value, f"{name}.")
+        except SettingsError as error:  # the path above comes before the message
+            told, unknown, rest = str(error).partition("unknown key ")
+            key, _, meant = rest.partition(": ")
+            raise SettingsError(f"{key}: unknown key, {meant}" if unknown else told) from None
 
     field = table(help_text, check, attempt)
     field.metadata["kinds"] = kinds

@@ -29,8 +29,8 @@ class FeedRegion(Protocol):
     def angle(self) -> float:
         """Of its middle, from the x axis of the surface's body [rad]."""
 
-    def sizes(self, radius: float) -> tuple[float, ...]:
-        """Lengths that film cells must resolve [m]."""
+    def sizes(self, radius: float) -> tuple[float, float]:
+        """Lengths around and along that film cells must resolve [m]; infinite: none."""
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -54,9 +54,9 @@ class FeedHole:
     height: float
     diameter: float
 
-    def sizes(self, radius: float) -> tuple[float, ...]:
+    def sizes(self, radius: float) -> tuple[float, float]:
         """See `FeedRegion`."""
-        return (self.diameter,)
+        return self.diameter, self.diameter
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -95,11 +95,10 @@ class FeedGroove:
         """Whether it goes all around."""
         return self.extent >= TURN - 1e-9
 
-    def sizes(self, radius: float) -> tuple[float, ...]:
+    def sizes(self, radius: float) -> tuple[float, float]:
         """See `FeedRegion`: what it leaves free around, too."""
-        if self.closed:
-            return (self.width,)
-        return self.width, radius * self.extent, radius * (TURN - self.extent)
+        around = np.inf if self.closed else radius * min(self.extent, TURN - self.extent)
+        return around, self.width
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -119,8 +118,15 @@ class FeedGroove:
 
 def blur_of(region: FeedRegion, grid: FilmGrid, cells: float) -> float:
     """Width of a region's blurred edge [m]: so many cells, at most its size, twice its land."""
-    cell = float(max(np.max(grid.cell_sizes[0]), np.max(grid.cell_sizes[1]))) * grid.radius
-    return min(cells * cell, 2 * _land(region, grid), *region.sizes(grid.radius))
+    sizes = region.sizes(grid.radius)
+    cell = max(c for c, size in zip(_cells(grid), sizes, strict=True) if np.isfinite(size))
+    return min(cells * cell, 2 * _land(region, grid), *sizes)
+
+
+def _cells(grid: FilmGrid) -> tuple[float, float]:
+    """Largest extents of cells around and along [m]."""
+    around, along = grid.cell_sizes
+    return float(around.max()) * grid.radius, float(along.max()) * grid.radius
 
 
 def _land(region: FeedRegion, grid: FilmGrid) -> float:
@@ -139,25 +145,26 @@ def check_region(name: str, region: FeedRegion, grid: FilmGrid) -> None:
     """
     low, high = grid.heights[0], grid.heights[-1]
     bottom, top = region.reach
-    if not (low < bottom and top < high):
+    land = _land(region, grid)
+    if not land > 0.0:
         raise SettingsError(
             f"{name} reaches from z = {1e3 * bottom:.4g} to {1e3 * top:.4g} mm, the bearing from "
             f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: a region must leave land at both sides, else "
             "its oil runs out there and no film says how much"
         )
-    around, along = (float(np.max(sizes)) * grid.radius for sizes in grid.cell_sizes)
-    smallest = min(region.sizes(grid.radius))
-    for what, value in (("", smallest), (" a land of", _land(region, grid))):
-        cell = max(around, along) if not what else along
+    around, along = region.sizes(grid.radius)
+    counts, told = list(grid.cells), ""
+    for direction, what, value in (
+        (0, "a size", around),
+        (1, "a size", along),
+        (1, "a land", land),
+    ):
+        cell = _cells(grid)[direction]
         if value < cell * (1 - 1e-9):
-            counts = [
-                int(np.ceil(n * size / value - 1e-9))
-                for n, size in zip(grid.cells, (around, along), strict=True)
-            ]
-            counts = [max(n, own) for n, own in zip(counts, grid.cells, strict=True)]
-            if what:
-                counts[0] = grid.cells[0]
-            raise SettingsError(
-                f"{name} has{what or ' a size of'} {1e3 * value:.4g} mm, less than a film cell of "
-                f"{1e3 * cell:.4g} mm: use cells = {counts} or more"
+            needed = int(np.ceil(grid.cells[direction] * cell / value - 1e-9))
+            counts[direction] = max(counts[direction], needed)
+            told = (
+                told or f"{what} of {1e3 * value:.4g} mm, less than a film cell's {1e3 * cell:.4g}"
             )
+    if told:
+        raise SettingsError(f"{name} has {told}: use cells = {counts} or more")
