@@ -48,6 +48,10 @@ EDGES = {"lagrange": 33.119152, "serendipity": 33.119152, "bilinear": 24.0}
 #: Factor on it where flows are lumped at the nodes.
 LUMPED = 2.0 / 3.0
 
+#: How much better than the film a recess conducts: 1e3 leaves a thousandth of the pressure's change
+#: across it.
+DEEP = 1e3
+
 
 @dataclass(frozen=True, eq=False)
 class FeedTerm:
@@ -196,3 +200,23 @@ class Feeds:
         if turn != self._turn:
             self._turn, self._kept = turn, self.shares(turn)
         return self._kept
+
+
+def recess_viscosity(parameters: FilmParameters, points: SurfacePoints) -> np.ndarray:
+    """Factor on the viscosity that makes `FilmParameters.recesses` conduct, at the Gauss points.
+
+    It falls linearly with the covered share, and the flow to a recess is that to its edge.
+
+    Raises
+    ------
+    SettingsError
+        A recess that bearing or mesh cannot hold.
+    """
+    grid, factor = parameters.grid, np.ones(points.angle.shape)
+    for region in parameters.recesses:
+        check_region("a hole of the bore without supply", region, grid)
+        blur = blur_of(region, grid, BLUR)
+        offset = np.mod(points.angle - region.angle + np.pi, TURN) - np.pi
+        share, _ = region.share(offset, points.height, grid.radius, blur)
+        factor *= 1.0 - (1.0 - 1.0 / DEEP) * share
+    return factor

@@ -22,7 +22,7 @@ from fenics_ehd.film.balance import (
     flux_derivatives,
 )
 from fenics_ehd.film.cavitation import Complementarity
-from fenics_ehd.film.feeding import Feeds, FeedTerm
+from fenics_ehd.film.feeding import Feeds, FeedTerm, recess_viscosity
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, GapDerivatives, SurfacePoints
 from fenics_ehd.film.parameters import FilmParameters
@@ -82,6 +82,8 @@ class ReynoldsEquation:
         self.assembly = Assembly(grid, self.free)
         self.points = gauss_points(grid, self.assembly.tensors.points)
         self.factors = [self._field(f) for f in ("viscosity_field", "density_field")]
+        if parameters.recesses:
+            self.factors[0] = self.factors[0] * recess_viscosity(parameters, self.points)
         self.feeds: Feeds | None = None
         if parameters.feeds:
             mobility = self.factors[1] / self.factors[0]

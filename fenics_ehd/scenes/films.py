@@ -10,15 +10,17 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedHole
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.scene import Scene
-from fenics_ehd.scenes.supplies import check_supply, feeds
+from fenics_ehd.scenes.supplies import check_supply, feeds, holes_of, recesses
 
 #: Film cells around and along a bore that offers none.
 DEFAULT_CELLS = (20, 5)
@@ -38,15 +40,15 @@ def reference_rate(scene: Scene) -> float:
     return float(max(speeds))
 
 
-def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -> None:
+def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
     """Refuse a film that is not thin, and a journal that does not fit its bore.
 
     Parameters
     ----------
     scene, name
         Which joint.
-    own
-        Radius and width of a flexible bore [m]; None: it is rigid.
+    bore
+        Of a flexible body; None: it is rigid.
 
     Raises
     ------
@@ -54,6 +56,7 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
         Naming both sizes.
     """
     joint, key = scene.joints[name], f"joints.{name}"
+    own = None if bore is None else (bore.radius, bore.width)
     radius, width = own or (joint.radius, joint.width)
     if own is not None:
         for size, value in zip(("radius", "width"), own, strict=True):
@@ -72,11 +75,15 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
             _film(scene, joint, grid, 1.0)
         except SettingsError as error:
             raise SettingsError(f"{key}.grooves: {error}") from None
-    if joint.supply:
+    holes = holes_of(bore)
+    if joint.supply or holes:
         if own is not None and not joint.cells:
-            raise SettingsError(f"{key}.cells: a supply needs film cells of its own, [40, 10] say")
+            raise SettingsError(
+                f"{key}.cells: a supply or a hole of the bore needs film cells "
+                "of its own, [40, 10] say"
+            )
         cells = joint.cells or DEFAULT_CELLS
-        check_supply(scene, name, uniform_grid(radius, width, cells, joint.element))
+        check_supply(scene, name, uniform_grid(radius, width, cells, joint.element), holes)
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
     if (
@@ -122,7 +129,9 @@ def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -
         The cells of a flexible bore are wanted and are not a structured quadratic mesh.
     """
     joint = scene.joints[name]
-    return _film(scene, joint, film_mesh(joint, body), rate, feeds(scene, name))
+    holes = holes_of(body.bore if body else None)
+    fed = feeds(scene, name, holes)
+    return _film(scene, joint, film_mesh(joint, body), rate, fed, recesses(fed, holes))
 
 
 def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> FilmGrid:
@@ -147,6 +156,7 @@ def _film(
     grid: FilmGrid,
     rate: float,
     fed: tuple[Feed, ...] = (),
+    closed: tuple[FeedHole, ...] = (),
 ) -> Film:
     """Film on a mesh."""
     viscosity = joint.viscosity
@@ -166,6 +176,7 @@ def _film(
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
             fed,
+            closed,
         )
     )
 
