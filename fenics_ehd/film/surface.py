@@ -1,13 +1,8 @@
 """A mesh of a whole cylinder, unwrapped to the plane (phi, z) and periodic in phi.
 
 It may have holes. Within one, what nodes of the mesh know is extended from its rim by mean value
-coordinates (M. S. Floater, Computer Aided Geometric Design 20, 2003; K. Hormann and M. S. Floater,
-ACM Transactions on Graphics 25, 2006): exact where it is linear, and continuous but for the bend of
-the rim's edges.
-
-Bore and film live on the same cylinder; their meshes need not match. Cells are
-taken with straight edges in (phi, z), so that the map from the reference cell
-is affine and both meshes cover exactly the same surface, however coarse.
+coordinates (K. Hormann and M. S. Floater, ACM Transactions on Graphics 25, 2006): exact where it is
+linear, and continuous but for the bend of the rim's edges.
 """
 
 from __future__ import annotations
