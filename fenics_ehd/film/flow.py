@@ -110,6 +110,14 @@ def feed_power(film: Film, state: FilmState) -> float:
     return float(p.clearance * p.grid.radius**2 * p.rate * p.pressure_scale * power)
 
 
+def flow_work(film: Film, state: FilmState) -> float:
+    """Power of the oil that enters, less that of what leaves, at given pressures [W]."""
+    given = np.ones(film.assembly.size, dtype=bool)
+    given[film.free] = False
+    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+    return float(state.pressure[given] @ inflow[given])
+
+
 def _oil_flows(film: Film, state: OilState, feeds: dict[str, float]) -> FlowBalance:
     """Flows of a film that keeps account of its oil: no cavity makes any."""
     grid = film.parameters.grid
@@ -128,7 +136,7 @@ def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
     p = film.parameters
     thickness, rate, velocity = film.equation.dimensionless(state.gap)
-    oil = film.equation.oil(state.pressure / p.pressure_scale)
+    oil = film.oil(state)
     defect = balance(film.assembly, oil, thickness, velocity, rate)
     feed = film.equation.fed(state.gap)
     if feed is not None:

@@ -217,7 +217,7 @@ class MassConservingFilm:
         reference = np.sum(np.abs(step.flows) + step.full + step.former)
         if step.feed is not None:
             reference += np.sum(np.abs(step.feed.lumped(b.assembly, nodal)))
-        stored = b.stored(self.film.equation.oil(nodal).density * step.thickness)
+        stored = b.stored(b.oil(step, nodal).density * step.thickness)
         state = OilState(
             pressure=p.pressure_scale * nodal,
             gap=gap,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.flow import flow_balance
-from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.friction_rates import friction_rates
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
@@ -16,10 +16,7 @@ def joint_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[
     """Columns of the history whose means over a run, or a cycle, are figures of its summary."""
     rates: dict[str, float] = {}
     if place.film.friction:
-        # Braking is positive, and the power that the journal's turning puts into the oil.
-        torque = -film_friction(place.film, film).torque
-        rates["friction_torque_Nm"] = torque
-        rates["friction_power_W"] = torque * place.ahead(step.rate)
+        rates |= friction_rates(place, step, film)
     if place.film.film.parameters.feeds:
         flows = flow_balance(place.film.film, film)
         rates |= {f"{name}.flow_m3_per_s": flow for name, flow in flows.feeds.items()}

@@ -13,6 +13,8 @@ from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.feed_region import FeedHole
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
+from fenics_ehd.film.oil_settings import make_lubricant
+from fenics_ehd.film.shape import Shape
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
@@ -20,6 +22,7 @@ from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.shapes import ROUND, joint_shapes
 from fenics_ehd.scenes.supplies import check_supply, feeds, holes_of, recesses
 
 #: Film cells around and along a bore that offers none.
@@ -67,6 +70,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
                     f"{value:g} m, within {100 * FIT:g} %: drop it or change the part"
                 )
     check_thin_film(joint.clearance, radius, f"{key}.clearance")
+    joint_shapes(joint, name, width)
     if own is not None and joint.grooves and not joint.cells:
         raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
     if joint.grooves:
@@ -159,9 +163,11 @@ def _film(
     closed: tuple[FeedHole, ...] = (),
 ) -> Film:
     """Film on a mesh."""
-    viscosity = joint.viscosity
-    if joint.lubricant != NONE:
-        viscosity = scene.lubricants[joint.lubricant].viscosity
+    lubricant = (
+        Lubricant(joint.viscosity)
+        if joint.lubricant == NONE
+        else make_lubricant(scene.lubricants[joint.lubricant])
+    )
     grooves = tuple(
         AxialGroove(np.radians(angle), np.radians(width), pressure)
         for angle, width, pressure in joint.grooves
@@ -171,7 +177,7 @@ def _film(
         FilmParameters(
             aligned_grid(grid, edges),
             joint.clearance,
-            Lubricant(viscosity),
+            lubricant,
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
@@ -188,8 +194,10 @@ def stand_in_film(joint: schema.LubricatedSettings) -> Film:
     return Film(FilmParameters(grid, joint.clearance, Lubricant(0.01), 1.0))
 
 
-def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
-    """The joint with its film."""
+def lubricated(
+    joint: schema.LubricatedSettings, film: Film, shapes: tuple[Shape | None, Shape | None] = ROUND
+) -> LubricatedJoint:
+    """The joint with its film, and the shapes of bore and journal."""
     x, y = joint.eccentricity
     return LubricatedJoint(
         joint.journal,
@@ -200,4 +208,7 @@ def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
         eccentricity=(joint.clearance * x, joint.clearance * y),
         eccentricity_rate=joint.eccentricity_rate,
         smallest_film=joint.smallest_film,
+        bore_shape=shapes[0],
+        journal_shape=shapes[1],
+        shear_rule=joint.shear_rule,
     )
