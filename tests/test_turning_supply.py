@@ -20,7 +20,9 @@ GROOVE = FeedGroove(np.pi / 2, 0.0, np.radians(50), 0.6 * WIDTH)
 TURN = 2 * np.pi / OMEGA
 
 
-def seen_from_the_groove(on_journal, cells=(32, 8), tolerance=1e-4, span=0.5, family="lagrange"):
+def seen_from_the_groove(
+    on_journal, cells=(32, 8), tolerance=1e-4, span=0.5, family="lagrange", **more
+):
     """Times, eccentricities in the frame of the groove, flows, rejected steps and iterations.
 
     In the frame of the journal a groove on it is at rest, the bore turns backwards and so does the
@@ -30,7 +32,7 @@ def seen_from_the_groove(on_journal, cells=(32, 8), tolerance=1e-4, span=0.5, fa
     grid = uniform_grid(R, WIDTH, cells, family)
     film = Film(FilmParameters(grid, C, Lubricant(ETA), OMEGA, feeds=(feed,)))
     speed, load = (OMEGA, 0.0) if on_journal else (-OMEGA, -OMEGA)
-    joint = LubricatedJoint("journal", "ground", film, eccentricity=(0.2 * C, -0.1 * C))
+    joint = LubricatedJoint("journal", "ground", film, eccentricity=(0.2 * C, -0.1 * C), **more)
     mechanism = Mechanism(
         {"journal": RigidBody(0.0)},
         {"bearing": joint},
@@ -85,8 +87,16 @@ def test_what_is_supplied_is_in_the_energy_balance_and_the_columns():
     flow, side = (result.columns[f"{name}flow_m3_per_s"] for name in ("inlet.", "side_"))
     assert flow[-1] > 0.0
     assert side[-1] > 0.0
-    # Forces do the least of it: the load is at rest where the journal has come to rest.
-    assert result.columns["applied_work_J"][-1] > 0.0
+
+
+@pytest.mark.parametrize("family", ["lagrange", "bilinear"])
+def test_power_of_bodies_and_supply_is_what_is_lost(family):
+    result, _ = seen_from_the_groove(True, (16, 5), 1e-5, 0.1, family, friction=True)
+    put_in, supplied, lost = (
+        result.columns[f"{name}_power_W"][5:] for name in ("film", "supply", "dissipated")
+    )
+    assert np.abs(put_in + supplied - lost).max() < 1e-5 * lost.max()
+    assert np.abs(supplied).max() > 1e-3 * lost.max()
 
 
 def test_without_supplies_no_flows_are_told(monkeypatch):

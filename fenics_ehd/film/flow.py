@@ -110,12 +110,18 @@ def feed_power(film: Film, state: FilmState) -> float:
     return float(p.clearance * p.grid.radius**2 * p.rate * p.pressure_scale * power)
 
 
+def under_pressure(film: Film) -> bool:
+    """Whether oil enters or leaves at a pressure above that of cavitation."""
+    return bool(film.parameters.feeds) or bool(np.any(film.equation.given))
+
+
 def flow_work(film: Film, state: FilmState) -> float:
-    """Power of the oil that enters, less that of what leaves, at given pressures [W]."""
+    """Power of the oil that enters, less that of what leaves, at the film's pressures [W]."""
     given = np.ones(film.assembly.size, dtype=bool)
     given[film.free] = False
     inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
-    return float(state.pressure[given] @ inflow[given])
+    work = float(state.pressure[given] @ inflow[given])
+    return work + feed_power(film, state) if film.parameters.feeds else work
 
 
 def _oil_flows(film: Film, state: OilState, feeds: dict[str, float]) -> FlowBalance:

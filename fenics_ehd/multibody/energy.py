@@ -31,9 +31,8 @@ class Powers:
     """Energy and the powers that change it [J], [W].
 
     ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``: the power of what imposes
-    angles over time, that of forces, gravity and the oil that enters through supplies
-    (`FilmParameters.feeds`), that of the surfaces' drag on the oil, the losses in the films and in
-    the bodies' structure.
+    angles over time, that of forces and gravity, that of the surfaces' drag on the oil, the losses
+    in the films and in the bodies' structure.
 
     Without friction the films lose what drives their pressure flow, and the drag comes from
     outside. With friction they lose all that they dissipate; the drag is internal, and zero. Oil

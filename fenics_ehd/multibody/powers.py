@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from fenics_ehd.film.flow import feed_power, flow_work
+from fenics_ehd.film.flow import flow_work, under_pressure
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -17,7 +15,6 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
     motion = state.motion
     z, rates = step.x[: system.n], step.rate[: system.n]
     kinetic = strain = damping = film = drag = 0.0
-    applied = motion.applied_power
     for _, body, (own, own_rates) in system.each_body(z, rates):
         energies = body.energies(own, own_rates)
         kinetic, strain = kinetic + energies.kinetic, strain + energies.strain
@@ -30,11 +27,9 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         lost, fed = joint.film.film.powers(found)
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
-        if np.any(joint.film.film.equation.given):
+        if under_pressure(joint.film.film):
             fed += flow_work(joint.film.film, found)
         film, drag = film + lost, drag + fed
-        if joint.film.film.parameters.feeds:
-            applied += feed_power(joint.film.film, found)
     return Powers(
         kinetic=kinetic,
         strain=strain,
@@ -42,5 +37,5 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         drag=drag,
         film=film,
         damping=damping,
-        applied=applied,
+        applied=motion.applied_power,
     )
