@@ -6,6 +6,7 @@ Only what the joint's models have to tell: nothing is computed for a joint witho
 from __future__ import annotations
 
 from fenics_ehd.film import FilmState
+from fenics_ehd.film.flow import flow_balance
 from fenics_ehd.multibody.friction_rates import friction_rates
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
@@ -16,4 +17,8 @@ def joint_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[
     rates: dict[str, float] = {}
     if place.film.friction:
         rates |= friction_rates(place, step, film)
+    if place.film.film.parameters.feeds:
+        flows = flow_balance(place.film.film, film)
+        rates |= {f"{name}.flow_m3_per_s": flow for name, flow in flows.feeds.items()}
+        rates["side_flow_m3_per_s"] = flows.side
     return rates

@@ -22,6 +22,7 @@ from fenics_ehd.base.quantities import LARGEST_LENGTH, deviation, metres, radial
 from fenics_ehd.bearing.settings import SHEAR_RULES
 from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
+from fenics_ehd.scenes.supply_settings import supplies
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
@@ -216,6 +217,7 @@ class LubricatedSettings:
         ("angle", "width", "pressure"),
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
     )
+    supply: dict = supplies("holes and grooves of bore or journal that feed the film")
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     shear_rule: str = choice(
         "streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"
