@@ -55,7 +55,7 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
     """Flows of a solved film at steady pressure."""
     if isinstance(state, OilState):
         return _oil_flows(film, state)
-    defect, growth = _defects(film, state)
+    defect, growth = film_defects(film, state)
     grid = film.parameters.grid
     angle, height = grid.node_positions.T
     region = in_supply(film, angle, height)
@@ -67,11 +67,7 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
         if ambient is None:
             sides[name] = 0.0
             continue
-        nodes = np.flatnonzero(np.abs(height - end) <= SLACK * grid.radius)
-        inflow = np.where(region[nodes], 0.0, defect[nodes])[np.argsort(angle[nodes])]
-        if grid.family != "bilinear":
-            corner, middle = inflow[::2], inflow[1::2]
-            inflow = 0.5 * (corner + np.roll(corner, -1)) + middle
+        inflow = side_inflow(film, defect, region, end)
         # Where the sides are at the cavitation pressure nothing can flow in: what
         # appears to is the growth of cavities beside them. Told apart edge by edge,
         # for a corner of the 8-node element alone has the wrong sign.
@@ -79,6 +75,30 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
         cavities += float(cavity)
         sides[name] = float(cavity - inflow.sum())
     return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth)
+
+
+def side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
+    """Flow into a film over the edges at the height of one side [m3/s], or at 4-node cells' nodes.
+
+    Parameters
+    ----------
+    film
+        The film.
+    defect
+        See `film_defects`.
+    region
+        Whether a node lies in a supply region.
+    end
+        Height of the side [m].
+    """
+    grid = film.parameters.grid
+    angle, height = grid.node_positions.T
+    nodes = np.flatnonzero(np.abs(height - end) <= SLACK * grid.radius)
+    inflow = np.where(region[nodes], 0.0, defect[nodes])[np.argsort(angle[nodes])]
+    if grid.family == "bilinear":
+        return inflow
+    corner, middle = inflow[::2], inflow[1::2]
+    return 0.5 * (corner + np.roll(corner, -1)) + middle
 
 
 def _oil_flows(film: Film, state: OilState) -> FlowBalance:
@@ -94,7 +114,7 @@ def _oil_flows(film: Film, state: OilState) -> FlowBalance:
     return FlowBalance(lower, upper, supply, cavities=0.0, squeeze=supply - lower - upper)
 
 
-def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
+def film_defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
     p = film.parameters
     thickness, rate, velocity = film.equation.dimensionless(state.gap)

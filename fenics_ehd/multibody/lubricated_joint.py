@@ -27,6 +27,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import Film
+from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bore_film import BoreFilm
 from fenics_ehd.multibody.joints import Pair
@@ -56,6 +57,8 @@ class LubricatedJoint:
         At the start, in the bore's frame [m], [m/s].
     smallest_film
         Film thickness at which a run ends, share of the clearance.
+    heat
+        Balance of the film's heat over a cycle; None: the oil keeps its temperature.
     """
 
     journal: str
@@ -66,8 +69,14 @@ class LubricatedJoint:
     eccentricity: tuple[float, float] = (0.0, 0.0)
     eccentricity_rate: tuple[float, float] = (0.0, 0.0)
     smallest_film: float = 0.01
+    heat: Heat | None = None
 
     def __post_init__(self) -> None:
+        if self.heat is not None and self.film.parameters.lubricant.oil is None:
+            raise SettingsError(
+                f"heat of {self.journal} in {self.bore}: the lubricant's viscosity does not depend "
+                "on its temperature: give it a grade, or viscosity_40 and viscosity_100"
+            )
         share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
         if not share < 1.0:
             raise SettingsError(
@@ -170,7 +179,8 @@ class JointFilm:
     """
 
     def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
-        film = self.film = joint.film
+        # Joints may share a film, not its temperature.
+        film = self.film = joint.film if joint.heat is None else joint.film.apart()
         p = film.parameters
         self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
         self.friction, self.own = joint.friction, 4 if tilting else 2
