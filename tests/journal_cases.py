@@ -16,9 +16,9 @@ R, C, ETA, OMEGA = 0.02, 20e-6, 0.01, 300.0
 UNIT_LOAD = 6 * ETA * OMEGA * (R / C) ** 2 * R * 2 * R  # of the table for L/D = 1
 
 
-def make_film(cells=(20, 5), *, width=2 * R, clearance=C):
+def make_film(cells=(20, 5), *, width=2 * R, clearance=C, oil=None):
     grid = uniform_grid(R, width, cells, "lagrange")
-    return Film(FilmParameters(grid, clearance, Lubricant(ETA), OMEGA))
+    return Film(FilmParameters(grid, clearance, oil or Lubricant(ETA), OMEGA))
 
 
 def ellipse(size, ratio, waves):

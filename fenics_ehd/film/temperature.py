@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.oil import DENSITY, SPECIFIC_HEAT
 
 #: Zero of the Celsius scale [K].
 ZERO_CELSIUS = 273.15
@@ -23,17 +24,9 @@ ZERO_CELSIUS = 273.15
 #: Range of kinematic viscosity in which the equation stands without more terms [mm2/s].
 SMALLEST, LARGEST = 2.0, 2e7
 
-#: Of mineral oils at 15 C [kg/m3]; paraffinic ones of The Tribology Handbook (table 25, opened at
-#: digilib.universitaspertamina.ac.id) have 862 to 891 at 25 C.
-DENSITY = 870.0
-
 #: Relative fall of density, of that at 15 C [1/K]: between the 5.8e-4 of a synthetic oil
 #: (MadsKirkFoged/SharpFluids, SHC230.cs) and the 6.7e-4 of an engine oil of 1061.3 - 0.5921 T.
 EXPANSION = 6.5e-4
-
-#: Of mineral oil [J/(kg K)], rounded from 1966 (www.pantherlubes.com/tl_12.html). It grows with
-#: temperature by 0.2 % per K.
-SPECIFIC_HEAT = 2000.0
 
 
 @dataclass(frozen=True)
