@@ -55,7 +55,7 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
     """Flows of a solved film at steady pressure."""
     if isinstance(state, OilState):
         return _oil_flows(film, state)
-    defect, growth = film_defects(film, state)
+    defect, growth = _defects(film, state)
     grid = film.parameters.grid
     angle, height = grid.node_positions.T
     region = in_supply(film, angle, height)
@@ -67,7 +67,7 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
         if ambient is None:
             sides[name] = 0.0
             continue
-        inflow = side_inflow(film, defect, region, end)
+        inflow = _side_inflow(film, defect, region, end)
         # Where the sides are at the cavitation pressure nothing can flow in: what
         # appears to is the growth of cavities beside them. Told apart edge by edge,
         # for a corner of the 8-node element alone has the wrong sign.
@@ -77,7 +77,36 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
     return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth)
 
 
-def side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
+def oil_leaving(film: Film, state: FilmState) -> float:
+    """Oil that leaves a film at one instant [m3/s]: the part of its flows that carries heat away.
+
+    Counted are, each where it flows out,
+
+    - through either side, edge by edge of the mesh. At a pressure above that of cavitation oil
+      comes in over some edges and leaves over others, and what comes in takes nothing off that;
+    - into a supply region, all its nodes together: a groove that takes more than it gives. What is
+      dragged into a groove at one edge and out of it at the other stays in the film.
+
+    Not counted is what cavities take in and give back, nor what the gap's motion stores: over a
+    cycle both come to nothing, but that the condition (8) makes oil anew where the film forms. That
+    is fresh.
+    """
+    p = film.parameters
+    angle, height = p.grid.node_positions.T
+    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+    leaving, supplied = 0.0, np.zeros(len(angle), dtype=bool)
+    for region in p.regions:
+        own = region.contains(angle, height, p.grid.radius) & ~supplied
+        supplied |= own
+        leaving += max(0.0, -float(inflow[own].sum()))
+    for name, end in (("lower", p.grid.heights[0]), ("upper", p.grid.heights[-1])):
+        if getattr(p.sides, name) is not None:
+            side = _side_inflow(film, inflow, supplied, end)
+            leaving += float(np.maximum(-side, 0.0).sum())
+    return leaving
+
+
+def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
     """Flow into a film over the edges at the height of one side [m3/s], or at 4-node cells' nodes.
 
     Parameters
@@ -85,7 +114,7 @@ def side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) 
     film
         The film.
     defect
-        See `film_defects`.
+        Flow in at every node [m3/s].
     region
         Whether a node lies in a supply region.
     end
@@ -114,7 +143,7 @@ def _oil_flows(film: Film, state: OilState) -> FlowBalance:
     return FlowBalance(lower, upper, supply, cavities=0.0, squeeze=supply - lower - upper)
 
 
-def film_defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
+def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
     p = film.parameters
     thickness, rate, velocity = film.equation.dimensionless(state.gap)

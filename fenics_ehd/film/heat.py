@@ -61,7 +61,7 @@ class Heat:
     supply_temperature: float
     conducted: float = 0.0
     mixing: float = 0.5
-    tolerance: float = 0.05
+    tolerance: float = 0.1
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.supply_temperature):

@@ -9,8 +9,8 @@ import numpy as np
 
 from fenics_ehd.base.errors import HeatError
 from fenics_ehd.film import FilmState
+from fenics_ehd.film.flow import oil_leaving
 from fenics_ehd.film.heat import TemperatureSearch, run_away
-from fenics_ehd.film.oil_leaving import oil_leaving
 from fenics_ehd.film.temperature import Oil
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.integrals import Integrals

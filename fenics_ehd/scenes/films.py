@@ -11,12 +11,12 @@ from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
-from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
+from fenics_ehd.scenes.fields import FEWEST_CELLS
+from fenics_ehd.scenes.heat import joint_heat, joint_lubricant
 from fenics_ehd.scenes.scene import Scene
 
 #: Film cells around and along a bore that offers none.
@@ -137,11 +137,6 @@ def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> Fil
 
 def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: float) -> Film:
     """Film on a mesh."""
-    lubricant = (
-        Lubricant(joint.viscosity)
-        if joint.lubricant == NONE
-        else make_lubricant(scene.lubricants[joint.lubricant])
-    )
     grooves = tuple(
         AxialGroove(np.radians(angle), np.radians(width), pressure)
         for angle, width, pressure in joint.grooves
@@ -151,7 +146,7 @@ def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: 
         FilmParameters(
             aligned_grid(grid, edges),
             joint.clearance,
-            lubricant,
+            joint_lubricant(scene, joint),
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
@@ -178,4 +173,5 @@ def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
         eccentricity=(joint.clearance * x, joint.clearance * y),
         eccentricity_rate=joint.eccentricity_rate,
         smallest_film=joint.smallest_film,
+        heat=joint_heat(joint),
     )
