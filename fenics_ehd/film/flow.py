@@ -85,20 +85,24 @@ def oil_leaving(film: Film, state: FilmState) -> float:
     - through either side, edge by edge of the mesh. At a pressure above that of cavitation oil
       comes in over some edges and leaves over others, and what comes in takes nothing off that;
     - into a supply region, all its nodes together: a groove that takes more than it gives. What is
-      dragged into a groove at one edge and out of it at the other stays in the film.
+      dragged into a groove at one edge and out of it at the other stays in the film. Under
+      condition (8) cavities fill the gap with oil that nobody supplied, and drag it there: as much
+      as they make is not counted.
 
-    Not counted is what cavities take in and give back, nor what the gap's motion stores: over a
-    cycle both come to nothing, but that the condition (8) makes oil anew where the film forms. That
-    is fresh.
+    Not counted is what the gap's motion stores, nor what cavities take in and give back: over a
+    cycle that comes to nothing, but for the oil that condition (8) makes where the film forms,
+    which is fresh.
     """
     p = film.parameters
     angle, height = p.grid.node_positions.T
     inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
-    leaving, supplied = 0.0, np.zeros(len(angle), dtype=bool)
+    leaving, taken, supplied = 0.0, 0.0, np.zeros(len(angle), dtype=bool)
     for region in p.regions:
         own = region.contains(angle, height, p.grid.radius) & ~supplied
         supplied |= own
-        leaving += max(0.0, -float(inflow[own].sum()))
+        taken += max(0.0, -float(inflow[own].sum()))
+    if taken:
+        leaving += max(0.0, taken - max(0.0, flow_balance(film, state).cavities))
     for name, end in (("lower", p.grid.heights[0]), ("upper", p.grid.heights[-1])):
         if getattr(p.sides, name) is not None:
             side = _side_inflow(film, inflow, supplied, end)

@@ -31,7 +31,8 @@ FIRST_EXPONENT = 1.0
 #: What n may be; oil pressed through by a supply makes it 2.
 EXPONENTS = (0.0, 2.0)
 
-#: Change of ln(viscosity) that tells n.
+#: Change of ln(viscosity) that tells n: over a cycle the film still has of the temperature before,
+#: power and flow are off by 0.1 % per K of the last change.
 TELLING = 0.05
 
 #: Distance from the oil's limits [K].
@@ -107,6 +108,8 @@ class TemperatureSearch:
     ----------
     heat, oil
         Of the film.
+    telling
+        Change of ln(viscosity) above which two temperatures tell the exponent.
 
     Attributes
     ----------
@@ -118,8 +121,8 @@ class TemperatureSearch:
         Whether no temperature balanced that.
     """
 
-    def __init__(self, heat: Heat, oil: Oil):
-        self.heat, self.oil = heat, oil
+    def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
+        self.heat, self.oil, self._telling = heat, oil, telling
         oil.viscosity(heat.supply_temperature)  # refused here if it is out of range
         self.temperature, self.without_balance = heat.supply_temperature, False
         self.power = self.flow = float("nan")
@@ -173,7 +176,7 @@ class TemperatureSearch:
 
     def _learn(self, viscosity: float, rise: float) -> None:
         """Exponent from logarithms of viscosity and of what is proportional to P / Q."""
-        if self._last is not None and abs(viscosity - self._last[0]) > TELLING:
+        if self._last is not None and abs(viscosity - self._last[0]) > self._telling:
             slope = (rise - self._last[1]) / (viscosity - self._last[0])
             self._exponent = float(np.clip(slope, *EXPONENTS))
         self._last = viscosity, rise
