@@ -218,5 +218,5 @@ def run_away(name: str, search: TemperatureSearch, error: Exception | None = Non
     return HeatError(
         f"{name}: the heat cannot leave: {search.power:.3g} W with a flow of "
         f"{1e6 * search.flow:.3g} cm3/s find no balance up to {search.temperature:.4g} C{last}: "
-        "raise clearance, supply or heat.conducted, or lower heat.supply_temperature or the speed"
+        "raise the clearance, the supply or conducted, or lower supply_temperature or the speed"
     )

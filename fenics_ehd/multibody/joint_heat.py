@@ -126,7 +126,7 @@ class FilmTemperatures:
         for i, (name, search) in enumerate(self._searches.items()):
             before = search.viscosity
             if not search.move(*self._means(name)):
-                raise run_away(f"joints.{name}", search)
+                raise run_away(f"joints.{name}.heat", search)
             self.thinning[i] = 0.5 * np.log(before / search.viscosity)
         for rates in self._rates.values():
             rates.restart()
@@ -147,7 +147,7 @@ class FilmTemperatures:
         """The error behind that of a cycle whose film the heat has thinned; None: it has not."""
         for name, search in self._searches.items():
             if search.without_balance:
-                return run_away(f"joints.{name}", search, error)
+                return run_away(f"joints.{name}.heat", search, error)
         return None
 
     def stored_state(self) -> dict[str, Any]:
