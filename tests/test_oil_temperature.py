@@ -69,9 +69,9 @@ def test_line_of_a_synthetic_oil_gives_its_table(figure):
     oil = Oil(220.0, 25.0, density_15=850.0, expansion=5.8e-4)
     temperature, nu, density = SYNTHETIC.T
     ours = np.array([oil.kinematic_viscosity(t) for t in temperature])
-    group = "Viscosity of temperature"
+    group = "oil"
     defect = np.abs(ours / nu - 1)
-    figure(group, "ISO VG 220, -30 to 120 C, from 40 and 100 C", 100 * defect.max(), most=0.2,
+    figure(group, "ISO VG 220, -30 to 120 C, from 40 and 100 C", defect.max(), most=2e-3,
            unit="%")  # fmt: skip
     assert np.abs(np.array([oil.density(t) for t in temperature]) / density - 1).max() < 3e-3
 
@@ -84,12 +84,12 @@ def test_line_of_mineral_oils_through_two_gives_the_third(figure):
         first, middle, last = 1e3 * np.array(values) / rho
         line = WaltherLine.through((30, first), (100, last))
         defects.append(abs(line(60) / middle - 1))
-    worst = sorted(100 * np.array(defects))
-    group = "Viscosity of temperature"
+    worst = sorted(defects)
+    group = "oil"
     figure(
-        group, "mineral oils, 60 C from 30 and 100 C, five of six", worst[-2], most=3.0, unit="%"
+        group, "mineral oils, 60 C from 30 and 100 C, five of six", worst[-2], most=0.03, unit="%"
     )
-    figure(group, "mineral oils, 60 C from 30 and 100 C, the sixth", worst[-1], most=9.0, unit="%")
+    figure(group, "mineral oils, 60 C from 30 and 100 C, the sixth", worst[-1], most=0.09, unit="%")
 
 
 def test_line_of_engine_oil_gives_what_lies_between():

@@ -60,6 +60,18 @@ def radial_clearance(default: float) -> Any:
     )
 
 
+def deviation(help_text: str) -> Any:
+    """Deviation of a surface from the round one [m], of either sign."""
+    return number(
+        0.0,
+        help_text,
+        above=-LARGEST_CLEARANCE,
+        below=LARGEST_CLEARANCE,
+        usual=(1e-8, 1e-3),
+        example="5e-6 for 5 um",
+    )
+
+
 def too_narrow(clearance: float, radius: float) -> bool:
     """Whether a clearance is too small a part of the bore's radius to be in the same unit."""
     return clearance < SMALLEST_RATIO * (1 - _ROUNDING) * radius

@@ -94,7 +94,9 @@ def balanced(
     for _ in range(MOST_STEPS):
         here = _at(settings, search.temperature)
         bearing, operation = _found(search, find, here)
-        forces = film_forces(bearing.film, operation.state, operation.motion, settings.shear_rule)
+        forces = film_forces(
+            bearing.film, operation.state, operation.motion, settings.shear_rule, bearing.outside
+        )
         power, flow = forces.dissipation, oil_leaving(bearing.film, operation.state)
         if abs(search.defect(power, flow)) <= TOLERANCE:
             outlet = heat.outlet(oil, search.temperature, power, flow)

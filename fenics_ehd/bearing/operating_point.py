@@ -18,9 +18,10 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.bearing.coefficients import DynamicCoefficients, coefficients
 from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
-from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
+from fenics_ehd.bearing.film import BearingFilm, Operation
 from fenics_ehd.bearing.heat import BearingHeat, balanced
 from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.bearing.thinnest import minimum_film
 from fenics_ehd.film.flow import FlowBalance, flow_balance
 from fenics_ehd.film.forces import FilmForces, film_forces
 from fenics_ehd.film.grid import FilmGrid
@@ -173,7 +174,9 @@ def _result(
 ) -> BearingResult:
     settings = bearing.settings
     load = float(np.hypot(*operation.force)) if carries(bearing, operation) else 0.0
-    forces = film_forces(bearing.film, operation.state, operation.motion, settings.shear_rule)
+    forces = film_forces(
+        bearing.film, operation.state, operation.motion, settings.shear_rule, bearing.outside
+    )
     pressure, pressure_angle = _peak(bearing, operation)
     mean = load / (2 * settings.radius * settings.width)
     revolutions = abs(settings.speed) / (2 * np.pi)

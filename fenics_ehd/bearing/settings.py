@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
@@ -12,6 +12,9 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import choice, count, flag, number
 from fenics_ehd.base.oil import NO_TEMPERATURE, OilSettings
 from fenics_ehd.base.quantities import SMALLEST_RATIO, metres, radial_clearance, too_narrow
+
+if TYPE_CHECKING:  # slow to import, and --help does without
+    from fenics_ehd.film.shape import Shape
 
 ELEMENTS = ("lagrange", "bilinear", "serendipity")
 SHEAR_RULES = ("streamers", "full", "none")
@@ -99,6 +102,8 @@ class BearingSettings(OilSettings):
     mixing: float = number(
         MIXING, "where the effective temperature lies between supply, 0, and outlet, 1", above=0
     )
+    #: Of the bore, angles from the load line; None: round.
+    bore_shape: Shape | None = None
 
     @property
     def heated(self) -> bool:
@@ -140,12 +145,27 @@ class BearingSettings(OilSettings):
                 "grooves and line_at_max_film exclude each other: the line belongs to the plain "
                 "bearing of the classical tables"
             )
+        if self.bore_shape is not None and not self.bore_shape.round:
+            self._check_shape()
         if self.line_held and not self.line_at_max_film:
             raise SettingsError("line_held needs line_at_max_film: there is no line to hold")
         if self.grooves and self.speed and self.bore_speed:
             raise SettingsError(
                 f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "
                 "or bore must"
+            )
+
+    def _check_shape(self) -> None:
+        """A bore that is not round stands still, and its thickest film is not where one thinks."""
+        if self.line_at_max_film:
+            raise SettingsError(
+                "bore_shape and line_at_max_film exclude each other: the line belongs to the plain "
+                "bearing of the classical tables"
+            )
+        if self.bore_speed:
+            raise SettingsError(
+                f"bore_speed = {self.bore_speed:g} rad/s with a bore_shape that is not the same "
+                "all around: it stands still, so the bore must"
             )
 
     def _check_mass_conserving(self) -> None:

@@ -20,6 +20,7 @@ from fenics_ehd.bearing.settings import (
     Groove,
 )
 from fenics_ehd.cli.bearing_help import DESCRIPTION
+from fenics_ehd.cli.bearing_shape import bore_shape, shape_options
 from fenics_ehd.cli.options import json_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -136,6 +137,7 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_number("cross_rate", "Shear rate of Cross's shear thinning [1/s].", "RATE", optional=True)
 @_number("cross_exponent", "Its exponent.", "M")
 @_number("cross_second_viscosity", "Viscosity at the highest shear rates over that at rest.", "R")
+@shape_options
 @_choice(
     "cavitation",
     CAVITATION,
@@ -181,7 +183,9 @@ def bearing(
             "reynolds"
         )
     element = element or ("bilinear" if conserving else _default("element"))
+    shape = bore_shape(options)
     settings = BearingSettings(
+        bore_shape=shape,
         cells_around=around,
         cells_along=along,
         element=element,

@@ -134,6 +134,14 @@ def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float)
     return 0.5 * (corner + np.roll(corner, -1)) + middle
 
 
+def flow_work(film: Film, state: FilmState) -> float:
+    """Power of the oil that enters, less that of what leaves, at given pressures [W]."""
+    given = np.ones(film.assembly.size, dtype=bool)
+    given[film.free] = False
+    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+    return float(state.pressure[given] @ inflow[given])
+
+
 def _oil_flows(film: Film, state: OilState) -> FlowBalance:
     """Flows of a film that keeps account of its oil: no cavity makes any."""
     grid = film.parameters.grid

@@ -18,6 +18,10 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 
+#: Shear rate over gamma_c, and exponent, whose power is still a number; and the rate below which
+#: oil is at rest.
+LARGEST_RELATIVE_RATE, LARGEST_EXPONENT, SMALLEST_RELATIVE_RATE = 1e30, 10.0, 1e-30
+
 
 @dataclass(frozen=True)
 class Cross:
@@ -38,23 +42,25 @@ class Cross:
     second: float = 0.5
 
     def __post_init__(self) -> None:
-        for name, unit in (("rate", " 1/s"), ("exponent", "")):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise SettingsError(f"{name} = {value:g}{unit} of Cross's law must be above 0")
+        if not (np.isfinite(self.rate) and self.rate > 0):
+            raise SettingsError(f"rate = {self.rate:g} 1/s of Cross's law must be above 0")
+        if not 0 < self.exponent < LARGEST_EXPONENT:
+            raise SettingsError(
+                f"exponent = {self.exponent:g} of Cross's law must be above 0 and below "
+                f"{LARGEST_EXPONENT:g}"
+            )
         if not 0 <= self.second <= 1:
             raise SettingsError(f"second = {self.second:g} of Cross's law must lie in 0..1")
 
     def __call__(self, shear_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ratio [-] to the viscosity at rest and its derivative [s], at shear rates >= 0 [1/s]."""
-        relative = shear_rate / self.rate
-        power = relative**self.exponent
-        share = 1.0 / (1.0 + power)
-        ratio = self.second + (1.0 - self.second) * share
-        moving = relative > 0.0
-        growth = np.divide(power, relative, out=np.zeros_like(power), where=moving)
-        slope = -(1.0 - self.second) * self.exponent / self.rate * growth * share**2
-        return ratio, slope
+        # At the largest numbers that still have powers all that can go is gone.
+        relative = np.minimum(shear_rate, LARGEST_RELATIVE_RATE * self.rate) / self.rate
+        share = 1.0 / (1.0 + relative**self.exponent)
+        change = -(1.0 - self.second) * self.exponent * share * (1.0 - share)
+        moving = relative > SMALLEST_RELATIVE_RATE
+        slope = np.divide(change, shear_rate, out=np.zeros_like(change), where=moving)
+        return self.second + (1.0 - self.second) * share, slope
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder
+from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
 
@@ -24,12 +25,15 @@ class FilmPoint:
         See `Film`.
     defect
         Scaled equations, shape (m,).
+    turned
+        Of a joint's shape that turns, else None.
     """
 
     nodal: np.ndarray
     gap: Gap
     problem: Complementarity
     defect: np.ndarray
+    turned: Turned | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,7 @@ from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
 from fenics_ehd.multibody.system import FilmPlace, System
+from fenics_ehd.multibody.turning import turned_border, twist
 
 #: Rows over columns below which a product with all columns is cheaper than to pick them first.
 FEW = 0.25
@@ -145,13 +146,16 @@ class StepEquations:
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
         gaps = [
-            place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates))
+            place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates), place.ahead(z))
             for place in system.films
         ]
         self.responses.add(pressures, gaps)
         films = []
         for i, place in enumerate(system.films):
             point = self._film(i, place, pressures[i], gaps[i])
+            if place.film.shape is not None:
+                turned = place.film.shape.turned(place.ahead(z), place.ahead(rates))
+                point = replace(point, turned=turned)
             films.append(point)
             self._load(place, point, residual)
         parts = [residual, instant.defect, instant.rate_defect(rates)]
@@ -180,17 +184,17 @@ class StepEquations:
     def _load(self, place: FilmPlace, point: FilmPoint, residual: np.ndarray) -> None:
         """Take the film's forces from the residual of motion."""
         film = place.film
-        residual[place.xi] -= film.load @ (film.film.parameters.pressure_scale * point.nodal)
+        pressure = film.film.parameters.pressure_scale * point.nodal
+        residual[place.xi] -= film.load @ pressure
+        if point.turned is not None:
+            _twist(place, float(point.turned.torque @ pressure), residual)
         if not film.friction:
             return
         friction = film_friction(film, self.film_state(place, point), self._filled.get(place.name))
         if self._holding:
             self._filled[place.name] = friction.filled
         residual[place.xi] -= friction.on_xi
-        if place.journal_angle is not None:
-            residual[place.journal_angle] -= friction.torque
-        if place.bore_angle is not None:
-            residual[place.bore_angle] += friction.torque
+        _twist(place, friction.torque, residual)
 
     @staticmethod
     def film_state(place: FilmPlace, point: FilmPoint) -> FilmState:
@@ -234,6 +238,9 @@ class StepEquations:
             if body is not None and (matrix := responses.matrices[body]) is not None:
                 along_gap = (share * film.parameters.pressure_scale / scale) * border.along_gap
                 answer = partial(_answer_block, film, matrix, along_gap)
+            if own.turned is not None:
+                border = turned_border(place, own, own.turned, border, scale, speed)
+                twist(place, own, own.turned, core)
             entries = own.problem.entries(own.nodal[film.free]) / scale
             pattern, weights_of_film = film.assembly.pattern, own.problem.weights
             matrices.append(FilmMatrix(pattern, entries, weights_of_film, answer))
@@ -255,6 +262,9 @@ class StepEquations:
         """
         places = self.system.films
         changes = [place.film.thickness @ x[place.xi] for place in places]
+        for i, border in enumerate(borders):
+            if border.slope is not None:
+                changes[i] = changes[i] + border.slope * places[i].ahead(x)
         left, any_left = [np.zeros(size) for size in self.sizes], False
         for body, flexibility in enumerate(self.responses.flexibilities):
             moved = flexibility.each(self.responses.moved(body, pressures))
@@ -275,6 +285,14 @@ class StepEquations:
         ]
         values, rates = self.responses.state(pressures)
         return np.concatenate([point.z, *values]), np.concatenate([point.rates, *rates])
+
+
+def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:
+    """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
+    if place.journal_angle is not None:
+        residual[place.journal_angle] -= torque
+    if place.bore_angle is not None:
+        residual[place.bore_angle] += torque
 
 
 def _answer_block(

@@ -11,6 +11,7 @@ from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
+from fenics_ehd.film.shape import Shape
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
@@ -18,6 +19,7 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import FEWEST_CELLS
 from fenics_ehd.scenes.heat import joint_heat, joint_lubricant
 from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.shapes import ROUND, joint_shapes
 
 #: Film cells around and along a bore that offers none.
 DEFAULT_CELLS = (20, 5)
@@ -63,6 +65,7 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
                     f"{value:g} m, within {100 * FIT:g} %: drop it or change the part"
                 )
     check_thin_film(joint.clearance, radius, f"{key}.clearance")
+    joint_shapes(joint, name, width)
     if own is not None and joint.grooves and not joint.cells:
         raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
     if joint.grooves:
@@ -161,8 +164,10 @@ def stand_in_film(joint: schema.LubricatedSettings) -> Film:
     return Film(FilmParameters(grid, joint.clearance, Lubricant(0.01), 1.0))
 
 
-def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
-    """The joint with its film."""
+def lubricated(
+    joint: schema.LubricatedSettings, film: Film, shapes: tuple[Shape | None, Shape | None] = ROUND
+) -> LubricatedJoint:
+    """The joint with its film, and the shapes of bore and journal."""
     x, y = joint.eccentricity
     return LubricatedJoint(
         joint.journal,
@@ -173,5 +178,8 @@ def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
         eccentricity=(joint.clearance * x, joint.clearance * y),
         eccentricity_rate=joint.eccentricity_rate,
         smallest_film=joint.smallest_film,
+        bore_shape=shapes[0],
+        journal_shape=shapes[1],
+        shear_rule=joint.shear_rule,
         heat=joint_heat(joint),
     )

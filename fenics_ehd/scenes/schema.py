@@ -28,7 +28,8 @@ from fenics_ehd.base.fields import (
     text,
 )
 from fenics_ehd.base.oil import NO_TEMPERATURE, OilSettings
-from fenics_ehd.base.quantities import LARGEST_LENGTH, metres, radial_clearance
+from fenics_ehd.base.quantities import LARGEST_LENGTH, deviation, metres, radial_clearance
+from fenics_ehd.bearing.settings import SHEAR_RULES
 from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
 
@@ -169,6 +170,22 @@ class SliderSettings:
     angle: float = number(0.0, "held, of the point's body ahead of the line's [degrees]")
 
 
+@attrs.frozen
+class ShapeSettings:
+    """How far the surface of a bore or a journal lies outside the round one, + outward.
+
+    In the frame of its body, which a journal's shape turns with; what is given adds up.
+    """
+
+    ovality: float = deviation("amplitude of a wave around [m]")
+    ovality_angle: float = number(0.0, "where it is outermost, from the body's x axis [degrees]")
+    lobes: int = count(2, "waves in a turn", least=1, most=100)
+    barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
+    taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
+    misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)
+    table: str = text(NONE, "CSV file angle_deg,height_m,deviation_m of more, or none")
+
+
 @attrs.frozen(kw_only=True)
 class HeatSettings:
     """Balance of a film's heat over a cycle; needs time.periodic and an oil by grade or like it."""
@@ -233,6 +250,9 @@ class LubricatedSettings:
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
     )
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
+    shear_rule: str = choice(
+        "streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"
+    )
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
     )
@@ -240,6 +260,8 @@ class LubricatedSettings:
         "of the journal in the bore's frame at the start, share of the clearance", below=1.0
     )
     eccentricity_rate: tuple[float, float] = pair("its rate [m/s]")
+    bore_shape: ShapeSettings = section(ShapeSettings)
+    journal_shape: ShapeSettings = section(ShapeSettings)
     heat: HeatSettings | None = option(HeatSettings)
 
 
