@@ -67,7 +67,8 @@ def test_under_a_constant_load_it_is_that_of_the_steady_bearing(figure):
         figure("Heat", f"journal under constant load: {name} temperature from that of the bearing",
                off, most=most, unit="K")  # fmt: skip
     assert figures["supply_temperature_C"] == SUPPLY
-    assert figures["mean_dissipated_power_W"] == pytest.approx(steady.power, rel=2e-3)
+    # The sheared zone ends at a row of points, on either mesh another one.
+    assert figures["mean_dissipated_power_W"] == pytest.approx(steady.power, rel=5e-3)
     assert figures["mean_leaving_flow_m3_per_s"] == pytest.approx(steady.flow, rel=2e-3)
     # Columns of the history go with the means.
     assert found.columns["dissipated_power_W"].mean() == pytest.approx(steady.power, rel=5e-3)
