@@ -103,11 +103,15 @@ class FilmTemperatures:
         power, flow = self._rates[name].means.values()
         return power, flow
 
+    def _settled(self, name: str) -> bool:
+        search = self._searches[name]
+        return abs(search.defect(*self._means(name))) <= search.heat.tolerance
+
     def unsettled(self) -> str:
         """What is to be said of the first temperature that is off its balance; else nothing."""
         for name, search in self._searches.items():
-            defect = search.defect(*self._means(name))
-            if not abs(defect) <= search.heat.tolerance:
+            if not self._settled(name):
+                defect = search.defect(*self._means(name))
                 return (
                     f"the effective temperature of {name}, {search.temperature:.4g} C, is "
                     f"{defect:.2g} K off its balance, above joints.{name}.heat.tolerance = "
@@ -116,7 +120,9 @@ class FilmTemperatures:
         return ""
 
     def move(self) -> None:
-        """Take other temperatures for the next cycle.
+        """Take other temperatures for the next cycle, where they are off their balance.
+
+        Those that are not stay: another one would change the steps of the cycle for nothing.
 
         Raises
         ------
@@ -124,6 +130,9 @@ class FilmTemperatures:
             The heat of a film cannot leave.
         """
         for i, (name, search) in enumerate(self._searches.items()):
+            self.thinning[i] = 0.0
+            if self._settled(name):
+                continue
             before = search.viscosity
             if not search.move(*self._means(name)):
                 raise run_away(f"joints.{name}.heat", search)
@@ -138,9 +147,11 @@ class FilmTemperatures:
         return np.stack([temperatures, np.zeros(self.count)])
 
     def shift(self, change: np.ndarray) -> None:
-        """Change the temperatures of the next cycle once more, shape (count,) [K]."""
-        for search, own in zip(self._searches.values(), change, strict=True):
-            search.shift(float(own))
+        """Change the temperatures that have moved once more, shape (count,) [K]."""
+        found = zip(self._searches.values(), change, self.thinning, strict=True)
+        for search, own, moved in found:
+            if moved:
+                search.shift(float(own))
         self._warm()
 
     def failed(self, error: Exception) -> HeatError | None:
