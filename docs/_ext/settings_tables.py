@@ -18,18 +18,19 @@ ALONE = {"time": schema.TimeSettings, "output": schema.OutputSettings}
 KINDS = {**schema.KINDS, "supply": SUPPLIES}
 
 
-def rows(cls: type, path: str = "") -> list[tuple[str, str, str]]:
+def rows(cls: type, path: str = "", where: str = "") -> list[tuple[str, str, str]]:
     """Key, default and meaning, sections after the keys of their parent."""
     own, nested = [], []
     for attribute in attrs.fields(cls):
         name, default = f"{path}{attribute.name}", attribute.default
         section = attribute.metadata.get("section")
         if section:
-            nested += rows(section, f"{name}.")
+            listed = f", where `{name}` is listed" if attribute.metadata.get("optional") else where
+            nested += rows(section, f"{name}.", listed)
         else:
             if isinstance(default, attrs.Factory):
                 default = default.factory()
-            told = "must be given" if default is attrs.NOTHING else f"`{_text(default)}`"
+            told = f"must be given{where}" if default is attrs.NOTHING else f"`{_text(default)}`"
             own.append((f"`{name}`", told, attribute.metadata["help"]))
     return own + nested
 

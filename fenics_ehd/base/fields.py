@@ -164,6 +164,11 @@ def section(cls: type) -> Any:
     return attrs.field(factory=cls, metadata={"section": cls})
 
 
+def option(cls: type) -> Any:
+    """Nested table that is not there unless it is listed: None."""
+    return attrs.field(default=None, metadata={"section": cls, "optional": True})
+
+
 def table(help_text: str, check: Callable[[str, Any], None], converter: Any = None) -> Any:
     """Free table of names and what a function may refuse, which `converter` makes of each."""
 

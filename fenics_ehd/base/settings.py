@@ -74,6 +74,8 @@ def unusual(settings: Any, path: str = "") -> list[str]:
     for attribute in attrs.fields(type(settings)):
         value, name = getattr(settings, attribute.name), f"{path}{attribute.name}"
         usual, hint = attribute.metadata.get("usual", (None, ""))
+        if attribute.metadata.get("section") and value is None:
+            continue
         if attribute.metadata.get("section"):
             found += unusual(value, f"{name}.")
         elif attribute.metadata.get("kinds"):
@@ -145,6 +147,8 @@ def to_toml(settings: Any, path: str = "", *, without: Sequence[str] = ()) -> st
         if attribute.name in without:
             continue
         value = getattr(settings, attribute.name)
+        if value is None:  # an optional section
+            continue
         name = f"{path}{attribute.name}"
         help_text = attribute.metadata.get("help", "")
         if attribute.metadata.get("section"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -90,6 +91,16 @@ class Film:
             tolerance=tolerance,
         )
         self._prefix, self._tolerance = options_prefix, tolerance
+
+    def apart(self) -> Film:
+        """The same film with a temperature of its own."""
+        film = copy(self)
+        film.equation = copy(self.equation)
+        return film
+
+    def warm(self, temperature: float) -> None:
+        """Give the oil the viscosity of another temperature [C], see `ReynoldsEquation.warm`."""
+        self.equation.warm(temperature)
 
     @cached_property
     def _coarse(self) -> tuple[Film, CoarseTransfer] | None:

@@ -71,11 +71,7 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
         if ambient is None:
             sides[name] = 0.0
             continue
-        nodes = np.flatnonzero(np.abs(height - end) <= SLACK * grid.radius)
-        inflow = np.where(region[nodes], 0.0, defect[nodes])[np.argsort(angle[nodes])]
-        if grid.family != "bilinear":
-            corner, middle = inflow[::2], inflow[1::2]
-            inflow = 0.5 * (corner + np.roll(corner, -1)) + middle
+        inflow = _side_inflow(film, defect, region, end)
         # Where the sides are at the cavitation pressure nothing can flow in: what
         # appears to is the growth of cavities beside them. Told apart edge by edge,
         # for a corner of the 8-node element alone has the wrong sign.
@@ -113,6 +109,65 @@ def feed_power(film: Film, state: FilmState) -> float:
 def under_pressure(film: Film) -> bool:
     """Whether oil enters or leaves at a pressure above that of cavitation."""
     return bool(film.parameters.feeds) or bool(np.any(film.equation.given))
+
+
+def oil_leaving(film: Film, state: FilmState) -> float:
+    """Oil that leaves a film at one instant [m3/s]: the part of its flows that carries heat away.
+
+    Counted are, each where it flows out,
+
+    - through either side, edge by edge of the mesh. At a pressure above that of cavitation oil
+      comes in over some edges and leaves over others, and what comes in takes nothing off that;
+    - into a supply, as a whole: a groove that takes more than it gives. What is
+      dragged into a groove at one edge and out of it at the other stays in the film. Under
+      condition (8) cavities fill the gap with oil that nobody supplied, and drag it there: as much
+      as they make is not counted.
+
+    Not counted is what the gap's motion stores, nor what cavities take in and give back: over a
+    cycle that comes to nothing, but for the oil that condition (8) makes where the film forms,
+    which is fresh.
+    """
+    p = film.parameters
+    angle, height = p.grid.node_positions.T
+    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+    leaving, taken, supplied = 0.0, 0.0, np.zeros(len(angle), dtype=bool)
+    for region in p.regions:
+        own = region.contains(angle, height, p.grid.radius) & ~supplied
+        supplied |= own
+        taken += max(0.0, -float(inflow[own].sum()))
+    if p.feeds:
+        taken += sum(max(0.0, -flow) for flow in feed_flows(film, state).values())
+    if taken:
+        leaving += max(0.0, taken - max(0.0, flow_balance(film, state).cavities))
+    for name, end in (("lower", p.grid.heights[0]), ("upper", p.grid.heights[-1])):
+        if getattr(p.sides, name) is not None:
+            side = _side_inflow(film, inflow, supplied, end)
+            leaving += float(np.maximum(-side, 0.0).sum())
+    return leaving
+
+
+def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
+    """Flow into a film over the edges at the height of one side [m3/s], or at 4-node cells' nodes.
+
+    Parameters
+    ----------
+    film
+        The film.
+    defect
+        Flow in at every node [m3/s].
+    region
+        Whether a node lies in a supply region.
+    end
+        Height of the side [m].
+    """
+    grid = film.parameters.grid
+    angle, height = grid.node_positions.T
+    nodes = np.flatnonzero(np.abs(height - end) <= SLACK * grid.radius)
+    inflow = np.where(region[nodes], 0.0, defect[nodes])[np.argsort(angle[nodes])]
+    if grid.family == "bilinear":
+        return inflow
+    corner, middle = inflow[::2], inflow[1::2]
+    return 0.5 * (corner + np.roll(corner, -1)) + middle
 
 
 def flow_work(film: Film, state: FilmState) -> float:

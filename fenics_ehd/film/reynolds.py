@@ -66,8 +66,10 @@ class ReynoldsEquation:
         Dimensionless pressure at all nodes, zero at the free ones.
     points
         Gauss points on the bore.
+    lubricant
+        The oil, at another temperature perhaps than that of `parameters`, which give the scales.
     factors
-        Viscosity and density that depend on the place, over those of the oil.
+        Viscosity and density that depend on place and temperature, over those of `parameters`.
     weights
         Entries of the mass matrix N of (11) for the 8-node element, else None.
     feeds
@@ -83,6 +85,7 @@ class ReynoldsEquation:
         self._supplied = bool(pressure.any())
         self.assembly = Assembly(grid, self.free)
         self.points = gauss_points(grid, self.assembly.tensors.points)
+        self.lubricant = parameters.lubricant
         self.factors = [self._field(f) for f in ("viscosity_field", "density_field")]
         if parameters.recesses:
             self.factors[0] = self.factors[0] * recess_viscosity(parameters, self.points)
@@ -109,6 +112,19 @@ class ReynoldsEquation:
         if not np.all(np.isfinite(values) & (values > 0)):
             raise SettingsError(f"the {name} of the lubricant must be above 0 everywhere")
         return values
+
+    def warm(self, temperature: float) -> None:
+        """Give the oil the viscosity of another temperature [C]; volumes stay volumes.
+
+        Raises
+        ------
+        SettingsError
+            See `Lubricant.at`.
+        """
+        given = self.parameters.lubricant
+        self.lubricant = given.at(temperature)
+        ratio = self.lubricant.viscosity / given.viscosity
+        self.factors = [ratio * self._field("viscosity_field"), self.factors[1]]
 
     def dimensionless(self, gap: Gap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """``H``, ``dH/dt`` and the mean velocity over ``Omega R``."""
@@ -225,8 +241,8 @@ class ReynoldsEquation:
         # keeps its properties there.
         inside = value >= 0.0
         pressure = np.where(inside, value, 0.0) * p.pressure_scale
-        viscosity, viscosity_derivative = p.lubricant.viscosity_law(pressure)
-        density, density_derivative = p.lubricant.density_law(pressure)
+        viscosity, viscosity_derivative = self.lubricant.viscosity_law(pressure)
+        density, density_derivative = self.lubricant.density_law(pressure)
         viscosity_derivative, density_derivative = (
             inside * viscosity_derivative,
             inside * density_derivative,

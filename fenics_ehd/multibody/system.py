@@ -127,6 +127,11 @@ class System:
         ]
         self.lift = -np.array(mechanism.gravity)
 
+    @property
+    def heated(self) -> bool:
+        """Whether the heat of a film is balanced."""
+        return any(place.joint.heat is not None for place in self.films)
+
     def _constrain(self, name: str, joint: Joint) -> None:
         own = slice(self.n, self.n + joint.own)
         rows = slice(self.m, self.m + joint.rows)

@@ -18,6 +18,7 @@ from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_rates import joint_rates
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.powers import step_powers
@@ -204,9 +205,9 @@ class Tracker:
             "energy_defect_J": self.balance.defect,
         }
 
-    def figures(self) -> dict[str, Any]:
-        """What ``summary.json`` has of them."""
-        joints = {
+    def joint_figures(self) -> dict[str, dict[str, float]]:
+        """What ``summary.json`` has of every lubricated joint, by its name."""
+        return {
             name: {
                 "max_pressure_Pa": extremes.max_pressure,
                 "max_pressure_time_s": extremes.max_pressure_time,
@@ -219,6 +220,10 @@ class Tracker:
             }
             for name, extremes in self.extremes.items()
         }
+
+    def figures(self) -> dict[str, Any]:
+        """What ``summary.json`` has of them."""
+        joints = self.joint_figures()
         alone: dict[str, Any] = {"joints": joints}
         if len(joints) == 1:
             ((name, found),) = joints.items()
@@ -234,9 +239,11 @@ class Tracker:
         }
 
     def _means(self, joint: str) -> dict[str, float]:
-        """Of a joint's rates over the run, or the cycle."""
+        """Of a joint's rates over the run, or the cycle, and temperatures that follow from them."""
         found = self.rates[joint].means if joint in self.rates else {}
-        return {f"mean_{name}": value for name, value in found.items()}
+        place = next(film for film in self._equations.system.films if film.name == joint)
+        heat = {} if place.joint.heat is None else temperatures(place, found)
+        return {f"mean_{name}": value for name, value in found.items()} | heat
 
     def verdict(self) -> str:
         """``"complete"``, or why the figures cannot be trusted."""

@@ -13,14 +13,14 @@ from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.feed_region import FeedHole
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
-from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.film.shape import Shape
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
+from fenics_ehd.scenes.fields import FEWEST_CELLS
+from fenics_ehd.scenes.heat import joint_heat, joint_lubricant
 from fenics_ehd.scenes.scene import Scene
 from fenics_ehd.scenes.shapes import ROUND, joint_shapes
 from fenics_ehd.scenes.supplies import check_supply, feeds, holes_of, recesses
@@ -163,11 +163,6 @@ def _film(
     closed: tuple[FeedHole, ...] = (),
 ) -> Film:
     """Film on a mesh."""
-    lubricant = (
-        Lubricant(joint.viscosity)
-        if joint.lubricant == NONE
-        else make_lubricant(scene.lubricants[joint.lubricant])
-    )
     grooves = tuple(
         AxialGroove(np.radians(angle), np.radians(width), pressure)
         for angle, width, pressure in joint.grooves
@@ -177,7 +172,7 @@ def _film(
         FilmParameters(
             aligned_grid(grid, edges),
             joint.clearance,
-            lubricant,
+            joint_lubricant(scene, joint),
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
@@ -211,4 +206,5 @@ def lubricated(
         bore_shape=shapes[0],
         journal_shape=shapes[1],
         shear_rule=joint.shear_rule,
+        heat=joint_heat(joint),
     )

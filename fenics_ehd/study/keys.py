@@ -33,6 +33,8 @@ def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
 def _collect(settings: Any, path: str, values: dict[str, Any], free: list[str]) -> None:
     for attribute in attrs.fields(type(settings)):
         key, value = f"{path}.{attribute.name}", getattr(settings, attribute.name)
+        if "section" in attribute.metadata and value is None:
+            continue
         if "section" in attribute.metadata:
             _collect(value, key, values, free)
         elif "table" in attribute.metadata:
