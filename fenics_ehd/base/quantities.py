@@ -38,18 +38,6 @@ def density(default: float) -> Any:
     )
 
 
-def viscosity(default: float) -> Any:
-    """Dynamic viscosity of an oil [Pa s]; that of air is 2e-5, thick cold oil has 1."""
-    return number(
-        default,
-        "dynamic viscosity of the oil [Pa s]",
-        above=0,
-        below=1e6,
-        usual=(1e-5, 1.0),
-        example="0.01 for 10 mPa s",
-    )
-
-
 def mass(default: float, help_text: str, largest: float) -> Any:
     """Mass of something rigid [kg], zero included; a larger one may be in grams."""
     return number(default, help_text, least=0, usual=(1e-4, largest), example="0.5 for 500 g")

@@ -25,8 +25,9 @@ from fenics_ehd.film.kinematics import (
     shaft_gap,
     shaft_gap_derivatives,
 )
-from fenics_ehd.film.lubricant import Barus, Constant, Lubricant, PressureLaw, Roelands
+from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.piezoviscous import PiezoviscousFilm
@@ -252,7 +253,7 @@ class BearingFilm:
         return GapDerivatives(
             *(
                 getattr(place, name) @ places + getattr(rate, name) @ rates
-                for name in ("thickness", "thickness_rate", "mean_velocity")
+                for name in GapDerivatives.__dataclass_fields__
             )
         )
 
@@ -267,12 +268,7 @@ def _quarter(vector: np.ndarray) -> np.ndarray:
 
 
 def _lubricant(settings: BearingSettings) -> Lubricant:
-    law: PressureLaw = Constant()
-    if settings.barus:
-        law = Barus(settings.barus)
-    elif settings.roelands:
-        law = Roelands(settings.viscosity, settings.roelands)
-    return Lubricant(settings.viscosity, law)
+    return make_lubricant(settings, 0.0 if settings.graded else settings.viscosity)
 
 
 def _sides(settings: BearingSettings) -> Sides:

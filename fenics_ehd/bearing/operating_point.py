@@ -159,6 +159,7 @@ def _result(bearing: BearingFilm, operation: Operation, with_coefficients: bool)
     mean = load / (2 * settings.radius * settings.width)
     revolutions = abs(settings.speed) / (2 * np.pi)
     ratio = settings.radius / settings.clearance
+    viscosity = bearing.film.parameters.lubricant.viscosity
     return BearingResult(
         settings=settings,
         load=load,
@@ -167,7 +168,7 @@ def _result(bearing: BearingFilm, operation: Operation, with_coefficients: bool)
         max_pressure_angle=pressure_angle,
         min_film_thickness=minimum_film(settings, operation.position),
         eccentricity_ratio=float(np.hypot(*operation.position)) / settings.clearance,
-        sommerfeld_number=settings.viscosity * revolutions / mean * ratio**2 if load else None,
+        sommerfeld_number=viscosity * revolutions / mean * ratio**2 if load else None,
         forces=forces,
         flow=flow_balance(bearing.film, operation.state),
         # The frame is chosen so that the shaft turns in the positive sense.

@@ -10,6 +10,7 @@ import attrs
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import choice, count, flag, number
+from fenics_ehd.base.oil import OilSettings
 from fenics_ehd.base.quantities import SMALLEST_RATIO, metres, radial_clearance, too_narrow
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -19,6 +20,9 @@ ELEMENTS = ("lagrange", "bilinear", "serendipity")
 SHEAR_RULES = ("streamers", "full", "none")
 CAVITATION = ("reynolds", "mass-conserving")
 CLOSED_SIDES = ("none", "lower", "upper")
+
+#: Of the paper's oil, where nothing is said of another [Pa s].
+VISCOSITY = 0.01
 
 #: Cells of a mesh that still solves in minutes.
 MOST_CELLS = 100_000
@@ -56,7 +60,7 @@ def _as_tuple(grooves: Iterable[Groove]) -> tuple[Groove, ...]:
 
 
 @attrs.frozen
-class BearingSettings:
+class BearingSettings(OilSettings):
     """A bearing, its oil and how its shaft moves.
 
     Directions refer to the load: x along it, y a quarter turn on in the direction of
@@ -66,7 +70,7 @@ class BearingSettings:
     radius: float = metres(0.0225, "of the bore [m]")
     clearance: float = radial_clearance(17e-6)
     width: float = metres(0.022, "of the bearing [m]")
-    viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
+    viscosity: float = number(VISCOSITY, "dynamic viscosity of the oil [Pa s]", above=0)
     speed: float = number(500.0, "of the shaft [rad/s]")
     bore_speed: float = number(0.0, "of the bore [rad/s]")
     tilt: tuple[float, float] = _pair("of the shaft about x and y [rad]")
@@ -83,8 +87,6 @@ class BearingSettings:
     closed_side: str = choice("none", CLOSED_SIDES, "side through which nothing flows")
     cavitation: str = choice("reynolds", CAVITATION, "cavitation condition")
     shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
-    barus: float = number(0.0, "pressure coefficient of the viscosity [1/Pa], 0: none", least=0)
-    roelands: float = number(0.0, "pressure index of the viscosity [-], 0: none", least=0)
     #: Of the bore, angles from the load line; None: round.
     bore_shape: Shape | None = None
 
@@ -109,6 +111,11 @@ class BearingSettings:
             )
         if self.barus and self.roelands:
             raise SettingsError("barus and roelands exclude each other: give one of them")
+        if self.graded and self.viscosity != VISCOSITY:
+            raise SettingsError(
+                f"viscosity = {self.viscosity:g} Pa s: give a viscosity, a grade, or viscosity_40 "
+                "and viscosity_100, one of them"
+            )
         if self.cavitation == "mass-conserving":
             self._check_mass_conserving()
         if self.grooves and self.line_at_max_film:

@@ -106,7 +106,7 @@ def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
     p = film.parameters
     thickness, rate, velocity = film.equation.dimensionless(state.gap)
-    oil = film.equation.oil(state.pressure / p.pressure_scale)
+    oil = film.oil(state)
     defect = balance(film.assembly, oil, thickness, velocity, rate)
     unit = p.clearance * p.grid.radius**2 * p.rate
     return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))

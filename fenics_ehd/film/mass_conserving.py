@@ -213,7 +213,7 @@ class MassConservingFilm:
         outflow[self.film.free] = 0.0
         outflow[b.unknown[b.dry]] = result.pressure[b.dry]
         reference = np.sum(np.abs(step.flows) + step.full + step.former)
-        stored = b.stored(self.film.equation.oil(nodal).density * step.thickness)
+        stored = b.stored(b.oil(step, nodal).density * step.thickness)
         state = OilState(
             pressure=p.pressure_scale * nodal,
             gap=gap,

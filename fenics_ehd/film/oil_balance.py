@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.balance import balance, balance_derivative, flux_change
+from fenics_ehd.film.balance import OilProperties, balance, balance_derivative, flux_change
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.reynolds import SMALLEST_SOURCE
 from fenics_ehd.film.strips import Strips
 from fenics_ehd.film.supply import in_regions
+from fenics_ehd.film.thinning import Thinning
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class OilStep:
 
     `thickness` and `velocity` at the Gauss points, its `length`, the full-film
     `flows` from node to node, and, over the length, the `full` contents of the
-    pressureless gap and the `former` contents.
+    pressureless gap and the `former` contents; what the shear rate does to the viscosity.
     """
 
     thickness: np.ndarray
@@ -35,6 +36,7 @@ class OilStep:
     flows: np.ndarray
     full: np.ndarray
     former: np.ndarray
+    thinned: Thinning | None
 
 
 class OilBalance:
@@ -88,6 +90,7 @@ class OilBalance:
             flows=self.strips.flows(density * thickness * velocity),
             full=self.stored(density * thickness) / length,
             former=content / (self.volume_scale * length),
+            thinned=self.film.equation.thinning(gap),
         )
 
     def problem(self, step: OilStep) -> Complementarity:
@@ -121,14 +124,18 @@ class OilBalance:
         nodal[self.unknown] = np.where(self.dry, 0.0, values)
         return nodal
 
+    def oil(self, step: OilStep, nodal: np.ndarray) -> OilProperties:
+        """Oil at the Gauss points, dimensionless."""
+        return self.film.equation.oil(nodal, step.thinned)
+
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Balance at all nodes without the void fraction."""
-        oil = self.film.equation.oil(nodal)
+        oil = self.oil(step, nodal)
         growth = step.thickness / step.length
         return balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
 
     def _derivative(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
-        oil = self.film.equation.oil(nodal)
+        oil = self.oil(step, nodal)
         if self.film.parameters.lubricant.linear:
             mobility = oil.mobility(step.thickness)
             return Coefficients(mobility, mobility)
@@ -140,11 +147,14 @@ class OilBalance:
     ) -> np.ndarray:
         """Derivative of the balance at a solution along n changes of the gap, shape (nodes, n)."""
         p = self.film.parameters
-        oil = self.film.equation.oil(nodal)
+        oil = self.oil(step, nodal)
         density = np.broadcast_to(self.film.equation.factors[1], step.velocity.shape)
         changes = derivatives.thickness.reshape(-1, derivatives.thickness.shape[-1]) / p.clearance
         speeds = derivatives.mean_velocity.reshape(changes.shape) / (p.rate * p.grid.radius)
-        total = flux_change(self.assembly, oil, step.thickness, step.velocity, changes, speeds)
+        slidings = self.film.equation.slidings(derivatives, changes.shape)
+        total = flux_change(
+            self.assembly, oil, step.thickness, step.velocity, changes, speeds, slidings
+        )
         total += self.assembly.source_vectors(oil.density / step.length, changes)
 
         carried = self.strips.upwind(step.flows, void)

@@ -47,8 +47,9 @@ class FilmColumns:
     gap
         Gap change at the Gauss points for unit xi, shaft's angle and leading patterns, shape
         (g, n + 1 + k).
-    velocity
-        Mean velocity for unit rates of xi and of the shaft's angle, shape (g, n + 1).
+    velocity, sliding
+        Mean and sliding velocity for unit rates of xi and of the shaft's angle, shape
+        (g, n + 1); None: the oil does not thin.
     forces
         Minus the force of unit pressures at free nodes on xi, shape (n, m).
     shares
@@ -60,6 +61,7 @@ class FilmColumns:
     velocity: np.ndarray
     forces: np.ndarray
     shares: np.ndarray | None
+    sliding: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -72,10 +74,14 @@ class FilmColumns:
         velocity = np.hstack([joint.mean_velocity, turning])
         gap = np.hstack([joint.thickness, np.zeros_like(turning)])
         forces = -scale * joint.load[:, free]
+        sliding = None
+        if joint.film.parameters.lubricant.shear_law is not None:
+            sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
         if patterns is None:
-            return cls(place, gap, velocity, forces, None)
+            return cls(place, gap, velocity, forces, None, sliding)
         shapes, shares = patterns
-        return cls(place, np.hstack([gap, shapes]), velocity, forces, -scale * shares[:, free])
+        gap, shares = np.hstack([gap, shapes]), -scale * shares[:, free]
+        return cls(place, gap, velocity, forces, shares, sliding)
 
     @property
     def leading(self) -> int:
@@ -109,8 +115,10 @@ class FilmColumns:
         """
         place = self.place
         film, n = place.film.film, place.film.size
-        along_h, along_v = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+        along_h, along_v, along_u = film.equation.gap_derivatives(point.gap, point.nodal, shift)
         inputs, velocity = along_h @ self.gap, along_v @ self.velocity
+        if along_u is not None:
+            velocity += along_u @ self.sliding
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
         spread = np.zeros((inputs.shape[1], size))

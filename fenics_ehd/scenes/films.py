@@ -11,6 +11,7 @@ from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
+from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.film.shape import Shape
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
@@ -139,9 +140,11 @@ def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> Fil
 
 def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: float) -> Film:
     """Film on a mesh."""
-    viscosity = joint.viscosity
-    if joint.lubricant != NONE:
-        viscosity = scene.lubricants[joint.lubricant].viscosity
+    lubricant = (
+        Lubricant(joint.viscosity)
+        if joint.lubricant == NONE
+        else make_lubricant(scene.lubricants[joint.lubricant])
+    )
     grooves = tuple(
         AxialGroove(np.radians(angle), np.radians(width), pressure)
         for angle, width, pressure in joint.grooves
@@ -151,7 +154,7 @@ def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: 
         FilmParameters(
             aligned_grid(grid, edges),
             joint.clearance,
-            Lubricant(viscosity),
+            lubricant,
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,

@@ -20,6 +20,8 @@ MODEL_KEYS = ("points", "held_by", "cells", "element", "material", "geometry", "
 
 def check_names(scene: Scene) -> None:
     """Refuse names of what is not there, and a bore used twice."""
+    from fenics_ehd.film.oil_settings import make_lubricant  # slow to import
+
     for name, body in scene.bodies.items():
         if isinstance(body, schema.FlexibleSettings):
             _check_source(scene, name, body)
@@ -37,6 +39,11 @@ def check_names(scene: Scene) -> None:
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
     for name in scene.drives:
         _check_turning(scene, f"drives.{name}", name)
+    for name, lubricant in scene.lubricants.items():
+        try:
+            make_lubricant(lubricant)
+        except SettingsError as error:
+            raise SettingsError(f"lubricants.{name}: {error}") from None
     bores: dict[str, str] = {}
     for name, joint in scene.joints_of(schema.LubricatedSettings):
         _check_film(scene, name, joint)

@@ -17,6 +17,7 @@ import attrs
 
 from fenics_ehd.base import quantities
 from fenics_ehd.base.fields import choice, count, flag, number, numbers, rows, section, text
+from fenics_ehd.base.oil import OilSettings
 from fenics_ehd.base.quantities import LARGEST_LENGTH, deviation, metres, radial_clearance
 from fenics_ehd.bearing.settings import SHEAR_RULES
 from fenics_ehd.scenes import part_settings
@@ -310,13 +311,6 @@ class GravitySettings:
     acceleration: tuple[float, float] = pair("[m/s2]", (0.0, -9.81))
 
 
-@attrs.frozen(kw_only=True)
-class LubricantSettings:
-    """An oil of constant viscosity."""
-
-    viscosity: float = quantities.viscosity(REQUIRED)
-
-
 @attrs.frozen
 class TimeSettings:
     """How long, and in which steps."""
@@ -382,6 +376,6 @@ KINDS: Mapping[str, Mapping[str, type]] = MappingProxyType(
             "spring-damper": SpringDamperSettings,
             "gravity": GravitySettings,
         },
-        "lubricants": {"constant": LubricantSettings},
+        "lubricants": {"oil": OilSettings},
     }
 )
