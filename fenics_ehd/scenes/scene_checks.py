@@ -21,8 +21,6 @@ MODEL_KEYS = ("points", "held_by", "cells", "element", "material", "geometry", "
 
 def check_names(scene: Scene) -> None:
     """Refuse names of what is not there, and a bore used twice."""
-    from fenics_ehd.film.oil_settings import make_lubricant  # slow to import
-
     for name, body in scene.bodies.items():
         if isinstance(body, schema.FlexibleSettings):
             _check_source(scene, name, body)
