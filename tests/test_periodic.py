@@ -35,7 +35,10 @@ class AffineRun:
         )
         body = SimpleNamespace(angle=0)
         system = SimpleNamespace(
-            films=["film"], bodies={"crank": slice(3, 4)}, each_name=lambda: [("crank", body)]
+            films=["film"],
+            heated=False,
+            bodies={"crank": slice(3, 4)},
+            each_name=lambda: [("crank", body)],
         )
         self.equations = SimpleNamespace(system=system)
         self.state = self.at(0.0, np.zeros(4))

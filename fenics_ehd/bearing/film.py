@@ -115,7 +115,7 @@ class BearingFilm:
                 _rate(settings),
                 _sides(settings),
                 regions,
-                surfaces_of(settings),
+                surfaces=surfaces_of(settings),
             ),
             options_prefix=options_prefix,
         )

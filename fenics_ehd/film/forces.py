@@ -36,6 +36,7 @@ from fenics_ehd.film.shear import (
     beside_drag,
     film_fields,
     in_supply,
+    rubbing_power,
     sheared_heights,
 )
 
@@ -173,8 +174,7 @@ def _contact(film: Film, surfaces: RoughSurfaces, gap: Gap) -> tuple[Wrench, flo
     p = film.parameters
     area = p.grid.radius**2 * film.assembly.area
     braking = (p.grid.radius - p.clearance) * np.sum(area * rubbing)
-    power = np.sum(area * rubbing * gap.sliding_velocity)
-    return _wrench(film, pressure, rubbing), float(braking), float(power)
+    return _wrench(film, pressure, rubbing), float(braking), rubbing_power(film, gap)
 
 
 def _wrench(film: Film, normal: np.ndarray | float, tangential: np.ndarray | float) -> Wrench:

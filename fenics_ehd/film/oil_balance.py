@@ -13,6 +13,7 @@ import numpy as np
 from fenics_ehd.film.assembly import Assembly, Coefficients
 from fenics_ehd.film.balance import OilProperties, balance, balance_derivative, flux_change
 from fenics_ehd.film.cavitation import Complementarity
+from fenics_ehd.film.feeding import FeedTerm
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.reynolds import SMALLEST_SOURCE
@@ -27,7 +28,8 @@ class OilStep:
 
     `thickness` and `velocity` at the Gauss points, its `length`, the full-film
     `flows` from node to node, and, over the length, the `full` contents of the
-    pressureless gap and the `former` contents; what the shear rate does to the viscosity.
+    pressureless gap and the `former` contents; what the shear rate does to the viscosity, and
+    what supplies add, None without any.
     """
 
     thickness: np.ndarray
@@ -37,6 +39,7 @@ class OilStep:
     full: np.ndarray
     former: np.ndarray
     thinned: Thinning | None
+    feed: FeedTerm | None = None
 
 
 class OilBalance:
@@ -91,6 +94,7 @@ class OilBalance:
             full=self.stored(density * thickness) / length,
             former=content / (self.volume_scale * length),
             thinned=self.film.equation.thinning(gap),
+            feed=self.film.equation.fed(gap, lumped=True),
         )
 
     def problem(self, step: OilStep) -> Complementarity:
@@ -102,6 +106,9 @@ class OilBalance:
 
         def entries(values: np.ndarray) -> np.ndarray:
             matrix = self.assembly.matrix(self._derivative(step, self.nodal(values)))
+            if step.feed is not None:
+                lumped = self.assembly.source(step.feed.total)
+                matrix[self.assembly.pattern.diagonal] += lumped[self.unknown]
             matrix[self._dry_column] = 0.0
             matrix[self._dry_diagonal] = 1.0
             return matrix
@@ -132,7 +139,8 @@ class OilBalance:
         """Balance at all nodes without the void fraction."""
         oil = self.oil(step, nodal)
         growth = step.thickness / step.length
-        return balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
+        lost = balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
+        return lost if step.feed is None else lost + step.feed.lumped(self.assembly, nodal)
 
     def _derivative(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
         oil = self.oil(step, nodal)
@@ -161,7 +169,17 @@ class OilBalance:
         total -= self.strips.derivatives(density * step.velocity, carried) @ changes
         total -= self.strips.derivatives(density * step.thickness, carried) @ speeds
         total -= void[:, None] * self.assembly.source_vectors(density / step.length, changes)
+        if step.feed is not None:
+            slope = step.feed.along_thickness
+            fed = step.feed.lumped_elements(self.assembly, slope, nodal)
+            total += self.assembly.gather(fed) @ changes
         return total
+
+    def along_turn(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
+        """Change of the balance with the journal's angle, shape (nodes,) [1/rad]."""
+        assert step.feed is not None
+        fed = step.feed.lumped_elements(self.assembly, step.feed.along_turn, nodal)
+        return self.assembly.gather(fed) @ np.ones(step.thickness.size)
 
 
 def _reservoirs_and_dry_sides(film: Film) -> tuple[np.ndarray, np.ndarray]:

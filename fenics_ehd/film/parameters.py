@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedRegion
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
@@ -30,6 +32,10 @@ class FilmParameters:
         dimensionless; results do not depend on it beyond round-off.
     sides, regions
         Given pressures.
+    feeds
+        Supplies that conduct oil into the film.
+    recesses
+        Deep places of the bore without supply: their pressure is uniform, what flows in flows out.
     surfaces
         Of journal and bore, None for smooth ones that never touch.
     """
@@ -40,6 +46,8 @@ class FilmParameters:
     rate: float
     sides: Sides = field(default_factory=Sides)
     regions: tuple[Region, ...] = ()
+    feeds: tuple[Feed, ...] = ()
+    recesses: tuple[FeedRegion, ...] = ()
     surfaces: RoughSurfaces | None = None
 
     def __post_init__(self) -> None:

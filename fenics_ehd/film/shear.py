@@ -92,6 +92,18 @@ def sheared_heights(film: Film, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
     return (gap.thickness, gap.thickness) if surfaces is None else surfaces.sheared(gap)
 
 
+def rubbing_power(film: Film, gap: Gap) -> float:
+    """Lost by asperities that touch and rub [W]; nothing between smooth surfaces."""
+    surfaces = film.parameters.surfaces
+    if surfaces is None:
+        return 0.0
+    supplied = in_supply(film, film.points.angle, film.points.height)
+    area = film.parameters.grid.radius**2 * np.where(supplied, 0.0, film.assembly.area)
+    pressure = surfaces.asperities.touch(gap.thickness).pressure
+    rubbing = surfaces.rubbing(gap.sliding_velocity)[0]
+    return float(np.sum(area * pressure * rubbing * gap.sliding_velocity))
+
+
 def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
     """Power per area of the pressure's stress, beyond that of the drag of `Film.powers` [W/m2].
 
@@ -116,6 +128,8 @@ def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np
         share = np.full(full.shape, float(rule == "full"))
     share[full] = 1.0
     share[groove] = 0.0
+    if film.equation.feeds is not None:
+        share *= 1.0 - np.minimum(film.equation.feeds.shares(state.gap.turn)[0].sum(axis=0), 1.0)
     return share
 
 

@@ -22,10 +22,9 @@ not that of pressure and flux at a node (11), to the discretisation.
 
 from __future__ import annotations
 
-import numpy as np
-
 from fenics_ehd.film import FilmState
-from fenics_ehd.film.flow import flow_work
+from fenics_ehd.film.flow import flow_work, under_pressure
+from fenics_ehd.film.shear import rubbing_power
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.joint_contact import JointContact
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -67,8 +66,12 @@ def friction_rates(
         "film_power_W": squeezed + sheared,
         "dissipated_power_W": joint.film.powers(film)[0] + found.sheared,
     }
-    if np.any(joint.film.equation.given):
+    if under_pressure(joint.film):
         rates["supply_power_W"] = flow_work(joint.film, film)
+    if contact is not None:
+        rubbed = rubbing_power(joint.film, film.gap)
+        rates["film_power_W"] += rubbed
+        rates["dissipated_power_W"] += rubbed
     return rates
 
 

@@ -30,6 +30,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import Film
+from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.shape import Shape
 from fenics_ehd.multibody.bore_film import BoreFilm
@@ -65,6 +66,8 @@ class LubricatedJoint:
         Radial deviations in the frames of the two bodies; None: round.
     shear_rule
         For the cavitated zone, see `fenics_ehd.film.shear`.
+    heat
+        Balance of the film's heat over a cycle; None: the oil keeps its temperature.
     """
 
     journal: str
@@ -78,8 +81,14 @@ class LubricatedJoint:
     bore_shape: Shape | None = None
     journal_shape: Shape | None = None
     shear_rule: str = "streamers"
+    heat: Heat | None = None
 
     def __post_init__(self) -> None:
+        if self.heat is not None and self.film.parameters.lubricant.oil is None:
+            raise SettingsError(
+                f"heat of {self.journal} in {self.bore}: the lubricant's viscosity does not depend "
+                "on its temperature: give it a grade, or viscosity_40 and viscosity_100"
+            )
         share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
         if not share < 1.0:
             raise SettingsError(
@@ -189,7 +198,8 @@ class JointFilm:
     """
 
     def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
-        film = self.film = joint.film
+        # Joints may share a film, not its temperature.
+        film = self.film = joint.film if joint.heat is None else joint.film.apart()
         p = film.parameters
         self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
         self.friction, self.own = joint.friction, 4 if tilting else 2

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from fenics_ehd.film.flow import flow_work
+from fenics_ehd.film.flow import flow_work, under_pressure
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -29,7 +27,7 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         lost, fed = joint.film.film.powers(found)
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
-        if np.any(joint.film.film.equation.given):
+        if under_pressure(joint.film.film):
             fed += flow_work(joint.film.film, found)
         film, drag = film + lost, drag + fed
     if equations.contacts is not None:

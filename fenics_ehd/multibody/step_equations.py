@@ -157,6 +157,9 @@ class StepEquations:
             for place in system.films
         ]
         self.responses.add(pressures, gaps)
+        for i, place in enumerate(system.films):
+            if place.film.film.parameters.feeds:
+                gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)
         touches = None if self.contacts is None else self.contacts.touch(gaps)
         films = []
         for i, place in enumerate(system.films):

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes.heat import check_heat, check_lubricants
 from fenics_ehd.scenes.scene import GROUND, Scene
 
 #: Keys that name points, by the settings class's field.
@@ -41,14 +41,11 @@ def check_names(scene: Scene) -> None:
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
     for name in scene.drives:
         _check_turning(scene, f"drives.{name}", name)
-    for name, lubricant in scene.lubricants.items():
-        try:
-            make_lubricant(lubricant)
-        except SettingsError as error:
-            raise SettingsError(f"lubricants.{name}: {error}") from None
+    check_lubricants(scene)
     bores: dict[str, str] = {}
     for name, joint in scene.joints_of(schema.LubricatedSettings):
         _check_film(scene, name, joint)
+        check_heat(scene, name)
         if joint.bore in bores:
             raise SettingsError(
                 f"joints.{name}.bore = {joint.bore!r} is the bore of joints.{bores[joint.bore]} "
