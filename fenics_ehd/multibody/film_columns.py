@@ -9,6 +9,7 @@ import numpy as np
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder
+from fenics_ehd.multibody.conserved_oil import ConservedOil, OilPoint
 from fenics_ehd.multibody.system import FilmPlace
 
 
@@ -24,12 +25,15 @@ class FilmPoint:
         See `Film`.
     defect
         Scaled equations, shape (m,).
+    oil
+        Where it is conserved.
     """
 
     nodal: np.ndarray
     gap: Gap
     problem: Complementarity
     defect: np.ndarray
+    oil: OilPoint | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,8 @@ class FilmColumns:
         Minus the force of unit pressures at free nodes on xi, shape (n, m).
     shares
         Minus the leading patterns' share of such pressures, shape (k, m); None: no patterns.
+    oil
+        Where it is conserved; there are nodes without pressure then.
     """
 
     place: FilmPlace
@@ -56,22 +62,36 @@ class FilmColumns:
     velocity: np.ndarray
     forces: np.ndarray
     shares: np.ndarray | None
+    oil: ConservedOil | None = None
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Nodes of the film's equations, shape (m,)."""
+        return self.place.film.film.free if self.oil is None else self.oil.nodes
 
     @classmethod
     def of(
-        cls, place: FilmPlace, patterns: tuple[np.ndarray, np.ndarray] | None = None
+        cls,
+        place: FilmPlace,
+        patterns: tuple[np.ndarray, np.ndarray] | None = None,
+        oil: ConservedOil | None = None,
     ) -> FilmColumns:
         """With leading patterns: gap changes and shares of nodal pressures."""
         joint = place.film
-        free, scale = joint.film.free, joint.film.parameters.pressure_scale
+        scale = joint.film.parameters.pressure_scale
+        free = joint.film.free if oil is None else oil.nodes
         turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
         velocity = np.hstack([joint.mean_velocity, turning])
         gap = np.hstack([joint.thickness, np.zeros_like(turning)])
         forces = -scale * joint.load[:, free]
-        if patterns is None:
-            return cls(place, gap, velocity, forces, None)
-        shapes, shares = patterns
-        return cls(place, np.hstack([gap, shapes]), velocity, forces, -scale * shares[:, free])
+        shares = None
+        if patterns is not None:
+            gap = np.hstack([gap, patterns[0]])
+            shares = -scale * patterns[1][:, free]
+        if oil is not None:
+            forces = forces * oil.inside
+            shares = None if shares is None else shares * oil.inside
+        return cls(place, gap, velocity, forces, shares, oil)
 
     @property
     def leading(self) -> int:
@@ -105,7 +125,11 @@ class FilmColumns:
         """
         place = self.place
         film, n = place.film.film, place.film.size
-        along_h, along_v = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+        if self.oil is None:
+            along_h, along_v = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+        else:
+            assert point.oil is not None
+            along_h, along_v = self.oil.gap_derivatives(point.nodal, point.oil)
         inputs, velocity = along_h @ self.gap, along_v @ self.velocity
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
@@ -120,4 +144,4 @@ class FilmColumns:
             outputs = np.vstack([outputs, share * self.shares])
             rows = np.concatenate([rows, np.arange(patterns.start, patterns.stop)])
             spread[n + 1 :, patterns] = np.eye(patterns.stop - patterns.start)
-        return FilmBorder(inputs[film.free] / scale, spread, outputs, rows, patterns, along_h)
+        return FilmBorder(inputs[self.nodes] / scale, spread, outputs, rows, patterns, along_h)

@@ -28,11 +28,16 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import Film
 from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.oil_balance import require_monotone
 from fenics_ehd.multibody.bore_film import BoreFilm
 from fenics_ehd.multibody.joints import Pair
 from fenics_ehd.multibody.marker import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.relation import Geometry
 from fenics_ehd.reduction.body import ReducedBody
+
+#: What holds where the film ruptures; whether oil comes back in at sides at cavitation pressure.
+CAVITATIONS = ("reynolds", "mass-conserving")
+AMBIENTS = ("air", "oil")
 
 #: Unit matrix of the plane, and a quarter turn.
 UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -56,6 +61,11 @@ class LubricatedJoint:
         At the start, in the bore's frame [m], [m/s].
     smallest_film
         Film thickness at which a run ends, share of the clearance.
+    cavitation
+        One of `CAVITATIONS`, the second wants a bilinear film mesh.
+    initial_filling, ambient
+        Where oil is conserved: fluid fraction of the gap at the start, and what is outside the
+        sides at cavitation pressure, one of `AMBIENTS`.
     """
 
     journal: str
@@ -66,6 +76,9 @@ class LubricatedJoint:
     eccentricity: tuple[float, float] = (0.0, 0.0)
     eccentricity_rate: tuple[float, float] = (0.0, 0.0)
     smallest_film: float = 0.01
+    cavitation: str = "reynolds"
+    initial_filling: float = 1.0
+    ambient: str = "air"
 
     def __post_init__(self) -> None:
         share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
@@ -74,11 +87,35 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
+        check_oil(self)
 
     @property
     def markers(self) -> tuple[str, ...]:
         """See `Joint`."""
         return self.bore, self.journal
+
+
+def check_oil(joint: LubricatedJoint) -> None:
+    """Refuse settings of cavitation that are none, and a film that cannot conserve its oil.
+
+    Raises
+    ------
+    SettingsError
+        Naming the value and what it must be.
+    """
+    grid, lubricant = joint.film.parameters.grid, joint.film.parameters.lubricant
+    for name, known in (("cavitation", CAVITATIONS), ("ambient", AMBIENTS)):
+        if getattr(joint, name) not in known:
+            raise SettingsError(f"{name} = {getattr(joint, name)!r} must be {' or '.join(known)}")
+    if not 0.0 <= joint.initial_filling <= 1.0:
+        raise SettingsError(f"initial_filling = {joint.initial_filling:g} must lie in 0..1")
+    if joint.cavitation == "reynolds":
+        return
+    require_monotone(grid.family)
+    if not lubricant.density_law.constant:
+        raise SettingsError(
+            "cavitation = 'mass-conserving' in a mechanism needs an oil of constant density"
+        )
 
 
 @dataclass(frozen=True)

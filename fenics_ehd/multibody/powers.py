@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fenics_ehd.multibody.conserved_oil import JointOilState
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -24,6 +25,8 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         damping += flexibility.dissipation(step.rate[places])
     for joint, found in zip(system.films, state.films, strict=True):
         lost, fed = joint.film.film.powers(found)
+        if isinstance(found, JointOilState):
+            lost -= found.refill_power
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
         film, drag = film + lost, drag + fed

@@ -112,8 +112,8 @@ class Tracker:
         size, self.time = step.time - self.time, step.time
         row = {"time_s": step.time}
         stored = {"coordinates": step.x[: system.n], "rates": step.rate[: system.n]}
-        if len(step.x) > system.n:
-            stored["quasi_static"] = step.x[system.n :]
+        if patterns := self._equations.responses.size:
+            stored["quasi_static"] = step.x[system.n : system.n + patterns]
         loads = self._loads(state.films)
         gaps = self._norm.film_gaps(step.observed)
         for place, film, gap in zip(system.films, state.films, gaps, strict=True):
@@ -126,6 +126,8 @@ class Tracker:
                 )
             row |= {f"{prefix}{name}": value for name, value in figures.items()}
             stored[f"{prefix}pressure_Pa"] = film.pressure
+            if film.fluid_fraction is not None:
+                stored[f"{prefix}fluid_fraction"] = film.fluid_fraction
         row |= self._bodies(step) | self._energy(step)
         row |= {"step_s": size, "newton_iterations": step.newton_iterations}
         return row | {"rejected_steps": rejected}, stored
