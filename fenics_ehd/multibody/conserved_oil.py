@@ -113,8 +113,9 @@ class ConservedOil:
 
     def __init__(self, place: FilmPlace, first: int):
         joint = place.joint
-        self._place, self._filling = place, joint.initial_filling
-        self.balance = OilBalance(joint.film, oil_outside=joint.ambient == "oil")
+        assert joint.oil is not None
+        self._place, self._filling = place, joint.oil.filling
+        self.balance = OilBalance(joint.film, oil_outside=joint.oil.oil_outside)
         self.nodes, self.inside = self.balance.unknown, ~self.balance.dry
         self.volumes = slice(first, first + len(self.nodes))
         self._areas = self.balance.stored(np.ones_like(joint.film.assembly.area))[self.nodes]
@@ -210,9 +211,13 @@ class ConservedOil:
         return self.balance.film.parameters.pressure_scale * nodal
 
     def volume_rates(self, point: OilPoint) -> tuple[np.ndarray, np.ndarray]:
-        """Void volumes [m^3] at a point and their rates."""
+        """Void volumes [m^3] at a point and their rates.
+
+        They follow from the flows: what Newton leaves of the balance goes to the next step, no oil
+        is lost.
+        """
         scale = self.balance.volume_scale * point.step.length
-        volumes = scale * (point.step.full * point.nodal_void)[self.nodes]
+        volumes = scale * ((point.step.full * point.nodal_void)[self.nodes] + point.defect)
         return volumes, self._shift * volumes + self._past_volumes
 
     def state(
@@ -237,7 +242,8 @@ class ConservedOil:
             raise CavitationError(f"fluid fraction below 0: by {excess:.2g}, at most {UNDERSHOOT}")
         lost, outflow = balance.ends(step, nodal, point.values, point.nodal_void)
         reference = np.sum(np.abs(step.flows) + step.full + np.abs(step.former))
-        stored = step.length * step.full * (1.0 - point.nodal_void)
+        stored = balance.volume_scale * step.length * step.full
+        stored[self.nodes] -= self.volume_rates(point)[0]
         # What the weak form makes of the pressure beyond loss, drag and squeeze.
         refill = nodal @ (balance.full_film(step, nodal) + self._past_void)
         full, iterations = result
@@ -249,7 +255,7 @@ class ConservedOil:
             ),
             problem=film.problem,
             fluid_fraction=1.0 - point.nodal_void,
-            content=balance.volume_scale * stored,
+            content=stored,
             outflow=balance.volume_scale * p.rate * outflow,
             time_step=step.length / p.rate,
             imbalance=float(np.abs(lost + outflow).sum() / reference),
@@ -262,7 +268,7 @@ def conserved_oils(places: Sequence[FilmPlace], first: int) -> list[ConservedOil
     found: list[ConservedOil | None] = []
     for place in places:
         oil = None
-        if place.joint.cavitation == "mass-conserving":
+        if place.joint.oil is not None:
             oil = ConservedOil(place, first)
             first = oil.volumes.stop
         found.append(oil)

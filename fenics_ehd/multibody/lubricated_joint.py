@@ -35,12 +35,29 @@ from fenics_ehd.multibody.marker import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.relation import Geometry
 from fenics_ehd.reduction.body import ReducedBody
 
-#: What holds where the film ruptures; whether oil comes back in at sides at cavitation pressure.
-CAVITATIONS = ("reynolds", "mass-conserving")
-AMBIENTS = ("air", "oil")
-
 #: Unit matrix of the plane, and a quarter turn.
 UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class ConservedContent:
+    """Oil that a film keeps account of (mass-conserving cavitation).
+
+    Attributes
+    ----------
+    filling
+        Fluid fraction of the gap at the start, 0 to 1.
+    oil_outside
+        Whether there is oil outside the sides, which flows back in where the film sucks; beside
+        sides above cavitation pressure there always is.
+    """
+
+    filling: float = 1.0
+    oil_outside: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.filling <= 1.0:
+            raise SettingsError(f"initial_filling = {self.filling:g} must lie in 0..1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +78,8 @@ class LubricatedJoint:
         At the start, in the bore's frame [m], [m/s].
     smallest_film
         Film thickness at which a run ends, share of the clearance.
-    cavitation
-        One of `CAVITATIONS`, the second wants a bilinear film mesh.
-    initial_filling, ambient
-        Where oil is conserved: fluid fraction of the gap at the start, and what is outside the
-        sides at cavitation pressure, one of `AMBIENTS`.
+    oil
+        How the film keeps account of its oil, on a bilinear mesh; None: Reynolds' condition.
     """
 
     journal: str
@@ -76,9 +90,7 @@ class LubricatedJoint:
     eccentricity: tuple[float, float] = (0.0, 0.0)
     eccentricity_rate: tuple[float, float] = (0.0, 0.0)
     smallest_film: float = 0.01
-    cavitation: str = "reynolds"
-    initial_filling: float = 1.0
-    ambient: str = "air"
+    oil: ConservedContent | None = None
 
     def __post_init__(self) -> None:
         share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
@@ -87,35 +99,18 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
-        check_oil(self)
+        if self.oil is not None:
+            require_monotone(self.film.parameters.grid.family)
+            if not self.film.parameters.lubricant.density_law.constant:
+                raise SettingsError(
+                    "cavitation = 'mass-conserving' in a mechanism needs an oil whose density does "
+                    "not depend on pressure"
+                )
 
     @property
     def markers(self) -> tuple[str, ...]:
         """See `Joint`."""
         return self.bore, self.journal
-
-
-def check_oil(joint: LubricatedJoint) -> None:
-    """Refuse settings of cavitation that are none, and a film that cannot conserve its oil.
-
-    Raises
-    ------
-    SettingsError
-        Naming the value and what it must be.
-    """
-    grid, lubricant = joint.film.parameters.grid, joint.film.parameters.lubricant
-    for name, known in (("cavitation", CAVITATIONS), ("ambient", AMBIENTS)):
-        if getattr(joint, name) not in known:
-            raise SettingsError(f"{name} = {getattr(joint, name)!r} must be {' or '.join(known)}")
-    if not 0.0 <= joint.initial_filling <= 1.0:
-        raise SettingsError(f"initial_filling = {joint.initial_filling:g} must lie in 0..1")
-    if joint.cavitation == "reynolds":
-        return
-    require_monotone(grid.family)
-    if not lubricant.density_law.constant:
-        raise SettingsError(
-            "cavitation = 'mass-conserving' in a mechanism needs an oil of constant density"
-        )
 
 
 @dataclass(frozen=True)

@@ -97,10 +97,10 @@ class StepEquations:
 
     def __init__(self, system: System, *, dense_limit: int):
         self.system = system
-        conserved = [place.joint.cavitation == "mass-conserving" for place in system.films]
         free = [len(place.film.film.free) for place in system.films]
         self.dense = [
-            n <= dense_limit and not oil for n, oil in zip(free, conserved, strict=True)
+            n <= dense_limit and place.joint.oil is None
+            for n, place in zip(free, system.films, strict=True)
         ]
         self.responses = BoreResponses(system, self.dense)
         self.oils = conserved_oils(system.films, system.n + self.responses.size)
