@@ -195,15 +195,17 @@ def renamed(mechanism, name):
 def test_order_and_names_of_what_is_listed_do_not_matter(name):
     mechanism = slider_crank(rigid_rod(), *short_films())
     other = renamed(mechanism, name)
-    # Equations stand in the order of the names: another order is another round-off.
+    # Equations stand in the order of the names: another order is another round-off, by which
+    # Newton's method may stop an update of a hundredth of the tolerance earlier.
     assert (sorted(map(name, mechanism.bodies)) == list(map(name, sorted(mechanism.bodies)))) == (
         name is str
     )
     a, b = (simulate(m, 0.1 * REVOLUTION, tolerance=1e-4) for m in (mechanism, other))
-    assert a.time == pytest.approx(b.time, rel=1e-10)
+    close = 1e-10 if name is str else 1e-6
+    assert a.time == pytest.approx(b.time, rel=close)
     for joint, result in a.joints.items():
         found = b.joints[name(joint)].min_film_thickness
-        assert result.min_film_thickness == pytest.approx(found, rel=1e-10)
+        assert result.min_film_thickness == pytest.approx(found, rel=close)
 
 
 def test_a_film_that_becomes_too_thin_ends_the_run_and_is_named():

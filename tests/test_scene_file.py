@@ -404,7 +404,10 @@ def test_a_bore_that_offers_no_cells_is_refused_before_reduction(nothing_reduced
 @pytest.mark.slow
 def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_structure):
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
-    scene = scene_of(tables(shipped("slider-crank-both-ends")), "both")
+    given = tables(shipped("slider-crank-both-ends"))
+    given["bodies"]["rod"]["bores"] = ["bore"]
+    given["joints"]["small_end"] |= {"radius": 0.012, "width": 0.022, "cells": [20, 5]}
+    scene = scene_of(given, "both")
     films = {}
     for method in ("rigid", "m3"):
         built = build_mechanism(with_method(scene, method), MPI.COMM_SELF)

@@ -146,12 +146,25 @@ class Film:
         else:
             start = self._cold_start(gap)
         try:
-            result = self.cavitation.solve(problem, start)
+            result = self._from_either_end(problem, start)
         except CavitationError as error:
             error.state.update({name: getattr(gap, name) for name in Gap.__dataclass_fields__})
             raise
         pressure = self.parameters.pressure_scale * self.equation.nodal(result.pressure)
         return FilmState(pressure, gap, result, problem, density_rate=density_rate)
+
+    def _from_either_end(self, problem: Complementarity, start: np.ndarray) -> CavitationResult:
+        """Solve from a start, or else from a film that is full everywhere.
+
+        The matrix of 8-node cells is no M-matrix: from few full nodes active sets may follow each
+        other for ever (at eccentricities of round-off, on some processors).
+        """
+        try:
+            return self.cavitation.solve(problem, start)
+        except CavitationError:
+            if self.equation.weights is None:
+                raise
+            return self.cavitation.solve(problem, np.full_like(start, problem.unit))
 
     def _cold_start(self, gap: Gap) -> np.ndarray:
         if self._coarse is None:
