@@ -124,3 +124,50 @@ class SqueezedPlates:
             empty = self.gap(t) - gap_left(z)
             voids[i] = 2 * np.sum(0.5 * (empty[1:] + empty[:-1]) * np.diff(z))
         return edges, voids
+
+
+@dataclass(frozen=True)
+class ClosedJournalFilm:
+    """Infinitely wide journal bearing without supply that holds a share of its oil, steady.
+
+    Dimensionless as `JournalFilm`, in the frame of the line of centres, which may whirl:
+    ``H = 1 + e cos x``. The film is full from the reformation to the rupture, where pressure and
+    slope vanish; all along flows what the rupture lets through, ``H(rupture)`` over the velocity.
+    The rupture is where the content is the given share of the gap.
+    """
+
+    eccentricity: float
+    filling: float
+
+    def gap(self, x: np.ndarray) -> np.ndarray:
+        return 1 + self.eccentricity * np.cos(x)
+
+    def rise(self, start: float, end: float, rupture: float) -> float:
+        """Pressure at `end` less that at `start` for unit velocity."""
+        slope = lambda x: (self.gap(x) - self.gap(rupture)) / self.gap(x) ** 3  # noqa: E731
+        return quad(slope, start, end, epsabs=1e-13, epsrel=1e-13, limit=400)[0]
+
+    def _reformation(self, rupture: float) -> float:
+        mirrored = 2 * np.pi - rupture
+        return brentq(lambda x: self.rise(x, rupture, rupture), rupture - 2 * np.pi, mirrored)
+
+    def _content(self, rupture: float) -> float:
+        start = self._reformation(rupture)
+        full = quad(self.gap, start, rupture)[0]
+        return full + (2 * np.pi - rupture + start) * self.gap(rupture)
+
+    @property
+    def boundaries(self) -> tuple[float, float]:
+        """Reformation and rupture, from the largest gap, the first may be negative."""
+        wanted = 2 * np.pi * self.filling
+        # A rupture farther on needs more oil than the gap holds: the film would be full.
+        last = np.pi + 1e-6
+        while self.rise(last - 2 * np.pi, last, last) > 0 and last < 2 * np.pi:
+            last += 1e-3
+        rupture = brentq(lambda x: self._content(x) - wanted, np.pi + 1e-3, last - 1e-3)
+        return self._reformation(rupture), rupture
+
+    @property
+    def largest_pressure(self) -> float:
+        start, rupture = self.boundaries
+        return self.rise(start, 2 * np.pi - rupture, rupture)

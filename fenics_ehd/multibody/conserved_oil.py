@@ -131,9 +131,19 @@ class ConservedOil:
         gap = self._place.film.clearance + self._place.film.thickness @ xi
         return (1.0 - self._filling) * self.balance.volume_scale * self._full(gap)[self.nodes]
 
-    def within_gap(self, volumes: np.ndarray, thickness: np.ndarray) -> np.ndarray:
-        """Void volumes brought between none and those of a gap at the Gauss points [m^3]."""
-        return np.clip(volumes, 0.0, self.balance.volume_scale * self._full(thickness)[self.nodes])
+    def within_gap(self, volumes: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """Void volumes brought between none and those of a gap, where it is observed [m^3]."""
+        most = self.balance.volume_scale * self._full(self._inside(observed))[self.nodes]
+        return np.clip(volumes, 0.0, most)
+
+    def content(self, state: np.ndarray, observed: np.ndarray) -> float:
+        """Oil in a state of a gap, where it is observed [m^3]."""
+        full = self.balance.volume_scale * self._full(self._inside(observed)).sum()
+        return float(full - state[self.volumes].sum())
+
+    def _inside(self, observed: np.ndarray) -> np.ndarray:
+        """Gap at the Gauss points, which come first."""
+        return observed[: self._place.film.film.assembly.area.size]
 
     def fractions(self, volumes: np.ndarray, thickness: np.ndarray) -> np.ndarray:
         """Void fractions of such volumes."""

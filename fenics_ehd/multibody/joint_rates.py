@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.oil_account import oil_rates
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
@@ -19,4 +20,4 @@ def joint_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[
         torque = -film_friction(place.film, film).torque
         rates["friction_torque_Nm"] = torque
         rates["friction_power_W"] = torque * place.ahead(step.rate)
-    return rates
+    return rates | oil_rates(place, film)

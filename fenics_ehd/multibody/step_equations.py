@@ -162,6 +162,17 @@ class StepEquations:
             past = past - step.shift * film.clearance + self.responses.past_gap(i)
             self.oil(i).begin(step, past)
 
+    def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> list[float]:
+        """Oil of the films of `voids` in a state of given gaps, where observed [m^3]."""
+        return [self.oil(i).content(state, gaps[i]) for i in self.voids]
+
+    def keep_within(self, states: np.ndarray, gaps: list[np.ndarray]) -> None:
+        """Bring void volumes of the first of some states back into its gaps, the others along."""
+        for i in self.voids:
+            oil = self.oil(i)
+            volumes = states[:, oil.volumes]
+            states[:, oil.volumes] += oil.within_gap(volumes[0], gaps[i]) - volumes[0]
+
     def void_fractions(self, i: int, state: np.ndarray) -> np.ndarray:
         """Of the nodes of one of `voids`, in a state without residual patterns."""
         oil, place = self.oil(i), self.system.films[i]

@@ -19,6 +19,7 @@ from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import Integrals
 from fenics_ehd.multibody.joint_rates import joint_rates
+from fenics_ehd.multibody.oil_account import OilAccount
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.powers import step_powers
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -73,6 +74,7 @@ class Tracker:
         }
         self.balance: EnergyBalance | None = None
         self.rates: dict[str, Integrals] = {}
+        self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
         self.time = 0.0
@@ -92,6 +94,7 @@ class Tracker:
             estimate.largest *= 0.0  # what is not known stays so
         for rates in self.rates.values():
             rates.restart()
+        self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
         return True
 
     def add(self, step: MechanismStep) -> tuple[dict[str, float], dict[str, np.ndarray]]:
@@ -173,6 +176,8 @@ class Tracker:
             self.rates[joint].add(time, rates)
         elif rates:
             self.rates[joint] = Integrals(time, rates)
+        if account := OilAccount.follow(self.oil.get(joint), rates):
+            self.oil[joint] = account
         return rates
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
@@ -232,7 +237,10 @@ class Tracker:
     def _means(self, joint: str) -> dict[str, float]:
         """Of a joint's rates over the run, or the cycle."""
         found = self.rates[joint].means if joint in self.rates else {}
-        return {f"mean_{name}": value for name, value in found.items()}
+        means = {f"mean_{name}": value for name, value in found.items()}
+        if joint in self.oil:
+            means |= self.oil[joint].figures(self.rates[joint].totals)
+        return means
 
     def verdict(self) -> str:
         """``"complete"``, or why the figures cannot be trusted."""
@@ -260,6 +268,7 @@ class Tracker:
                 name: {"names": tuple(rates.totals), **rates.stored_state()}
                 for name, rates in self.rates.items()
             },
+            "oil": {name: asdict(found) for name, found in self.oil.items()},
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -294,6 +303,10 @@ class Tracker:
         self.rates = {
             joint: Integrals.of(tuple(found["names"]), found)
             for joint, found in stored["rates"].items()
+        }
+        self.oil = {
+            joint: OilAccount(float(found["start"]), float(found["end"]))
+            for joint, found in stored["oil"].items()
         }
 
 

@@ -12,7 +12,7 @@ from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_g
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
@@ -175,4 +175,7 @@ def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
         eccentricity=(joint.clearance * x, joint.clearance * y),
         eccentricity_rate=joint.eccentricity_rate,
         smallest_film=joint.smallest_film,
+        oil=ConservedContent(joint.initial_filling, joint.ambient == "oil")
+        if joint.cavitation == "mass-conserving"
+        else None,
     )

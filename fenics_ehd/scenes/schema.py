@@ -23,6 +23,8 @@ from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, pl
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
+CAVITATIONS = ("reynolds", "mass-conserving")
+AMBIENTS = ("air", "oil")
 
 
 @attrs.frozen
@@ -198,6 +200,17 @@ class LubricatedSettings:
         ("angle", "width", "pressure"),
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
     )
+    cavitation: str = choice(
+        "reynolds", CAVITATIONS,
+        "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
+    )  # fmt: skip
+    initial_filling: float = number(
+        1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0
+    )
+    ambient: str = choice(
+        "air", AMBIENTS,
+        "around sides without ambient_pressure: air, or oil that the film sucks in (mass-conserving)",
+    )  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
