@@ -1,11 +1,13 @@
 """Films that keep account of their oil in the coupled steps of mechanisms."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from differences import slope
 from mechanism_cases import REVOLUTION, SPEED
+from mpi4py import MPI
 from oil_cases import (
     CLOSED,
     ETA,
@@ -18,19 +20,21 @@ from oil_cases import (
     with_oil,
 )
 from oracle_mass_conserving import ClosedJournalFilm, SqueezedJournal
+from scene_cases import tables_of
 from test_coupled_steps import mechanism_with, some_step
 
 from fenics_ehd.base.errors import SettingsError, StepSizeError
 from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody import conserved_oil
-from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import simulate, simulate_periodic
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import System
 from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.scene_file import scene_of
 
 pytestmark = pytest.mark.kernels
 
@@ -40,9 +44,7 @@ GROOVE = AxialGroove(np.radians(90), np.radians(18), 3e5)
 # --- Against solutions with free boundaries
 
 
-@pytest.mark.parametrize(
-    "whirl", [0.0, 125.0, pytest.param(400.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("whirl", [0.0, 125.0, pytest.param(400.0, marks=pytest.mark.slow)])
 def test_a_closed_journal_settles_to_the_free_boundary_solution(whirl, figure):
     exact, clearance = ClosedJournalFilm(0.5, 0.8), 1e-6
     reformation, rupture = exact.boundaries
@@ -171,7 +173,9 @@ def flown(run, end):
     rows, system = [], run.equations.system
     for step in run.until(end):
         (state,) = step.solution.films
-        rows.append((step.time, state.content.sum(), state.outflow.sum(), np.abs(state.outflow).sum()))
+        rows.append(
+            (step.time, state.content.sum(), state.outflow.sum(), np.abs(state.outflow).sum())
+        )
         assert state.pressure.min() >= 0.0
         assert state.fluid_fraction.max() <= 1.0 + 1e-6
         assert np.abs(np.minimum(state.pressure, 1 - state.fluid_fraction)).max() < 1e-4
@@ -182,7 +186,9 @@ def flown(run, end):
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_a_closed_film_keeps_its_oil_whatever_the_formula(order, figure):
     film = oil_film((20, 3), sides=CLOSED)
-    run = Run(rigid_slider_crank(film, filling=0.97), Steps(tolerance=3e-3, order=order), REVOLUTION)
+    run = Run(
+        rigid_slider_crank(film, filling=0.97), Steps(tolerance=3e-3, order=order), REVOLUTION
+    )
     _, content, outflow, _ = flown(run, 0.5 * REVOLUTION)
     assert not outflow.any()
     name = f"conserved oil in the coupled step, order {order}, change of a closed film's content"
@@ -265,7 +271,9 @@ def test_residual_patterns_are_coordinates_without_mass():
     body = with_residual(joint, flexible(joint)[0])
     found = [
         simulate(
-            with_oil(make_mechanism(b, joint, 1e-3), filling=0.95), 0.06 * REVOLUTION, tolerance=1e-4
+            with_oil(make_mechanism(b, joint, 1e-3), filling=0.95),
+            0.06 * REVOLUTION,
+            tolerance=1e-4,
         ).columns
         for b in (body, massless_coordinates(body))
     ]
@@ -314,7 +322,7 @@ def test_derivatives_equal_central_differences(residual, monkeypatch):
         whole = np.zeros(len(derivative.core))
         # Leading patterns follow from the pressures.
         shares = border.outputs[len(border.rows) - count(border) :] @ direction[:m]
-        whole[: rest], whole[border.patterns] = direction[m:], -shares
+        whole[:rest], whole[border.patterns] = direction[m:], -shares
         film = film + border.inputs @ (border.spread @ whole)
         others = derivative.core @ whole
         np.add.at(others, border.rows, border.outputs @ direction[:m])
@@ -403,5 +411,56 @@ def test_nothing_of_it_is_computed_without_it(monkeypatch):
 def test_films_that_cannot_conserve_oil_are_refused():
     with pytest.raises(SettingsError, match="needs element = 'bilinear'"):
         LubricatedJoint("a", "b", oil_film((12, 3), family="lagrange"), oil=ConservedContent())
-    with pytest.raises(SettingsError, match="initial_filling = 1.2"):
+    with pytest.raises(SettingsError, match=r"initial_filling = 1\.2"):
         ConservedContent(1.2)
+
+
+# --- Scenes
+
+
+def starved(**changes):
+    """The shipped starved scene on a coarse film."""
+    coarse = {"joints.bearing.cells": [30, 4], "time.tolerance": 5e-3}
+    return scene_of(tables_of("loaded-journal-starved", coarse | changes), "starved")
+
+
+@pytest.mark.slow
+def test_a_starved_bearing_has_less_film_than_one_that_reynolds_fills(figure):
+    found = []
+    for changes in ({}, {"cavitation": "reynolds", "initial_filling": 1.0}):
+        joint = {f"joints.bearing.{key}": value for key, value in changes.items()}
+        built = build_mechanism(starved(**joint), MPI.COMM_SELF)
+        steps = vars(built.steps)
+        found.append(simulate_periodic(built.mechanism, built.period, periodicity=5e-3, **steps))
+    oil, reynolds = found
+    content = oil.columns["oil_content_m3"]
+    assert content.max() < 0.8 * 25e-6 * 2 * np.pi * 0.025 * 0.02
+    assert (
+        oil.columns["min_film_thickness_m"].min() < reynolds.columns["min_film_thickness_m"].min()
+    )
+    flows = oil.columns["supply_flow_m3_per_s"], oil.columns["side_flow_m3_per_s"]
+    assert flows[1].min() >= 0.0
+    name = "starved loaded journal, balance of a cycle's oil"
+    supplied, lost = (np.diff(oil.time, prepend=0.0) @ flow for flow in flows)
+    figure("film", name, abs(lost / supplied - 1), most=0.02, unit="%")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"element": "lagrange"}, "joints.bearing.element = 'lagrange' cannot conserve mass"),
+        ({"initial_filling": 1.1}, "joints.bearing.initial_filling = 1.1 must be at most 1"),
+        ({"cavitation": "elrod"}, "joints.bearing.cavitation = 'elrod'"),
+        ({"cavitation": "reynolds"}, "initial_filling does nothing under Reynolds' condition"),
+    ],
+)
+def test_scenes_that_cannot_conserve_oil_are_refused(changes, words):
+    joint = {f"joints.bearing.{key}": value for key, value in changes.items()}
+    with pytest.raises(SettingsError, match=re.escape(words)):
+        starved(**joint)
+
+
+def test_a_massless_journal_needs_a_full_film_at_the_start():
+    body = {"bodies.journal.kind": "massless", "bodies.journal.mass": None}
+    with pytest.raises(SettingsError, match="nothing holds the massless body journal"):
+        starved(**body, **{"bodies.journal.inertia": None})

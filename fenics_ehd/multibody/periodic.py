@@ -97,7 +97,9 @@ class Cycles:
             change = gaps - self._gaps
             self.defect = float(np.max(np.abs(change) / gaps))
             former, self._contents = self._contents, self._oil()
-            drained = np.abs(self._contents - former) / np.maximum(self._contents, np.finfo(float).tiny)
+            drained = np.abs(self._contents - former) / np.maximum(
+                self._contents, np.finfo(float).tiny
+            )
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
             if self.number > 1 and self.defect <= self._periodicity:

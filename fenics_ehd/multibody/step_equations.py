@@ -1,8 +1,9 @@
 """All equations of one implicit step of a mechanism and its films.
 
 Unknowns are the dimensionless pressures at the free nodes of every film, where oil is conserved
-(`conserved_oil`) void fractions, then ``(z, l, m)``: coordinates and multipliers on position and velocity level (`system`). Equations are the films',
-over their sources, then motion, constraints, and constraints on velocities.
+(`conserved_oil`) void fractions too, then ``(z, l, m)``: coordinates and multipliers on position
+and velocity level (`system`). Equations are the films', over their sources, then motion,
+constraints, and constraints on velocities.
 
 The derivative of the oil's shear, where it acts, is left out: it is c / R of the pressure's, so
 that every iteration still shrinks the error by about 1e-3.
@@ -139,7 +140,7 @@ class StepEquations:
         return self.system.n + self.responses.size + sum(self.sizes[i] for i in self.voids)
 
     def resting(self, z: np.ndarray) -> np.ndarray:
-        """The state behind coordinates z at the start: patterns at rest, gaps as they are filled."""
+        """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
         films = self.system.films
         volumes = [
             oil.volumes_at(z[place.xi])

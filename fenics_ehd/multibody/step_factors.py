@@ -222,9 +222,7 @@ def film_block(
     if oil is not None:
         pattern = oil.balance.assembly.pattern
         return OilFilm(
-            ActiveSetSystem(
-                pattern, weighted=True, symmetric=False, options_prefix=options_prefix
-            )
+            ActiveSetSystem(pattern, weighted=True, symmetric=False, options_prefix=options_prefix)
         )
     if len(film.free) <= dense_limit:
         return DenseFilm(symmetric=symmetric)

@@ -139,7 +139,7 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
     key = f"joints.{name}"
     if not joint.initial_filling <= 1.0:
         raise SettingsError(
-            f"{key}.initial_filling = {joint.initial_filling:g} must be at most 1, a gap full of oil"
+            f"{key}.initial_filling = {joint.initial_filling:g} must be at most 1, a full gap"
         )
     if joint.cavitation == "mass-conserving":
         require_monotone(joint.element, f"{key}.element")
@@ -147,8 +147,8 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
         massless = type(scene.bodies.get(body)) is schema.MasslessSettings
         if massless and joint.initial_filling < 1.0:
             raise SettingsError(
-                f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full nothing "
-                f"holds the massless body {body}: it must be 1, or the body rigid with a mass"
+                f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
+                f"nothing holds the massless body {body}: it must be 1, or the body have a mass"
             )
         return
     for idle in ("initial_filling", "ambient"):

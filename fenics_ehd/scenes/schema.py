@@ -209,7 +209,7 @@ class LubricatedSettings:
     )
     ambient: str = choice(
         "air", AMBIENTS,
-        "around sides without ambient_pressure: air, or oil that the film sucks in (mass-conserving)",
+        "around sides without ambient_pressure: air, or oil beside them (mass-conserving)",
     )  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     smallest_film: float = number(
