@@ -70,9 +70,17 @@ class OilPoint:
 class Evaluated(Protocol):
     """A film at one evaluation, see `FilmPoint`."""
 
-    nodal: np.ndarray
-    gap: Gap
-    problem: Complementarity
+    @property
+    def nodal(self) -> np.ndarray:
+        """Dimensionless pressures of all nodes."""
+
+    @property
+    def gap(self) -> Gap:
+        """At the Gauss points."""
+
+    @property
+    def problem(self) -> Complementarity:
+        """The oil's balance."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
