@@ -16,9 +16,9 @@ R, C, ETA, OMEGA = 0.02, 20e-6, 0.01, 300.0
 UNIT_LOAD = 6 * ETA * OMEGA * (R / C) ** 2 * R * 2 * R  # of the table for L/D = 1
 
 
-def make_film(cells=(20, 5), *, width=2 * R, clearance=C):
+def make_film(cells=(20, 5), *, width=2 * R, clearance=C, oil=None):
     grid = uniform_grid(R, width, cells, "lagrange")
-    return Film(FilmParameters(grid, clearance, Lubricant(ETA), OMEGA))
+    return Film(FilmParameters(grid, clearance, oil or Lubricant(ETA), OMEGA))
 
 
 def ellipse(size, ratio, waves):
@@ -47,8 +47,11 @@ def orbit(mechanism, period, tolerance=1e-4):
     return result.time, result.joints["bearing"].eccentricity
 
 
-def equilibrium(film, load, speed):
-    """Eccentricity at which the film at rest bears a load: MINPACK on the film alone."""
+def equilibrium(film, load, speed, start=None):
+    """Eccentricity at which the film at rest bears a load: MINPACK on the film alone.
+
+    From a start [m], or from half the clearance along the load.
+    """
     clearance = film.parameters.clearance
     directions = film.load(np.stack(film.points.normal, axis=-1))
     size = np.hypot(*load)
@@ -57,6 +60,7 @@ def equilibrium(film, load, speed):
         gap = shaft_gap(film.points, R, clearance, ShaftMotion(clearance * ratio, speed))
         return (directions @ film.solve(gap).pressure - load) / size
 
-    solution = root(imbalance, 0.5 * load / size, tol=1e-10)
+    first = 0.5 * load / size if start is None else start / clearance
+    solution = root(imbalance, first, tol=1e-10)
     assert solution.success
     return clearance * solution.x

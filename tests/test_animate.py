@@ -553,6 +553,7 @@ def test_paraview_series_of_a_housing_rests_and_deforms(rotor, tmp_path):
     assert mesh.point_data["pressure_Pa"].max() > 1e5
 
 
+@pytest.mark.slow
 def test_command_writes_the_series_a_scene_asks_for(crank, tmp_path, capsys):
     meshio = pytest.importorskip("meshio")
     scene, out = crank.directory / "scene.toml", tmp_path / "out"

@@ -89,6 +89,7 @@ def apart(one, other, start=2e-4):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "limit"), [("m4", 5e-4), ("m3", 5e-3), ("m2", 0.05)])
 def test_methods_agree_on_both_films(results, method, limit):
     found = apart(results["full"], results[method])

@@ -58,6 +58,7 @@ def test_reduce_writes_basis_and_exports(tmp_path):
         assert np.isfinite(basis.stress(np.ones(6))).all()
 
 
+@pytest.mark.slow
 def test_inventory_says_what_was_dropped(tmp_path):
     result = call("reduce", "conrod", "--residual-modes", 2, "-o", tmp_path / "rod.h5")
     assert result.returncode == 0, result.stderr

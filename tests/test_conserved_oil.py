@@ -294,7 +294,8 @@ def test_derivatives_equal_central_differences(residual, monkeypatch):
     equations.lead(100)
     assert equations.dense == [False]
     (m,), n = equations.sizes, equations.system.n
-    begin, former = equations.begin, 1e-9 * np.random.default_rng(1).uniform(-1, 1, m)
+    size = equations.oil(0).balance.assembly.size
+    begin, former = equations.begin, 1e-9 * np.random.default_rng(1).uniform(-1, 1, size)
     monkeypatch.setattr(
         equations, "begin", lambda s: begin(replace(s, past_x=np.append(s.past_x, former)))
     )

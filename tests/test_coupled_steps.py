@@ -20,6 +20,8 @@ from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.lubricant import Barus, Roelands
+from fenics_ehd.film.thinning import Cross
 from fenics_ehd.multibody import step_solver
 from fenics_ehd.multibody.assembly import assemble
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
@@ -40,19 +42,27 @@ FAMILIES = ["lagrange", "serendipity", "bilinear"]
 LIMITS = [0, 10_000]
 
 
-def film_of(joint, family, cells=(12, 3)):
+#: Oils whose viscosity changes with pressure, with the shear rate, with both.
+OILS = {
+    "Roelands": Lubricant(0.01, Roelands(0.01)),
+    "Cross": Lubricant(0.01, shear_law=Cross(3e5, 0.8, 0.4)),
+    "Barus and Cross": Lubricant(0.01, Barus(2e-8), shear_law=Cross(3e5, 0.8, 0.4)),
+}
+
+
+def film_of(joint, family, cells=(12, 3), oil=None):
     parameters = joint.film.parameters.grid
     grid = uniform_grid(parameters.radius, parameters.width, cells, family)
-    return Film(FilmParameters(grid, CLEARANCE, Lubricant(0.01), SPEED))
+    return Film(FilmParameters(grid, CLEARANCE, oil or Lubricant(0.01), SPEED))
 
 
-def mechanism_with(family, residual, damping_time=1e-3):
+def mechanism_with(family, residual, damping_time=1e-3, oil=None):
     """A crank that torque and gas drive, and a flexible rod."""
     joint = Joint()
     body = flexible(joint)[0]
     if residual:
         body = with_residual(joint, body)
-    joint.film = film_of(joint, family)
+    joint.film = film_of(joint, family, oil=oil)
     return driven(
         make_mechanism(body, joint, damping_time),
         2e-3,
@@ -115,7 +125,18 @@ def whole_matrix(equations, derivative):
 @pytest.mark.parametrize("residual", [False, True])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_derivatives_equal_central_differences(family, residual, limit):
-    equations = StepEquations(System(mechanism_with(family, residual)), dense_limit=limit)
+    assert_derivatives(mechanism_with(family, residual), limit)
+
+
+@pytest.mark.parametrize("residual", [False, True])
+@pytest.mark.parametrize("oil", OILS)
+def test_derivatives_of_oils_that_change_equal_central_differences(oil, residual):
+    for limit in LIMITS:
+        assert_derivatives(mechanism_with("lagrange", residual, oil=OILS[oil]), limit)
+
+
+def assert_derivatives(mechanism, limit):
+    equations = StepEquations(System(mechanism), dense_limit=limit)
     equations.lead(100)
     start, sizes, rng = some_step(equations)
     matrix = whole_matrix(

@@ -5,6 +5,7 @@ import pytest
 from test_demos import demo
 
 
+@pytest.mark.slow
 def test_rotor_follows_its_force():
     result = demo("rotor").main(revolutions=0.1)
     bearing = result.joints["bearing"]

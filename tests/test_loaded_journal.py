@@ -44,6 +44,7 @@ def test_constant_load_ends_at_the_equilibrium_of_the_table(figure):
     assert np.degrees(np.arctan2(last[-1, 1], last[-1, 0])) + 90 == pytest.approx(51.98, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.25, 0.75])
 def test_rotating_load_sees_the_speed_minus_twice_its_own(share):
     # A thin film: in a turning frame the thin-film equation keeps its form to order c / R only.
@@ -99,6 +100,7 @@ def short_bearing_rate(load, ratio, width, speed):
     return rate
 
 
+@pytest.mark.slow
 def test_squeeze_under_sinusoidal_load_follows_the_short_bearing(figure):
     width, period = 0.05 * 2 * R, 0.01
     size = 3.2 * np.pi * ETA * R * width**3 / C**2 / period

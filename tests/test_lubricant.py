@@ -11,6 +11,7 @@ from fenics_ehd.base.errors import CavitationError, SettingsError
 from fenics_ehd.film import Lubricant
 from fenics_ehd.film.lubricant import Barus, Constant, DowsonHigginson, Roelands
 from fenics_ehd.film.supply import AxialGroove, Sides
+from fenics_ehd.film.thinning import Cross
 
 LAWS = [Constant(), Barus(1.8e-8), Roelands(0.01), Roelands(0.4, 0.7), DowsonHigginson()]
 
@@ -22,6 +23,26 @@ def test_slopes_are_derivatives(law, pressure):
     ratio, derivative = law(np.array([pressure]))
     expected = slope(lambda t: law(np.array([pressure + unit * t]))[0])
     assert unit * derivative == pytest.approx(expected, rel=1e-7, abs=1e-11 * ratio[0])
+
+
+@pytest.mark.parametrize("law", [Cross(1e6), Cross(3e4, 0.7, 0.0), Cross(1e7, 3.0, 0.9)], ids=str)
+@given(power=st.floats(3, 8))
+def test_slope_of_shear_thinning_is_its_derivative(law, power):
+    rate = 10.0**power
+    ratio, derivative = law(np.array([rate]))
+    expected = slope(lambda t: law(np.array([rate * (1 + t)]))[0])
+    assert rate * derivative == pytest.approx(expected, rel=1e-7, abs=1e-11)
+    assert law.second <= ratio <= 1.0
+
+
+def test_shear_thinning_has_its_limits():
+    law = Cross(1e6, 0.8, 0.3)
+    ratio, derivative = law(np.array([0.0, 1e6, 1e300]))
+    np.testing.assert_allclose(ratio, [1.0, 0.65, 0.3])
+    assert derivative[0] == 0.0
+    assert np.isfinite(derivative).all()
+    with np.errstate(all="raise", under="ignore"):
+        Cross(1e-30, 9.99, 0.0)(np.array([0.0, 1e-300, 1e9, 1e300]))
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
@@ -158,6 +179,10 @@ def test_compressibility_of_oil_is_a_small_correction(family):
         (lambda: Roelands(0.01, 0.0), "Roelands index = 0"),
         (lambda: Roelands(1e-5), "1e-05 Pa s must be above 6.3e-5"),
         (lambda: Roelands(np.nan), "must be above"),
+        (lambda: Cross(0.0), "rate = 0 1/s of Cross's law"),
+        (lambda: Cross(1e6, 10.0), "exponent = 10 of Cross's law"),
+        (lambda: Cross(1e6, 1.0, 1.1), "second = 1.1 of Cross's law"),
+        (lambda: Cross(np.nan), "rate = nan"),
         (
             lambda: make_film(oil=Lubricant(ETA, viscosity_field=lambda a, z: np.cos(a))),
             "viscosity_field of the lubricant must be above 0",

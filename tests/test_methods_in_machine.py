@@ -129,6 +129,7 @@ def test_every_method_runs(rod_structure, rod_body, residual_body):
     assert errors["m3"] < errors["m2"] < errors["m1"] < errors["rigid"]
 
 
+@pytest.mark.slow
 def test_settings_name_every_method(rod_structure):
     for method, frame in (("m1", "bore-centre"), ("rigid", "mean-axis")):
         body = reduce_structure(
@@ -152,6 +153,7 @@ def recorded(mechanism, end, folder):
     return np.column_stack([bore.structure_pressure(pressure) for pressure in steps])
 
 
+@pytest.mark.slow
 def test_snapshots_of_a_run_are_a_pressure_set(rod_structure, tmp_path):
     body = load_dependent(rod_structure, 6, 8, estimate_error=False)
     mechanism = flexible_slider_crank(body)

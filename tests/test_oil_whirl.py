@@ -314,6 +314,7 @@ class TwoBearings:
         run.load_state(memory)
 
 
+@pytest.mark.slow
 def test_onset_of_whirl_of_an_elastic_rotor_on_two_bearings(figure):
     rotor = TwoBearings()
     # The shaft's elasticity halves the mass that runs smoothly.

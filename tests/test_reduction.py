@@ -270,6 +270,7 @@ def test_another_load_matrix_than_the_film_has_is_refused(body):
         System(flexible_slider_crank(other))
 
 
+@pytest.mark.slow
 def test_journal_pressures_need_fewer_modes_than_single_positions(structure):
     """Response to a pressure that neither set holds, of a finite bearing at eccentricity 0.7."""
     x, y, z = structure.bore.pressure_coordinates.T
@@ -289,6 +290,7 @@ def test_journal_pressures_need_fewer_modes_than_single_positions(structure):
     assert missed["journal"] < 0.3 * missed["pc2"]
 
 
+@pytest.mark.slow
 def test_redundant_patterns_change_nothing(structure):
     random = np.random.default_rng(0)
     patterns = np.cos(random.uniform(0, 3, (440, 6)))

@@ -99,6 +99,7 @@ def test_shipped_scenes_explain_every_setting():
     }
     for cls in classes | {
         schema.MaterialSettings,
+        schema.ShapeSettings,
         part_settings.ReductionSettings,
         schema.TimeSettings,
         schema.OutputSettings,

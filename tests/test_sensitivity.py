@@ -9,6 +9,7 @@ from fenics_ehd.film.kinematics import GapDerivatives, shaft_gap_derivatives
 from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
 from fenics_ehd.film.reynolds import DensityRate
 from fenics_ehd.film.supply import AxialGroove, Sides
+from fenics_ehd.film.thinning import Cross
 
 OILS = {
     "constant": Lubricant(ETA),
@@ -19,6 +20,8 @@ OILS = {
     ),
     "Barus": Lubricant(ETA, viscosity_law=Barus(5e-9)),
     "Roelands": Lubricant(ETA, viscosity_law=Roelands(ETA)),
+    "Cross": Lubricant(ETA, shear_law=Cross(5e5, 0.7, 0.4)),
+    "Cross and Barus": Lubricant(ETA, viscosity_law=Barus(5e-9), shear_law=Cross(5e5, 1.2, 0.0)),
     "compressible": Lubricant(ETA, viscosity_law=Barus(1e-8), density_law=DowsonHigginson()),
 }
 
@@ -28,7 +31,7 @@ def moved(gap, slopes, amount):
         gap.thickness + amount * slopes.thickness[..., 0],
         gap.thickness_rate + amount * slopes.thickness_rate[..., 0],
         gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
-        gap.sliding_velocity,
+        gap.sliding_velocity + amount * slopes.sliding_velocity[..., 0],
     )
 
 
@@ -36,10 +39,13 @@ def bore_like(film, seed):
     """Gap of a deformed bore and a direction of change, unlike at every Gauss point."""
     random = np.random.default_rng(seed)
     gap = gap_of(film, shaft(0.7, 0.1, rate=(0.0, 30.0)))
-    values = random.standard_normal((5, *gap.thickness.shape))
-    scale = np.array([0.02 * C, C * OMEGA * 0.02, C, 0.1 * C * OMEGA, 0.1 * R * OMEGA])
+    values = random.standard_normal((6, *gap.thickness.shape))
+    scale = np.array(
+        [0.02 * C, C * OMEGA * 0.02, C, 0.1 * C * OMEGA, 0.1 * R * OMEGA, 0.1 * R * OMEGA]
+    )
     bump, bump_rate, *direction = values * scale[:, None, None]
-    gap = Gap(gap.thickness + bump, gap.thickness_rate + bump_rate, gap.mean_velocity, 0 * bump)
+    thickness, rate = gap.thickness + bump, gap.thickness_rate + bump_rate
+    gap = Gap(thickness, rate, gap.mean_velocity, gap.sliding_velocity)
     return gap, GapDerivatives(*(x[..., None] for x in direction))
 
 
@@ -139,7 +145,7 @@ def test_no_directions_give_no_columns():
 
 # In units of the drag. Not for 8 nodes: their p is orthogonal to N^-1 (A p - b), not to A p - b.
 @pytest.mark.parametrize("family", ["bilinear", "lagrange"])
-@pytest.mark.parametrize("oil", ["constant", "position", "Barus", "Roelands"])
+@pytest.mark.parametrize("oil", ["constant", "position", "Barus", "Roelands", "Cross"])
 def test_pressure_work_equals_drag_less_dissipation(family, oil):
     film = make_film(width=0.022, family=family, oil=OILS[oil])
     gap = gap_of(film, shaft(0.6, rate=(50.0, 100.0), tilt=np.array([2e-4, 1e-4])))

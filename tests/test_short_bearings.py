@@ -143,6 +143,7 @@ class Rod:
         ).T
 
 
+@pytest.mark.slow
 def test_both_ends_of_a_rod_are_lubricated(figure):
     result = simulate(
         slider_crank(rigid_rod(), *short_films()), REVOLUTION, tolerance=1e-4, order=2

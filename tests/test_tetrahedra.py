@@ -272,6 +272,7 @@ def test_inverted_tetrahedra_are_refused():
         gmsh.finalize()
 
 
+@pytest.mark.slow
 def test_command_line_reduces_the_tetrahedral_rod(tmp_path):
     path = tmp_path / "rod.h5"
     few = {"bodies.rod.reduction": {"method": "m3", "residual_modes": 4, "estimate_error": False}}

@@ -66,6 +66,10 @@ class CavitationError(SolverError):
         self.state = dict(state or {})
 
 
+class ViscosityError(CavitationError):
+    """The viscosity runs away with the pressure: no film was found that thickens no further."""
+
+
 class GapClosedError(SolverError):
     """The film thickness is not positive everywhere."""
 

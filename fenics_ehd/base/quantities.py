@@ -38,18 +38,6 @@ def density(default: float) -> Any:
     )
 
 
-def viscosity(default: float) -> Any:
-    """Dynamic viscosity of an oil [Pa s]; that of air is 2e-5, thick cold oil has 1."""
-    return number(
-        default,
-        "dynamic viscosity of the oil [Pa s]",
-        above=0,
-        below=1e6,
-        usual=(1e-5, 1.0),
-        example="0.01 for 10 mPa s",
-    )
-
-
 def mass(default: float, help_text: str, largest: float) -> Any:
     """Mass of something rigid [kg], zero included; a larger one may be in grams."""
     return number(default, help_text, least=0, usual=(1e-4, largest), example="0.5 for 500 g")
@@ -69,6 +57,18 @@ def radial_clearance(default: float) -> Any:
     """Radial clearance of a bearing [m]."""
     return number(
         default, "radial clearance [m]", above=0, below=LARGEST_CLEARANCE, example="30e-6 for 30 um"
+    )
+
+
+def deviation(help_text: str) -> Any:
+    """Deviation of a surface from the round one [m], of either sign."""
+    return number(
+        0.0,
+        help_text,
+        above=-LARGEST_CLEARANCE,
+        below=LARGEST_CLEARANCE,
+        usual=(1e-8, 1e-3),
+        example="5e-6 for 5 um",
     )
 
 

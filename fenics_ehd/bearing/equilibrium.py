@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.base.errors import GapClosedError, SettingsError, SolverError
-from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
+from fenics_ehd.bearing.film import BearingFilm, Operation
 from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.bearing.thinnest import minimum_film, require_open
 
 #: Relative error of the load, and error of its direction [rad], at which a search ends.
 TOLERANCE = 1e-9
@@ -129,6 +130,8 @@ def at_load(settings: BearingSettings, load: float) -> tuple[BearingFilm, Operat
         The film carries no such load.
     """
     _check_squeeze(settings)
+    if settings.bore_shape is not None:
+        require_open(settings)
     first = _expected_attitude(settings)
     direction = np.array([np.cos(first), np.sin(first)])
     starts = minimum_film(settings, np.zeros(2)) * np.outer([0.6, 0.2, -0.3], direction)

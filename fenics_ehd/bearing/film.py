@@ -10,13 +10,13 @@ so that the force of a plain bearing turns with the eccentricity exactly.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_ehd.base.errors import GapClosedError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.bearing.thinnest import end_shifts, minimum_film, shaped_film
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.grading import gap_graded_grid
 from fenics_ehd.film.kinematics import (
@@ -25,8 +25,9 @@ from fenics_ehd.film.kinematics import (
     shaft_gap,
     shaft_gap_derivatives,
 )
-from fenics_ehd.film.lubricant import Barus, Constant, Lubricant, PressureLaw, Roelands
+from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.piezoviscous import PiezoviscousFilm
@@ -77,6 +78,11 @@ class BearingFilm:
     ------
     GapClosedError
         The shaft touches the bore there.
+
+    Attributes
+    ----------
+    outside
+        Deviation of a bore that is not round, at the Gauss points [m]; None: it is.
     """
 
     def __init__(
@@ -84,6 +90,8 @@ class BearingFilm:
     ):
         self.settings = settings
         free = not (settings.grooves or any(settings.tilt) or any(settings.squeeze))
+        if settings.bore_shape is not None:
+            free = free and settings.bore_shape.round
         self._follows = free or settings.line_at_max_film
         self._angle = 0.0 if settings.grooves else _direction(position)
         self._made_for = self._motion(position)
@@ -117,6 +125,10 @@ class BearingFilm:
         )
         self._oil = MassConservingFilm(self.film) if conserving else None
         self._load = self.film.load(np.stack(self.film.points.normal, axis=-1))
+        self.outside: np.ndarray | None = None
+        if settings.bore_shape is not None:
+            points = self.film.points
+            self.outside = settings.bore_shape.radial(points.angle + self._angle, points.height)
 
     def _regions(self) -> tuple[AxialGroove, ...]:
         if self.settings.line_at_max_film:
@@ -146,11 +158,16 @@ class BearingFilm:
         def thickness(angle: np.ndarray) -> np.ndarray:
             normal = np.stack([np.cos(angle), np.sin(angle)])
             ends = [
-                motion.eccentricity @ normal + shift @ normal for shift in _end_shifts(s, motion)
+                motion.eccentricity @ normal + shift @ normal
+                for shift in end_shifts(s.width, motion.tilt)
             ]
             return 1.0 - np.max(ends, axis=0) / s.clearance
 
-        return thickness
+        def shaped(angle: np.ndarray) -> np.ndarray:
+            film = shaped_film(s, angle, motion.eccentricity, motion.tilt, self._angle)
+            return film.min(axis=1) / s.clearance
+
+        return thickness if s.bore_shape is None else shaped
 
     def suits(self, position: np.ndarray) -> bool:
         """Whether the mesh is good for an eccentricity, too."""
@@ -171,6 +188,8 @@ class BearingFilm:
         s, motion, angle = self.settings, self._motion(position), self.frame_angle(position)
         minimum_film(s, position)
         gap = shaft_gap(self.film.points, s.radius, s.clearance, motion)
+        if self.outside is not None:
+            gap = replace(gap, thickness=gap.thickness + self.outside)
         if self._piezoviscous is not None:
             state = self._piezoviscous.solve(gap)
         elif self._oil is not None:
@@ -234,7 +253,7 @@ class BearingFilm:
         return GapDerivatives(
             *(
                 getattr(place, name) @ places + getattr(rate, name) @ rates
-                for name in ("thickness", "thickness_rate", "mean_velocity")
+                for name in GapDerivatives.__dataclass_fields__
             )
         )
 
@@ -248,38 +267,8 @@ def _quarter(vector: np.ndarray) -> np.ndarray:
     return np.array([-vector[1], vector[0]])
 
 
-def _end_shifts(settings: BearingSettings, motion: ShaftMotion) -> list[np.ndarray]:
-    """Offset of the shaft's centre at the two ends from that at mid-width."""
-    shift = 0.5 * settings.width * np.array([motion.tilt[1], -motion.tilt[0]])
-    return [shift, -shift]
-
-
-def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
-    """Smallest film thickness of a rigid bearing [m]: at an end, in the direction of its centre.
-
-    Raises
-    ------
-    GapClosedError
-        It is not positive.
-    """
-    shift = 0.5 * settings.width * np.array([settings.tilt[1], -settings.tilt[0]])
-    farthest = max(float(np.linalg.norm(position + sign * shift)) for sign in (1, -1))
-    thinnest = settings.clearance - farthest
-    if not thinnest > 0:
-        raise GapClosedError(
-            f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be positive: "
-            "lower the eccentricity or the tilt"
-        )
-    return thinnest
-
-
 def _lubricant(settings: BearingSettings) -> Lubricant:
-    law: PressureLaw = Constant()
-    if settings.barus:
-        law = Barus(settings.barus)
-    elif settings.roelands:
-        law = Roelands(settings.viscosity, settings.roelands)
-    return Lubricant(settings.viscosity, law)
+    return make_lubricant(settings, 0.0 if settings.graded else settings.viscosity)
 
 
 def _sides(settings: BearingSettings) -> Sides:

@@ -18,8 +18,9 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.bearing.coefficients import DynamicCoefficients, coefficients
 from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
-from fenics_ehd.bearing.film import BearingFilm, Operation, minimum_film
+from fenics_ehd.bearing.film import BearingFilm, Operation
 from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.bearing.thinnest import minimum_film
 from fenics_ehd.film.flow import FlowBalance, flow_balance
 from fenics_ehd.film.forces import FilmForces, film_forces
 from fenics_ehd.film.grid import FilmGrid
@@ -151,11 +152,14 @@ def _figures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 def _result(bearing: BearingFilm, operation: Operation, with_coefficients: bool) -> BearingResult:
     settings = bearing.settings
     load = float(np.hypot(*operation.force)) if carries(bearing, operation) else 0.0
-    forces = film_forces(bearing.film, operation.state, operation.motion, settings.shear_rule)
+    forces = film_forces(
+        bearing.film, operation.state, operation.motion, settings.shear_rule, bearing.outside
+    )
     pressure, pressure_angle = _peak(bearing, operation)
     mean = load / (2 * settings.radius * settings.width)
     revolutions = abs(settings.speed) / (2 * np.pi)
     ratio = settings.radius / settings.clearance
+    viscosity = bearing.film.parameters.lubricant.viscosity
     return BearingResult(
         settings=settings,
         load=load,
@@ -164,7 +168,7 @@ def _result(bearing: BearingFilm, operation: Operation, with_coefficients: bool)
         max_pressure_angle=pressure_angle,
         min_film_thickness=minimum_film(settings, operation.position),
         eccentricity_ratio=float(np.hypot(*operation.position)) / settings.clearance,
-        sommerfeld_number=settings.viscosity * revolutions / mean * ratio**2 if load else None,
+        sommerfeld_number=viscosity * revolutions / mean * ratio**2 if load else None,
         forces=forces,
         flow=flow_balance(bearing.film, operation.state),
         # The frame is chosen so that the shaft turns in the positive sense.

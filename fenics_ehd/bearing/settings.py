@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import choice, count, flag, number
+from fenics_ehd.base.oil import OilSettings
 from fenics_ehd.base.quantities import SMALLEST_RATIO, metres, radial_clearance, too_narrow
+
+if TYPE_CHECKING:  # slow to import, and --help does without
+    from fenics_ehd.film.shape import Shape
 
 ELEMENTS = ("lagrange", "bilinear", "serendipity")
 SHEAR_RULES = ("streamers", "full", "none")
 CAVITATION = ("reynolds", "mass-conserving")
 CLOSED_SIDES = ("none", "lower", "upper")
+
+#: Of the paper's oil, where nothing is said of another [Pa s].
+VISCOSITY = 0.01
 
 #: Cells of a mesh that still solves in minutes.
 MOST_CELLS = 100_000
@@ -53,7 +60,7 @@ def _as_tuple(grooves: Iterable[Groove]) -> tuple[Groove, ...]:
 
 
 @attrs.frozen
-class BearingSettings:
+class BearingSettings(OilSettings):
     """A bearing, its oil and how its shaft moves.
 
     Directions refer to the load: x along it, y a quarter turn on in the direction of
@@ -63,7 +70,7 @@ class BearingSettings:
     radius: float = metres(0.0225, "of the bore [m]")
     clearance: float = radial_clearance(17e-6)
     width: float = metres(0.022, "of the bearing [m]")
-    viscosity: float = number(0.01, "dynamic viscosity of the oil [Pa s]", above=0)
+    viscosity: float = number(VISCOSITY, "dynamic viscosity of the oil [Pa s]", above=0)
     speed: float = number(500.0, "of the shaft [rad/s]")
     bore_speed: float = number(0.0, "of the bore [rad/s]")
     tilt: tuple[float, float] = _pair("of the shaft about x and y [rad]")
@@ -80,8 +87,8 @@ class BearingSettings:
     closed_side: str = choice("none", CLOSED_SIDES, "side through which nothing flows")
     cavitation: str = choice("reynolds", CAVITATION, "cavitation condition")
     shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
-    barus: float = number(0.0, "pressure coefficient of the viscosity [1/Pa], 0: none", least=0)
-    roelands: float = number(0.0, "pressure index of the viscosity [-], 0: none", least=0)
+    #: Of the bore, angles from the load line; None: round.
+    bore_shape: Shape | None = None
 
     def __attrs_post_init__(self) -> None:
         if self.cells_around * self.cells_along > MOST_CELLS:
@@ -104,6 +111,11 @@ class BearingSettings:
             )
         if self.barus and self.roelands:
             raise SettingsError("barus and roelands exclude each other: give one of them")
+        if self.graded and self.viscosity != VISCOSITY:
+            raise SettingsError(
+                f"viscosity = {self.viscosity:g} Pa s: give a viscosity, a grade, or viscosity_40 "
+                "and viscosity_100, one of them"
+            )
         if self.cavitation == "mass-conserving":
             self._check_mass_conserving()
         if self.grooves and self.line_at_max_film:
@@ -111,12 +123,27 @@ class BearingSettings:
                 "grooves and line_at_max_film exclude each other: the line belongs to the plain "
                 "bearing of the classical tables"
             )
+        if self.bore_shape is not None and not self.bore_shape.round:
+            self._check_shape()
         if self.line_held and not self.line_at_max_film:
             raise SettingsError("line_held needs line_at_max_film: there is no line to hold")
         if self.grooves and self.speed and self.bore_speed:
             raise SettingsError(
                 f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "
                 "or bore must"
+            )
+
+    def _check_shape(self) -> None:
+        """A bore that is not round stands still, and its thickest film is not where one thinks."""
+        if self.line_at_max_film:
+            raise SettingsError(
+                "bore_shape and line_at_max_film exclude each other: the line belongs to the plain "
+                "bearing of the classical tables"
+            )
+        if self.bore_speed:
+            raise SettingsError(
+                f"bore_speed = {self.bore_speed:g} rad/s with a bore_shape that is not the same "
+                "all around: it stands still, so the bore must"
             )
 
     def _check_mass_conserving(self) -> None:

@@ -19,6 +19,7 @@ from fenics_ehd.bearing.settings import (
     Groove,
 )
 from fenics_ehd.cli.bearing_help import DESCRIPTION
+from fenics_ehd.cli.bearing_shape import bore_shape, shape_options
 from fenics_ehd.cli.options import json_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -48,13 +49,13 @@ def _default(name: str) -> Any:
     return getattr(BearingSettings(), name)
 
 
-def _number(name: str, help_text: str, metavar: str) -> Callable:
-    """Option for a number of the settings, with its default."""
+def _number(name: str, help_text: str, metavar: str, *, optional: bool = False) -> Callable:
+    """Option for a number of the settings, with its default; that of `optional` ones says none."""
     return click.option(
         f"--{name.replace('_', '-')}",
         type=float,
         default=_default(name),
-        show_default=True,
+        show_default=not optional,
         metavar=metavar,
         help=help_text,
     )
@@ -110,8 +111,22 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 )
 @_number("ambient", "Pressure at the sides above that of cavitation [Pa].", "P")
 @_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
+@click.option(
+    "--grade",
+    default=_default("grade"),
+    metavar="NAME",
+    help="Oil by its grade at --temperature, in place of --viscosity: 'ISO VG 46', 'SAE 10W-40'.",
+)
+@_number("viscosity_40", "Or kinematic viscosity at 40 C [mm2/s],", "NU", optional=True)
+@_number("viscosity_100", "and at 100 C [mm2/s].", "NU", optional=True)
+@_number("temperature", "Effective temperature of such an oil [C].", "T", optional=True)
+@_number("density", "Density of the oil, at 15 C of such an oil [kg/m3].", "RHO")
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
+@_number("cross_rate", "Shear rate of Cross's shear thinning [1/s].", "RATE", optional=True)
+@_number("cross_exponent", "Its exponent.", "M")
+@_number("cross_second_viscosity", "Viscosity at the highest shear rates over that at rest.", "R")
+@shape_options
 @_choice(
     "cavitation",
     CAVITATION,
@@ -157,7 +172,9 @@ def bearing(
             "reynolds"
         )
     element = element or ("bilinear" if conserving else _default("element"))
+    shape = bore_shape(options)
     settings = BearingSettings(
+        bore_shape=shape,
         cells_around=around,
         cells_along=along,
         element=element,
@@ -207,6 +224,13 @@ def summary(result: BearingResult) -> dict[str, Any]:
         "power_loss_W": result.power_loss,
         "tilting_moment_Nm": result.tilting_moment.tolist(),
     }
+    if result.settings.graded:
+        lubricant = result.bearing.film.parameters.lubricant
+        values |= {
+            "temperature_C": lubricant.temperature,
+            "viscosity_Pa_s": lubricant.viscosity,
+            "density_kg_per_m3": lubricant.density,
+        }
     linear = result.coefficients
     if linear is not None:
         values |= {
@@ -243,6 +267,8 @@ def report(result: BearingResult) -> str:
     values = summary(result)
     lines = [_row(label, values[key], factor, unit) for label, key, factor, unit in ROWS]
     settings = result.settings
+    if settings.graded:
+        lines.append(_row("viscosity of the oil", values["viscosity_Pa_s"], 1, "Pa s"))
     if settings.grooves or settings.line_at_max_film:
         lines.append(_row("supply flow", values["supply_flow_m3_per_s"], 1e6, "cm3/s"))
     if any(settings.tilt):

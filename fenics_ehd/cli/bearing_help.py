@@ -38,6 +38,10 @@ nothing (none); grooves are deep, without friction. The power loss is what shaft
 bore put into the film. The side flow leaves through both sides; that of a groove under pressure
 grows slowly with the cells, for the pressure jumps where it meets the side.
 
+A bore that is not round (--ovality and the options after it) stands still in this frame, as
+grooves do; its deviations are positive outward, where they open the gap. A misaligned bore is a
+tilted shaft with the opposite tilt.
+
 The Sommerfeld number is eta N / p (R / c)^2 with N in revolutions per second and
 p = W / (2 R B). The coefficients are k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film
 force F on the shaft. stability_threshold is omega sqrt(c M / W) with the critical mass M of a

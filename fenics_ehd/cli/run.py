@@ -156,6 +156,11 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
                 f"    basis error estimate    {estimate * 1e6:9.4f} um  of gap"
                 + more * bool(estimate > LARGEST_ESTIMATE * thinnest)
             )
+        if "mean_friction_power_W" in joint:
+            lines.append(
+                f"    mean friction power     {joint['mean_friction_power_W']:9.3f} W   of "
+                f"{joint['mean_dissipated_power_W']:.3f} W dissipated"
+            )
     if "cycles" in summary:
         lines.append(
             f"  periodic after {summary['cycles']} cycles: the films change by "

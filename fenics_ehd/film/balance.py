@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.film.assembly import Assembly, Coefficients
+from fenics_ehd.film.thinning import Thinning
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,7 @@ class OilProperties:
     density_derivative: np.ndarray
     expansion: np.ndarray
     expansion_derivative: np.ndarray
+    thinning: Thinning | None = None
 
     def mobility(self, thickness: np.ndarray) -> np.ndarray:
         """``k = rho H^3 / eta``."""
@@ -72,10 +74,22 @@ def flux_derivatives(
     Dimensionless element data (c, q, k) for `Assembly.gather`.
     """
     slope = 3 * oil.mobility(thickness) / thickness
+    if oil.thinning is not None:
+        slope = slope - oil.mobility(thickness) * oil.thinning.along_thickness
     return (
         assembly.flux_elements(slope * oil.around - oil.density * velocity, slope * oil.along),
         assembly.flux_elements(-oil.density * thickness, None),
     )
+
+
+def sliding_derivative(
+    assembly: Assembly, oil: OilProperties, thickness: np.ndarray
+) -> np.ndarray | None:
+    """As `flux_derivatives` along the sliding velocity; None: no oil that thins."""
+    if oil.thinning is None:
+        return None
+    slope = -oil.mobility(thickness) * oil.thinning.along_sliding
+    return assembly.flux_elements(slope * oil.around, slope * oil.along)
 
 
 def flux_change(
@@ -85,14 +99,18 @@ def flux_change(
     velocity: np.ndarray,
     changes: np.ndarray,
     speeds: np.ndarray,
+    slidings: np.ndarray | None = None,
 ) -> np.ndarray:
     """Change of the fluxes in `balance`, shape (nodes, n).
 
-    `changes` of H and `speeds`, changes of the mean velocity, dimensionless, are
-    given at the Gauss points for n directions, shape (c * q, n).
+    `changes` of H, `speeds` and `slidings`, changes of the mean and the sliding velocity,
+    dimensionless, are given at the Gauss points for n directions, shape (c * q, n); None: none.
     """
     along_h, along_v = flux_derivatives(assembly, oil, thickness, velocity)
     total = assembly.gather(along_h) @ changes
     if speeds.any():
         total += assembly.gather(along_v) @ speeds
+    along_u = None if slidings is None else sliding_derivative(assembly, oil, thickness)
+    if along_u is not None:
+        total += assembly.gather(along_u) @ slidings
     return total

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.errors import CavitationError, GapClosedError, SettingsError, SolverError
+from fenics_ehd.film.balance import OilProperties
 from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Complementarity
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.nested import CoarseTransfer
@@ -203,7 +204,13 @@ class Film:
 
     def density(self, state: FilmState) -> np.ndarray:
         """Density over that of the oil at zero pressure, at the Gauss points."""
-        return self.equation.oil(state.pressure / self.parameters.pressure_scale).density
+        return self.oil(state).density
+
+    def oil(self, state: FilmState) -> OilProperties:
+        """Oil of a solved film at the Gauss points, dimensionless."""
+        equation = self.equation
+        nodal = state.pressure / self.parameters.pressure_scale
+        return equation.oil(nodal, equation.thinning(state.gap))
 
     def powers(self, state: FilmState) -> tuple[float, float]:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
@@ -213,7 +220,7 @@ class Film:
         """
         p = self.parameters
         thickness, _, velocity = self.equation.dimensionless(state.gap)
-        q = self.equation.oil(state.pressure / p.pressure_scale)
+        q = self.oil(state)
         area = self.assembly.area
         loss = np.sum(area * q.mobility(thickness) * (q.around**2 + q.along**2))
         drag = np.sum(area * q.density * thickness * velocity * q.around)

@@ -81,6 +81,23 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
     return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth)
 
 
+def flow_work(film: Film, state: FilmState) -> float:
+    """Power of the oil that enters, less that of what leaves, at given pressures [W]."""
+    given = np.ones(film.assembly.size, dtype=bool)
+    given[film.free] = False
+    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+    return float(state.pressure[given] @ inflow[given])
+
+
+def refill_work(film: Film, state: OilState) -> float:
+    """Power of the pressure on oil that fills voids, at the edges where the film forms anew [W].
+
+    With it the weak form tested with its own pressure balances. A front within a cell has it; it
+    shrinks with the mesh.
+    """
+    return float(state.pressure @ _defects(film, state)[0]) - flow_work(film, state)
+
+
 def _oil_flows(film: Film, state: OilState) -> FlowBalance:
     """Flows of a film that keeps account of its oil: no cavity makes any."""
     grid = film.parameters.grid
@@ -98,7 +115,7 @@ def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
     p = film.parameters
     thickness, rate, velocity = film.equation.dimensionless(state.gap)
-    oil = film.equation.oil(state.pressure / p.pressure_scale)
+    oil = film.oil(state)
     defect = balance(film.assembly, oil, thickness, velocity, rate)
     unit = p.clearance * p.grid.radius**2 * p.rate
     return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))

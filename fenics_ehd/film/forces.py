@@ -11,7 +11,9 @@ bore and inclined. Pressure on it gives, integrated by parts around the bore
 
 exactly, for the film is periodic; the ends leave no term, as their normal is
 the axis. With ``tau_1 + tau_2 = -h dp/dy`` the two bodies then receive opposite
-forces, and opposite moments about any one point, to round-off. Left out, smaller
+forces, and opposite moments about any one point, to round-off. A bore that lies ``delta`` outside
+the round one is inclined too: ``delta dp/dy t`` of that is on the bore, the rest on the shaft. Left
+out, smaller
 by c / R like all that lubrication theory leaves out: the lever arm of the
 shaft's shear is that of the bore, and tractions along the axis have no moments.
 
@@ -87,7 +89,11 @@ class FilmForces:
 
 
 def film_forces(
-    film: Film, state: FilmState, motion: ShaftMotion, shear_rule: str = "streamers"
+    film: Film,
+    state: FilmState,
+    motion: ShaftMotion,
+    shear_rule: str = "streamers",
+    bore_deviation: np.ndarray | None = None,
 ) -> FilmForces:
     """Forces, moments and powers of a solved film.
 
@@ -99,13 +105,19 @@ def film_forces(
         Of the shaft, the one that the state's gap belongs to; the bore rigid.
     shear_rule
         For the cavitated zone, one of `fenics_ehd.film.shear.SHEAR_RULES`.
+    bore_deviation
+        Of a bore that is not round, at the Gauss points [m]; None: it is.
     """
     fields = film_fields(film, state, shear_rule)
     gap = state.gap
     couette = fields.filled * fields.viscosity * gap.sliding_velocity / gap.thickness
     poiseuille = 0.5 * gap.thickness * fields.slope_around
-    pressure_on_bore = _wrench(film, fields.pressure, 0.0)
-    pressure_on_shaft = _wrench(film, -fields.pressure, gap.thickness * fields.slope_around)
+    on_bore, on_shaft = 0.0, gap.thickness * fields.slope_around
+    if bore_deviation is not None:
+        on_bore = bore_deviation * fields.slope_around
+        on_shaft = on_shaft - on_bore
+    pressure_on_bore = _wrench(film, fields.pressure, on_bore)
+    pressure_on_shaft = _wrench(film, -fields.pressure, on_shaft)
     shear_on_bore = _wrench(film, 0.0, couette - poiseuille)
     shear_on_shaft = _wrench(film, 0.0, -couette - poiseuille)
     shaft, bore = pressure_on_shaft + shear_on_shaft, pressure_on_bore + shear_on_bore

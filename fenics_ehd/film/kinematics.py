@@ -163,12 +163,14 @@ def shaft_gap(
 class GapDerivatives:
     """Derivatives of a gap, each (points..., n directions).
 
-    `thickness`, `thickness_rate` and `mean_velocity` as in `Gap`.
+    `thickness`, `thickness_rate`, `mean_velocity` and `sliding_velocity` as in `Gap`; the last,
+    which only an oil that thins asks for, may be None for zero.
     """
 
     thickness: np.ndarray
     thickness_rate: np.ndarray
     mean_velocity: np.ndarray
+    sliding_velocity: np.ndarray | None = None
 
 
 def shaft_gap_derivatives(
@@ -196,9 +198,6 @@ def shaft_gap_derivatives(
     # d(e_t / s) = R_1^2 / s^3 d(e_t); ds = -e_t / s d(e_t).
     curvature = (rate_t * (radius - clearance) ** 2 / s**3)[..., None]
     thickness = -along_r + inclination * along_t
-    position = GapDerivatives(
-        thickness,
-        curvature * along_t,
-        -0.5 * motion.shaft_speed * inclination * along_t,
-    )
-    return position, GapDerivatives(np.zeros_like(thickness), thickness, 0.5 * along_t)
+    sliding = -motion.shaft_speed * inclination * along_t
+    position = GapDerivatives(thickness, curvature * along_t, 0.5 * sliding, sliding)
+    return position, GapDerivatives(np.zeros_like(thickness), thickness, 0.5 * along_t, along_t)

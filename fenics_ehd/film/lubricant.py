@@ -1,4 +1,4 @@
-"""Viscosity and density of the oil as functions of pressure and position.
+"""Viscosity and density of the oil as functions of pressure, position and temperature.
 
 A law gives the ratio to the value at ambient pressure and its derivative, both
 at arrays of pressures [Pa]. Position enters by a factor on either, given at
@@ -8,12 +8,18 @@ the Gauss points (`Lubricant.viscosity_field`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError, ViscosityError
+from fenics_ehd.base.oil import DENSITY, SPECIFIC_HEAT
+from fenics_ehd.film.temperature import Oil
+from fenics_ehd.film.thinning import Cross
+
+#: Ratio of viscosities beyond which no film is looked for: oil is glass long before.
+LARGEST_RATIO = 1e30
 
 
 class PressureLaw(Protocol):
@@ -30,6 +36,23 @@ class PressureLaw(Protocol):
 def _positive(name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0):
         raise SettingsError(f"{name} = {value:g} must be above 0")
+
+
+def _power(exponent: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """Ratio of viscosities exp(exponent) at pressures [Pa].
+
+    Raises
+    ------
+    ViscosityError
+        It is beyond `LARGEST_RATIO`, or no number.
+    """
+    if not exponent.max(initial=0.0) <= np.log(LARGEST_RATIO):
+        raise ViscosityError(
+            f"the viscosity runs away with the pressure: at {pressure.max() * 1e-6:.4g} MPa it is "
+            f"more than {LARGEST_RATIO:g} times that at ambient pressure: lower the load or the "
+            "pressure coefficient (barus, roelands)"
+        )
+    return np.exp(exponent)
 
 
 @dataclass(frozen=True)
@@ -55,7 +78,7 @@ class Barus:
 
     def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `PressureLaw`."""
-        ratio = np.exp(self.coefficient * pressure)
+        ratio = _power(self.coefficient * pressure, pressure)
         return ratio, self.coefficient * ratio
 
 
@@ -90,7 +113,7 @@ class Roelands:
         """See `PressureLaw`."""
         strength = np.log(self.viscosity) - self.LOG_LIMIT
         base = 1 + pressure / self.REFERENCE
-        ratio = np.exp(strength * (base**self.index - 1))
+        ratio = _power(strength * (base**self.index - 1), pressure)
         slope = strength * self.index / self.REFERENCE * base ** (self.index - 1)
         return ratio, ratio * slope
 
@@ -124,6 +147,15 @@ class Lubricant:
     viscosity_field, density_field
         Factors that depend on the place, of a known temperature for instance;
         None for an oil that is the same everywhere.
+    density, specific_heat
+        At ambient pressure [kg/m3], [J/(kg K)]. The film's pressure does not depend on them:
+        they make masses and heat of the volumes that flow.
+    oil
+        What the lubricant is at other temperatures; None: not known.
+    temperature
+        The one that `viscosity` and `density` belong to [C]; None: not known.
+    shear_law
+        How the viscosity falls with the shear rate; None: it does not.
     """
 
     viscosity: float
@@ -131,9 +163,60 @@ class Lubricant:
     density_law: PressureLaw = field(default_factory=Constant)
     viscosity_field: Field | None = None
     density_field: Field | None = None
+    density: float = DENSITY
+    specific_heat: float = SPECIFIC_HEAT
+    oil: Oil | None = None
+    temperature: float | None = None
+    shear_law: Cross | None = None
 
     def __post_init__(self) -> None:
         _positive("viscosity", self.viscosity)
+        _positive("density", self.density)
+        _positive("specific_heat", self.specific_heat)
+
+    @classmethod
+    def of(cls, oil: Oil, temperature: float) -> Lubricant:
+        """An oil at a temperature [C], its viscosity the same at every pressure.
+
+        Raises
+        ------
+        SettingsError
+            See `Oil.kinematic_viscosity`.
+        """
+        return cls(
+            oil.viscosity(temperature),
+            density=oil.density(temperature),
+            specific_heat=oil.specific_heat,
+            oil=oil,
+            temperature=temperature,
+        )
+
+    def at(self, temperature: float) -> Lubricant:
+        """The same lubricant at another temperature [C], its laws and fields kept.
+
+        Roelands' law starts from the viscosity there; Barus' and Cross's numbers stay.
+
+        Raises
+        ------
+        SettingsError
+            What it is at other temperatures is not known, or see `Oil.kinematic_viscosity`.
+        """
+        if self.oil is None:
+            raise SettingsError(
+                f"a lubricant of viscosity = {self.viscosity:g} Pa s has no other at "
+                f"{temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
+            )
+        there = self.of(self.oil, temperature)
+        law = self.viscosity_law
+        if isinstance(law, Roelands):
+            law = replace(law, viscosity=there.viscosity)
+        return replace(
+            self,
+            viscosity=there.viscosity,
+            viscosity_law=law,
+            density=there.density,
+            temperature=temperature,
+        )
 
     @property
     def linear(self) -> bool:

@@ -205,7 +205,7 @@ class MassConservingFilm:
         # What the balance lacks at the ends of the film flows through them.
         lost, outflow = b.ends(step, nodal, result.pressure, void)
         reference = np.sum(np.abs(step.flows) + step.full + step.former)
-        stored = b.stored(self.film.equation.oil(nodal).density * step.thickness)
+        stored = b.stored(b.oil(step, nodal).density * step.thickness)
         state = OilState(
             pressure=p.pressure_scale * nodal,
             gap=gap,

@@ -13,13 +13,20 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.balance import balance, balance_derivative, flux_derivatives
+from fenics_ehd.film.balance import (
+    OilProperties,
+    balance,
+    balance_derivative,
+    flux_derivatives,
+    sliding_derivative,
+)
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.reynolds import SMALLEST_SOURCE
 from fenics_ehd.film.strips import Strips
 from fenics_ehd.film.supply import in_regions
+from fenics_ehd.film.thinning import Thinning
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +35,9 @@ class OilStep:
 
     `thickness` and `velocity` at the Gauss points, its `length`, the full-film
     `flows` from node to node, and, over the length, the `full` contents of the
-    pressureless gap and the `former` contents. Of a formula with several steps the length is one
-    over its shift, and `former` minus the rate of contents that are zero at the end.
+    pressureless gap and the `former` contents; what the shear rate does to the viscosity. Of a
+    formula with several steps the length is one over its shift, and `former` minus the rate of
+    contents that are zero at the end.
     """
 
     thickness: np.ndarray
@@ -38,6 +46,7 @@ class OilStep:
     flows: np.ndarray
     full: np.ndarray
     former: np.ndarray
+    thinned: Thinning | None
 
 
 class OilBalance:
@@ -97,6 +106,7 @@ class OilBalance:
             flows=self.strips.flows(density * thickness * velocity),
             full=self.stored(density * thickness) / length,
             former=former,
+            thinned=self.film.equation.thinning(gap),
         )
 
     def problem(self, step: OilStep) -> Complementarity:
@@ -130,9 +140,13 @@ class OilBalance:
         nodal[self.unknown] = np.where(self.dry, 0.0, values)
         return nodal
 
+    def oil(self, step: OilStep, nodal: np.ndarray) -> OilProperties:
+        """Oil at the Gauss points, dimensionless."""
+        return self.film.equation.oil(nodal, step.thinned)
+
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Balance at all nodes without the void fraction."""
-        oil = self.film.equation.oil(nodal)
+        oil = self.oil(step, nodal)
         growth = step.thickness / step.length
         return balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
 
@@ -155,7 +169,7 @@ class OilBalance:
         return lost, outflow
 
     def _derivative(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
-        oil = self.film.equation.oil(nodal)
+        oil = self.oil(step, nodal)
         if self.film.parameters.lubricant.linear:
             mobility = oil.mobility(step.thickness)
             return Coefficients(mobility, mobility)
@@ -167,19 +181,19 @@ class OilBalance:
     ) -> np.ndarray:
         """Derivative of the balance at a solution along n changes of the gap, shape (nodes, n)."""
         shape = (-1, derivatives.thickness.shape[-1])
-        along_h, along_v = self.gap_derivatives(step, nodal, void)
+        along_h, along_v, along_u = self.gap_derivatives(step, nodal, void)
         total = along_h @ derivatives.thickness.reshape(shape)
-        return total + along_v @ derivatives.mean_velocity.reshape(shape)
+        total += along_v @ derivatives.mean_velocity.reshape(shape)
+        if along_u is not None and derivatives.sliding_velocity is not None:
+            total += along_u @ derivatives.sliding_velocity.reshape(shape)
+        return total
 
     def gap_derivatives(
         self, step: OilStep, nodal: np.ndarray, void: np.ndarray
-    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix]:
-        """Derivatives of the balance along h [m] and the mean velocity [m/s] at the Gauss points.
-
-        The upwind sides are held; shape (nodes, c * q) each.
-        """
+    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
+        """Derivatives of the balance, the upwind sides held, see `ReynoldsEquation`."""
         p = self.film.parameters
-        oil = self.film.equation.oil(nodal)
+        oil = self.oil(step, nodal)
         density = np.broadcast_to(self.film.equation.factors[1], step.velocity.shape)
         along_h, along_v = flux_derivatives(self.assembly, oil, step.thickness, step.velocity)
         carried = self.strips.upwind(step.flows, void)
@@ -188,9 +202,12 @@ class OilBalance:
         storage = self.assembly.source_elements(density / step.length)
         along_h -= storage * void[self.assembly.grid.cell_nodes][:, None, :]
         along_v -= self.strips.elements(density * step.thickness, carried)
+        along_u = sliding_derivative(self.assembly, oil, step.thickness)
+        speed = p.rate * p.grid.radius
         return (
             self.assembly.gather(along_h / p.clearance),
-            self.assembly.gather(along_v / (p.rate * p.grid.radius)),
+            self.assembly.gather(along_v / speed),
+            None if along_u is None else self.assembly.gather(along_u / speed),
         )
 
 

@@ -20,12 +20,14 @@ from fenics_ehd.film.balance import (
     balance_derivative,
     flux_change,
     flux_derivatives,
+    sliding_derivative,
 )
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, GapDerivatives, SurfacePoints
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.supply import given_pressures
+from fenics_ehd.film.thinning import Thinning, thinning
 
 #: Below this dimensionless rate of gap change the source of (11) counts as zero.
 SMALLEST_SOURCE = 1e-6
@@ -114,12 +116,24 @@ class ReynoldsEquation:
         values[self.free] = pressure
         return values
 
+    def thinning(self, gap: Gap) -> Thinning | None:
+        """What the shear rate does to the viscosity in a gap; None: nothing."""
+        p = self.parameters
+        law = p.lubricant.shear_law
+        if law is None:
+            return None
+        speed = p.rate * p.grid.radius
+        return thinning(law, gap.thickness, gap.sliding_velocity, p.clearance, speed)
+
     def problem(self, gap: Gap, density_rate: DensityRate | None = None) -> Complementarity:
         """The complementarity problem (11) of a gap."""
         if not self.parameters.lubricant.linear:
             return self._nonlinear_problem(gap, density_rate)
         thickness, rate, velocity = self.dimensionless(gap)
         viscosity, density = self.factors
+        thinned = self.thinning(gap)
+        if thinned is not None:
+            viscosity = viscosity * thinned.ratio
         mobility = density * thickness**3 / viscosity
         entries = self.assembly.matrix(Coefficients(mobility, mobility))
         around, along = -density * thickness * velocity, None
@@ -137,13 +151,14 @@ class ReynoldsEquation:
     def _nonlinear_problem(self, gap: Gap, density_rate: DensityRate | None) -> Complementarity:
         """Problem of an oil whose properties change with pressure; derivatives by hand, exact."""
         thickness, rate, velocity = self.dimensionless(gap)
+        thinned = self.thinning(gap)
 
         def residual(pressure: np.ndarray) -> np.ndarray:
-            oil = self.oil(self.nodal(pressure), density_rate)
+            oil = self.oil(self.nodal(pressure), thinned, density_rate)
             return balance(self.assembly, oil, thickness, velocity, rate)[self.free]
 
         def entries(pressure: np.ndarray) -> np.ndarray:
-            oil = self.oil(self.nodal(pressure), density_rate)
+            oil = self.oil(self.nodal(pressure), thinned, density_rate)
             return self.assembly.matrix(balance_derivative(oil, thickness, velocity, rate))
 
         zero = np.zeros(len(self.free))
@@ -162,15 +177,23 @@ class ReynoldsEquation:
         unit = max(float(np.abs(start).max()), self._smallest) / float(first.max())
         return Complementarity(residual, entries, scale, self.weights, unit)
 
-    def oil(self, nodal: np.ndarray, density_rate: DensityRate | None = None) -> OilProperties:
-        """Oil and pressure derivatives at the Gauss points, dimensionless."""
+    def oil(
+        self,
+        nodal: np.ndarray,
+        thinned: Thinning | None,
+        density_rate: DensityRate | None = None,
+    ) -> OilProperties:
+        """Oil and pressure derivatives at the Gauss points, dimensionless; see `thinning`."""
         p = self.parameters
         value, around, along = self.assembly.at_points(nodal)
+        factors = self.factors
+        if thinned is not None:
+            factors = [factors[0] * thinned.ratio, factors[1]]
         if p.lubricant.linear and density_rate is None:
-            viscosity, density = self.factors
+            viscosity, density = factors
             none = np.zeros(value.shape)
             return OilProperties(
-                around, along, none + viscosity, none, none + density, none, none, none
+                around, along, none + viscosity, none, none + density, none, none, none, thinned
             )
         # Shape functions may undershoot between nodes, where the laws are not meant: the oil
         # keeps its properties there.
@@ -182,7 +205,6 @@ class ReynoldsEquation:
             inside * viscosity_derivative,
             inside * density_derivative,
         )
-        factors = self.factors
         expansion, expansion_derivative = np.zeros_like(value), np.zeros_like(value)
         density_derivative = factors[1] * density_derivative * p.pressure_scale
         if density_rate is not None:
@@ -198,6 +220,7 @@ class ReynoldsEquation:
             density_derivative,
             expansion,
             expansion_derivative,
+            thinned,
         )
 
     def change(
@@ -224,20 +247,28 @@ class ReynoldsEquation:
         """
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
-        oil = self.oil(pressure, density_rate)
+        oil = self.oil(pressure, self.thinning(gap), density_rate)
         shape = (thickness.size, derivatives.thickness.shape[-1])
         changes = derivatives.thickness.reshape(shape) / p.clearance
         speeds = derivatives.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
-        change = flux_change(self.assembly, oil, thickness, velocity, changes, speeds)
+        slidings = self.slidings(derivatives, shape)
+        change = flux_change(self.assembly, oil, thickness, velocity, changes, speeds, slidings)
         rates = derivatives.thickness_rate.reshape(shape) / (p.clearance * p.rate)
         change += self.assembly.source_vectors(oil.density, rates)
         if density_rate is not None:
             change += self.assembly.source_vectors(oil.expansion, changes)
         return change[self.free]
 
+    def slidings(self, derivatives: GapDerivatives, shape: tuple[int, ...]) -> np.ndarray | None:
+        """Changes of the sliding velocity, dimensionless, where the oil asks for them."""
+        p, sliding = self.parameters, derivatives.sliding_velocity
+        if p.lubricant.shear_law is None or sliding is None:
+            return None
+        return sliding.reshape(shape) / (p.rate * p.grid.radius)
+
     def gap_derivatives(
         self, gap: Gap, pressure: np.ndarray, rate_shift: float
-    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix]:
+    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Sparse derivatives of the residual, for what moves many directions at once.
 
         Parameters
@@ -249,18 +280,22 @@ class ReynoldsEquation:
 
         Returns
         -------
-        thickness, velocity
-            Along h [m] at the Gauss points, its rate following, and along the mean velocity
-            [m/s]: shape (nodes, c * q) each.
+        thickness, velocity, sliding
+            Along h [m] at the Gauss points, its rate following, along the mean and along the
+            sliding velocity [m/s]: shape (nodes, c * q) each. The last is None for an oil that
+            does not thin.
         """
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
-        oil = self.oil(pressure)
+        oil = self.oil(pressure, self.thinning(gap))
         along_h, along_v = flux_derivatives(self.assembly, oil, thickness, velocity)
         along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
+        along_u = sliding_derivative(self.assembly, oil, thickness)
+        speed = p.rate * p.grid.radius
         return (
             self.assembly.gather(along_h / p.clearance),
-            self.assembly.gather(along_v / (p.rate * p.grid.radius)),
+            self.assembly.gather(along_v / speed),
+            None if along_u is None else self.assembly.gather(along_u / speed),
         )
 
 

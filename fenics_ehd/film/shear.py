@@ -73,7 +73,7 @@ def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFi
     if rule not in SHEAR_RULES:
         raise SettingsError(f"shear rule {rule!r} is not one of {', '.join(SHEAR_RULES)}")
     p = film.parameters
-    oil = film.equation.oil(state.pressure / p.pressure_scale)
+    oil = film.oil(state)
     pressure = film.assembly.at_points(state.pressure)[0]
     slope = p.pressure_scale / p.grid.radius
     return FilmFields(

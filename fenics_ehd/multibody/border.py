@@ -151,6 +151,8 @@ class FilmBorder:
         Places in x of the leading residual patterns.
     along_gap
         Derivative along the gap at the Gauss points, its rate following, shape (m, g).
+    slope
+        Gap change there per angle of the journal ahead of the bore, shape (g,); None: none.
     """
 
     inputs: np.ndarray
@@ -159,6 +161,7 @@ class FilmBorder:
     rows: np.ndarray
     patterns: slice
     along_gap: sparse.csc_matrix
+    slope: np.ndarray | None = None
 
     def on(self, full: np.ndarray) -> FilmBorder:
         """The same, with outputs of full nodes alone."""

@@ -5,10 +5,11 @@ the motion: with the content ``M = int rho h N (1 - s)`` of every node
 
     M' + outflow = 0,    M' = shift M + past,    0 <= p complementary to s >= 0.
 
-The state of the integration has the void volumes ``int rho h N s`` behind coordinates and residual
-patterns; the contents of full gaps are those of its coordinates, so that a film that is full
-everywhere is Reynolds' one to the last step of Newton. Rates are differences of contents: what a
-closed film holds stays the same to round-off, whatever the formula.
+The state of the integration has, behind coordinates and residual patterns, what the contents lack
+of the part of the gap that is affine in these: the void volumes ``int rho h N s``, and what the
+shape of a turning journal takes. So a round film that is full everywhere is Reynolds' one to the
+last step of Newton. Rates are differences of contents: what a closed film holds stays the same to
+round-off, whatever the formula.
 
 Unknown beside the pressures are the void fractions, free variables of the equation d = 0; that of
 the pressures is ``s + gamma d`` (`fenics_ehd.film.mass_conserving_solver`). A Newton step finds
@@ -29,7 +30,7 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import CavitationError
 from fenics_ehd.film.cavitation import CavitationResult, Complementarity, verify_complementarity
-from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.mass_conserving_solver import DEFECT_WEIGHT
 from fenics_ehd.film.oil_balance import OilBalance, OilStep
 from fenics_ehd.film.oil_state import OilState
@@ -83,20 +84,6 @@ class Evaluated(Protocol):
         """The oil's balance."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class JointOilState(OilState):
-    """An `OilState` at the end of a step; its `time_step` is one over the formula's shift.
-
-    Attributes
-    ----------
-    refill_power
-        Work of the pressure on oil that comes from outside the full film: from reservoirs, and
-        at the edges where the film forms anew [W].
-    """
-
-    refill_power: float
-
-
 class ConservedOil:
     """Oil of one joint.
 
@@ -105,7 +92,7 @@ class ConservedOil:
     place
         The joint, its cavitation mass-conserving.
     first
-        Place of its first void volume in the state of the integration.
+        Place of its first volume in the state of the integration.
 
     Attributes
     ----------
@@ -114,7 +101,7 @@ class ConservedOil:
     nodes, inside
         Nodes with unknowns, and which of these have a pressure.
     volumes
-        Places of the void volumes in the state.
+        Places in the state of what the contents of all nodes lack.
     scale
         Norm of the source of the step's first point, to which tolerances refer.
     """
@@ -125,7 +112,7 @@ class ConservedOil:
         self._place, self._filling = place, joint.oil.filling
         self.balance = OilBalance(joint.film, oil_outside=joint.oil.oil_outside)
         self.nodes, self.inside = self.balance.unknown, ~self.balance.dry
-        self.volumes = slice(first, first + len(self.nodes))
+        self.volumes = slice(first, first + self.balance.assembly.size)
         self._areas = self.balance.stored(np.ones_like(joint.film.assembly.area))[self.nodes]
 
     def _full(self, thickness: np.ndarray) -> np.ndarray:
@@ -134,36 +121,60 @@ class ConservedOil:
         thickness = thickness.reshape(film.assembly.area.shape) / film.parameters.clearance
         return self.balance.stored(film.equation.factors[1] * thickness)
 
-    def volumes_at(self, xi: np.ndarray) -> np.ndarray:
-        """Void volumes of the initial filling for coordinates of the film, shape (m,) [m^3]."""
-        gap = self._place.film.clearance + self._place.film.thickness @ xi
-        return (1.0 - self._filling) * self.balance.volume_scale * self._full(gap)[self.nodes]
+    def affine_gap(self, xi: np.ndarray, patterns: np.ndarray | float = 0.0) -> np.ndarray:
+        """Gap at the Gauss points that is affine in the state, of coordinates and patterns [m]."""
+        film = self._place.film
+        fixed = 0.0 if film.shape is None else film.shape.fixed[: len(film.thickness)]
+        return film.clearance + fixed + film.thickness @ xi + patterns
 
-    def within_gap(self, volumes: np.ndarray, observed: np.ndarray) -> np.ndarray:
-        """Void volumes brought between none and those of a gap, where it is observed [m^3]."""
-        most = self.balance.volume_scale * self._full(self._inside(observed))[self.nodes]
-        return np.clip(volumes, 0.0, most)
+    def _taken(self, z: np.ndarray) -> np.ndarray:
+        """What a turning journal's shape takes from the full contents, over the volume scale."""
+        shape = self._place.film.shape
+        if shape is None or not shape.turning:
+            return np.zeros(self.balance.assembly.size)
+        inside = shape.closing(self._place.ahead(z))[: len(self._place.film.thickness)]
+        return self._full(inside)
+
+    def volumes_at(self, z: np.ndarray) -> np.ndarray:
+        """The state's volumes of the initial filling, for coordinates z, shape (nodes,) [m^3]."""
+        taken = self._taken(z)
+        full = self._full(self.affine_gap(z[self._place.xi])) - taken
+        lacking = np.where(self.balance.reservoir, 0.0, 1.0 - self._filling) * full
+        return self.balance.volume_scale * (lacking + taken)
+
+    def void_volumes(self, state: np.ndarray) -> np.ndarray:
+        """Void volumes of the unknown nodes in a state [m^3]."""
+        taken = self.balance.volume_scale * self._taken(state)
+        return (state[self.volumes] - taken)[self.nodes]
+
+    def within_gap(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """What brings a state's void volumes between none and the gap's, where it is observed."""
+        full = self.balance.volume_scale * self._full(self._inside(observed))[self.nodes]
+        void = self.void_volumes(state)
+        change = np.zeros(self.balance.assembly.size)
+        change[self.nodes] = np.clip(void, 0.0, full) - void
+        return change
 
     def content(self, state: np.ndarray, observed: np.ndarray) -> float:
         """Oil in a state of a gap, where it is observed [m^3]."""
         full = self.balance.volume_scale * self._full(self._inside(observed)).sum()
-        return float(full - state[self.volumes].sum())
+        return float(full - self.void_volumes(state).sum())
 
     def _inside(self, observed: np.ndarray) -> np.ndarray:
         """Gap at the Gauss points, which come first."""
         return observed[: self._place.film.film.assembly.area.size]
 
-    def fractions(self, volumes: np.ndarray, thickness: np.ndarray) -> np.ndarray:
-        """Void fractions of such volumes."""
-        return volumes / (self.balance.volume_scale * self._full(thickness)[self.nodes])
+    def fractions(self, state: np.ndarray) -> np.ndarray:
+        """Void fractions of a state without residual patterns."""
+        full = self._full(self.affine_gap(state[self._place.xi])) - self._taken(state)
+        return self.void_volumes(state) / (self.balance.volume_scale * full[self.nodes])
 
     def begin(self, step: ImplicitStep, past_thickness: np.ndarray) -> None:
-        """Take another step; ``h' = shift h + past_thickness`` at the Gauss points [m/s]."""
+        """Take another step; the affine gap's rate is ``shift h + past_thickness`` [m/s]."""
         rate = self._place.film.film.parameters.rate
         self._shift, self._length = step.shift, rate / step.shift
         self._past_volumes = step.past_x[self.volumes]
-        self._past_void = np.zeros(self.balance.assembly.size)
-        self._past_void[self.nodes] = self._past_volumes / (self.balance.volume_scale * rate)
+        self._past_void = self._past_volumes / (self.balance.volume_scale * rate)
         self._former = self._past_void - self._full(past_thickness) / rate
         self._rows: np.ndarray | None = None
 
@@ -191,9 +202,13 @@ class ConservedOil:
 
     def gap_derivatives(
         self, nodal: np.ndarray, point: OilPoint
-    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix]:
+    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """See `OilBalance.gap_derivatives`."""
         return self.balance.gap_derivatives(point.step, nodal, point.nodal_void)
+
+    def change(self, nodal: np.ndarray, point: OilPoint, changes: GapDerivatives) -> np.ndarray:
+        """See `OilBalance.change`; of the nodes with unknowns."""
+        return self.balance.change(point.step, nodal, point.nodal_void, changes)[self.nodes]
 
     def given(
         self, problem: Complementarity, full: np.ndarray, pressures: np.ndarray, defect: np.ndarray
@@ -228,15 +243,21 @@ class ConservedOil:
         nodal[self.nodes] = point.values
         return self.balance.film.parameters.pressure_scale * nodal
 
-    def volume_rates(self, point: OilPoint) -> tuple[np.ndarray, np.ndarray]:
-        """Void volumes [m^3] at a point and their rates.
+    def volume_rates(self, point: OilPoint, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The state's volumes [m^3] at a point with coordinates z, and their rates.
 
         They follow from the flows: what Newton leaves of the balance goes to the next step, no oil
         is lost.
         """
-        scale = self.balance.volume_scale * point.step.length
-        volumes = scale * ((point.step.full * point.nodal_void)[self.nodes] + point.defect)
+        volumes = self._void(point)
+        volumes += self.balance.volume_scale * self._taken(z)
         return volumes, self._shift * volumes + self._past_volumes
+
+    def _void(self, point: OilPoint) -> np.ndarray:
+        """Void volumes of all nodes [m^3]."""
+        volumes = point.step.full * point.nodal_void
+        volumes[self.nodes] += point.defect
+        return self.balance.volume_scale * point.step.length * volumes
 
     def state(
         self,
@@ -244,7 +265,7 @@ class ConservedOil:
         point: OilPoint,
         result: tuple[np.ndarray, int],
         tolerance: float,
-    ) -> JointOilState:
+    ) -> OilState:
         """The end of a step; `result` has full nodes and iterations.
 
         Raises
@@ -260,12 +281,9 @@ class ConservedOil:
             raise CavitationError(f"fluid fraction below 0: by {excess:.2g}, at most {UNDERSHOOT}")
         lost, outflow = balance.ends(step, nodal, point.values, point.nodal_void)
         reference = np.sum(np.abs(step.flows) + step.full + np.abs(step.former))
-        stored = balance.volume_scale * step.length * step.full
-        stored[self.nodes] -= self.volume_rates(point)[0]
-        # What the weak form makes of the pressure beyond loss, drag and squeeze.
-        refill = nodal @ (balance.full_film(step, nodal) + self._past_void)
+        stored = balance.volume_scale * step.length * step.full - self._void(point)
         full, iterations = result
-        return JointOilState(
+        return OilState(
             pressure=p.pressure_scale * nodal,
             gap=film.gap,
             cavitation=CavitationResult(
@@ -277,7 +295,6 @@ class ConservedOil:
             outflow=balance.volume_scale * p.rate * outflow,
             time_step=step.length / p.rate,
             imbalance=float(np.abs(lost + outflow).sum() / reference),
-            refill_power=float(p.pressure_scale * balance.volume_scale * p.rate * refill),
         )
 
 

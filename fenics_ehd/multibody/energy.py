@@ -35,7 +35,8 @@ class Powers:
     in the films and in the bodies' structure.
 
     Without friction the films lose what drives their pressure flow, and the drag comes from
-    outside. With friction they lose all that they dissipate; the drag is internal, and zero.
+    outside. With friction they lose all that they dissipate; the drag is internal, and zero. Oil
+    that is let in and out under pressure brings its work with the drag.
     """
 
     kinetic: float

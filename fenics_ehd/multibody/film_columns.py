@@ -10,6 +10,7 @@ from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder
 from fenics_ehd.multibody.conserved_oil import ConservedOil, OilPoint
+from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
 
@@ -25,6 +26,8 @@ class FilmPoint:
         See `Film`.
     defect
         Scaled equations, shape (m,).
+    turned
+        Of a joint's shape that turns, else None.
     oil
         Where it is conserved.
     """
@@ -33,6 +36,7 @@ class FilmPoint:
     gap: Gap
     problem: Complementarity
     defect: np.ndarray
+    turned: Turned | None = None
     oil: OilPoint | None = None
 
 
@@ -47,8 +51,9 @@ class FilmColumns:
     gap
         Gap change at the Gauss points for unit xi, shaft's angle and leading patterns, shape
         (g, n + 1 + k).
-    velocity
-        Mean velocity for unit rates of xi and of the shaft's angle, shape (g, n + 1).
+    velocity, sliding
+        Mean and sliding velocity for unit rates of xi and of the shaft's angle, shape
+        (g, n + 1); None: the oil does not thin.
     forces
         Minus the force of unit pressures at free nodes on xi, shape (n, m).
     shares
@@ -62,6 +67,7 @@ class FilmColumns:
     velocity: np.ndarray
     forces: np.ndarray
     shares: np.ndarray | None
+    sliding: np.ndarray | None = None
     oil: ConservedOil | None = None
 
     @property
@@ -84,6 +90,9 @@ class FilmColumns:
         velocity = np.hstack([joint.mean_velocity, turning])
         gap = np.hstack([joint.thickness, np.zeros_like(turning)])
         forces = -scale * joint.load[:, free]
+        sliding = None
+        if joint.film.parameters.lubricant.shear_law is not None:
+            sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
         shares = None
         if patterns is not None:
             gap = np.hstack([gap, patterns[0]])
@@ -91,7 +100,7 @@ class FilmColumns:
         if oil is not None:
             forces = forces * oil.inside
             shares = None if shares is None else shares * oil.inside
-        return cls(place, gap, velocity, forces, shares, oil)
+        return cls(place, gap, velocity, forces, shares, sliding, oil)
 
     @property
     def leading(self) -> int:
@@ -126,11 +135,14 @@ class FilmColumns:
         place = self.place
         film, n = place.film.film, place.film.size
         if self.oil is None:
-            along_h, along_v = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+            derivatives = film.equation.gap_derivatives(point.gap, point.nodal, shift)
         else:
             assert point.oil is not None
-            along_h, along_v = self.oil.gap_derivatives(point.nodal, point.oil)
+            derivatives = self.oil.gap_derivatives(point.nodal, point.oil)
+        along_h, along_v, along_u = derivatives
         inputs, velocity = along_h @ self.gap, along_v @ self.velocity
+        if along_u is not None:
+            velocity += along_u @ self.sliding
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
         spread = np.zeros((inputs.shape[1], size))

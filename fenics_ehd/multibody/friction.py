@@ -57,6 +57,7 @@ class ShearedFilm(Protocol):
     film: Film
     mean_velocity: np.ndarray
     sliding_velocity: np.ndarray
+    shear_rule: str
 
 
 def film_friction(
@@ -65,7 +66,7 @@ def film_friction(
     """Friction of a film whose gap is that of the journal; None: filled as the state says."""
     film, gap = journal.film, state.gap
     p = film.parameters
-    fields = film_fields(film, state)
+    fields = film_fields(film, state, journal.shear_rule)
     area = p.grid.radius**2 * film.assembly.area
     filled = fields.filled if filled is None else filled
     couette = area * filled * fields.viscosity * gap.sliding_velocity / gap.thickness

@@ -11,10 +11,13 @@ error of the large motion would be a false squeeze velocity as large as the true
 With the bore's elastic displacement ``u = Psi q`` at its undeformed place, to leading order in
 c / R,
 
-    h = c - n . (e + z (psi_y, -psi_x)) + n . u.
+    h = c - n . (e + z (psi_y, -psi_x)) + n . u,
+
+and what `joint_shape` adds where bore or journal are not round.
 
 Forces are the integrals of the same fields times the pressure: gap and force are conjugate. They
-act at the journal's centre on both bodies; the torque about it is that of the oil's shear.
+act at the journal's centre on both bodies; the torque about it is that of the oil's shear, and of
+the pressure on a journal that is not round.
 """
 
 from __future__ import annotations
@@ -29,7 +32,9 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import Film
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.oil_balance import require_monotone
+from fenics_ehd.film.shape import Shape
 from fenics_ehd.multibody.bore_film import BoreFilm
+from fenics_ehd.multibody.joint_shape import JointShape
 from fenics_ehd.multibody.joints import Pair
 from fenics_ehd.multibody.marker import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.relation import Geometry
@@ -78,6 +83,10 @@ class LubricatedJoint:
         At the start, in the bore's frame [m], [m/s].
     smallest_film
         Film thickness at which a run ends, share of the clearance.
+    bore_shape, journal_shape
+        Radial deviations in the frames of the two bodies; None: round.
+    shear_rule
+        For the cavitated zone, see `fenics_ehd.film.shear`.
     oil
         How the film keeps account of its oil, on a bilinear mesh; None: Reynolds' condition.
     """
@@ -90,6 +99,9 @@ class LubricatedJoint:
     eccentricity: tuple[float, float] = (0.0, 0.0)
     eccentricity_rate: tuple[float, float] = (0.0, 0.0)
     smallest_film: float = 0.01
+    bore_shape: Shape | None = None
+    journal_shape: Shape | None = None
+    shear_rule: str = "streamers"
     oil: ConservedContent | None = None
 
     def __post_init__(self) -> None:
@@ -99,13 +111,13 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
+        if not self.film.parameters.lubricant.density_law.constant:
+            raise SettingsError(
+                f"the oil between {self.journal} and {self.bore} is denser under pressure: a "
+                "mechanism's film has a density_law of Constant()"
+            )
         if self.oil is not None:
             require_monotone(self.film.parameters.grid.family)
-            if not self.film.parameters.lubricant.density_law.constant:
-                raise SettingsError(
-                    "cavitation = 'mass-conserving' in a mechanism needs an oil whose density does "
-                    "not depend on pressure"
-                )
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -199,6 +211,8 @@ class JointFilm:
         Generalised forces of nodal pressures on xi, shape (n, nodes).
     bore
         The flexible bore, None for a rigid one.
+    shape
+        Of bore and journal, None where both are round.
     """
 
     def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
@@ -206,6 +220,9 @@ class JointFilm:
         p = film.parameters
         self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
         self.friction, self.own = joint.friction, 4 if tilting else 2
+        self.shear_rule = joint.shear_rule
+        shapes = joint.bore_shape, joint.journal_shape
+        self.shape = None if shapes == (None, None) else JointShape(film, *shapes)
         self.bore = None if part is None else BoreFilm(part, film, joint.transfer)
         inside = film.points.angle.ravel(), film.points.height.ravel()
         nodes = p.grid.node_positions
@@ -234,24 +251,28 @@ class JointFilm:
         """Number n of coordinates."""
         return self.thickness.shape[1]
 
-    def gap(self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float) -> Gap:
+    def gap(
+        self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float, ahead: float = 0.0
+    ) -> Gap:
         """Gap and velocities at the Gauss points, residual patterns left out.
 
         Parameters
         ----------
         xi, xi_rate
             shape (n,).
-        shaft_rate
-            Speed of the journal relative to the bore [rad/s].
+        shaft_rate, ahead
+            Speed of the journal relative to the bore [rad/s] and its angle, which matters where
+            the journal is not round [rad].
         """
         speed = self.shaft_radius * shaft_rate
         shape = self.film.points.angle.shape
-        return Gap(
+        gap = Gap(
             (self.clearance + self.thickness @ xi).reshape(shape),
             (self.thickness @ xi_rate).reshape(shape),
             (0.5 * speed + self.mean_velocity @ xi_rate).reshape(shape),
             (speed + self.sliding_velocity @ xi_rate).reshape(shape),
         )
+        return gap if self.shape is None else self.shape.added(gap, ahead, shaft_rate)
 
 
 def _journal_fields(

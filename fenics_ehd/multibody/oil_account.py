@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.flow import flow_balance
-from fenics_ehd.multibody.conserved_oil import JointOilState
+from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.multibody.system import FilmPlace
 
 #: Column of the content.
@@ -16,7 +16,7 @@ CONTENT = "oil_content_m3"
 
 def oil_rates(place: FilmPlace, film: FilmState) -> dict[str, float]:
     """Columns of one joint at an accepted step; none where oil is not conserved."""
-    if not isinstance(film, JointOilState):
+    if not isinstance(film, OilState):
         return {}
     flows = flow_balance(place.film.film, film)
     found = {CONTENT: float(film.content.sum()), "side_flow_m3_per_s": flows.side}

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from fenics_ehd.multibody.conserved_oil import JointOilState
+import numpy as np
+
+from fenics_ehd.film.flow import flow_work, refill_work
+from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -25,10 +28,12 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         damping += flexibility.dissipation(step.rate[places])
     for joint, found in zip(system.films, state.films, strict=True):
         lost, fed = joint.film.film.powers(found)
-        if isinstance(found, JointOilState):
-            lost -= found.refill_power
+        if isinstance(found, OilState):
+            lost -= refill_work(joint.film.film, found)
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
+        if np.any(joint.film.film.equation.given):
+            fed += flow_work(joint.film.film, found)
         film, drag = film + lost, drag + fed
     return Powers(
         kinetic=kinetic,

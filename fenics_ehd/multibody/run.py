@@ -66,7 +66,8 @@ class Run:
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled, or the span is not above 0.
+        The mechanism cannot be assembled, the span is not above 0, or a bore or journal that is not
+        round closes its gap at the start.
     """
 
     def __init__(self, mechanism: Mechanism, steps: Steps, span: float):
@@ -89,6 +90,11 @@ class Run:
         self.state: IntegratorState[SolverState] = IntegratorState.begin(
             self.norm, 0.0, *start, self._control
         )
+        for place, gap in zip(
+            system.films, self.norm.film_gaps(self.state.observed[0]), strict=True
+        ):
+            if place.film.shape is not None:
+                _check_start(place, float(gap.min()))
 
     def stored_state(self) -> dict[str, Any]:
         """The state as nested dictionaries of arrays and numbers, for `load_state`."""
@@ -150,6 +156,15 @@ def _require_sound(state: IntegratorState[SolverState]) -> None:
             raise ValueError(f"{name}/times must descend from {state.time:.9g} s")
     if not state.step > 0:
         raise ValueError(f"integrator/step = {state.step} s must be positive")
+
+
+def _check_start(place: FilmPlace, thickness: float) -> None:
+    if not thickness > 0.0:
+        raise SettingsError(
+            f"joints.{place.name}.bore_shape, journal_shape: the film is {thickness * 1e6:.3g} um "
+            "thin somewhere at the start, it must be above 0: deviations must leave some of the "
+            f"clearance of {place.film.clearance * 1e6:.3g} um, or give another eccentricity"
+        )
 
 
 def _check_film(place: FilmPlace, thickness: float, time: float) -> None:

@@ -31,6 +31,7 @@ from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
 from fenics_ehd.multibody.system import FilmPlace, System
+from fenics_ehd.multibody.turning import turned_border, twist
 
 #: Rows over columns below which a product with all columns is cheaper than to pick them first.
 FEW = 0.25
@@ -134,19 +135,9 @@ class StepEquations:
         """Unknowns beside those of the films."""
         return self.system.n + 2 * self.system.m
 
-    @property
-    def state_size(self) -> int:
-        """Number of values in the state of the integration."""
-        return self.system.n + self.responses.size + sum(self.sizes[i] for i in self.voids)
-
     def resting(self, z: np.ndarray) -> np.ndarray:
         """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
-        films = self.system.films
-        volumes = [
-            oil.volumes_at(z[place.xi])
-            for place, oil in zip(films, self.oils, strict=True)
-            if oil is not None
-        ]
+        volumes = [self.oil(i).volumes_at(z) for i in self.voids]
         return np.concatenate([np.zeros(self.responses.size), *volumes])
 
     def begin(self, step: ImplicitStep) -> None:
@@ -158,10 +149,11 @@ class StepEquations:
         self._filled: dict[str, np.ndarray] = {}
         self.responses.begin(step)
         for i in self.voids:
-            film = self.system.films[i].film
-            past = film.thickness @ step.past_x[self.system.films[i].xi]
-            past = past - step.shift * film.clearance + self.responses.past_gap(i)
-            self.oil(i).begin(step, past)
+            oil, xi = self.oil(i), self.system.films[i].xi
+            # What is constant in the gap is part of its past, too.
+            constant = (1.0 + step.shift) * oil.affine_gap(np.zeros(len(xi)))
+            past = oil.affine_gap(step.past_x[xi], self.responses.past_gap(i)) - constant
+            oil.begin(step, past)
 
     def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> list[float]:
         """Oil of the films of `voids` in a state of given gaps, where observed [m^3]."""
@@ -170,15 +162,12 @@ class StepEquations:
     def keep_within(self, states: np.ndarray, gaps: list[np.ndarray]) -> None:
         """Bring void volumes of the first of some states back into its gaps, the others along."""
         for i in self.voids:
-            oil = self.oil(i)
-            volumes = states[:, oil.volumes]
-            states[:, oil.volumes] += oil.within_gap(volumes[0], gaps[i]) - volumes[0]
+            change = self.oil(i).within_gap(states[0], gaps[i])
+            states[:, self.oil(i).volumes] += change
 
     def void_fractions(self, i: int, state: np.ndarray) -> np.ndarray:
         """Of the nodes of one of `voids`, in a state without residual patterns."""
-        oil, place = self.oil(i), self.system.films[i]
-        gap = place.film.clearance + place.film.thickness @ state[place.xi]
-        return oil.fractions(state[oil.volumes], gap)
+        return self.oil(i).fractions(state)
 
     def oil(self, i: int) -> ConservedOil:
         """Of one of `voids`."""
@@ -215,13 +204,16 @@ class StepEquations:
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
         gaps = [
-            place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates))
+            place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates), place.ahead(z))
             for place in system.films
         ]
         self.responses.add(self.pressures(pressures), gaps)
         films = []
         for i, place in enumerate(system.films):
             point = self._film(i, place, pressures[i], gaps[i], voids.get(i))
+            if place.film.shape is not None:
+                turned = place.film.shape.turned(place.ahead(z), place.ahead(rates))
+                point = replace(point, turned=turned)
             films.append(point)
             self._load(place, point, residual)
         parts = [residual, instant.defect, instant.rate_defect(rates)]
@@ -239,7 +231,7 @@ class StepEquations:
             problem, defect, oil_point = oil.evaluate(gap, pressure, void)
             if len(self.scales) <= i:
                 self.scales.append(1.0)
-            return FilmPoint(oil.balance.nodal(pressure), gap, problem, defect, oil_point)
+            return FilmPoint(oil.balance.nodal(pressure), gap, problem, defect, oil=oil_point)
         problem = film.equation.problem(gap)
         if len(self.scales) <= i:
             self.scales.append(problem.scale)
@@ -258,17 +250,17 @@ class StepEquations:
     def _load(self, place: FilmPlace, point: FilmPoint, residual: np.ndarray) -> None:
         """Take the film's forces from the residual of motion."""
         film = place.film
-        residual[place.xi] -= film.load @ (film.film.parameters.pressure_scale * point.nodal)
+        pressure = film.film.parameters.pressure_scale * point.nodal
+        residual[place.xi] -= film.load @ pressure
+        if point.turned is not None:
+            _twist(place, float(point.turned.torque @ pressure), residual)
         if not film.friction:
             return
         friction = film_friction(film, self.film_state(place, point), self._filled.get(place.name))
         if self._holding:
             self._filled[place.name] = friction.filled
         residual[place.xi] -= friction.on_xi
-        if place.journal_angle is not None:
-            residual[place.journal_angle] -= friction.torque
-        if place.bore_angle is not None:
-            residual[place.bore_angle] += friction.torque
+        _twist(place, friction.torque, residual)
 
     @staticmethod
     def film_state(place: FilmPlace, point: FilmPoint) -> FilmState:
@@ -313,6 +305,9 @@ class StepEquations:
             if body is not None and (matrix := responses.matrices[body]) is not None:
                 along_gap = (share * film.parameters.pressure_scale / scale) * border.along_gap
                 answer = partial(_answer_block, film, matrix, along_gap)
+            if own.turned is not None:
+                border = turned_border(self._columns[i], own, own.turned, border, scale, speed)
+                twist(place, own, own.turned, core)
             if own.oil is None:
                 entries = own.problem.entries(own.nodal[film.free]) / scale
                 pattern = film.assembly.pattern
@@ -339,6 +334,9 @@ class StepEquations:
         """
         places = self.system.films
         changes = [place.film.thickness @ x[place.xi] for place in places]
+        for i, border in enumerate(borders):
+            if border.slope is not None:
+                changes[i] = changes[i] + border.slope * places[i].ahead(x)
         left, any_left = [np.zeros(size) for size in self.sizes], False
         for body, flexibility in enumerate(self.responses.flexibilities):
             moved = flexibility.each(self.responses.moved(body, pressures))
@@ -361,9 +359,17 @@ class StepEquations:
         for i in self.voids:
             oil_point = point.films[i].oil
             assert oil_point is not None
-            volumes, change = self.oil(i).volume_rates(oil_point)
+            volumes, change = self.oil(i).volume_rates(oil_point, point.z)
             values, rates = [*values, volumes], [*rates, change]
         return np.concatenate([point.z, *values]), np.concatenate([point.rates, *rates])
+
+
+def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:
+    """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
+    if place.journal_angle is not None:
+        residual[place.journal_angle] -= torque
+    if place.bore_angle is not None:
+        residual[place.bore_angle] += torque
 
 
 def _answer_block(

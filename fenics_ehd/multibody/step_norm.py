@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from fenics_ehd.multibody.joint_shape import JointShape
 from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.system import FilmPlace
 
 
 class StepNorm:
     """Errors of the gaps, relative to the gaps, and of the bodies' coordinates (`Body`).
 
-    Without a film the coordinates alone control the steps.
+    Without a film the coordinates alone control the steps. What is observed is affine in them;
+    gaps that a journal's turning shape makes follow from its angle, observed too.
 
     Parameters
     ----------
@@ -27,6 +32,8 @@ class StepNorm:
             observed[:, film.xi] = film.film.observed
             rows.append(observed)
             constants.append(np.full(len(observed), film.film.clearance))
+            if film.film.shape is not None:
+                constants[-1] += film.film.shape.fixed
         for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
             for i, observed in zip(flexibility.films, flexibility.observed, strict=True):
                 rows[i][:, places] = observed
@@ -35,8 +42,25 @@ class StepNorm:
         self._measure = system.error_measure
         coordinates = np.zeros((len(self._measure), size))
         coordinates[:, : system.n] = self._measure
-        self._rows = np.vstack([*rows, coordinates])
-        self._constant = np.concatenate([*constants, np.zeros(len(coordinates))])
+        angles = self._turning_angles(system.films, size)
+        self._rows = np.vstack([*rows, coordinates, *angles])
+        self._constant = np.concatenate([*constants, np.zeros(len(coordinates) + len(angles))])
+
+    def _turning_angles(self, films: Sequence[FilmPlace], size: int) -> list[np.ndarray]:
+        """Rows of the angles of journals whose shape turns; where, which and whose is kept."""
+        self._turning: list[tuple[slice, int, JointShape]] = []
+        angles: list[np.ndarray] = []
+        for i, film in enumerate(films):
+            shape = film.film.shape
+            if shape is not None and shape.turning:
+                own = slice(self._ends[i] - len(shape.fixed), self._ends[i])
+                self._turning.append((own, self._gaps + len(self._measure) + len(angles), shape))
+                angles.append(np.zeros((1, size)))
+                if film.journal_angle is not None:
+                    angles[-1][0, film.journal_angle] += 1.0
+                if film.bore_angle is not None:
+                    angles[-1][0, film.bore_angle] -= 1.0
+        return angles
 
     def observe(self, x: np.ndarray) -> np.ndarray:
         """Gaps [m], then dimensionless coordinates, for a state ``(z, y)`` and more."""
@@ -44,7 +68,12 @@ class StepNorm:
 
     def gaps(self, observed: np.ndarray) -> np.ndarray:
         """Those of what is observed that must stay positive."""
-        return observed[: self._gaps]
+        found = observed[: self._gaps]
+        if self._turning:
+            found = found.copy()
+            for own, angle, shape in self._turning:
+                found[own] -= shape.closing(observed[angle])
+        return found
 
     def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
         """The gap of every film."""
@@ -52,10 +81,13 @@ class StepNorm:
 
     def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
         """Largest error, see `Observed`."""
-        coordinates = float(np.abs(error[self._gaps :]).max(initial=0.0))
+        own = error[self._gaps : self._gaps + len(self._measure)]
+        coordinates = float(np.abs(own).max(initial=0.0))
         if not self._gaps:
             return coordinates
-        return max(relative_error(self.gaps(observed), self.gaps(error)), coordinates)
+        gaps = self.gaps(observed)
+        change = gaps - self.gaps(observed - error) if self._turning else self.gaps(error)
+        return max(relative_error(gaps, change), coordinates)
 
     def coordinate_error(self, change: np.ndarray) -> float:
         """Largest dimensionless change of coordinates z, shape (n,)."""

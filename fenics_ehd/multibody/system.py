@@ -52,8 +52,16 @@ class FilmPlace:
 
     def ahead(self, values: np.ndarray) -> float:
         """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
-        journal = 0.0 if self.journal_angle is None else values[self.journal_angle]
-        return float(journal - (0.0 if self.bore_angle is None else values[self.bore_angle]))
+        journal, bore = self.angles(values)
+        return float(journal - bore)
+
+    def angles(self, values: np.ndarray) -> tuple[float, float]:
+        """Of journal and bore in the frame at rest, of coordinates or of their rates."""
+        journal, bore = (
+            0.0 if place is None else values[place]
+            for place in (self.journal_angle, self.bore_angle)
+        )
+        return journal, bore
 
 
 @dataclass(frozen=True, eq=False)

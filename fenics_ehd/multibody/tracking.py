@@ -324,7 +324,9 @@ def _too_coarse(place: FilmPlace, thickness: float) -> str:
     angles = np.unique(place.film.film.parameters.grid.node_positions[:, 0].round(9))
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # Where the gap is below twice its least: h = c (1 - eps cos phi).
-    thin = np.degrees(np.sqrt(2 * thickness / place.film.clearance))
+    shape = place.film.shape
+    bend = place.film.clearance + (0.0 if shape is None else shape.bend)
+    thin = np.degrees(np.sqrt(2 * thickness / bend))
     if spacing <= NODE_SPACING * thin:
         return ""
     return (

@@ -135,6 +135,8 @@ def _draw_curves(axes: Axes, result: BearingResult, angle: np.ndarray, middle: n
     axes.grid(alpha=0.3)
     x, y = result.operation.position
     thickness = result.settings.clearance - x * np.cos(angle) - y * np.sin(angle)
+    if result.settings.bore_shape is not None:
+        thickness += result.settings.bore_shape.radial(angle, np.zeros_like(angle))
     film = axes.twinx()
     film.plot(degrees, 1e6 * thickness, color=FILM, linestyle="--")
     film.set_ylabel("film thickness [µm]", color=FILM)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.plotting.joint_rates import plot_joint_rates
 from fenics_ehd.plotting.orbit import plot_orbits
 from fenics_ehd.plotting.picture import in_formats, over_time, plt, save, style
 from fenics_ehd.plotting.recorded import recorded
@@ -33,6 +34,7 @@ def plot_joints(label: str, directory: str | Path) -> list[Path]:
         *plot_runs({label: directory}, directory),
         *plot_energy(read_history(directory), directory),
         *(plot_basis_error(joints, directory) if joints else []),
+        *plot_joint_rates(joints, directory),
     ]
 
 

@@ -43,6 +43,7 @@ RESULTS = (
     FAILED_FILM,
     "max_pressure.*",
     "min_film_thickness.*",
+    "friction_torque.*",
     "energy.*",
     "basis_error.*",
     "orbit.*",

@@ -29,6 +29,7 @@ from fenics_ehd.scenes.films import (
 from fenics_ehd.scenes.part import ReducedPart
 from fenics_ehd.scenes.rough_pose import assembled_bodies
 from fenics_ehd.scenes.scene import Scene, meshed
+from fenics_ehd.scenes.shapes import joint_shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +118,8 @@ def build_mechanism(
         elastic = scene.elastic_bore(joint)
         part_of = found[elastic[0]].at_bore(elastic[1]) if elastic else None
         film = build_film(scene, name, part_of, rate)
-        joints[name] = lubricated(joint, film)
+        shapes = joint_shapes(joint, name, film.parameters.grid.width)
+        joints[name] = lubricated(joint, film, shapes)
     return Built(
         Mechanism(placed, joints, ideal.drives, ideal.forces, ideal.gravity),
         found,

@@ -79,9 +79,14 @@ def finite_number(where: str, entry: str) -> float:
 
 
 def read_columns(
-    path: str | Path, where: str, units: Units, fewest: int = FEWEST_ROWS
+    path: str | Path,
+    where: str,
+    units: Units,
+    fewest: int = FEWEST_ROWS,
+    *,
+    ascending: bool = True,
 ) -> tuple[list[int], np.ndarray]:
-    """Line numbers, and numbers in the order of `units` times their factors, the first ascending.
+    """Line numbers, and numbers in the order of `units` times their factors.
 
     Parameters
     ----------
@@ -93,6 +98,8 @@ def read_columns(
         Columns that must be there.
     fewest
         Rows that are needed.
+    ascending
+        Whether the first column must.
 
     Raises
     ------
@@ -113,7 +120,7 @@ def read_columns(
         found = [finite_number(f"{line}: {header[i]}", entries[i]) for i in order]
         values[row] = factors * found
         place, before = values[row, 0], values[row - 1, 0]
-        if row and not place > before:
+        if ascending and row and not place > before:
             name, known = next(iter(units.items()))
             unit = next(iter(known))
             raise SettingsError(

@@ -11,12 +11,15 @@ from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
+from fenics_ehd.film.oil_settings import make_lubricant
+from fenics_ehd.film.shape import Shape
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.shapes import ROUND, joint_shapes
 
 #: Film cells around and along a bore that offers none.
 DEFAULT_CELLS = (20, 5)
@@ -62,6 +65,7 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
                     f"{value:g} m, within {100 * FIT:g} %: drop it or change the part"
                 )
     check_thin_film(joint.clearance, radius, f"{key}.clearance")
+    joint_shapes(joint, name, width)
     if own is not None and joint.grooves and not joint.cells:
         raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
     if joint.grooves:
@@ -136,9 +140,11 @@ def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> Fil
 
 def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: float) -> Film:
     """Film on a mesh."""
-    viscosity = joint.viscosity
-    if joint.lubricant != NONE:
-        viscosity = scene.lubricants[joint.lubricant].viscosity
+    lubricant = (
+        Lubricant(joint.viscosity)
+        if joint.lubricant == NONE
+        else make_lubricant(scene.lubricants[joint.lubricant])
+    )
     grooves = tuple(
         AxialGroove(np.radians(angle), np.radians(width), pressure)
         for angle, width, pressure in joint.grooves
@@ -148,7 +154,7 @@ def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: 
         FilmParameters(
             aligned_grid(grid, edges),
             joint.clearance,
-            Lubricant(viscosity),
+            lubricant,
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
@@ -163,8 +169,10 @@ def stand_in_film(joint: schema.LubricatedSettings) -> Film:
     return Film(FilmParameters(grid, joint.clearance, Lubricant(0.01), 1.0))
 
 
-def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
-    """The joint with its film."""
+def lubricated(
+    joint: schema.LubricatedSettings, film: Film, shapes: tuple[Shape | None, Shape | None] = ROUND
+) -> LubricatedJoint:
+    """The joint with its film, and the shapes of bore and journal."""
     x, y = joint.eccentricity
     return LubricatedJoint(
         joint.journal,
@@ -175,6 +183,9 @@ def lubricated(joint: schema.LubricatedSettings, film: Film) -> LubricatedJoint:
         eccentricity=(joint.clearance * x, joint.clearance * y),
         eccentricity_rate=joint.eccentricity_rate,
         smallest_film=joint.smallest_film,
+        bore_shape=shapes[0],
+        journal_shape=shapes[1],
+        shear_rule=joint.shear_rule,
         oil=ConservedContent(joint.initial_filling, joint.ambient == "oil")
         if joint.cavitation == "mass-conserving"
         else None,

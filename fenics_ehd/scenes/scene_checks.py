@@ -9,6 +9,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.oil_balance import require_monotone
+from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.scene import GROUND, Scene
@@ -39,6 +40,11 @@ def check_names(scene: Scene) -> None:
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
     for name in scene.drives:
         _check_turning(scene, f"drives.{name}", name)
+    for name, lubricant in scene.lubricants.items():
+        try:
+            make_lubricant(lubricant)
+        except SettingsError as error:
+            raise SettingsError(f"lubricants.{name}: {error}") from None
     bores: dict[str, str] = {}
     for name, joint in scene.joints_of(schema.LubricatedSettings):
         _check_film(scene, name, joint)

@@ -29,7 +29,10 @@ OLD = {"mechanism", "bearing", "rod", "housing", "shaft", "journal", "film", "re
 FILES = (".csv", ".h5", ".geo", ".msh")
 
 #: Kind of an entry that does not say its own.
-USUAL_KINDS = {"lubricants": "constant"}
+USUAL_KINDS = {"lubricants": "oil"}
+
+#: Kinds by the names that they had.
+FORMER_KINDS = {("lubricants", "constant"): "oil"}
 
 
 def beside(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -145,6 +148,7 @@ def _entry(table: str, name: str, values: Any) -> Any:
     kind = values.get("kind", USUAL_KINDS.get(table))
     if kind is None:
         raise SettingsError(f"{path}.kind is missing: one of {', '.join(kinds)}")
+    kind = FORMER_KINDS.get((table, kind), kind) if isinstance(kind, str) else kind
     if not isinstance(kind, str) or kind not in kinds:
         raise SettingsError(f"{path}.kind = {kind!r}: {key_hint(kinds, str(kind))}")
     return _settings(kinds[kind], {k: v for k, v in values.items() if k != "kind"}, path, kind)

@@ -17,7 +17,9 @@ import attrs
 
 from fenics_ehd.base import quantities
 from fenics_ehd.base.fields import choice, count, flag, number, numbers, rows, section, text
-from fenics_ehd.base.quantities import LARGEST_LENGTH, metres, radial_clearance
+from fenics_ehd.base.oil import OilSettings
+from fenics_ehd.base.quantities import LARGEST_LENGTH, deviation, metres, radial_clearance
+from fenics_ehd.bearing.settings import SHEAR_RULES
 from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
 
@@ -160,6 +162,22 @@ class SliderSettings:
     angle: float = number(0.0, "held, of the point's body ahead of the line's [degrees]")
 
 
+@attrs.frozen
+class ShapeSettings:
+    """How far the surface of a bore or a journal lies outside the round one, + outward.
+
+    In the frame of its body, which a journal's shape turns with; what is given adds up.
+    """
+
+    ovality: float = deviation("amplitude of a wave around [m]")
+    ovality_angle: float = number(0.0, "where it is outermost, from the body's x axis [degrees]")
+    lobes: int = count(2, "waves in a turn", least=1, most=100)
+    barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
+    taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
+    misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)
+    table: str = text(NONE, "CSV file angle_deg,height_m,deviation_m of more, or none")
+
+
 @attrs.frozen(kw_only=True)
 class LubricatedSettings:
     """The journal of one body in the bore of another."""
@@ -212,6 +230,9 @@ class LubricatedSettings:
         "around sides without ambient_pressure: air, or oil beside them (mass-conserving)",
     )  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
+    shear_rule: str = choice(
+        "streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"
+    )
     smallest_film: float = number(
         0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
     )
@@ -219,6 +240,8 @@ class LubricatedSettings:
         "of the journal in the bore's frame at the start, share of the clearance", below=1.0
     )
     eccentricity_rate: tuple[float, float] = pair("its rate [m/s]")
+    bore_shape: ShapeSettings = section(ShapeSettings)
+    journal_shape: ShapeSettings = section(ShapeSettings)
 
 
 @attrs.frozen(kw_only=True)
@@ -301,13 +324,6 @@ class GravitySettings:
     acceleration: tuple[float, float] = pair("[m/s2]", (0.0, -9.81))
 
 
-@attrs.frozen(kw_only=True)
-class LubricantSettings:
-    """An oil of constant viscosity."""
-
-    viscosity: float = quantities.viscosity(REQUIRED)
-
-
 @attrs.frozen
 class TimeSettings:
     """How long, and in which steps."""
@@ -373,6 +389,6 @@ KINDS: Mapping[str, Mapping[str, type]] = MappingProxyType(
             "spring-damper": SpringDamperSettings,
             "gravity": GravitySettings,
         },
-        "lubricants": {"constant": LubricantSettings},
+        "lubricants": {"oil": OilSettings},
     }
 )

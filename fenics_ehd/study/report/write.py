@@ -12,6 +12,7 @@ from fenics_ehd.plotting.picture import FORMATS, save
 from fenics_ehd.study.report.accuracy import draw_estimates, draw_film_meshes, draw_tolerances
 from fenics_ehd.study.report.cost import COORDINATES, ONLINE, draw_cost
 from fenics_ehd.study.report.curves import alike, draw_errors, draw_methods
+from fenics_ehd.study.report.losses import draw_friction
 from fenics_ehd.study.report.mode_shapes import best_bodies, draw_mode_shapes
 from fenics_ehd.study.report.pressure_map import draw_pressure
 from fenics_ehd.study.report.reading import read_study
@@ -66,6 +67,7 @@ def _figures(study: StudyData) -> Iterator[tuple[str, Figure | None]]:
     yield "error_against_modes", draw_cost(study.joints, COORDINATES)
     yield "curves", draw_methods(study, alike(study))
     yield "errors_over_time", draw_errors(study, alike(study))
+    yield "friction_torque", draw_friction(study)
     yield "error_against_tolerance", draw_tolerances(study.joints)
     yield "error_against_film_mesh", draw_film_meshes(study.joints)
     yield "estimate_against_truth", draw_estimates(study.joints)

@@ -1,0 +1,74 @@
+"""Torques and powers of one lubricated joint: what its bodies put into the oil, and what is lost.
+
+The film acts at the journal's centre on both bodies, with a force F on the journal and torques
+about that point that are opposite: of the oil's shear, and of the pressure on a journal that is
+not round. About the bore's own axis, where a bearing's friction is measured on its housing, the
+torque differs by the couple of the eccentric force,
+
+    T_bore = T - (e x F)_z,
+
+T braking the journal, T_bore dragging the bore along. The bodies put into the film
+
+    P = -int p dh/dt dA - Q . xi' - T_shear Omega,
+
+by squeezing it and by shear (`friction`), and oil enters under pressure with P_s. Both leave as
+heat: the discrete Reynolds equation tested with its own pressure says
+
+    P + P_s = int h^3 / (12 eta) |grad p|^2 + theta eta U^2 / h dA
+
+at every instant, to what Newton's method leaves; with 8-node elements, whose complementarity is
+not that of pressure and flux at a node (11), to the discretisation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_ehd.film import FilmState
+from fenics_ehd.film.flow import flow_work
+from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.solver_state import MechanismStep
+from fenics_ehd.multibody.system import FilmPlace
+
+
+def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[str, float]:
+    """Columns of a joint with friction at an accepted step.
+
+    Returns
+    -------
+    dict
+        ``friction_torque_Nm`` brakes the journal about its own axis, ``bore_friction_torque_Nm``
+        drags the bore along about its own. ``friction_power_W`` is what the journal's turning in
+        the bore puts into the oil; journal and bore, each turning in the frame at rest, put in
+        ``journal_friction_power_W`` and ``bore_friction_power_W``, whose sum it is.
+        ``film_power_W`` is P, ``dissipated_power_W`` what is lost, ``supply_power_W`` P_s, where
+        pressures are given.
+    """
+    joint, rate, found = place.film, step.rate, film_friction(place.film, film)
+    force = joint.load[:2] @ film.pressure + found.on_xi[:2]
+    # What else brakes the journal belongs here: contact, say.
+    torque = -found.torque - _pressure_torque(place, step, film)
+    e, speeds = step.x[place.xi[:2]], place.angles(rate)
+    opening = joint.film.pressure_areas.T @ film.gap.thickness_rate.ravel()
+    squeezed = -float(film.pressure @ opening)
+    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.ahead(rate)
+    rates = {
+        "friction_torque_Nm": torque,
+        "bore_friction_torque_Nm": torque - float(e[0] * force[1] - e[1] * force[0]),
+        "friction_power_W": torque * place.ahead(rate),
+        "journal_friction_power_W": torque * speeds[0],
+        "bore_friction_power_W": -torque * speeds[1],
+        "film_power_W": squeezed + sheared,
+        "dissipated_power_W": joint.film.powers(film)[0] + found.sheared,
+    }
+    if np.any(joint.film.equation.given):
+        rates["supply_power_W"] = flow_work(joint.film, film)
+    return rates
+
+
+def _pressure_torque(place: FilmPlace, step: MechanismStep, film: FilmState) -> float:
+    """Of the pressure on a journal that is not round, about its centre [N m]."""
+    if place.film.shape is None:
+        return 0.0
+    turned = place.film.shape.turned(place.ahead(step.x), place.ahead(step.rate))
+    return 0.0 if turned is None else float(turned.torque @ film.pressure)

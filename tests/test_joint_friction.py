@@ -1,0 +1,184 @@
+"""Friction of a lubricated joint: torques on both bodies, and where its energy goes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_rod import (
+    CLEARANCE,
+    RADIUS,
+    REVOLUTION,
+    SPEED,
+    VISCOSITY,
+    WIDTH,
+    Joint,
+    flexible,
+    make_mechanism,
+    with_residual,
+)
+from journal_cases import ETA, OMEGA, C, R, ellipse, journal, make_film
+from mechanism_cases import film as film_of
+from mechanism_cases import rigid_rod, slider_crank
+
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.forces import film_forces
+from fenics_ehd.film.kinematics import ShaftMotion
+from fenics_ehd.film.shape import Lobes
+from fenics_ehd.film.supply import AxialGroove, Sides
+from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.friction_rates import friction_rates
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.tracking import Tracker
+
+pytestmark = pytest.mark.kernels
+
+
+def supplied_film(pressure=2e5, ambient=5e4, cells=(24, 4)):
+    """The paper's bearing with a groove and sides at given pressures."""
+    grid = uniform_grid(RADIUS, WIDTH, cells, "lagrange")
+    groove = AxialGroove(np.pi / 2, 2 * np.pi / cells[0], pressure)
+    sides = Sides(ambient, ambient)
+    return Film(FilmParameters(grid, CLEARANCE, Lubricant(VISCOSITY), SPEED, sides, (groove,)))
+
+
+def rows_of(mechanism, end, tolerance):
+    """Accepted steps with the rates of every joint."""
+    going = Run(mechanism, Steps(tolerance=tolerance), end)
+    system = going.equations.system
+    for step in going.until(end):
+        films = zip(system.films, step.solution.films, strict=True)
+        yield going, step, [friction_rates(place, step, film) for place, film in films]
+
+
+def machines():
+    joint = Joint((10, 2))
+    elastic = with_residual(joint, flexible(joint)[0])
+    both_ends = film_of(22.5e-3, 22e-3, 17e-6, 0.01), film_of(11e-3, 20e-3, 12e-6, 0.01, (24, 4))
+    two = slider_crank(rigid_rod(), *both_ends, friction=True)
+    gudgeon = replace(two.joints["gudgeon"], friction=True, journal_shape=Lobes(2e-6, 0.3))
+    return {
+        "rigid": slider_crank(rigid_rod(), film_of(22.5e-3, 22e-3, 17e-6, 0.01), friction=True),
+        "supplied": slider_crank(rigid_rod(), supplied_film(), friction=True),
+        "elastic": make_mechanism(elastic, joint, friction=True),
+        "oval journal": slider_crank(
+            rigid_rod(), supplied_film(), friction=True, journal_shape=Lobes(3e-6)
+        ),
+        "two joints": replace(two, joints={**two.joints, "gudgeon": gudgeon}),
+    }
+
+
+@pytest.mark.parametrize("name", machines())
+def test_what_goes_into_a_joint_is_dissipated(name, figure):
+    # At every step, and far better than a thousandth: the film keeps no energy.
+    worst = 0.0
+    for _, _, joints in rows_of(machines()[name], 0.02 * REVOLUTION, 1e-6):
+        for rates in joints:
+            supply = rates.get("supply_power_W", 0.0)
+            defect = rates["film_power_W"] + supply - rates["dissipated_power_W"]
+            worst = max(worst, abs(defect) / rates["dissipated_power_W"])
+            both = rates["journal_friction_power_W"] + rates["bore_friction_power_W"]
+            assert both == pytest.approx(rates["friction_power_W"], rel=1e-9)
+    title = f"energy of each joint, {name}: defect over what is dissipated"
+    figure("friction", title, worst, most=1e-6)
+
+
+@pytest.mark.parametrize("name", ["rigid", "elastic", "oval journal"])
+def test_the_bodies_lose_what_goes_into_the_joint(name):
+    # By the multipliers and the bodies' own velocities, in the frame at rest: the force of
+    # kilonewtons that goes with metres per second cancels between them.
+    for number, (going, step, (rates,)) in enumerate(
+        rows_of(machines()[name], 0.02 * REVOLUTION, 1e-6)
+    ):
+        if number % 7:
+            continue
+        system, motion = going.equations.system, step.solution.motion
+        (place,) = system.films
+        moved = motion.instant.jacobian[place.rows].copy()
+        moved[:, place.xi[:2]] = 0.0
+        power = motion.multipliers[place.rows] @ moved @ motion.rates
+        power += rates["friction_power_W"]
+        # And the elastic rod, by its modes and its residual patterns.
+        film = step.solution.films[0]
+        elastic = place.film.thickness[:, 2:] @ step.rate[place.xi[2:]]
+        residual = film.gap.thickness_rate.ravel() - place.film.thickness @ step.rate[place.xi]
+        if place.film.shape is not None:
+            turned = place.film.shape.turned(place.ahead(step.x), place.ahead(step.rate))
+            residual = residual - turned.slope * place.ahead(step.rate)
+        pressures = place.film.film.pressure_areas @ film.pressure
+        power -= float(pressures @ (elastic + residual))
+        on_modes = film_friction(place.film, film).on_xi[2:]
+        power -= float(on_modes @ step.rate[place.xi[2:]])
+        assert power == pytest.approx(rates["film_power_W"], rel=1e-5)
+
+
+def test_torques_on_journal_and_bore_are_those_of_the_walls():
+    # A rigid bore: the film's own wrenches, about the bore's axis and the journal's.
+    mechanism = machines()["rigid"]
+    *_, (going, step, (rates,)) = rows_of(mechanism, 0.3 * REVOLUTION, 1e-3)
+    (place,), (film,) = going.equations.system.films, step.solution.films
+    e, rate = step.x[place.xi[:2]], step.rate[place.xi[:2]]
+    motion = ShaftMotion(e, place.ahead(step.rate), eccentricity_rate=rate)
+    forces = film_forces(place.film.film, film, motion)
+    size = rates["friction_torque_Nm"]
+    assert size == pytest.approx(-forces.friction_torque, rel=2e-3)
+    bore = rates["bore_friction_torque_Nm"]
+    assert bore == pytest.approx(forces.on_bore.moment[2], abs=3e-3 * size)
+    assert abs(bore - size) > 0.05 * size
+
+
+def test_a_centred_journal_has_petroffs_torque(figure):
+    # Under next to no load.
+    film = make_film()
+    mechanism, period = journal(film, ellipse(1e-6, 1.0, 1), np.pi / OMEGA)
+    bearing = replace(mechanism.joints["bearing"], friction=True)
+    result = simulate(replace(mechanism, joints={"bearing": bearing}), period, tolerance=1e-4)
+    petroff = ETA * OMEGA * R * (R - C) * 2 * np.pi * R * 2 * R / C
+    for body in ("", "bore_"):
+        found = result.columns[f"{body}friction_torque_Nm"][-1]
+        name = f"torque on the {'bore' if body else 'journal'} after Petroff, centred"
+        figure("friction", name, abs(found / petroff - 1), most=2 * C / R)
+
+
+def test_the_cavitated_zone_shears_by_the_joints_rule():
+    film, losses = make_film((20, 4)), {}
+    loaded, period = journal(film, lambda s: 5e3 * np.stack([1 + 0 * s, 0 * s]), 2 * np.pi / OMEGA)
+    for rule in ("full", "streamers", "none"):
+        bearing = replace(loaded.joints["bearing"], friction=True, shear_rule=rule)
+        mechanism = replace(loaded, joints={"bearing": bearing})
+        result = simulate(mechanism, 0.3 * period, tolerance=1e-3, first=1e-6)
+        losses[rule] = result.columns["friction_power_W"][-1]
+    assert losses["full"] > 1.05 * losses["streamers"]
+    assert losses["streamers"] > 1.1 * losses["none"]
+
+
+@pytest.mark.parametrize("name", ["supplied", pytest.param("two joints", marks=pytest.mark.slow)])
+def test_the_machine_puts_in_what_its_films_dissipate(name, figure):
+    # Drives, forces and stored energy against dissipation: what no single joint's balance knows.
+    steps = {"largest": 1.0, "order": 2}
+    loose, tight = (
+        simulate(machines()[name], 0.1 * REVOLUTION, tolerance=t, **steps).net_energy_balance_error
+        for t in (1e-3, 1e-6)
+    )
+    # Of order 2 with the local error under control: tolerance^(2/3), a factor of 100.
+    assert loose > 30 * tight
+    figure("friction", f"energy put into the machine, {name}, over dissipated", tight, most=1e-4)
+
+
+def test_means_over_a_cycle_balance():
+    loaded, period = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), 2 * np.pi / OMEGA)
+    bearing = replace(loaded.joints["bearing"], friction=True)
+    run = Run(replace(loaded, joints={"bearing": bearing}), Steps(1e-3, 2, 1e-6), period)
+    search, tracker = Cycles(run, period, 1e-2), Tracker(run.equations, run.norm)
+    for step in search:
+        tracker.begins(search)
+        tracker.add(step)
+    found = tracker.figures()
+    means = {name: value for name, value in found.items() if name.startswith("mean_")}
+    assert set(means) == {f"mean_{name}" for name in tracker.rates["bearing"].totals}
+    lost = means["mean_dissipated_power_W"]
+    assert means["mean_film_power_W"] == pytest.approx(lost, rel=1e-6)
+    assert means["mean_journal_friction_power_W"] == pytest.approx(
+        OMEGA * means["mean_friction_torque_Nm"], rel=1e-9
+    )

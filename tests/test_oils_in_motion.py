@@ -1,0 +1,117 @@
+"""Oils whose viscosity changes in the coupled step: against films at rest, order, limits."""
+
+import numpy as np
+import pytest
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, equilibrium, journal, make_film
+
+from fenics_ehd.base.errors import SettingsError, StepSizeError
+from fenics_ehd.film import Lubricant, ShaftMotion, shaft_gap
+from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
+from fenics_ehd.film.thinning import Cross
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import simulate
+
+GROUP = "oil"
+
+OILS = {
+    "Barus": Lubricant(ETA, Barus(4e-8)),
+    "Roelands": Lubricant(ETA, Roelands(ETA, 0.8)),
+    "Cross": Lubricant(ETA, shear_law=Cross(2e5, 0.8, 0.3)),
+    "Barus and Cross": Lubricant(ETA, Barus(4e-8), shear_law=Cross(2e5, 0.8, 0.3)),
+}
+
+#: Down, on a plain bearing of eccentricity 0.6.
+LOAD = 0.436957 * UNIT_LOAD * np.array([0.0, -1.0])
+
+
+def constant(force):
+    return lambda share: np.broadcast_to(np.asarray(force)[:, None], (2, np.size(share)))
+
+
+@pytest.mark.parametrize("name", OILS)
+def test_constant_load_ends_at_the_equilibrium_of_the_film_alone(name, figure):
+    load = 2 * LOAD
+    film = make_film((24, 4), oil=OILS[name])
+    mechanism, _ = journal(film, constant(load), 0.02, rows=3)
+    going = Run(mechanism, Steps(tolerance=1e-4, order=2, first=1e-6, largest=0.2), 0.06)
+    *_, last = going.until(0.06)
+    place = going.equations.system.films[0]
+    found = last.x[place.xi][:2]
+    expected = equilibrium(film, load, OMEGA, found)
+    plain = equilibrium(make_film((24, 4)), load, OMEGA, found)
+    defect = np.abs(found - expected).max() / C
+    figure(
+        GROUP,
+        f"{name}, journal comes to rest, eccentricity over clearance",
+        defect,
+        most=1e-3,
+        unit="%",
+    )
+    assert np.abs(expected - plain).max() / C > 0.02, "the law must matter"
+    # The pressure is that of the film alone in this gap, to Newton's tolerance.
+    (state,) = last.solution.films
+    alone = film.solve(state.gap).pressure
+    np.testing.assert_allclose(state.pressure, alone, atol=1e-6 * alone.max())
+
+
+def ends(oil, steps, order=2):
+    """Eccentricity after a stretch of a swelling load, in so many equal steps."""
+    film = make_film((16, 3), oil=oil)
+    start = equilibrium(film, 0.3 * LOAD, OMEGA)
+    end = 0.004
+
+    def swelling(share):
+        return 0.3 * LOAD[:, None] * (1 + 2 * np.sin(np.pi * np.asarray(share)) ** 2)
+
+    mechanism, _ = journal(film, swelling, end, eccentricity=tuple(start))
+    length = end / steps
+    result = simulate(
+        mechanism, end, tolerance=0.9, order=order, first=length, largest=1.0001 / steps
+    )
+    assert len(result.time) == pytest.approx(steps, abs=1)
+    return result.joints["bearing"].eccentricity[-1] / C
+
+
+@pytest.mark.parametrize("name", ["Barus", "Cross"])
+def test_steps_converge_at_the_order_of_the_formula(name, figure):
+    oil = OILS[name]
+    finest = ends(oil, 320)
+    errors = [np.abs(ends(oil, steps) - finest).max() for steps in (20, 40, 80)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    figure(GROUP, f"{name}, order in time of the two-step formula", orders[-1], least=1.8)
+
+
+def test_a_load_that_no_viscosity_bears_is_a_named_error(figure):
+    # Rigid surfaces: what the law can bear at a place is the load of q = 1 / alpha at its peak.
+    film = make_film((24, 4), oil=Lubricant(ETA, Barus(4e-8)))
+    squeeze = ShaftMotion(np.zeros(2), OMEGA, eccentricity_rate=np.array([0.0, -1e-3]))
+    plain = make_film((24, 4))
+    q = plain.solve(shaft_gap(plain.points, 0.02, C, squeeze)).pressure
+    pressure = -np.log1p(-(1 - 1e-9) * q / q.max()) / 4e-8
+    bearable = (film.load(np.stack(film.points.normal, axis=-1)) @ pressure)[1] / LOAD[1]
+    assert 6 < bearable < 9
+    for share, borne in ((0.9, True), (1.5, False)):
+        mechanism, _ = journal(film, constant(share * bearable * LOAD), 0.02, rows=3)
+        going = Run(mechanism, Steps(tolerance=1e-3, order=2, first=1e-6), 0.02)
+        if borne:
+            step = next(going.until(0.02))
+            (state,) = step.solution.films
+            highest = 4e-8 * state.pressure.max()
+            figure(GROUP, "Barus near what it can bear, alpha p", highest, least=4.0)
+            continue
+        with pytest.raises(StepSizeError, match="viscosity runs away with the pressure"):
+            next(going.until(0.02))
+
+
+def test_no_number_overflows_on_the_way_to_the_error():
+    film = make_film((12, 2), oil=Lubricant(ETA, Barus(4e-8)))
+    mechanism, _ = journal(film, constant(1e4 * LOAD), 0.02, rows=3)
+    with np.errstate(all="raise", under="ignore"), pytest.raises(StepSizeError, match="runs away"):
+        simulate(mechanism, 0.02, order=2, first=1e-6)
+
+
+def test_an_oil_that_pressure_makes_denser_is_refused_in_a_mechanism():
+    film = make_film((12, 2), oil=Lubricant(ETA, density_law=DowsonHigginson()))
+    with pytest.raises(SettingsError, match="denser under pressure: a mechanism's film has"):
+        LubricatedJoint("journal", "ground", film)

@@ -1,0 +1,184 @@
+"""Shapes in scene files and on the command line: tables, refusals, runs that go on."""
+
+import json
+
+import numpy as np
+import pytest
+from command_line import exit_of
+from mpi4py import MPI
+from scene_cases import RIGID_ROD, tables_of, write_scene
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.shape import Lobes
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.scene_file import read_scene, scene_of
+from fenics_ehd.scenes.scene_text import scene_text
+from fenics_ehd.scenes.shapes import read_shape_table
+
+WIDTH = 0.022
+
+
+def mechanism_of(**changes):
+    keys = {f"joints.big_end.{key}": value for key, value in changes.items()}
+    scene = scene_of(tables_of("slider-crank-paper", RIGID_ROD | keys), "scene")
+    return build_mechanism(scene, MPI.COMM_SELF).mechanism
+
+
+def rows(angles, heights, function):
+    lines = [f"{a},{z},{function(a, z):.9g}" for a in angles for z in heights]
+    return "\n".join(["angle_deg,height_mm,deviation_um", *lines])
+
+
+def oval(angle, _height):
+    return 3 * np.cos(2 * np.radians(angle))
+
+
+# --- Tables
+
+
+def test_a_table_is_the_shape_that_it_was_made_of(tmp_path):
+    path, angles = tmp_path / "oval.csv", range(0, 360, 5)
+    for last in (angles, [*angles, 360]):
+        path.write_text(rows(last, (-11, 11), oval))
+        shape = read_shape_table(path, "table", WIDTH)
+        phi = np.linspace(-4, 9, 300)
+        np.testing.assert_allclose(
+            shape.radial(phi, 0.003), Lobes(3e-6).radial(phi, 0.003), atol=2e-11
+        )
+
+
+def test_rows_of_a_table_may_come_in_any_order(tmp_path):
+    path = tmp_path / "shape.csv"
+    text = rows(range(0, 360, 30), (-11, 0, 11), lambda a, z: oval(a, z) + 0.1 * z)
+    path.write_text(text)
+    first = read_shape_table(path, "table", WIDTH)
+    header, *lines = text.splitlines()
+    path.write_text("\n".join([header, *reversed(lines)]))
+    again = read_shape_table(path, "table", WIDTH)
+    assert np.array_equal(first.deviations, again.deviations)
+    assert first.radial(0.5, 0.011) - first.radial(0.5, -0.011) == pytest.approx(2.2e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (rows((0, 90, 180), (-11, 11), oval), "3 angles: at least 4"),
+        (rows((0, 90, 180, 270), (-11, 11), oval) + "\n90,-11,1", "every height, once"),
+        (rows((0, 90, 180, 270), (-11, 5), oval), "must cover the bearing's width"),
+        (rows((0, 90, 180, 270, 380), (0,), oval), "span 380 deg"),
+        (rows((0, 90, 180, 270, 360), (0,), lambda a, _: a), "differ"),
+        ("angle_deg,height_mm\n1,2", "no column deviation"),
+        (rows((0, 90, 180, 270), (0,), lambda *_: np.nan), "finite number"),
+    ],
+)
+def test_tables_that_are_none_are_refused(tmp_path, text, message):
+    path = tmp_path / "shape.csv"
+    path.write_text(text)
+    with pytest.raises(SettingsError, match=f"a.table .*shape.csv.*{message}"):
+        read_shape_table(path, "a.table", WIDTH)
+
+
+# --- Scenes
+
+
+def test_a_scene_lists_what_is_not_round(tmp_path):
+    (tmp_path / "oval.csv").write_text(rows(range(0, 360, 5), (0,), oval))
+    path = write_scene(
+        tmp_path / "scene.toml", "slider-crank-paper", RIGID_ROD,
+        {
+            "joints.big_end.bore_shape.table": "oval.csv",
+            "joints.big_end.journal_shape.ovality": 2e-6,
+            "joints.big_end.journal_shape.ovality_angle": 30.0,
+            "joints.big_end.journal_shape.barrel": -1e-6,
+        },
+    )  # fmt: skip
+    scene = read_scene(path)
+    joint = build_mechanism(scene, MPI.COMM_SELF).mechanism.joints["big_end"]
+    assert joint.bore_shape.radial(0.0, 0.0) == pytest.approx(3e-6)
+    assert joint.journal_shape.radial(np.radians(30), WIDTH / 2) == pytest.approx(1e-6)
+    # Stored and read again.
+    (tmp_path / "again.toml").write_text(scene_text(scene))
+    again = read_scene(tmp_path / "again.toml").joints["big_end"]
+    assert again == scene.joints["big_end"]
+    plain = mechanism_of().joints["big_end"]
+    assert (plain.bore_shape, plain.journal_shape) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"bore_shape.ovality": 18e-6}, r"bore_shape.ovality = 1.8e-05 m closes.*1.7e-05"),
+        ({"journal_shape.ovality": -17e-6}, "journal_shape.ovality = -1.7e-05 m closes"),
+        ({"bore_shape.ovality": 3.0}, "bore_shape.ovality = 3.0 must be below.*in m"),
+        ({"bore_shape.lobes": 0}, "lobes = 0 must be a whole number"),
+        ({"bore_shape.oval": 1e-6}, "unknown key joints.big_end.bore_shape.oval"),
+        ({"journal_shape.table": "none.csv"}, "journal_shape.table .*none.csv: No such file"),
+    ],
+)
+def test_shapes_that_cannot_be_are_refused(changes, message):
+    with pytest.raises(SettingsError, match=message):
+        mechanism_of(**changes)
+
+
+def test_shapes_that_close_the_gap_together_are_refused_at_the_start():
+    # Both are below the clearance; the journal is narrow where the bore is wide.
+    apart = mechanism_of(**{"bore_shape.ovality": 10e-6, "journal_shape.ovality": -10e-6})
+    with pytest.raises(SettingsError, match=r"joints\.big_end\.bore_shape.*-3 um"):
+        Run(apart, Steps(), 1e-3)
+
+
+def test_a_run_with_shapes_and_friction_goes_on_bitwise():
+    changes = {
+        "bore_shape.ovality": 3e-6, "journal_shape.ovality": 4e-6, "friction": True,
+        "shear_rule": "full",
+    }  # fmt: skip
+    end, steps = 2e-4, Steps(tolerance=1e-3)
+
+    def begin():
+        run = Run(mechanism_of(**changes), steps, end)
+        return run, Tracker(run.equations, run.norm)
+
+    def finish(run, tracker):
+        for step in run.until(end):
+            row, _ = tracker.add(step)
+        return row, tracker.figures()
+
+    whole = finish(*begin())
+    run, tracker = begin()
+    for number, step in enumerate(run.until(end)):
+        tracker.add(step)
+        if number == 20:
+            break
+    stored = {**run.stored_state(), **tracker.stored_state()}
+    other, follower = begin()
+    other.load_state(stored)
+    follower.load_state(stored)
+    # A mean is not a number before there is one.
+    assert json.dumps(finish(other, follower)) == json.dumps(whole)
+
+
+# --- The command
+
+
+def test_the_command_takes_shapes(tmp_path, capfd):
+    table = tmp_path / "oval.csv"
+    table.write_text(rows(range(0, 360, 5), (0,), oval))
+    found = {}
+    for name, options in {
+        "round": [], "oval": ["--ovality", "3e-6"], "table": ["--shape-table", str(table)],
+        "turned": ["--ovality", "-3e-6", "--ovality-angle", "90"],
+        "crowned": ["--barrel", "4e-6", "--taper", "1e-6"],
+    }.items():  # fmt: skip
+        arguments = ("bearing", "--load", 800, "--cells", "32x4", "--json", *options)
+        status, output, _ = exit_of(capfd, *arguments)
+        assert not status
+        found[name] = json.loads(output)["min_film_thickness_m"]
+    assert found["oval"] == pytest.approx(found["turned"], rel=1e-9)
+    assert found["oval"] == pytest.approx(found["table"], rel=1e-4)
+    assert len({round(value, 9) for value in found.values()}) == 3
+    for option in ("--ovality", "--taper"):
+        status, _, told = exit_of(capfd, "bearing", "--load", 8, option, 2e-5)
+        assert status == 2
+        assert "closes the gap" in told

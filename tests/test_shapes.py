@@ -1,0 +1,381 @@
+"""Bores and journals that are not round: shapes, gaps, derivatives of a step, turned frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_rod import Joint, flexible, make_mechanism, run, with_residual
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, make_film
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.shape import Lobes, Misalignment, Profile, ShapeTable, SumOfShapes, shape_of
+from fenics_ehd.multibody.assembly import assemble
+from fenics_ehd.multibody.forces import PointForce, RotatingForce
+from fenics_ehd.multibody.implicit_step import ImplicitStep
+from fenics_ehd.multibody.joints import Revolute, Speed
+from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.system import System
+
+pytestmark = pytest.mark.kernels
+
+# --- Shapes alone
+
+
+def table(angles=24, heights=5, function=None):
+    """Of a smooth function of angle and height."""
+    phi = np.linspace(0.3, 0.3 + 2 * np.pi, angles, endpoint=False)
+    z = np.linspace(-R, R, heights)
+    function = function or (lambda a, b: 2e-6 * np.cos(3 * a) * (1 + b / R) + 1e-6 * np.sin(a))
+    return ShapeTable(phi, z, function(phi[:, None], z[None, :]))
+
+
+SHAPES = {
+    "oval": Lobes(3e-6, 0.4),
+    "profile": Profile(R, 2e-6, -1e-6),
+    "misaligned": Misalignment(1e-4, -2e-4),
+    "table": table(),
+    "sum": SumOfShapes((Lobes(1e-6, 1.0, 3), Profile(R, 1e-6), table())),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+def test_derivatives_along_the_angle_are_exact(shape):
+    rng = np.random.default_rng(0)
+    angle, height = rng.uniform(-7, 7, 50), rng.uniform(-R, R, 50)
+    step = 1e-5
+    for order in (1, 2):
+        before, after = (shape.radial(angle + s * step, height, order - 1) for s in (-1, 1))
+        np.testing.assert_allclose(
+            shape.radial(angle, height, order), (after - before) / (2 * step), atol=1e-5 * 1e-5
+        )
+    np.testing.assert_allclose(
+        shape.radial(angle + 2 * np.pi, height), shape.radial(angle, height), atol=1e-18
+    )
+    round_one = not np.ptp(shape.radial(angle, np.zeros(50)))
+    assert shape.round == (round_one and not isinstance(shape, Misalignment))
+
+
+def test_a_table_meets_its_function_to_fourth_order_around():
+    def bumpy(angle, height):
+        return np.exp(np.sin(2 * angle)) * (1.0 + height / R)
+
+    angle = np.random.default_rng(1).uniform(0, 7, 200)
+    height = np.linspace(-R, R, 200)
+    errors = [
+        np.abs(table(n, 3, bumpy).radial(angle, height) - bumpy(angle, height)).max()
+        for n in (20, 40, 80)
+    ]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(orders > 3.5)
+
+
+def test_a_table_of_one_height_stands_for_all_and_ends_stay():
+    single = ShapeTable(
+        np.radians([0, 90, 180, 270]), np.zeros(1), np.array([[1.0], [0], [1], [0]])
+    )
+    assert single.radial(np.pi, 5.0) == pytest.approx(1.0)
+    ends = table()
+    assert ends.radial(1.0, 9 * R) == ends.radial(1.0, R)
+
+
+@pytest.mark.parametrize(
+    ("angles", "message"),
+    [([0.0, 1.0, 2.0], "at least 4"), ([0.0, 2, 1, 3], "ascend"), ([0.0, 1, 2, 7], "one turn")],
+)
+def test_angles_of_a_table_are_checked(angles, message):
+    with pytest.raises(SettingsError, match=message):
+        ShapeTable(np.array(angles), np.zeros(1), np.zeros((len(angles), 1)))
+
+
+def test_nothing_listed_is_round():
+    assert shape_of(R) is None
+    assert shape_of(R, lobes=Lobes(0.0)) is None
+    assert JointFilm(LubricatedJoint("a", "b", make_film()), None, tilting=False).shape is None
+
+
+# --- The gap of a joint
+
+
+def joint_film(film, *, tilting=False, bore=None, journal=None):
+    joint = LubricatedJoint("shaft", "housing", film, bore_shape=bore, journal_shape=journal)
+    return JointFilm(joint, None, tilting=tilting)
+
+
+def test_a_misaligned_bore_is_a_journal_tilted_back():
+    film, tilt = make_film(), (2e-4, -1e-4)
+    xi = np.array([3e-6, -2e-6])
+    found = joint_film(film, bore=Misalignment(*tilt)).gap(xi, 0 * xi, OMEGA)
+    expected = joint_film(film, tilting=True).gap(
+        np.array([*xi, *(-np.array(tilt))]), np.zeros(4), OMEGA
+    )
+    np.testing.assert_allclose(found.thickness, expected.thickness, rtol=1e-13)
+    pressure = film.solve(expected).pressure
+    np.testing.assert_allclose(film.solve(found).pressure, pressure, atol=1e-9 * pressure.max())
+
+
+def test_an_eccentric_journal_that_turns_is_a_centre_that_goes_around():
+    # One lobe is an eccentricity: gap and its rate to round-off.
+    film, ahead, size = make_film(), 0.7, 4e-6
+    found = joint_film(film, journal=Lobes(size, count=1)).gap(
+        np.zeros(2), np.zeros(2), OMEGA, ahead
+    )
+    e = size * np.array([np.cos(ahead), np.sin(ahead)])
+    rate = OMEGA * np.array([-e[1], e[0]])
+    expected = joint_film(film).gap(e, rate, OMEGA)
+    np.testing.assert_allclose(found.thickness, expected.thickness, rtol=1e-13)
+    np.testing.assert_allclose(
+        found.thickness_rate, expected.thickness_rate, atol=1e-12 * OMEGA * size
+    )
+
+
+def turned_frame_error(clearance):
+    """Pressure of a turning oval journal against that in the frame in which it stands."""
+    # Nodes of one film lie at nodes of the other: the discrete equations are the same.
+    film, turn = make_film((24, 4), clearance=clearance), 2 * np.pi * 5 / 24
+    oval, e = Lobes(0.3 * clearance, 0.3), clearance * np.array([0.25, 0.1])
+    turning = film.solve(joint_film(film, journal=oval).gap(e, np.zeros(2), OMEGA, turn))
+    # There the outer surface turns backwards, and the centre goes backwards around; the gap is that
+    # of an oval bore.
+    back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ e
+    rate = -OMEGA * np.array([-back[1], back[0]])
+    bore = replace(oval, amplitude=-oval.amplitude)
+    standing = film.solve(joint_film(film, bore=bore).gap(back, rate, -OMEGA)).pressure
+    angle, height = film.parameters.grid.node_positions.T
+    there = film.parameters.grid.interpolation(angle + turn, height) @ turning.pressure
+    return np.abs(standing - there).max() / standing.max()
+
+
+def test_a_turning_oval_journal_is_an_oval_bore_turning_back(figure):
+    # Up to c / R, by which the two surfaces differ in length: lubrication theory leaves that out.
+    coarse, fine = (turned_frame_error(clearance) for clearance in (C, 1e-3 * C))
+    figure("shapes", "turning oval journal in the turned frame, pressure", coarse, most=3 * C / R)
+    assert fine < 2e-3 * coarse
+
+
+# --- Equations of a step
+
+
+def swinging(bore=None, journal=None, film=None, **joint):
+    """A heavy journal in a bore that turns too, both with a shape."""
+    film = film or make_film((12, 3))
+    return Mechanism(
+        {
+            "shaft": RigidBody(2.0, 1e-3, speed=OMEGA, orientation=0.3),
+            "ring": RigidBody(1.0, 2e-3, speed=-40.0, orientation=-0.2),
+        },
+        {
+            "pivot": Revolute("ground", "ring"),
+            "bearing": LubricatedJoint(
+                "shaft", "ring", film, bore_shape=bore, journal_shape=journal, **joint
+            ),
+        },
+        forces={"load": PointForce("shaft", (0.3, -1.0), lambda _: (0.1 * UNIT_LOAD, 0.0))},
+    )
+
+
+@pytest.mark.parametrize("shift", [1e3, 1e5])
+def test_derivatives_of_a_step_are_exact(shift):
+    system = System(swinging(Lobes(3e-6, 0.5), SumOfShapes((Lobes(4e-6, 0.2), Profile(R, -2e-6)))))
+    equations = StepEquations(system, dense_limit=700)
+    n, m, (nodes,) = system.n, system.m, equations.sizes
+    rng = np.random.default_rng(1)
+    z, _ = assemble(system)
+    z = z + 1e-7 * rng.uniform(-1, 1, n)
+    nothing = np.zeros(n)
+    past = 1e-2 * rng.uniform(-1, 1, n) - shift * z
+    equations.begin(
+        ImplicitStep(1e-4, shift, past, nothing, nothing, nothing, (nothing, nothing), 1e-6)
+    )
+    pressure = rng.uniform(0.5, 1.0, nodes)
+    rest = np.concatenate([z, 100.0 * rng.uniform(-1, 1, m), np.zeros(m)])
+
+    def residual(pressure, rest):
+        point = equations.evaluate([pressure], rest)
+        return np.concatenate([point.films[0].defect, point.rest])
+
+    found = equations.linearise(equations.evaluate([pressure], rest))
+    (border,), every = found.borders, np.arange(nodes)
+    forces = np.zeros((len(rest), nodes))
+    forces[border.rows] = border.outputs
+    exact = np.block(
+        [
+            [found.matrices[0].block(every, every), border.inputs @ border.spread],
+            [forces, found.core],
+        ]
+    )[:, : nodes + n]
+    unknowns = np.concatenate([pressure, rest])
+    size = np.concatenate([np.full(nodes, 1e-3), np.where(system.weights == 1.0, 1e-7, 1e-9)])
+    columns = []
+    for i, h in enumerate(size):
+        pair = []
+        for sign in (1, -1):
+            moved = unknowns.copy()
+            moved[i] += sign * h
+            pair.append(residual(moved[:nodes], moved[nodes:]))
+        columns.append((pair[0] - pair[1]) / (2 * h))
+    expected = np.column_stack(columns)
+    for rows in (slice(0, nodes), slice(nodes, None)):
+        largest = np.abs(expected[rows]).max(axis=0, keepdims=True)
+        error = np.abs(exact[rows] - expected[rows]) / np.maximum(largest, 1e-9 * largest.max())
+        assert error.max() < 2e-5
+
+
+def test_the_norm_knows_the_gap_of_the_equations():
+    going = Run(swinging(Lobes(3e-6), Lobes(4e-6, 0.2)), Steps(tolerance=1e-3), 1e-3)
+    *_, last = going.until(1e-4)
+    (film,) = last.solution.films
+    (gap,) = going.norm.film_gaps(last.observed)
+    inside = film.gap.thickness.size
+    np.testing.assert_allclose(gap[:inside], film.gap.thickness.ravel(), rtol=1e-4)
+
+
+def test_a_wrong_angle_is_an_error_of_the_gap():
+    # Waves so steep that it is one more than of the angle.
+    going = Run(swinging(journal=Lobes(8e-6, 0.2, 9)), Steps(tolerance=1e-3), 1e-3)
+    (place,), x = going.equations.system.films, going.state.x[0]
+    wrong = x.copy()
+    wrong[place.journal_angle] += 1e-4
+    observed = going.norm.observe(x)
+    error = going.norm.error_norm(observed, observed - going.norm.observe(wrong))
+    nodes = place.film.film.parameters.grid.node_positions[:, 0]
+    angle = 9 * (np.concatenate([place.film.film.points.angle.ravel(), nodes]) - 0.5 - 0.2)
+    relative = 72e-6 * np.sin(angle) / (C - 8e-6 * np.cos(angle))
+    assert error == pytest.approx(1e-4 * np.abs(relative).max(), rel=1e-2)
+
+
+# --- In motion
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_energy_balance_closes_with_the_tolerance(friction):
+    shapes = {"bore": Lobes(3e-6, 0.5), "journal": Lobes(4e-6, 0.2), "friction": friction}
+    steps = {"largest": 1.0, "order": 2}
+    loose, tight = (
+        simulate(swinging(**shapes), 1e-2, tolerance=t, **steps).energy_balance_error
+        for t in (1e-3, 1e-5)
+    )
+    assert loose < 2e-2
+    assert tight < loose / 5
+
+
+#: So that c / R, by which the frames differ, is below what is compared.
+NARROW = 0.05 * C
+
+
+def under_load(turning, film, speed, load, **shapes):
+    """A massless journal under a load that turns at a speed, from a given eccentricity."""
+    shapes["eccentricity"] = (0.3 * NARROW, 0.0)
+    return Mechanism(
+        {"journal": RigidBody(0.0)},
+        {"bearing": LubricatedJoint("journal", "ground", film, **shapes)},
+        {"journal": Speed(speed)},
+        {"load": RotatingForce("journal", load, turning)},
+    )
+
+
+def both_frames(cells, tolerance):
+    """Minimum film at common times: turning oval journal, and oval bore in its frame."""
+    film, oval = make_film(cells, clearance=NARROW), Lobes(0.25 * NARROW, 0.0)
+    load = 0.2 * UNIT_LOAD * (C / NARROW) ** 2
+    end, steps = np.pi / OMEGA, {"tolerance": tolerance, "order": 2, "first": 1e-7}
+    at_rest = under_load(0.0, film, OMEGA, load, journal_shape=oval)
+    bore = replace(oval, amplitude=-oval.amplitude)
+    rate = (0.0, -OMEGA * 0.3 * NARROW)
+    turned = under_load(-OMEGA, film, -OMEGA, load, bore_shape=bore, eccentricity_rate=rate)
+    times = np.linspace(0.1, 1.0, 40) * end
+    found = []
+    for mechanism in (at_rest, turned):
+        result = simulate(mechanism, end, **steps)
+        found.append(np.interp(times, result.time, result.joints["bearing"].min_film_thickness))
+    return np.array(found)
+
+
+def frames_differ(cells, tolerance):
+    turning, standing = both_frames(cells, tolerance)
+    return np.abs(turning / standing - 1).max()
+
+
+def test_a_turning_journal_is_a_turned_frame():
+    # Both rotations and the load's reversed; nodes of the film pass by what turns.
+    coarse, fine = frames_differ((12, 2), 1e-3), frames_differ((24, 2), 1e-4)
+    assert coarse < 0.02
+    assert fine < coarse / 3
+
+
+@pytest.mark.slow
+def test_a_turning_journal_is_a_turned_frame_on_a_fine_mesh(figure):
+    error = frames_differ((48, 4), 1e-6)
+    figure("shapes", "turning oval journal in the turned frame, film", error, most=1e-3)
+
+
+def test_a_gap_closed_at_the_start_is_refused():
+    with pytest.raises(SettingsError, match=r"joints\.bearing\.bore_shape.*-4 um.*20 um"):
+        Run(swinging(Lobes(1.2 * C)), Steps(), 1e-3)
+
+
+# --- Along the axis
+
+
+def crowned_film(along):
+    """Largest error of the pressure under a crowned journal pressed flat onto its bore."""
+    grid = uniform_grid(R, R, (8, along), "lagrange")
+    film = Film(FilmParameters(grid, C, Lubricant(ETA), OMEGA))
+    crown, speed, half = 0.4 * C, 1e-3, 0.5 * R
+    gap = joint_film(film, journal=Profile(half, -crown)).gap(np.zeros(2), np.zeros(2), 0.0)
+    gap = replace(gap, thickness_rate=np.full_like(gap.thickness, -speed))
+    z = grid.node_positions[:, 1]
+    h = C + crown * (z / half) ** 2
+    # h^3 dp/dz = -12 eta v z, integrated from the end, where h = c + a.
+    exact = 3 * ETA * speed * half**2 / crown * (1 / h**2 - 1 / (C + crown) ** 2)
+    return np.abs(film.solve(gap).pressure - exact).max() / exact.max()
+
+
+def test_a_crowned_journal_is_the_exact_solution_along_the_axis(figure):
+    errors = np.array([crowned_film(n) for n in (2, 4, 8)])
+    figure("shapes", "crowned journal, squeezed, 8 cells along", errors[-1], most=1e-4)
+    assert np.all(np.log2(errors[:-1] / errors[1:]) > 2.5)
+
+
+def end_of(tolerance):
+    """Eccentricity after two thirds of a turn of an oval journal."""
+    film, shape = make_film((12, 2)), Lobes(0.25 * C)
+    mechanism = Mechanism(
+        {"journal": RigidBody(0.0)},
+        {"bearing": LubricatedJoint("journal", "ground", film, journal_shape=shape)},
+        {"journal": Speed(OMEGA)},
+        {"load": RotatingForce("journal", 0.15 * UNIT_LOAD, 0.3 * OMEGA)},
+    )
+    steps = {"order": 2, "first": 1e-7, "largest": 0.5}
+    result = simulate(mechanism, 4 / OMEGA, tolerance=tolerance, **steps)
+    return result.joints["bearing"].eccentricity[-1]
+
+
+def test_the_motion_converges_with_the_tolerance(figure):
+    exact = end_of(1e-8)
+    errors = np.array([np.abs(end_of(t) - exact).max() / C for t in (1e-3, 1e-4, 1e-5, 1e-6)])
+    figure("shapes", "oval journal, eccentricity at tolerance 1e-6", errors[-1], most=2e-4)
+    # Of order 2 with the local error under control: tolerance^(2/3), a factor of 100.
+    assert errors[0] / errors[-1] > 50
+
+
+def test_an_oval_journal_in_an_elastic_bore_costs_no_iterations(figure):
+    # The rod's modes, its residual patterns and the journal's angle move the gap together.
+    joint = Joint((10, 2))
+    rod = with_residual(joint, flexible(joint)[0])
+    errors, counts = [], []
+    for shape in (None, Lobes(3e-6, 0.2)):
+        found = [
+            run(make_mechanism(rod, joint, journal_shape=shape), 0.03, t) for t in (1e-3, 1e-5)
+        ]
+        errors.append([result.energy_balance_error for result in found])
+        counts.append([result.newton_iterations / len(result.time) for result in found])
+    (_, plain), (loose, tight) = errors
+    figure("shapes", "energy balance, oval journal in an elastic rod", tight, most=2e-4)
+    assert tight < max(loose / 3, 2 * plain)
+    assert np.all(np.array(counts[1]) < np.array(counts[0]) + 0.5)
