@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from attrs import evolve
 from differences import slope
 from hand_made_rod import CLEARANCE
 from mechanism_cases import REVOLUTION, film, flexible_slider_crank, rigid_rod, slider_crank
 from rough_cases import surfaces
 from test_coupled_steps import LIMITS, mechanism_with, some_step, split, whole_matrix
 
-from fenics_ehd.base.errors import ContactError, FilmTooThinError
+from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.film import Film, Lubricant
 from fenics_ehd.film.shape import Lobes
 from fenics_ehd.multibody import step_equations
@@ -21,6 +22,10 @@ from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import System
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import full_interface, residual_flexibility
+from fenics_ehd.scenes.contact import rough_surfaces
+from fenics_ehd.scenes.scene_checks import _check_contact
+from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.scenes.scene_text import scene_text
 
 
 def with_surfaces(mechanism, rough, **changes):
@@ -196,3 +201,38 @@ def test_methods_agree_in_contact(rod_structure, figure):
         one, other = (np.interp(clock, r.time, r.columns[column]) for r in found.values())
         error = np.abs(one - other).max() / np.abs(other).max()
         figure("contact", f"{column}, M4 against the full interface", error, most=most)
+
+
+def test_scene_settings_of_contact_reach_the_film(tmp_path):
+    text = scene_text(read_scene("slider-crank"))
+    scene = tmp_path / "scene.toml"
+    for change, message in (
+        ("boundary_friction = 0.2", "journal_roughness and bore_roughness are 0"),
+        ("bore_roughness = 9e-6", "must be below 0.3 of the clearance"),
+        ("bore_roughness = 1e-6\nasperity_radius = 1e-4", "belong together"),
+    ):
+        scene.write_text(with_keys(text, change))
+        with pytest.raises(SettingsError, match=rf"joints\.big_end\.contact: .*{message}"):
+            read_scene(scene)
+    given = "journal_roughness = 0.3e-6\nbore_roughness = 0.4e-6\njournal_modulus = 100e9"
+    scene.write_text(with_keys(text, given))
+    found = read_scene(scene)
+    rough = rough_surfaces(found, found.joints["big_end"])
+    assert rough.roughness == pytest.approx(0.5e-6)
+    # The bore is of the rod's own material.
+    assert rough.asperities.modulus == pytest.approx(1 / (0.91 / 100e9 + 0.91 / 210e9))
+    conserving = evolve(found.joints["big_end"], cavitation="mass-conserving")
+    with pytest.raises(SettingsError, match="not conserved"):
+        _check_contact(conserving, "joints.big_end")
+
+
+def with_keys(text, keys):
+    """A scene's text with other keys of contact."""
+    lines, inside = [], False
+    for line in text.splitlines():
+        if line.startswith("["):
+            inside = line == "[joints.big_end.contact]"
+            lines += [line, keys] if inside else [line]
+        elif not inside:
+            lines.append(line)
+    return "\n".join(lines)

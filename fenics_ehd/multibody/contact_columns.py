@@ -126,14 +126,14 @@ class ContactColumns:
         reached = self._contacts.reached(body, self._points[body])
         return self._responses.share(body) * reached.of(self._points[body])
 
-    def extend(self, i: int, border: FilmBorder, scale: float) -> FilmBorder:
-        """Border of a film with what contact and pressures do to each other by its bore."""
+    def extend(self, i: int, border: FilmBorder, scale: float, nodes: np.ndarray) -> FilmBorder:
+        """Border of a film, of given nodes, with what contact and pressures do by its bore."""
         body = self._responses.of_film(i)
         if body is None or not len(self._points[body]):
             return border
         film, own = self._places[i].film.film, self._unknowns[body]
         moved = self._moved(body)[self._rows(body, i)]
-        inputs = (border.along_gap @ moved)[film.free] / scale
+        inputs = (border.along_gap @ moved)[nodes] / scale
         spread = np.zeros((inputs.shape[1], border.spread.shape[1]))
         spread[:, own] = np.eye(len(spread))
         answered = self._responses.pressed_at(body, i, self._points[body])
@@ -142,7 +142,7 @@ class ContactColumns:
             border,
             inputs=np.hstack([border.inputs, inputs]),
             spread=np.vstack([border.spread, spread]),
-            outputs=np.vstack([border.outputs, -factor[:, None] * answered[:, film.free]]),
+            outputs=np.vstack([border.outputs, -factor[:, None] * answered[:, nodes]]),
             rows=np.concatenate([border.rows, np.arange(own.start, own.stop)]),
             contact=(own, moved),
         )

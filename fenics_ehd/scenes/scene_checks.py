@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
@@ -120,6 +121,7 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
             f"{key}.lubricant = {joint.lubricant!r}: there is no [lubricants.{joint.lubricant}], "
             f"there are: {known}"
         )
+    _check_oil(scene, name, joint)
     if not np.hypot(*joint.eccentricity) < 1.0:
         raise SettingsError(
             f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
@@ -154,6 +156,11 @@ def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
                 f"{key}: journal_roughness and bore_roughness are 0: give one of them, or drop it"
             )
         return
+    if joint.cavitation == "mass-conserving":
+        raise SettingsError(
+            f"{key}: oil between rough surfaces is not conserved in machines: drop it, or "
+            "cavitation = 'mass-conserving'"
+        )
     if bool(contact.asperity_density) != bool(contact.asperity_radius):
         raise SettingsError(f"{key}: asperity_density and asperity_radius belong together")
     if not roughness < ROUGHEST * joint.clearance:
@@ -161,6 +168,33 @@ def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
             f"{key}: the combined roughness of {roughness:g} m must be below {ROUGHEST:g} of the "
             f"clearance, {joint.clearance:g} m"
         )
+
+
+def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
+    """Refuse elements that cannot conserve oil, and settings of oil where it is not conserved."""
+    key = f"joints.{name}"
+    if not joint.initial_filling <= 1.0:
+        raise SettingsError(
+            f"{key}.initial_filling = {joint.initial_filling:g} must be at most 1, a full gap"
+        )
+    if joint.cavitation == "mass-conserving":
+        from fenics_ehd.film.oil_balance import require_monotone  # slow to import
+
+        require_monotone(joint.element, f"{key}.element")
+        body = joint.journal.partition(".")[0]
+        massless = type(scene.bodies.get(body)) is schema.MasslessSettings
+        if massless and joint.initial_filling < 1.0:
+            raise SettingsError(
+                f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
+                f"nothing holds the massless body {body}: it must be 1, or the body have a mass"
+            )
+        return
+    for idle in ("initial_filling", "ambient"):
+        if getattr(joint, idle) != getattr(attrs.fields(type(joint)), idle).default:
+            raise SettingsError(
+                f"{key}.{idle} does nothing under Reynolds' condition: set {key}.cavitation = "
+                "'mass-conserving'"
+            )
 
 
 def check_time(scene: Scene) -> None:
