@@ -24,6 +24,8 @@ from scene_cases import tables_of
 from test_coupled_steps import mechanism_with, some_step
 
 from fenics_ehd.base.errors import SettingsError, StepSizeError
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedHole
 from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody import conserved_oil
@@ -38,6 +40,7 @@ from fenics_ehd.scenes.scene_file import scene_of
 
 pytestmark = pytest.mark.kernels
 
+HOLE = Feed("inlet", FeedHole(1.0, 1e-3, 0.0089), 3e5, on_journal=True)
 GROOVE = AxialGroove(np.radians(90), np.radians(18), 3e5)
 
 
@@ -285,10 +288,13 @@ def test_residual_patterns_are_coordinates_without_mass():
 # --- Derivatives
 
 
+@pytest.mark.parametrize(
+    "supply", [{"regions": (GROOVE,)}, {"feeds": (HOLE,)}], ids=["groove", "hole"]
+)
 @pytest.mark.parametrize("residual", [False, True])
-def test_derivatives_equal_central_differences(residual, monkeypatch):
+def test_derivatives_equal_central_differences(residual, supply, monkeypatch):
     mechanism = with_oil(
-        mechanism_with("bilinear", residual), oil_film((12, 3), regions=(GROOVE,)), oil_outside=True
+        mechanism_with("bilinear", residual), oil_film((16, 4), **supply), oil_outside=True
     )
     equations = StepEquations(System(mechanism), dense_limit=10_000)
     equations.lead(100)
