@@ -30,7 +30,10 @@ class AffineRun:
         self.norm = SimpleNamespace(observe=self.observe, gaps=lambda observed: observed[:3])
         body = SimpleNamespace(angle=0)
         system = SimpleNamespace(
-            films=["film"], bodies={"crank": slice(3, 4)}, each_name=lambda: [("crank", body)]
+            films=["film"],
+            heated=False,
+            bodies={"crank": slice(3, 4)},
+            each_name=lambda: [("crank", body)],
         )
         self.equations = SimpleNamespace(system=system)
         self.state = self.at(0.0, np.zeros(4))

@@ -9,23 +9,28 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.supply_settings import SUPPLIES
 
 #: Tables that have no kinds.
 ALONE = {"time": schema.TimeSettings, "output": schema.OutputSettings}
 
+#: Classes by kind.
+KINDS = {**schema.KINDS, "supply": SUPPLIES}
 
-def rows(cls: type, path: str = "") -> list[tuple[str, str, str]]:
+
+def rows(cls: type, path: str = "", where: str = "") -> list[tuple[str, str, str]]:
     """Key, default and meaning, sections after the keys of their parent."""
     own, nested = [], []
     for attribute in attrs.fields(cls):
         name, default = f"{path}{attribute.name}", attribute.default
         section = attribute.metadata.get("section")
         if section:
-            nested += rows(section, f"{name}.")
+            listed = f", where `{name}` is listed" if attribute.metadata.get("optional") else where
+            nested += rows(section, f"{name}.", listed)
         else:
             if isinstance(default, attrs.Factory):
                 default = default.factory()
-            told = "must be given" if default is attrs.NOTHING else f"`{_text(default)}`"
+            told = f"must be given{where}" if default is attrs.NOTHING else f"`{_text(default)}`"
             own.append((f"`{name}`", told, attribute.metadata["help"]))
     return own + nested
 
@@ -42,7 +47,7 @@ class SceneSettings(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Build the tables from reStructuredText or Markdown, whichever page asks."""
         table, lines = self.arguments[0], []
-        kinds = {"": ALONE[table]} if table in ALONE else schema.KINDS[table]
+        kinds = {"": ALONE[table]} if table in ALONE else KINDS[table]
         for kind, cls in kinds.items():
             if kind:
                 lines += [f'**`kind = "{kind}"`**: {cls.__doc__.splitlines()[0]}', ""]

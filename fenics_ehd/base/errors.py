@@ -86,5 +86,9 @@ class PeriodicityError(SolverError):
     """A periodic orbit was not found within the allowed cycles."""
 
 
+class HeatError(SolverError):
+    """A film has no temperature at which its heat leaves."""
+
+
 class VerificationError(SolverError):
     """A computed result violates a property it must have."""

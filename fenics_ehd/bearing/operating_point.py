@@ -19,6 +19,7 @@ from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.bearing.coefficients import DynamicCoefficients, coefficients
 from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
 from fenics_ehd.bearing.film import BearingFilm, Operation
+from fenics_ehd.bearing.heat import BearingHeat, balanced
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.bearing.thinnest import minimum_film
 from fenics_ehd.film.flow import FlowBalance, flow_balance
@@ -62,6 +63,8 @@ class BearingResult:
         Mechanical power that goes into the film [W].
     coefficients
         Stiffness, damping and stability, if asked for.
+    heat
+        Temperatures, where they follow from that of the supply.
     bearing, operation
         The film and its solution.
     """
@@ -79,6 +82,7 @@ class BearingResult:
     friction_torque: float
     power_loss: float
     coefficients: DynamicCoefficients | None
+    heat: BearingHeat | None
     bearing: BearingFilm
     operation: Operation
 
@@ -110,6 +114,8 @@ def solve_bearing(
     ------
     SettingsError
         A value out of its limits, or no equilibrium for it.
+    HeatError
+        The heat cannot leave.
     CavitationError
         From `Film.solve`.
     VerificationError
@@ -126,11 +132,12 @@ def solve_bearing(
         raise SettingsError(f"load = {load:g} N must be a finite number above 0")
     # What overflows is named below.
     with np.errstate(all="ignore"):
-        if load is not None:
-            bearing, operation = at_load(settings, load)
-        elif eccentricity is not None:
-            bearing, operation = at_eccentricity(settings, eccentricity)
-        result = _result(bearing, operation, with_coefficients)
+        heat = None
+        if settings.heated:
+            settings, heat, found = balanced(settings, lambda s: _operation(s, eccentricity, load))
+        else:
+            found = _operation(settings, eccentricity, load)
+        result = _result(*found, with_coefficients, heat)
     unknown = [name for name, value in _figures("", result) if not np.isfinite(value).all()]
     if unknown:
         raise VerificationError(
@@ -138,6 +145,16 @@ def solve_bearing(
             "viscosity, speed and pressures far from any bearing's?"
         )
     return result
+
+
+def _operation(
+    settings: BearingSettings, eccentricity: float | None, load: float | None
+) -> tuple[BearingFilm, Operation]:
+    """Equilibrium at a given temperature."""
+    if load is not None:
+        return at_load(settings, load)
+    assert eccentricity is not None
+    return at_eccentricity(settings, eccentricity)
 
 
 def _figures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
@@ -149,7 +166,12 @@ def _figures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
             yield from _figures(field.name, getattr(value, field.name))
 
 
-def _result(bearing: BearingFilm, operation: Operation, with_coefficients: bool) -> BearingResult:
+def _result(
+    bearing: BearingFilm,
+    operation: Operation,
+    with_coefficients: bool,
+    heat: BearingHeat | None,
+) -> BearingResult:
     settings = bearing.settings
     load = float(np.hypot(*operation.force)) if carries(bearing, operation) else 0.0
     forces = film_forces(
@@ -175,6 +197,7 @@ def _result(bearing: BearingFilm, operation: Operation, with_coefficients: bool)
         friction_torque=0.0 - forces.friction_torque,
         power_loss=0.0 + forces.power,
         coefficients=coefficients(bearing, operation) if with_coefficients else None,
+        heat=heat,
         bearing=bearing,
         operation=operation,
     )

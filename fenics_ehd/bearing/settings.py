@@ -10,7 +10,7 @@ import attrs
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import choice, count, flag, number
-from fenics_ehd.base.oil import OilSettings
+from fenics_ehd.base.oil import NO_TEMPERATURE, OilSettings
 from fenics_ehd.base.quantities import SMALLEST_RATIO, metres, radial_clearance, too_narrow
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -23,6 +23,9 @@ CLOSED_SIDES = ("none", "lower", "upper")
 
 #: Of the paper's oil, where nothing is said of another [Pa s].
 VISCOSITY = 0.01
+
+#: Effective temperature of the oil between supply and outlet, as practice takes it.
+MIXING = 0.5
 
 #: Cells of a mesh that still solves in minutes.
 MOST_CELLS = 100_000
@@ -87,8 +90,25 @@ class BearingSettings(OilSettings):
     closed_side: str = choice("none", CLOSED_SIDES, "side through which nothing flows")
     cavitation: str = choice("reynolds", CAVITATION, "cavitation condition")
     shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
+    supply_temperature: float = number(
+        NO_TEMPERATURE,
+        f"of the oil that comes in [C], from which its own follows; {NO_TEMPERATURE:g}: not given",
+        least=NO_TEMPERATURE,
+        below=1000,
+    )
+    conducted: float = number(
+        0.0, "share of the dissipated power that shaft and bore conduct away", least=0, below=1
+    )
+    mixing: float = number(
+        MIXING, "where the effective temperature lies between supply, 0, and outlet, 1", above=0
+    )
     #: Of the bore, angles from the load line; None: round.
     bore_shape: Shape | None = None
+
+    @property
+    def heated(self) -> bool:
+        """Whether the temperature of the oil follows from the balance of its heat."""
+        return self.supply_temperature > NO_TEMPERATURE
 
     def __attrs_post_init__(self) -> None:
         if self.cells_around * self.cells_along > MOST_CELLS:
@@ -116,6 +136,8 @@ class BearingSettings(OilSettings):
                 f"viscosity = {self.viscosity:g} Pa s: give a viscosity, a grade, or viscosity_40 "
                 "and viscosity_100, one of them"
             )
+        if not self.heated and (self.conducted or self.mixing != MIXING):
+            raise SettingsError("conducted and mixing do nothing without supply_temperature")
         if self.cavitation == "mass-conserving":
             self._check_mass_conserving()
         if self.grooves and self.line_at_max_film:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.oil import NO_TEMPERATURE
 from fenics_ehd.bearing.settings import (
     CAVITATION,
     CLOSED_SIDES,
@@ -120,6 +121,16 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_number("viscosity_40", "Or kinematic viscosity at 40 C [mm2/s],", "NU", optional=True)
 @_number("viscosity_100", "and at 100 C [mm2/s].", "NU", optional=True)
 @_number("temperature", "Effective temperature of such an oil [C].", "T", optional=True)
+@_number(
+    "supply_temperature",
+    "Or temperature of the oil that comes in [C], from which the effective one follows: the power "
+    "dissipated leaves with the oil.",
+    "T",
+    optional=True,
+)
+@_number("conducted", "But for this share, which shaft and bore conduct away.", "SHARE")
+@_number("mixing", "Effective temperature between supply (0) and outlet (1).", "SHARE")
+@_number("specific_heat", "Of the oil [J/(kg K)].", "C")
 @_number("density", "Density of the oil, at 15 C of such an oil [kg/m3].", "RHO")
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
@@ -181,6 +192,11 @@ def bearing(
         grooves=[_groove(groove) for groove in grooves],
         **options,
     )
+    if settings.heated and settings.temperature > NO_TEMPERATURE:
+        raise SettingsError(
+            "--temperature and --supply-temperature exclude each other: the effective one is "
+            "given, or it follows"
+        )
     if plot:
         from fenics_ehd.plotting.bearing import require_format
 
@@ -231,6 +247,15 @@ def summary(result: BearingResult) -> dict[str, Any]:
             "viscosity_Pa_s": lubricant.viscosity,
             "density_kg_per_m3": lubricant.density,
         }
+    heat = result.heat
+    if heat is not None:
+        values |= {
+            "supply_temperature_C": heat.supply_temperature,
+            "effective_temperature_C": heat.effective_temperature,
+            "outlet_temperature_C": heat.outlet_temperature,
+            "dissipated_power_W": heat.power,
+            "leaving_flow_m3_per_s": heat.flow,
+        }
     linear = result.coefficients
     if linear is not None:
         values |= {
@@ -261,6 +286,15 @@ ROWS = (
     ("power loss", "power_loss_W", 1, "W"),
 )
 
+#: More of them where the heat is balanced.
+HEAT_ROWS = (
+    ("supply temperature", "supply_temperature_C", 1, "C"),
+    ("effective temperature", "effective_temperature_C", 1, "C"),
+    ("outlet temperature", "outlet_temperature_C", 1, "C"),
+    ("power dissipated", "dissipated_power_W", 1, "W"),
+    ("oil that leaves", "leaving_flow_m3_per_s", 1e6, "cm3/s"),
+)
+
 
 def report(result: BearingResult) -> str:
     """The figures in a table."""
@@ -269,6 +303,8 @@ def report(result: BearingResult) -> str:
     settings = result.settings
     if settings.graded:
         lines.append(_row("viscosity of the oil", values["viscosity_Pa_s"], 1, "Pa s"))
+    if result.heat is not None:
+        lines += [_row(label, values[key], factor, unit) for label, key, factor, unit in HEAT_ROWS]
     if settings.grooves or settings.line_at_max_film:
         lines.append(_row("supply flow", values["supply_flow_m3_per_s"], 1e6, "cm3/s"))
     if any(settings.tilt):

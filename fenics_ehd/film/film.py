@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -91,6 +92,16 @@ class Film:
         )
         self._prefix, self._tolerance = options_prefix, tolerance
 
+    def apart(self) -> Film:
+        """The same film with a temperature of its own."""
+        film = copy(self)
+        film.equation = copy(self.equation)
+        return film
+
+    def warm(self, temperature: float) -> None:
+        """Give the oil the viscosity of another temperature [C], see `ReynoldsEquation.warm`."""
+        self.equation.warm(temperature)
+
     @cached_property
     def _coarse(self) -> tuple[Film, CoarseTransfer] | None:
         grid = self.parameters.grid
@@ -136,7 +147,8 @@ class Film:
             From `CavitationSolver.solve`; its `state` holds the gap too.
         """
         check_gap(gap)
-        if len(self.free) == self.assembly.size and density_rate is None:
+        closed = len(self.free) == self.assembly.size and not self.parameters.feeds
+        if closed and density_rate is None:
             raise SettingsError(
                 "no pressure of the film is given, only its slopes follow: open a side or add a "
                 "groove"

@@ -21,6 +21,7 @@ from fenics_ehd.film.balance import (
     sliding_derivative,
 )
 from fenics_ehd.film.cavitation import Complementarity
+from fenics_ehd.film.feeding import FeedTerm
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.reynolds import SMALLEST_SOURCE
@@ -35,9 +36,9 @@ class OilStep:
 
     `thickness` and `velocity` at the Gauss points, its `length`, the full-film
     `flows` from node to node, and, over the length, the `full` contents of the
-    pressureless gap and the `former` contents; what the shear rate does to the viscosity. Of a
-    formula with several steps the length is one over its shift, and `former` minus the rate of
-    contents that are zero at the end.
+    pressureless gap and the `former` contents; what the shear rate does to the viscosity, and
+    what supplies add, None without any. Of a formula with several steps the length is one over its
+    shift, and `former` minus the rate of contents that are zero at the end.
     """
 
     thickness: np.ndarray
@@ -47,6 +48,7 @@ class OilStep:
     full: np.ndarray
     former: np.ndarray
     thinned: Thinning | None
+    feed: FeedTerm | None = None
 
 
 class OilBalance:
@@ -107,6 +109,7 @@ class OilBalance:
             full=self.stored(density * thickness) / length,
             former=former,
             thinned=self.film.equation.thinning(gap),
+            feed=self.film.equation.fed(gap, lumped=True),
         )
 
     def problem(self, step: OilStep) -> Complementarity:
@@ -118,6 +121,9 @@ class OilBalance:
 
         def entries(values: np.ndarray) -> np.ndarray:
             matrix = self.assembly.matrix(self._derivative(step, self.nodal(values)))
+            if step.feed is not None:
+                lumped = self.assembly.source(step.feed.total)
+                matrix[self.assembly.pattern.diagonal] += lumped[self.unknown]
             matrix[self._dry_column] = 0.0
             matrix[self._dry_diagonal] = 1.0
             return matrix
@@ -148,7 +154,8 @@ class OilBalance:
         """Balance at all nodes without the void fraction."""
         oil = self.oil(step, nodal)
         growth = step.thickness / step.length
-        return balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
+        lost = balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
+        return lost if step.feed is None else lost + step.feed.lumped(self.assembly, nodal)
 
     def ends(
         self, step: OilStep, nodal: np.ndarray, values: np.ndarray, void: np.ndarray
@@ -203,12 +210,21 @@ class OilBalance:
         along_h -= storage * void[self.assembly.grid.cell_nodes][:, None, :]
         along_v -= self.strips.elements(density * step.thickness, carried)
         along_u = sliding_derivative(self.assembly, oil, step.thickness)
+        if step.feed is not None:
+            slope = step.feed.along_thickness
+            along_h += step.feed.lumped_elements(self.assembly, slope, nodal)
         speed = p.rate * p.grid.radius
         return (
             self.assembly.gather(along_h / p.clearance),
             self.assembly.gather(along_v / speed),
             None if along_u is None else self.assembly.gather(along_u / speed),
         )
+
+    def along_turn(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
+        """Change of the balance with the journal's angle, shape (nodes,) [1/rad]."""
+        assert step.feed is not None
+        fed = step.feed.lumped_elements(self.assembly, step.feed.along_turn, nodal)
+        return self.assembly.gather(fed) @ np.ones(step.thickness.size)
 
 
 def require_monotone(family: str, key: str = "film.element") -> None:

@@ -31,9 +31,8 @@ from scipy import sparse
 from fenics_ehd.base.errors import CavitationError
 from fenics_ehd.film.cavitation import CavitationResult, Complementarity, verify_complementarity
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
-from fenics_ehd.film.mass_conserving_solver import DEFECT_WEIGHT
 from fenics_ehd.film.oil_balance import OilBalance, OilStep
-from fenics_ehd.film.oil_state import OilState
+from fenics_ehd.film.oil_state import DEFECT_WEIGHT, OilState
 from fenics_ehd.film.reynolds import SMALLEST_SOURCE
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.system import FilmPlace

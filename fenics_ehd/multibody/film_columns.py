@@ -156,4 +156,23 @@ class FilmColumns:
             outputs = np.vstack([outputs, share * self.shares])
             rows = np.concatenate([rows, np.arange(patterns.start, patterns.stop)])
             spread[n + 1 :, patterns] = np.eye(patterns.stop - patterns.start)
+        if film.equation.feeds is not None and film.equation.feeds.turning:
+            inputs, spread = self._turning(point, inputs, spread)
         return FilmBorder(inputs[self.nodes] / scale, spread, outputs, rows, patterns, along_h)
+
+    def _turning(
+        self, point: FilmPoint, inputs: np.ndarray, spread: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One more input: the angle of the journal, which carries what supplies the film."""
+        place, equation = self.place, self.place.film.film.equation
+        row = np.zeros((1, spread.shape[1]))
+        if place.journal_angle is not None:
+            row[0, place.journal_angle] = 1.0
+        if place.bore_angle is not None:
+            row[0, place.bore_angle] = -1.0
+        if self.oil is None:
+            along = equation.along_turn(point.gap, point.nodal)
+        else:
+            assert point.oil is not None
+            along = self.oil.balance.along_turn(point.oil.step, point.nodal)
+        return np.column_stack([inputs, along]), np.vstack([spread, row])

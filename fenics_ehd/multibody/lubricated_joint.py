@@ -30,6 +30,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import Film
+from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.oil_balance import require_monotone
 from fenics_ehd.film.shape import Shape
@@ -87,6 +88,8 @@ class LubricatedJoint:
         Radial deviations in the frames of the two bodies; None: round.
     shear_rule
         For the cavitated zone, see `fenics_ehd.film.shear`.
+    heat
+        Balance of the film's heat over a cycle; None: the oil keeps its temperature.
     oil
         How the film keeps account of its oil, on a bilinear mesh; None: Reynolds' condition.
     """
@@ -102,9 +105,15 @@ class LubricatedJoint:
     bore_shape: Shape | None = None
     journal_shape: Shape | None = None
     shear_rule: str = "streamers"
+    heat: Heat | None = None
     oil: ConservedContent | None = None
 
     def __post_init__(self) -> None:
+        if self.heat is not None and self.film.parameters.lubricant.oil is None:
+            raise SettingsError(
+                f"heat of {self.journal} in {self.bore}: the lubricant's viscosity does not depend "
+                "on its temperature: give it a grade, or viscosity_40 and viscosity_100"
+            )
         share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
         if not share < 1.0:
             raise SettingsError(
@@ -216,7 +225,8 @@ class JointFilm:
     """
 
     def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
-        film = self.film = joint.film
+        # Joints may share a film, not its temperature.
+        film = self.film = joint.film if joint.heat is None else joint.film.apart()
         p = film.parameters
         self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
         self.friction, self.own = joint.friction, 4 if tilting else 2

@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.errors import PeriodicityError, SettingsError
+from fenics_ehd.base.errors import (
+    FilmTooThinError,
+    PeriodicityError,
+    SettingsError,
+    StepSizeError,
+)
+from fenics_ehd.multibody.joint_heat import FilmTemperatures
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
 
@@ -22,6 +28,9 @@ NOISE = 1e-2
 
 class Cycles:
     """Steps of a run, without a stop in between, until no film changes over a cycle.
+
+    Where a joint's heat is balanced, its film takes another temperature with every cycle, and the
+    search ends only when that fits, too.
 
     A cycle maps its start to its end. Where it forgets its start slowly the next one begins at the
     combination of former ends for which the same combination of changes is least (Anderson 1965).
@@ -66,6 +75,7 @@ class Cycles:
         self._gaps, self._contents = self._films(), self._oil()
         self._ends: list[np.ndarray] = []
         self._changes: list[np.ndarray] = []
+        self._heat = FilmTemperatures(system.films) if system.heated else None
 
     @property
     def start(self) -> float:
@@ -88,11 +98,13 @@ class Cycles:
         ------
         PeriodicityError
             The films still change after so many cycles.
+        HeatError
+            The heat of a film cannot leave.
         StepSizeError, FilmTooThinError
             From `Run.until`.
         """
         while True:
-            yield from self._run.until(self.number * self.period)
+            yield from self._steps()
             gaps = self._films()
             change = gaps - self._gaps
             self.defect = float(np.max(np.abs(change) / gaps))
@@ -102,54 +114,88 @@ class Cycles:
             )
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
-            if self.number > 1 and self.defect <= self._periodicity:
+            off = "" if self._heat is None else self._heat.unsettled()
+            if self.number > 1 and self.defect <= self._periodicity and not off:
                 return
             if self.number >= self._most:
-                raise PeriodicityError(
-                    f"after cycles = {self.number} of {self.period:g} s the films still change by "
-                    f"{self.defect:.2e} from cycle to cycle, above periodicity = "
-                    f"{self._periodicity:g}: allow more cycles or check the loads"
+                still = off or (
+                    f"the films still change by {self.defect:.2e} from cycle to cycle, above "
+                    f"periodicity = {self._periodicity:g}"
                 )
+                raise PeriodicityError(
+                    f"after cycles = {self.number} of {self.period:g} s {still}: allow more cycles "
+                    "or check the loads"
+                )
+            if self._heat is not None:
+                self._heat.move()
             self._begin(change)
             self._contents = self._oil()
             self.number += 1
 
+    def _steps(self) -> Iterator[MechanismStep]:
+        """Accepted steps up to the end of the cycle."""
+        steps = self._run.until(self.number * self.period)
+        if self._heat is None:
+            yield from steps
+            return
+        try:
+            for step in steps:
+                self._heat.add(step)
+                yield step
+        except (FilmTooThinError, StepSizeError) as error:
+            heat = self._heat.failed(error)
+            if heat is None:
+                raise
+            raise heat from error
+
     def _begin(self, change: np.ndarray) -> None:
         """Begin the next cycle."""
-        state, norm = self._run.state, self._run.norm
-        if self.defect < NEAR:
-            end = np.stack([state.x[0], state.rate[0]])
+        state, norm, heat = self._run.state, self._run.norm, self._heat
+        n, gaps = state.x.shape[1], self._films()
+        end, scales, near = np.stack([state.x[0], state.rate[0]]), gaps, self.defect < NEAR
+        if heat is not None:
+            # Temperatures go along with the coordinates, and what they are off with the films.
+            end = np.hstack([end, heat.end()])
+            scales = np.concatenate([gaps, np.ones(heat.count)])
+            change = np.concatenate([change, np.sqrt(len(gaps)) * heat.thinning])
+            if not np.abs(heat.thinning).max() < NEAR:
+                near, self._ends, self._changes = False, [], []
+        if near:
             self._ends = [*self._ends, end][-REMEMBERED:]
             self._changes = [*self._changes, change][-REMEMBERED:]
         if len(self._ends) > 1:
-            gaps, apart = self._films(), np.diff(self._ends, axis=0)
-            changes = np.diff(self._changes, axis=0) / gaps
+            apart = np.diff(self._ends, axis=0)
+            changes = np.diff(self._changes, axis=0) / scales
             sizes = np.linalg.norm(changes, axis=1)
             directions = changes.T / sizes
-            shares = np.linalg.lstsq(directions, change / gaps, rcond=NOISE)[0] / sizes
+            shares = np.linalg.lstsq(directions, change / scales, rcond=NOISE)[0] / sizes
             # Whole turns are none.
             turns = apart[:, 0, self._angles] / (2 * np.pi)
             apart[:, 0, self._angles] -= 2 * np.pi * np.round(turns)
             x, rate = -np.tensordot(shares, apart, 1)
             # Former points move with the newest, along its rate.
-            past = x + np.multiply.outer(state.times - state.time, rate)
+            past = x[:n] + np.multiply.outer(state.times - state.time, rate[:n])
             observed = np.array([norm.observe(point) for point in state.x + past])
             room = norm.gaps(observed[0]) / gaps
             if room.min() > 1.0 - THINNER:
-                x = state.x + past
-                self._run.equations.keep_within(x, norm.film_gaps(observed[0]))
-                moved = {"x": x, "rate": state.rate + rate, "observed": observed}
+                moved_x = state.x + past
+                self._run.equations.keep_within(moved_x, norm.film_gaps(observed[0]))
+                moved = {"x": moved_x, "rate": state.rate + rate[:n], "observed": observed}
                 self._run.state = replace(state, **moved)
+                if heat is not None:
+                    heat.shift(x[n:])
         self._gaps = self._films()
 
     def stored_state(self) -> dict[str, Any]:
         """Where the search is, for `load_state`."""
+        heated = 0 if self._heat is None else self._heat.count
         return {
             "number": self.number,
             "defect": self.defect,
             "gaps": self._gaps,
-            "ends": np.reshape(self._ends, (-1, 2, self._run.state.x.shape[1])),
-            "changes": np.reshape(self._changes, (-1, len(self._gaps))),
+            "ends": np.reshape(self._ends, (-1, 2, self._run.state.x.shape[1] + heated)),
+            "changes": np.reshape(self._changes, (-1, len(self._gaps) + heated)),
+            **({} if self._heat is None else {"heat": self._heat.stored_state()}),
             "contents": self._contents,
         }
 
@@ -159,3 +205,5 @@ class Cycles:
         self._gaps = np.array(stored["gaps"])
         self._contents = np.array(stored["contents"])
         self._ends, self._changes = list(stored["ends"]), list(stored["changes"])
+        if self._heat is not None:
+            self._heat.load_state(stored["heat"])

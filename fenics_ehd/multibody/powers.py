@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from fenics_ehd.film.flow import flow_work, refill_work
+from fenics_ehd.film.flow import flow_work, refill_work, under_pressure
 from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
@@ -32,7 +30,7 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
             lost -= refill_work(joint.film.film, found)
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
-        if np.any(joint.film.film.equation.given):
+        if under_pressure(joint.film.film):
             fed += flow_work(joint.film.film, found)
         film, drag = film + lost, drag + fed
     return Powers(

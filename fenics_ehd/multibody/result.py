@@ -45,6 +45,9 @@ class Result:
         Lubricated joints by name.
     bodies, body_rates
         Coordinates of every body by name and their rates, shape (steps, n).
+    figures
+        What a summary has of every lubricated joint, by its name: extremes, and of its models means
+        over the run, or the cycle.
     columns
         All that a history holds, by name with its unit, shape (steps,).
     newton_iterations, rejected_steps
@@ -60,6 +63,7 @@ class Result:
 
     time: np.ndarray
     joints: Mapping[str, JointResult]
+    figures: Mapping[str, Mapping[str, float]]
     bodies: Mapping[str, np.ndarray]
     body_rates: Mapping[str, np.ndarray]
     columns: Mapping[str, np.ndarray]
@@ -103,6 +107,7 @@ class Recorder:
         return Result(
             columns["time_s"] - (cycles.start if cycles else 0.0),
             {place.name: self._joint(place.name, columns) for place in system.films},
+            self._tracker.joint_figures(),
             {name: x[:, places] for name, places in system.bodies.items()},
             {name: rates[:, places] for name, places in system.bodies.items()},
             columns,

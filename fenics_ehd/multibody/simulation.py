@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.result import Recorder, Result
@@ -25,13 +26,18 @@ def simulate(mechanism: Mechanism, end: float, **steps: Any) -> Result:
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled, or the end is not after the start.
+        The mechanism cannot be assembled, the end is not after the start, or a joint has `heat`.
     StepSizeError
         No step is short enough.
     FilmTooThinError
         A film became thinner than its joint's `smallest_film`.
     """
     run = Run(mechanism, Steps(**steps), end)
+    if run.equations.system.heated:
+        raise SettingsError(
+            "a joint's heat is balanced over a cycle, and an initial value problem has none: take "
+            "simulate_periodic, or leave `heat` out, the oil at the lubricant's temperature"
+        )
     record = Recorder(run)
     for step in run.until(end):
         record.add(step)

@@ -208,6 +208,9 @@ class StepEquations:
             for place in system.films
         ]
         self.responses.add(self.pressures(pressures), gaps)
+        for i, place in enumerate(system.films):
+            if place.film.film.parameters.feeds:
+                gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)
         films = []
         for i, place in enumerate(system.films):
             point = self._film(i, place, pressures[i], gaps[i], voids.get(i))

@@ -30,6 +30,7 @@ from fenics_ehd.multibody.step_equations import Point, StepEquations
 from fenics_ehd.multibody.step_factors import LEADING, StepFactors
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import System
+from fenics_ehd.multibody.thickening import told_apart
 
 #: Iterations of one step. Those that converge need one to five.
 MAX_ITERATIONS = 25
@@ -126,7 +127,8 @@ class CoupledSteps:
         try:
             iterations = self._solve(self._start(step, former))
             state = self._state()
-        except SolverError as error:
+        except SolverError as caught:
+            error = told_apart(caught, self.system.films, former)
             failure = f"{type(error).__name__}: {error}"
             return Attempt(max(1, self._iterations), failure=failure, cause=error)
         point = self._point

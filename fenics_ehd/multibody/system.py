@@ -127,6 +127,11 @@ class System:
         ]
         self.lift = -np.array(mechanism.gravity)
 
+    @property
+    def heated(self) -> bool:
+        """Whether the heat of a film is balanced."""
+        return any(place.joint.heat is not None for place in self.films)
+
     def _constrain(self, name: str, joint: Joint) -> None:
         own = slice(self.n, self.n + joint.own)
         rows = slice(self.m, self.m + joint.rows)
@@ -228,6 +233,10 @@ class System:
             if isinstance(table, Curve):
                 read_at = partial(_read_at, self._angle(body) if body else None)
                 found.append(TabulatedLoad(table, read_at))
+        for film in self.films:
+            for feed in film.joint.film.parameters.feeds:
+                if isinstance(feed.pressure, Curve):
+                    found.append(TabulatedLoad(feed.pressure, partial(_read_at, None)))
         return found
 
     @cached_property

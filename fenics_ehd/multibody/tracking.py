@@ -18,6 +18,7 @@ from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_rates import joint_rates
 from fenics_ehd.multibody.oil_account import OilAccount
 from fenics_ehd.multibody.periodic import Cycles
@@ -26,6 +27,7 @@ from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import FilmPlace
+from fenics_ehd.multibody.thickening import steepest_thickening, unresolved
 
 #: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
 #: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
@@ -44,6 +46,7 @@ class Extremes:
     max_pressure_time: float = 0.0
     min_film_thickness: float = np.inf
     min_film_thickness_time: float = 0.0
+    steepest_thickening: float = 1.0
 
     def add(self, time: float, pressure: float, thickness: float) -> None:
         """Account for one step."""
@@ -157,7 +160,11 @@ class Tracker:
         peak = int(np.argmax(film.pressure))
         angle, _ = place.film.film.parameters.grid.node_positions[peak]
         thickness, pressure = float(gap.min()), float(film.pressure[peak])
-        self.extremes[place.name].add(step.time - self._start, pressure, thickness)
+        extremes = self.extremes[place.name]
+        extremes.add(step.time - self._start, pressure, thickness)
+        if not place.film.film.parameters.lubricant.viscosity_law.constant:
+            steepest = steepest_thickening(place, film.pressure)
+            extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
         force = step.solution.motion.multipliers[place.rows]
         figures = {
             "max_pressure_Pa": pressure,
@@ -205,9 +212,9 @@ class Tracker:
             "energy_defect_J": self.balance.defect,
         }
 
-    def figures(self) -> dict[str, Any]:
-        """What ``summary.json`` has of them."""
-        joints = {
+    def joint_figures(self) -> dict[str, dict[str, float]]:
+        """What ``summary.json`` has of every lubricated joint, by its name."""
+        return {
             name: {
                 "max_pressure_Pa": extremes.max_pressure,
                 "max_pressure_time_s": extremes.max_pressure_time,
@@ -220,6 +227,10 @@ class Tracker:
             }
             for name, extremes in self.extremes.items()
         }
+
+    def figures(self) -> dict[str, Any]:
+        """What ``summary.json`` has of them."""
+        joints = self.joint_figures()
         alone: dict[str, Any] = {"joints": joints}
         if len(joints) == 1:
             ((name, found),) = joints.items()
@@ -235,17 +246,20 @@ class Tracker:
         }
 
     def _means(self, joint: str) -> dict[str, float]:
-        """Of a joint's rates over the run, or the cycle."""
+        """Of a joint's rates over the run, or the cycle, and temperatures that follow from them."""
         found = self.rates[joint].means if joint in self.rates else {}
         means = {f"mean_{name}": value for name, value in found.items()}
         if joint in self.oil:
             means |= self.oil[joint].figures(self.rates[joint].totals)
-        return means
+        place = next(film for film in self._equations.system.films if film.name == joint)
+        return means | ({} if place.joint.heat is None else temperatures(place, found))
 
     def verdict(self) -> str:
         """``"complete"``, or why the figures cannot be trusted."""
         for place in self._equations.system.films:
-            told = _too_coarse(place, self.extremes[place.name].min_film_thickness)
+            extremes = self.extremes[place.name]
+            told = _too_coarse(place, extremes.min_film_thickness)
+            told = told or unresolved(place, extremes.steepest_thickening)
             if told:
                 return told
         balance = self.balance

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 
+import attrs
 import numpy as np
 from mpi4py import MPI
 
@@ -156,7 +157,7 @@ def _parts(
             continue
         part, bore = found[elastic[0]], elastic[1]
         surface = part.bore(bore, f"joints.{name}.bore")
-        check_fit(scene, name, (surface.radius, surface.width))
+        check_fit(scene, name, surface)
         if not joint.cells:
             part.check_cells(bore)
     return found
@@ -178,7 +179,7 @@ def _ideal(
         else:
             bodies[name] = stiff[name]
     joints = {
-        name: lubricated(joint, stand_in_film(joint))
+        name: lubricated(attrs.evolve(joint, heat=None), stand_in_film(joint))
         if isinstance(joint, schema.LubricatedSettings)
         else ideal_joint(joint)
         for name, joint in scene.joints.items()

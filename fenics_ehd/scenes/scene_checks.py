@@ -8,10 +8,9 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.oil_balance import require_monotone
-from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes.heat import check_heat, check_lubricants
 from fenics_ehd.scenes.scene import GROUND, Scene
 
 #: Keys that name points, by the settings class's field.
@@ -40,14 +39,11 @@ def check_names(scene: Scene) -> None:
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
     for name in scene.drives:
         _check_turning(scene, f"drives.{name}", name)
-    for name, lubricant in scene.lubricants.items():
-        try:
-            make_lubricant(lubricant)
-        except SettingsError as error:
-            raise SettingsError(f"lubricants.{name}: {error}") from None
+    check_lubricants(scene)
     bores: dict[str, str] = {}
     for name, joint in scene.joints_of(schema.LubricatedSettings):
         _check_film(scene, name, joint)
+        check_heat(scene, name)
         if joint.bore in bores:
             raise SettingsError(
                 f"joints.{name}.bore = {joint.bore!r} is the bore of joints.{bores[joint.bore]} "
@@ -148,6 +144,8 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
             f"{key}.initial_filling = {joint.initial_filling:g} must be at most 1, a full gap"
         )
     if joint.cavitation == "mass-conserving":
+        from fenics_ehd.film.oil_balance import require_monotone  # slow to import
+
         require_monotone(joint.element, f"{key}.element")
         body = joint.journal.partition(".")[0]
         massless = type(scene.bodies.get(body)) is schema.MasslessSettings

@@ -16,12 +16,23 @@ from types import MappingProxyType
 import attrs
 
 from fenics_ehd.base import quantities
-from fenics_ehd.base.fields import choice, count, flag, number, numbers, rows, section, text
-from fenics_ehd.base.oil import OilSettings
+from fenics_ehd.base.fields import (
+    choice,
+    count,
+    flag,
+    number,
+    numbers,
+    option,
+    rows,
+    section,
+    text,
+)
+from fenics_ehd.base.oil import NO_TEMPERATURE, OilSettings
 from fenics_ehd.base.quantities import LARGEST_LENGTH, deviation, metres, radial_clearance
 from fenics_ehd.bearing.settings import SHEAR_RULES
 from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
+from fenics_ehd.scenes.supply_settings import supplies
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
@@ -179,6 +190,29 @@ class ShapeSettings:
 
 
 @attrs.frozen(kw_only=True)
+class HeatSettings:
+    """Balance of a film's heat over a cycle; needs time.periodic and an oil by grade or like it."""
+
+    supply_temperature: float = number(
+        REQUIRED,
+        "of the oil that comes in [C]",
+        above=NO_TEMPERATURE,
+        below=1000,
+        usual=(1, 200),
+        example="80 for 353 K",
+    )
+    conducted: float = number(
+        0.0, "share of the dissipated power that journal and bore conduct away", least=0, below=1
+    )
+    mixing: float = number(
+        0.5, "where the effective temperature lies between supply, 0, and outlet, 1", above=0
+    )
+    tolerance: float = number(
+        0.1, "largest difference of the effective temperature from its balance [K]", above=0
+    )
+
+
+@attrs.frozen(kw_only=True)
 class LubricatedSettings:
     """The journal of one body in the bore of another."""
 
@@ -218,6 +252,7 @@ class LubricatedSettings:
         ("angle", "width", "pressure"),
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
     )
+    supply: dict = supplies("holes and grooves of bore or journal that feed the film")
     cavitation: str = choice(
         "reynolds", CAVITATIONS,
         "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
@@ -242,6 +277,7 @@ class LubricatedSettings:
     eccentricity_rate: tuple[float, float] = pair("its rate [m/s]")
     bore_shape: ShapeSettings = section(ShapeSettings)
     journal_shape: ShapeSettings = section(ShapeSettings)
+    heat: HeatSettings | None = option(HeatSettings)
 
 
 @attrs.frozen(kw_only=True)

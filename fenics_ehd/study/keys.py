@@ -33,11 +33,17 @@ def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
 def _collect(settings: Any, path: str, values: dict[str, Any], free: list[str]) -> None:
     for attribute in attrs.fields(type(settings)):
         key, value = f"{path}.{attribute.name}", getattr(settings, attribute.name)
+        if "section" in attribute.metadata and value is None:
+            continue
         if "section" in attribute.metadata:
             _collect(value, key, values, free)
         elif "table" in attribute.metadata:
             free.append(key)
-            values.update({f"{key}.{name}": entry for name, entry in value.items()})
+            for name, entry in value.items():
+                if "kinds" in attribute.metadata:
+                    _collect(entry, f"{key}.{name}", values, free)
+                else:
+                    values[f"{key}.{name}"] = entry
         else:
             values[key] = value
 

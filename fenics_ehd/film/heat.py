@@ -1,0 +1,228 @@
+"""Balance of a film's heat: one temperature for the film, from its power and the oil that leaves.
+
+Of the power P dissipated in the film the share ``conducted`` goes into journal and bore, what is
+left leaves with the oil,
+
+    (1 - conducted) P = rho c Q (T_out - T_supply),
+
+and the oil has the viscosity of an effective temperature between supply and outlet,
+
+    T = T_supply + mixing (T_out - T_supply).
+
+Calculations of practice take their mean, ``mixing = 0.5`` (DIN 31652 as explained at
+inggo.com/teachnet/53-waermebilanz.html). Q counts what leaves (`oil_leaving`); as much oil comes
+in, at the supply's temperature, wherever it comes from. rho is that of the effective temperature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.base.errors import HeatError, SettingsError
+from fenics_ehd.film.temperature import Oil
+
+#: ``n`` of ``P / (rho Q) ~ viscosity^n`` before two temperatures have shown it: exact for a journal
+#: that keeps its place, and with it the iteration contracts for every n between 0 and 2.
+FIRST_EXPONENT = 1.0
+
+#: What n may be; oil pressed through by a supply makes it 2.
+EXPONENTS = (0.0, 2.0)
+
+#: Change of ln(viscosity) that tells n: over a cycle the film still has of the temperature before,
+#: power and flow are off by 0.1 % per K of the last change.
+TELLING = 0.05
+
+#: Distance from the oil's limits [K].
+ROUNDING = 1e-9
+
+#: Where no temperature balances what one cycle shows, the oil becomes so many times as thin: a
+#: first cycle, whose film builds up, may show too much.
+THINNER = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heat:
+    """What the heat of one film is balanced with.
+
+    Attributes
+    ----------
+    supply_temperature
+        Of the oil that comes in [C].
+    conducted
+        Share of the power that journal and bore conduct away, the oil does not carry.
+    mixing
+        Share of the rise from supply to outlet at which the oil is effectively.
+    tolerance
+        Largest difference of the effective temperature from its balance [K].
+    """
+
+    supply_temperature: float
+    conducted: float = 0.0
+    mixing: float = 0.5
+    tolerance: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.supply_temperature):
+            raise SettingsError("supply_temperature must be a finite number")
+        if not 0 <= self.conducted < 1:
+            raise SettingsError(
+                f"conducted = {self.conducted:g} of the heat must be at least 0 and below 1"
+            )
+        if not 0 < self.mixing <= 1:
+            raise SettingsError(f"mixing = {self.mixing:g} must be above 0 and at most 1")
+        if not self.tolerance > 0:
+            raise SettingsError(f"tolerance = {self.tolerance:g} K must be above 0")
+
+    def outlet(self, oil: Oil, temperature: float, power: float, flow: float) -> float:
+        """Temperature of the oil that leaves [C]; infinite where none does.
+
+        Parameters
+        ----------
+        oil, temperature
+            And its effective temperature [C].
+        power, flow
+            P [W] and Q [m3/s].
+        """
+        carried = oil.density(temperature) * oil.specific_heat * flow
+        rise = (1.0 - self.conducted) * power
+        if not rise > 0.0:
+            return self.supply_temperature
+        return self.supply_temperature + rise / carried if carried > 0.0 else np.inf
+
+    def balanced(self, oil: Oil, temperature: float, power: float, flow: float) -> float:
+        """Effective temperature that power and flow at another one stand for [C]."""
+        outlet = self.outlet(oil, temperature, power, flow)
+        return self.supply_temperature + self.mixing * (outlet - self.supply_temperature)
+
+
+class TemperatureSearch:
+    """Effective temperature of a film, from power and flow at one temperature after the other.
+
+    Between two temperatures ``P / Q`` is taken to follow a power of the viscosity, whose fall with
+    temperature is known: the exponent changes little where the viscosity changes a thousandfold.
+
+    Parameters
+    ----------
+    heat, oil
+        Of the film.
+    telling
+        Change of ln(viscosity) above which two temperatures tell the exponent.
+
+    Attributes
+    ----------
+    temperature
+        Current effective temperature [C], at first that of the supply.
+    power, flow
+        What the last move was made of.
+    without_balance
+        Whether no temperature balanced that.
+    """
+
+    def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
+        self.heat, self.oil, self._telling = heat, oil, telling
+        oil.viscosity(heat.supply_temperature)  # refused here if it is out of range
+        self.temperature, self.without_balance = heat.supply_temperature, False
+        self.power = self.flow = float("nan")
+        self._last: tuple[float, float] | None = None
+        self._exponent = FIRST_EXPONENT
+
+    @property
+    def viscosity(self) -> float:
+        """There [Pa s]."""
+        return self.oil.viscosity(self.temperature)
+
+    def shift(self, change: float) -> None:
+        """Another temperature by a change [K], within the oil's limits and above the supply's."""
+        hottest = self.oil.hottest - ROUNDING
+        wanted = self.temperature + change
+        self.temperature = float(np.clip(wanted, self.heat.supply_temperature, hottest))
+
+    def defect(self, power: float, flow: float) -> float:
+        """By how much the balance is off the current temperature [K]."""
+        return self.heat.balanced(self.oil, self.temperature, power, flow) - self.temperature
+
+    def move(self, power: float, flow: float) -> bool:
+        """Take the next temperature, from power [W] and flow [m3/s] at the current one.
+
+        Returns
+        -------
+        bool
+            False where the balance asks for more than the highest temperature of the oil, there.
+        """
+        heat, oil, here = self.heat, self.oil, self.temperature
+        supply, hottest = heat.supply_temperature, oil.hottest - ROUNDING
+        rise = heat.balanced(oil, here, power, flow) - supply
+        self.power, self.flow, self.without_balance = power, flow, False
+        if not rise > 0.0:
+            self.temperature, self._last = supply, None
+            return True
+        viscosity = oil.viscosity(here)
+        if rise < np.inf:
+            self._learn(float(np.log(viscosity)), float(np.log(rise)))
+
+        def excess(temperature: float) -> float:
+            thinner = oil.viscosity(temperature) / viscosity
+            return supply + rise * thinner**self._exponent - temperature
+
+        if excess(hottest) > 0.0:
+            self.without_balance = True
+            self.temperature = min(_thinner(oil, here, hottest), hottest)
+            return here < hottest
+        self.temperature = _root(excess, supply, hottest)
+        return True
+
+    def _learn(self, viscosity: float, rise: float) -> None:
+        """Exponent from logarithms of viscosity and of what is proportional to P / Q."""
+        if self._last is not None and abs(viscosity - self._last[0]) > self._telling:
+            slope = (rise - self._last[1]) / (viscosity - self._last[0])
+            self._exponent = float(np.clip(slope, *EXPONENTS))
+        self._last = viscosity, rise
+
+    def stored_state(self) -> np.ndarray:
+        """All that it knows, for `load_state`."""
+        last = (np.nan, np.nan) if self._last is None else self._last
+        figures = self.temperature, self.power, self.flow, self.without_balance
+        return np.array([*figures, self._exponent, *last])
+
+    def load_state(self, stored: np.ndarray) -> None:
+        """Go on where another search was."""
+        self.temperature, self.power, self.flow, without, self._exponent, *last = map(float, stored)
+        self._last = None if np.isnan(last[0]) else (last[0], last[1])
+        self.without_balance = bool(without)
+
+
+def _thinner(oil: Oil, temperature: float, hottest: float) -> float:
+    """Temperature at which an oil is `THINNER` times as thin as at another; at most the hottest."""
+    wanted = oil.viscosity(temperature) / THINNER
+    if oil.viscosity(hottest) >= wanted:
+        return hottest
+    return _root(lambda t: oil.viscosity(t) - wanted, temperature, hottest)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import brentq  # slow to import, and films without heat do without
+
+    return float(brentq(function, low, high, xtol=1e-12))
+
+
+def run_away(name: str, search: TemperatureSearch, error: Exception | None = None) -> HeatError:
+    """The error that says why there is no temperature.
+
+    Parameters
+    ----------
+    name
+        Of the film, its keys behind.
+    search
+        After its last move.
+    error
+        What went wrong in the film there; None: the oil has no higher temperature.
+    """
+    last = f" ({error})" if error else ", the highest at which the viscosity of the oil is known"
+    return HeatError(
+        f"{name}: the heat cannot leave: {search.power:.3g} W with a flow of "
+        f"{1e6 * search.flow:.3g} cm3/s find no balance up to {search.temperature:.4g} C{last}: "
+        "raise the clearance, the supply or conducted, or lower supply_temperature or the speed"
+    )

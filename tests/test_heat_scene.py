@@ -1,0 +1,110 @@
+"""Heat in scene files and on the command line: settings, refusals, figures, a resumed run."""
+
+import json
+
+import pytest
+from command_line import call
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.results.history_file import read_history
+from fenics_ehd.scenes.scene_file import scene_of
+from fenics_ehd.scenes.scene_text import stored
+
+HEAT = {"supply_temperature": 70.0}
+OIL = {"grade": "ISO VG 46"}
+
+
+def tables(heat=None, oil=None, **time):
+    """A journal under a load that turns once in a period."""
+    joint = {
+        "kind": "lubricated", "journal": "journal", "bore": "ground", "radius": 0.0225,
+        "width": 0.022, "clearance": 17e-6, "cells": [16, 3], "lubricant": "oil",
+    }  # fmt: skip
+    return {
+        "bodies": {"journal": {"kind": "massless"}},
+        "joints": {"bearing": joint | ({} if heat is None else {"heat": heat})},
+        "drives": {"journal": {"kind": "speed", "speed": 500.0}},
+        "forces": {
+            "load": {"kind": "constant", "point": "journal", "force": [2000.0, 0.0]},
+            "unbalance": {"kind": "rotating", "point": "journal", "amplitude": 1000.0,
+                          "speed": 500.0},
+        },
+        "lubricants": {"oil": oil or OIL},
+        "time": {"periodic": True, "revolutions": 1.0, "of": "journal", "tolerance": 1e-3,
+                 "periodicity": 1e-2, **time},
+        "output": {"plots": False},
+    }  # fmt: skip
+
+
+def test_heat_is_off_unless_it_is_listed():
+    plain = scene_of(tables(oil=OIL | {"temperature": 70.0}), "plain")
+    assert plain.joints["bearing"].heat is None
+    assert stored(plain).joints["bearing"].heat is None
+    listed = stored(scene_of(tables(HEAT | {"conducted": 0.2}), "listed")).joints["bearing"].heat
+    assert (listed.supply_temperature, listed.conducted, listed.mixing) == (70.0, 0.2, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"heat": {}}, r"joints\.bearing\.heat\.supply_temperature is missing"),
+        ({"heat": HEAT, "oil": {"viscosity": 0.01}}, r"joints\.bearing\.heat: the viscosity of "
+         r"lubricants\.oil does not depend"),
+        ({"heat": HEAT, "periodic": False}, r"joints\.bearing\.heat: .* time\.periodic = false"),
+        ({"heat": {"supply_temperature": 500.0}}, r"temperature = 500 C of the oil must lie"),
+        ({"heat": HEAT | {"conducted": 1.0}}, r"joints\.bearing\.heat\.conducted = 1.0"),
+        ({"heat": HEAT | {"mixing": 2.0}}, r"joints\.bearing\.heat: mixing = 2"),
+        ({"heat": HEAT | {"suply": 1.0}}, r"unknown key joints\.bearing\.heat\.suply"),
+        ({}, r"lubricants\.oil: temperature is missing"),
+    ],
+)  # fmt: skip
+def test_heat_that_cannot_be_balanced_names_its_key(given, message):
+    with pytest.raises(SettingsError, match=message):
+        scene_of(tables(**given), "scene")
+
+
+def test_a_run_tells_temperatures_power_and_flow(tmp_path):
+    source = tmp_path / "warm.toml"
+    source.write_text(_toml(tables(HEAT | {"tolerance": 0.2})))
+    assert call("run", source, "-o", tmp_path / "out", "--no-plots") == 0
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    supply, effective, outlet = (
+        found[f"{name}_temperature_C"] for name in ("supply", "effective", "outlet")
+    )
+    assert supply == 70.0 < effective < outlet
+    assert effective == pytest.approx(0.5 * (supply + outlet), abs=0.2)
+    density = 870.0 * (1 - 6.5e-4 * (effective - 15.0))
+    carried = density * 2000.0 * found["mean_leaving_flow_m3_per_s"] * (outlet - supply)
+    assert carried == pytest.approx(found["mean_dissipated_power_W"], rel=1e-9)
+    history = read_history(tmp_path / "out")
+    assert history["dissipated_power_W"].min() > 0
+    assert history["leaving_flow_m3_per_s"].min() > 0
+
+
+def _toml(given, path=""):
+    """Tables of tables as TOML, one level after the other."""
+    lines = [
+        f"{key} = {json.dumps(value)}"
+        for key, value in given.items()
+        if not isinstance(value, dict)
+    ]
+    for key, value in given.items():
+        if isinstance(value, dict):
+            lines += [f"[{path}{key}]", _toml(value, f"{path}{key}.")]
+    return "\n".join(lines)
+
+
+def test_a_bearing_tells_its_temperatures(capsys):
+    line = ["bearing", "--load", 3000, "--grade", "ISO VG 46", "--supply-temperature", 60,
+            "--conducted", 0.2, "--cells", "24x6"]  # fmt: skip
+    assert call(*line, "--json") == 0
+    values = json.loads(capsys.readouterr().out)
+    rise = values["outlet_temperature_C"] - values["supply_temperature_C"]
+    assert values["effective_temperature_C"] == pytest.approx(60 + 0.5 * rise, abs=1e-5)
+    assert values["temperature_C"] == values["effective_temperature_C"]
+    carried = values["density_kg_per_m3"] * 2000 * values["leaving_flow_m3_per_s"] * rise
+    assert carried == pytest.approx(0.8 * values["dissipated_power_W"], rel=1e-6)
+    assert call(*line) == 0
+    assert "outlet temperature" in capsys.readouterr().out
+    assert call(*line, "--temperature", 70) == 2
+    assert "exclude each other" in capsys.readouterr().err
