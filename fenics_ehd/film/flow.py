@@ -129,7 +129,7 @@ def oil_leaving(film: Film, state: FilmState) -> float:
     """
     p = film.parameters
     angle, height = p.grid.node_positions.T
-    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+    inflow = _inflow(film, state)
     leaving, taken, supplied = 0.0, 0.0, np.zeros(len(angle), dtype=bool)
     for region in p.regions:
         own = region.contains(angle, height, p.grid.radius) & ~supplied
@@ -172,11 +172,30 @@ def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float)
 
 def flow_work(film: Film, state: FilmState) -> float:
     """Power of the oil that enters, less that of what leaves, at the film's pressures [W]."""
+    work = _work_at_ends(film, state, _inflow(film, state))
+    return work + feed_power(film, state) if film.parameters.feeds else work
+
+
+def refill_work(film: Film, state: OilState) -> float:
+    """Power of the pressure on oil that fills voids, at the edges where the film forms anew [W].
+
+    With it the weak form tested with its own pressure balances. A front within a cell has it; it
+    shrinks with the mesh.
+    """
+    tested = float(state.pressure @ _defects(film, state)[0])
+    return tested - _work_at_ends(film, state, _inflow(film, state))
+
+
+def _inflow(film: Film, state: FilmState) -> np.ndarray:
+    """Flow into the film at nodes of given pressure, shape (nodes,) [m3/s]."""
+    return -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+
+
+def _work_at_ends(film: Film, state: FilmState, inflow: np.ndarray) -> float:
+    """Power of what flows in at nodes of given pressure [W]."""
     given = np.ones(film.assembly.size, dtype=bool)
     given[film.free] = False
-    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
-    work = float(state.pressure[given] @ inflow[given])
-    return work + feed_power(film, state) if film.parameters.feeds else work
+    return float(state.pressure[given] @ inflow[given])
 
 
 def _oil_flows(film: Film, state: OilState, feeds: dict[str, float]) -> FlowBalance:
@@ -199,9 +218,11 @@ def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     thickness, rate, velocity = film.equation.dimensionless(state.gap)
     oil = film.oil(state)
     defect = balance(film.assembly, oil, thickness, velocity, rate)
-    feed = film.equation.fed(state.gap)
-    if feed is not None:
-        pressure = film.assembly.at_points(state.pressure / p.pressure_scale)[0]
-        defect += film.assembly.source(feed.outflow(pressure))
+    lumped = isinstance(state, OilState)
+    feed, nodal = film.equation.fed(state.gap, lumped=lumped), state.pressure / p.pressure_scale
+    if feed is not None and lumped:
+        defect += feed.lumped(film.assembly, nodal)
+    elif feed is not None:
+        defect += film.assembly.source(feed.outflow(film.assembly.at_points(nodal)[0]))
     unit = p.clearance * p.grid.radius**2 * p.rate
     return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))
