@@ -20,6 +20,8 @@ from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedGroove, FeedHole
 from fenics_ehd.film.lubricant import Barus, Roelands
 from fenics_ehd.film.thinning import Cross
 from fenics_ehd.multibody import step_solver
@@ -50,19 +52,19 @@ OILS = {
 }
 
 
-def film_of(joint, family, cells=(12, 3), oil=None):
+def film_of(joint, family, cells=(12, 3), oil=None, feeds=()):
     parameters = joint.film.parameters.grid
     grid = uniform_grid(parameters.radius, parameters.width, cells, family)
-    return Film(FilmParameters(grid, CLEARANCE, oil or Lubricant(0.01), SPEED))
+    return Film(FilmParameters(grid, CLEARANCE, oil or Lubricant(0.01), SPEED, feeds=feeds))
 
 
-def mechanism_with(family, residual, damping_time=1e-3, oil=None):
+def mechanism_with(family, residual, damping_time=1e-3, oil=None, feeds=()):
     """A crank that torque and gas drive, and a flexible rod."""
     joint = Joint()
     body = flexible(joint)[0]
     if residual:
         body = with_residual(joint, body)
-    joint.film = film_of(joint, family, oil=oil)
+    joint.film = film_of(joint, family, (20, 5) if feeds else (12, 3), oil, feeds)
     return driven(
         make_mechanism(body, joint, damping_time),
         2e-3,
@@ -133,6 +135,20 @@ def test_derivatives_equal_central_differences(family, residual, limit):
 def test_derivatives_of_oils_that_change_equal_central_differences(oil, residual):
     for limit in LIMITS:
         assert_derivatives(mechanism_with("lagrange", residual, oil=OILS[oil]), limit)
+
+
+#: A hole that turns with the journal behind a passage, a groove that does, one at rest.
+FEEDS = (
+    Feed("hole", FeedHole(0.3, 1e-3, 9e-3), 4e6, 1e11, on_journal=True),
+    Feed("turning", FeedGroove(2.0, 0.0, 0.6, 11e-3), 1e6, on_journal=True),
+    Feed("resting", FeedGroove(4.0, -1e-3, 0.5, 9e-3), 2e6),
+)
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_derivatives_with_supplies_equal_central_differences(family, limit):
+    assert_derivatives(mechanism_with(family, False, feeds=FEEDS), limit)
 
 
 def assert_derivatives(mechanism, limit):

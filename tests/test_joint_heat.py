@@ -226,12 +226,12 @@ def test_what_the_bodies_put_into_the_film_leaves_as_heat(figure):
     figure("heat", "slider-crank: heat that leaves over a cycle from the work of both bodies on "
            "the film, tolerance 1e-6", off, most=1e-3)  # fmt: skip
     # As the mechanism's balance has it, of kinetic energies a hundred times as large.
-    work, kinetic = (
-        columns[name][-1] - columns[name][0] for name in ("drive_work_J", "kinetic_energy_J")
+    work, kinetic, dissipated = (
+        columns[name][-1] - columns[name][0]
+        for name in ("drive_work_J", "kinetic_energy_J", "film_work_J")
     )
-    dissipated = figures["mean_dissipated_power_W"] * REVOLUTION
     figure("heat", "slider-crank: what the drive puts in over a cycle less that dissipated, "
-           "tolerance 1e-6", abs(work - kinetic - dissipated) / dissipated, most=1e-2)  # fmt: skip
+           "tolerance 1e-6", abs(work - kinetic - dissipated) / dissipated, most=5e-3)  # fmt: skip
 
 
 @pytest.mark.slow

@@ -1,16 +1,20 @@
 """Oils whose viscosity changes in the coupled step: against films at rest, order, limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, equilibrium, journal, make_film
 
-from fenics_ehd.base.errors import SettingsError, StepSizeError
+from fenics_ehd.base.errors import SettingsError, SolverError, StepSizeError, ViscosityError
 from fenics_ehd.film import Lubricant, ShaftMotion, shaft_gap
 from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
 from fenics_ehd.film.thinning import Cross
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.thickening import told_apart
+from fenics_ehd.multibody.tracking import Tracker
 
 GROUP = "oil"
 
@@ -102,6 +106,46 @@ def test_a_load_that_no_viscosity_bears_is_a_named_error(figure):
             continue
         with pytest.raises(StepSizeError, match="viscosity runs away with the pressure"):
             next(going.until(0.02))
+
+
+def stages(oil, share, cells=(16, 3)):
+    """A journal's run as far as it is tracked, and its tracker."""
+    mechanism, _ = journal(make_film(cells, oil=oil), constant(share * LOAD), 0.02, rows=3)
+    going = Run(mechanism, Steps(tolerance=1e-3, order=2, first=1e-6), 0.01)
+    tracker = Tracker(going.equations, going.norm)
+    for step in going.until(0.01):
+        tracker.add(step)
+    return going, tracker
+
+
+def test_a_step_that_fails_with_thick_oil_says_so():
+    failure = SolverError("no convergence")
+    for oil, told in ((OILS["Barus"], True), (OILS["Cross"], False)):
+        going, _ = stages(oil, 1.0)
+        films, former = going.equations.system.films, going.state.solver
+        assert told_apart(failure, films, None) is failure
+        assert told_apart(failure, films, former) is failure
+        # At the last accepted step five hundred times as thick.
+        thick = replace(former, values=former.values * 155e6 / former.values[0].max())
+        named = told_apart(failure, films, thick)
+        assert isinstance(named, ViscosityError) == told
+        if told:
+            assert "the viscosity of the oil in bearing runs away" in str(named)
+            assert "at 155 MPa it is 4.9e+02 times" in str(named)
+        beyond = replace(former, values=former.values * 1e12 / former.values[0].max())
+        assert isinstance(told_apart(failure, films, beyond), ViscosityError) == told
+
+
+def test_pressures_that_are_the_mesh_s_own_are_not_trusted():
+    # 6 times the load of eccentricity 0.6 is beyond what the oil can bear; so coarse a mesh does.
+    _, tracker = stages(OILS["Barus"], 6.0)
+    assert tracker.extremes["bearing"].steepest_thickening > 1e3
+    assert tracker.verdict().startswith("untrustworthy: the oil in bearing thickens")
+    _, tracker = stages(OILS["Barus"], 3.0)
+    assert 1.0 < tracker.extremes["bearing"].steepest_thickening < 10.0
+    assert tracker.verdict() == "complete"
+    _, tracker = stages(Lubricant(ETA), 3.0)
+    assert tracker.extremes["bearing"].steepest_thickening == 1.0
 
 
 def test_no_number_overflows_on_the_way_to_the_error():

@@ -27,7 +27,11 @@ class AffineRun:
     """Gaps ``1 + x`` that every cycle of a second maps so, and an angle that makes two turns."""
 
     def __init__(self):
-        self.norm = SimpleNamespace(observe=self.observe, gaps=lambda observed: observed[:3])
+        self.norm = SimpleNamespace(
+            observe=self.observe,
+            gaps=lambda observed: observed[:3],
+            film_gaps=lambda observed: [observed[:3]],
+        )
         body = SimpleNamespace(angle=0)
         system = SimpleNamespace(
             films=["film"],
@@ -35,7 +39,9 @@ class AffineRun:
             bodies={"crank": slice(3, 4)},
             each_name=lambda: [("crank", body)],
         )
-        self.equations = SimpleNamespace(system=system)
+        self.equations = SimpleNamespace(
+            system=system, contents=lambda _x, _gaps: [], keep_within=lambda _states, _gaps: None
+        )
         self.state = self.at(0.0, np.zeros(4))
 
     @staticmethod

@@ -64,7 +64,7 @@ def test_a_lemon_bore_of_lund_and_thomsen(row, figure):
     expected = np.array([*linear[:6], linear[5], linear[6]])
     name = f"lemon bore of Lund and Thomsen, S = {sommerfeld}"
     error = abs(found.eccentricity_ratio - eccentricity)
-    figure("shapes", f"{name}: eccentricity", error, most=2e-3)
+    figure("shapes", f"{name}: eccentricity ratio, difference", error, most=2e-3)
     # The row off the trend of its neighbours.
     most = 2.0 if sommerfeld == 0.161 else 0.15
     error = abs(np.degrees(found.attitude) - attitude)

@@ -9,9 +9,13 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.supply_settings import SUPPLIES
 
 #: Tables that have no kinds.
 ALONE = {"time": schema.TimeSettings, "output": schema.OutputSettings}
+
+#: Classes by kind.
+KINDS = {**schema.KINDS, "supply": SUPPLIES}
 
 
 def rows(cls: type, path: str = "", where: str = "") -> list[tuple[str, str, str]]:
@@ -43,7 +47,7 @@ class SceneSettings(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Build the tables from reStructuredText or Markdown, whichever page asks."""
         table, lines = self.arguments[0], []
-        kinds = {"": ALONE[table]} if table in ALONE else schema.KINDS[table]
+        kinds = {"": ALONE[table]} if table in ALONE else KINDS[table]
         for kind, cls in kinds.items():
             if kind:
                 lines += [f'**`kind = "{kind}"`**: {cls.__doc__.splitlines()[0]}', ""]

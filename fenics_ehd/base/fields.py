@@ -193,3 +193,42 @@ def numbers(help_text: str) -> Any:
             raise SettingsError(f"{name} = {value!r} must be a finite number")
 
     return table(help_text, check)
+
+
+def entries(help_text: str, kinds: Mapping[str, type], make: Callable[..., Any]) -> Any:
+    """Free table of tables by name, each of a settings class by its ``kind``.
+
+    `make` builds settings from class, table and path, as `fenics_ehd.base.settings.build`.
+    """
+
+    def entry(value: Any, path: str = "") -> Any:
+        if not isinstance(value, Mapping):
+            raise SettingsError(f"{path.rstrip('.')} = {value!r} must be a table")
+        kind = value.get("kind")
+        if not isinstance(kind, str) or kind not in kinds:
+            told = "is missing" if kind is None else f"= {kind!r}"
+            raise SettingsError(f"{path}kind {told}: one of {', '.join(kinds)}")
+        return make(kinds[kind], {k: v for k, v in value.items() if k != "kind"}, path)
+
+    def attempt(value: Any) -> Any:
+        try:
+            return entry(value)
+        except SettingsError:  # told by the check, which knows the path
+            return value
+
+    def check(name: str, value: Any) -> None:
+        word = name.rpartition(".")[2]
+        if not word.replace("_", "").replace("-", "").isalnum():
+            raise SettingsError(f"[{name}]: a name must be of letters, digits, _ and -")
+        if isinstance(value, tuple(kinds.values())):
+            return
+        try:
+            entry(value, f"{name}.")
+        except SettingsError as error:  # the path above comes before the message
+            told, unknown, rest = str(error).partition("unknown key ")
+            key, _, meant = rest.partition(": ")
+            raise SettingsError(f"{key}: unknown key, {meant}" if unknown else told) from None
+
+    field = table(help_text, check, attempt)
+    field.metadata["kinds"] = kinds
+    return field

@@ -78,6 +78,9 @@ def unusual(settings: Any, path: str = "") -> list[str]:
             continue
         if attribute.metadata.get("section"):
             found += unusual(value, f"{name}.")
+        elif attribute.metadata.get("kinds"):
+            for key, entry in value.items():
+                found += unusual(entry, f"{name}.{key}.")
         elif usual and value and not usual[0] <= abs(value) <= usual[1]:
             found.append(
                 f"{name} = {value:g} is outside the usual {usual[0]:g} to {usual[1]:g}{hint}"
@@ -150,6 +153,11 @@ def to_toml(settings: Any, path: str = "", *, without: Sequence[str] = ()) -> st
         help_text = attribute.metadata.get("help", "")
         if attribute.metadata.get("section"):
             nested.append(f"\n[{name}]\n{to_toml(value, name + '.')}")
+        elif value and (kinds := attribute.metadata.get("kinds")):
+            words = {cls: kind for kind, cls in kinds.items()}
+            for key, entry in value.items():
+                text = to_toml(entry, f"{name}.{key}.")
+                nested.append(f'\n[{name}.{key}]\nkind = "{words[type(entry)]}"\n{text}')
         elif attribute.metadata.get("table"):
             lines = [f"{key} = {_literal(entry)}\n" for key, entry in value.items()]
             nested.append(f"\n# {help_text}\n[{name}]\n{''.join(lines)}")

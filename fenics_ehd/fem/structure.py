@@ -14,13 +14,19 @@ from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from fenics_ehd.base import compat
-from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.errors import MeshError, StructureError
 from fenics_ehd.fem.elements import quadratic_element
 from fenics_ehd.fem.geometry import PartMesh
 from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.stress import stress_operator
-from fenics_ehd.fem.surface_mesh import cylinder_centre, surface_mesh, surface_nodes
+from fenics_ehd.fem.surface_mesh import (
+    SurfaceMesh,
+    cylinder_centre,
+    surface_mesh,
+    surface_nodes,
+)
 from fenics_ehd.reduction.bore import BORE, Bore, mean_motion
+from fenics_ehd.reduction.bore_holes import area_vector, bore_holes
 from fenics_ehd.reduction.faces import surface_gram
 from fenics_ehd.reduction.structure import Recovery, Structure
 
@@ -219,7 +225,7 @@ def _bore(
             f"off, above {CYLINDER_TOLERANCE:.0e}"
         )
     load = _load_matrix(space, pressures, loaded.nodes, ds(tag))
-    _check_closed(name, own.coordinates, load, radius)
+    _check_closed(name, own, load, radius)
     return Bore(
         radius=float(radius),
         width=float(np.ptp(own.coordinates[:, 2])),
@@ -262,8 +268,9 @@ def _load_matrix(
     return whole.createSubMatrix(rows, columns)
 
 
-def _check_closed(name: str, x: np.ndarray, load: PETSc.Mat, radius: float) -> None:
-    """The bore must be a whole cylinder, half of it on either side of z = 0."""
+def _check_closed(name: str, own: SurfaceMesh, load: PETSc.Mat, radius: float) -> None:
+    """The bore must be a whole cylinder but for holes, half of it on either side of z = 0."""
+    x = own.coordinates
     middle = 0.5 * (x[:, 2].min() + x[:, 2].max())
     if not abs(middle) <= CYLINDER_TOLERANCE * radius:
         raise MeshError(f"the {name} must be centred at z = 0, its middle is at z = {middle:.3e} m")
@@ -272,6 +279,12 @@ def _check_closed(name: str, x: np.ndarray, load: PETSc.Mat, radius: float) -> N
     load.mult(ones, force)
     comm = load.comm.tompi4py()
     net = comm.allreduce(force.array.reshape(-1, 3).sum(axis=0), op=MPI.SUM)
+    if not np.abs(net).max() <= CYLINDER_TOLERANCE * radius**2:
+        try:
+            holes = bore_holes(x, own.cells, own.family)
+        except StructureError as error:
+            raise MeshError(f"{name}: {error}") from None
+        net = net + sum((area_vector(x, hole, own.family) for hole in holes), np.zeros(3))
     if not np.abs(net).max() <= CYLINDER_TOLERANCE * radius**2:
         raise MeshError(
             f"the {name} is not a whole cylinder: a constant pressure leaves a net force of "

@@ -132,6 +132,11 @@ class Assembly:
         element += (source * self._cell_area) @ t.source
         return np.bincount(self._flat_nodes, element.ravel(), self.size)
 
+    def source(self, source: np.ndarray) -> np.ndarray:
+        """``r`` of a source (c, q) alone."""
+        element = (source * self._cell_area) @ self.tensors.source
+        return np.bincount(self._flat_nodes, element.ravel(), self.size)
+
     def source_vectors(self, coefficient: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Vectors of the source term for many directions (c * q, n), coefficient (c, q)."""
         return self.gather(self.source_elements(coefficient)) @ directions

@@ -147,7 +147,8 @@ class Film:
             From `CavitationSolver.solve`; its `state` holds the gap too.
         """
         check_gap(gap)
-        if len(self.free) == self.assembly.size and density_rate is None:
+        closed = len(self.free) == self.assembly.size and not self.parameters.feeds
+        if closed and density_rate is None:
             raise SettingsError(
                 "no pressure of the film is given, only its slopes follow: open a side or add a "
                 "groove"

@@ -11,7 +11,7 @@ holds to round-off whatever the mesh. Flow from pressure slopes at the sides doe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,12 +31,14 @@ class FlowBalance:
     lower, upper
         Out of the film at ``z = -B/2`` and ``z = B/2``.
     supply
-        Into the film through grooves and holes.
+        Into the film through all grooves and holes.
     cavities
         Growth of the cavities: oil that the condition (8) lets disappear where
         the film ruptures and makes anew where it forms.
     squeeze
         Growth of the gap, or of the oil that it holds.
+    feeds
+        Share of the supply of everything in `FilmParameters.feeds`, by name.
     """
 
     lower: float
@@ -44,6 +46,7 @@ class FlowBalance:
     supply: float
     cavities: float
     squeeze: float
+    feeds: dict[str, float] = field(default_factory=dict)
 
     @property
     def side(self) -> float:
@@ -53,13 +56,14 @@ class FlowBalance:
 
 def flow_balance(film: Film, state: FilmState) -> FlowBalance:
     """Flows of a solved film at steady pressure."""
+    feeds = feed_flows(film, state) if film.parameters.feeds else {}
     if isinstance(state, OilState):
-        return _oil_flows(film, state)
+        return _oil_flows(film, state, feeds)
     defect, growth = _defects(film, state)
     grid = film.parameters.grid
     angle, height = grid.node_positions.T
     region = in_supply(film, angle, height)
-    supply = float(defect[region].sum())
+    supply = float(defect[region].sum()) + sum(feeds.values())
     cavities = float(defect[film.free].sum())
     sides = {}
     for name, end in (("lower", grid.heights[0]), ("upper", grid.heights[-1])):
@@ -74,7 +78,37 @@ def flow_balance(film: Film, state: FilmState) -> FlowBalance:
         cavity = np.maximum(inflow, 0.0).sum() if ambient == 0.0 else 0.0
         cavities += float(cavity)
         sides[name] = float(cavity - inflow.sum())
-    return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth)
+    return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth, feeds)
+
+
+def feed_flows(film: Film, state: FilmState) -> dict[str, float]:
+    """Into the film through everything in `FilmParameters.feeds`, by name [m3/s]."""
+    lumped = isinstance(state, OilState)
+    p, feed = film.parameters, film.equation.fed(state.gap, lumped=lumped)
+    assert feed is not None
+    pressure = film.assembly.at_points(state.pressure / p.pressure_scale)[0]
+    flows = np.sum(film.assembly.area * feed.inflow(pressure), axis=(1, 2))
+    unit = p.clearance * p.grid.radius**2 * p.rate
+    return {f.name: float(unit * flow) for f, flow in zip(p.feeds, flows, strict=True)}
+
+
+def feed_power(film: Film, state: FilmState) -> float:
+    """Power that the oil of all `FilmParameters.feeds` brings into the film [W]: ``int p dQ``."""
+    lumped = isinstance(state, OilState)
+    p, feed = film.parameters, film.equation.fed(state.gap, lumped=lumped)
+    assert feed is not None
+    nodal = state.pressure / p.pressure_scale
+    if lumped:
+        power = -nodal @ feed.lumped(film.assembly, nodal)
+    else:
+        pressure = film.assembly.at_points(nodal)[0]
+        power = -np.sum(film.assembly.area * feed.outflow(pressure) * pressure)
+    return float(p.clearance * p.grid.radius**2 * p.rate * p.pressure_scale * power)
+
+
+def under_pressure(film: Film) -> bool:
+    """Whether oil enters or leaves at a pressure above that of cavitation."""
+    return bool(film.parameters.feeds) or bool(np.any(film.equation.given))
 
 
 def oil_leaving(film: Film, state: FilmState) -> float:
@@ -84,7 +118,7 @@ def oil_leaving(film: Film, state: FilmState) -> float:
 
     - through either side, edge by edge of the mesh. At a pressure above that of cavitation oil
       comes in over some edges and leaves over others, and what comes in takes nothing off that;
-    - into a supply region, all its nodes together: a groove that takes more than it gives. What is
+    - into a supply, as a whole: a groove that takes more than it gives. What is
       dragged into a groove at one edge and out of it at the other stays in the film. Under
       condition (8) cavities fill the gap with oil that nobody supplied, and drag it there: as much
       as they make is not counted.
@@ -101,6 +135,8 @@ def oil_leaving(film: Film, state: FilmState) -> float:
         own = region.contains(angle, height, p.grid.radius) & ~supplied
         supplied |= own
         taken += max(0.0, -float(inflow[own].sum()))
+    if p.feeds:
+        taken += sum(max(0.0, -flow) for flow in feed_flows(film, state).values())
     if taken:
         leaving += max(0.0, taken - max(0.0, flow_balance(film, state).cavities))
     for name, end in (("lower", p.grid.heights[0]), ("upper", p.grid.heights[-1])):
@@ -135,14 +171,24 @@ def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float)
 
 
 def flow_work(film: Film, state: FilmState) -> float:
-    """Power of the oil that enters, less that of what leaves, at given pressures [W]."""
+    """Power of the oil that enters, less that of what leaves, at the film's pressures [W]."""
     given = np.ones(film.assembly.size, dtype=bool)
     given[film.free] = False
     inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
-    return float(state.pressure[given] @ inflow[given])
+    work = float(state.pressure[given] @ inflow[given])
+    return work + feed_power(film, state) if film.parameters.feeds else work
 
 
-def _oil_flows(film: Film, state: OilState) -> FlowBalance:
+def refill_work(film: Film, state: OilState) -> float:
+    """Power of the pressure on oil that fills voids, at the edges where the film forms anew [W].
+
+    With it the weak form tested with its own pressure balances. A front within a cell has it; it
+    shrinks with the mesh.
+    """
+    return float(state.pressure @ _defects(film, state)[0]) - flow_work(film, state)
+
+
+def _oil_flows(film: Film, state: OilState, feeds: dict[str, float]) -> FlowBalance:
     """Flows of a film that keeps account of its oil: no cavity makes any."""
     grid = film.parameters.grid
     angle, height = grid.node_positions.T
@@ -151,8 +197,9 @@ def _oil_flows(film: Film, state: OilState) -> FlowBalance:
         float(state.outflow[(np.abs(height - end) <= SLACK * grid.radius) & ~region].sum())
         for end in (grid.heights[0], grid.heights[-1])
     )
-    supply = 0.0 - float(state.outflow[region].sum())
-    return FlowBalance(lower, upper, supply, cavities=0.0, squeeze=supply - lower - upper)
+    supply = sum(feeds.values()) - float(state.outflow[region].sum())
+    squeeze = supply - lower - upper
+    return FlowBalance(lower, upper, supply, cavities=0.0, squeeze=squeeze, feeds=feeds)
 
 
 def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
@@ -161,5 +208,11 @@ def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     thickness, rate, velocity = film.equation.dimensionless(state.gap)
     oil = film.oil(state)
     defect = balance(film.assembly, oil, thickness, velocity, rate)
+    lumped = isinstance(state, OilState)
+    feed, nodal = film.equation.fed(state.gap, lumped=lumped), state.pressure / p.pressure_scale
+    if feed is not None and lumped:
+        defect += feed.lumped(film.assembly, nodal)
+    elif feed is not None:
+        defect += film.assembly.source(feed.outflow(film.assembly.at_points(nodal)[0]))
     unit = p.clearance * p.grid.radius**2 * p.rate
     return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))

@@ -16,10 +16,10 @@ in, at the supply's temperature, wherever it comes from. rho is that of the effe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from fenics_ehd.base.errors import HeatError, SettingsError
 from fenics_ehd.film.temperature import Oil
@@ -171,7 +171,7 @@ class TemperatureSearch:
             self.without_balance = True
             self.temperature = min(_thinner(oil, here, hottest), hottest)
             return here < hottest
-        self.temperature = float(brentq(excess, supply, hottest, xtol=1e-12))
+        self.temperature = _root(excess, supply, hottest)
         return True
 
     def _learn(self, viscosity: float, rise: float) -> None:
@@ -199,7 +199,13 @@ def _thinner(oil: Oil, temperature: float, hottest: float) -> float:
     wanted = oil.viscosity(temperature) / THINNER
     if oil.viscosity(hottest) >= wanted:
         return hottest
-    return float(brentq(lambda t: oil.viscosity(t) - wanted, temperature, hottest))
+    return _root(lambda t: oil.viscosity(t) - wanted, temperature, hottest)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import brentq  # slow to import, and films without heat do without
+
+    return float(brentq(function, low, high, xtol=1e-12))
 
 
 def run_away(name: str, search: TemperatureSearch, error: Exception | None = None) -> HeatError:

@@ -52,12 +52,17 @@ class Gap:
         h [m] and its rate at a fixed point of the bore's frame [m/s].
     mean_velocity, sliding_velocity
         ``(v_1 + v_2) / 2`` and ``v_1 - v_2`` along the circumference [m/s].
+    turn, time
+        Angle of the journal from the bore's [rad], and time [s]; what supplies the film may
+        depend on them.
     """
 
     thickness: np.ndarray
     thickness_rate: np.ndarray
     mean_velocity: np.ndarray
     sliding_velocity: np.ndarray
+    turn: float = 0.0
+    time: float = 0.0
 
 
 def _pair() -> np.ndarray:

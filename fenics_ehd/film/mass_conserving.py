@@ -21,7 +21,9 @@ strictly no longer than 1.4 times their width, in practice any we tried (theta >
 Where the pressure is given above cavitation, and in grooves and holes at any
 pressure, there is a reservoir: theta = 1 and oil flows in or out. A side at
 cavitation pressure has none: there the unknown is the outflow, positive only
-where the film is full, and zero where it is not.
+where the film is full, and zero where it is not. What `FilmParameters.feeds` conduct
+into the film, ``w kappa (p_s - p)``, fills empty nodes with ``w kappa p_s``; it is lumped
+at the nodes, and all matrices stay M-matrices.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from fenics_ehd.film.cavitation import CavitationResult, Complementarity
 from fenics_ehd.film.film import Film, FilmState, check_gap
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.mass_conserving_solver import MassConservingSolver
-from fenics_ehd.film.oil_balance import OilBalance, OilStep
+from fenics_ehd.film.oil_balance import OilBalance, OilStep, require_monotone
 from fenics_ehd.film.oil_state import VOID_TOLERANCE, OilState, verify_oil
 
 #: Time step of a steady film, times the reference speed: storage is 1e-10 of transport. It stays,
@@ -74,12 +76,7 @@ class MassConservingFilm:
         options_prefix: str = "oil_",
         tolerance: float = 1e-10,
     ):
-        grid = film.parameters.grid
-        if grid.family != "bilinear":
-            raise SettingsError(
-                f"film.element = '{grid.family}' cannot conserve mass without negative fluid "
-                "fractions: cavitation = 'mass-conserving' needs element = 'bilinear'"
-            )
+        require_monotone(film.parameters.grid.family)
         self.film = film
         self.balance = OilBalance(film)
         self.cavitation = MassConservingSolver(
@@ -157,7 +154,7 @@ class MassConservingFilm:
         CavitationError
             From `solve`, or the state is not steady.
         """
-        if not self.balance.reservoir.any():
+        if not (self.balance.reservoir.any() or self.film.parameters.feeds):
             raise SettingsError(
                 "a steady film that conserves mass needs a supply: a groove, a hole or an ambient "
                 "pressure above 0"
@@ -182,7 +179,7 @@ class MassConservingFilm:
     def _check_room(self, step: OilStep) -> None:
         """Refuse more incompressible oil than a closed film can hold."""
         oil, room = step.former.sum(), step.full.sum()
-        closed = len(self.film.free) == len(step.full)
+        closed = len(self.film.free) == len(step.full) and step.feed is None
         if closed and self.film.parameters.lubricant.density_law.constant and oil >= room:
             raise CavitationError(
                 f"a film with no way out holds {oil / room:.6g} times the oil that it has room "
@@ -208,11 +205,10 @@ class MassConservingFilm:
         nodal, void = b.nodal(result.pressure), np.zeros_like(step.full)
         void[b.unknown] = result.flux
         # What the balance lacks at the ends of the film flows through them.
-        lost = b.full_film(step, nodal) - b.strips.apply(step.flows, step.full, void)
-        outflow = -lost
-        outflow[self.film.free] = 0.0
-        outflow[b.unknown[b.dry]] = result.pressure[b.dry]
+        lost, outflow = b.ends(step, nodal, result.pressure, void)
         reference = np.sum(np.abs(step.flows) + step.full + step.former)
+        if step.feed is not None:
+            reference += np.sum(np.abs(step.feed.lumped(b.assembly, nodal)))
         stored = b.stored(b.oil(step, nodal).density * step.thickness)
         state = OilState(
             pressure=p.pressure_scale * nodal,

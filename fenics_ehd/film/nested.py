@@ -52,6 +52,8 @@ class CoarseTransfer:
             sample(gap.thickness_rate),
             sample(gap.mean_velocity),
             sample(gap.sliding_velocity),
+            gap.turn,
+            gap.time,
         )
 
     def prolong(self, pressure: np.ndarray) -> np.ndarray:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedRegion
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.supply import Region, Sides
@@ -29,6 +31,10 @@ class FilmParameters:
         dimensionless; results do not depend on it beyond round-off.
     sides, regions
         Given pressures.
+    feeds
+        Supplies that conduct oil into the film.
+    recesses
+        Deep places of the bore without supply: their pressure is uniform, what flows in flows out.
     """
 
     grid: FilmGrid
@@ -37,6 +43,8 @@ class FilmParameters:
     rate: float
     sides: Sides = field(default_factory=Sides)
     regions: tuple[Region, ...] = ()
+    feeds: tuple[Feed, ...] = ()
+    recesses: tuple[FeedRegion, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("clearance", "rate"):

@@ -7,7 +7,7 @@ pressure, others do not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -23,6 +23,7 @@ from fenics_ehd.film.balance import (
     sliding_derivative,
 )
 from fenics_ehd.film.cavitation import Complementarity
+from fenics_ehd.film.feeding import Feeds, FeedTerm, recess_viscosity
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, GapDerivatives, SurfacePoints
 from fenics_ehd.film.parameters import FilmParameters
@@ -71,6 +72,8 @@ class ReynoldsEquation:
         Viscosity and density that depend on place and temperature, over those of `parameters`.
     weights
         Entries of the mass matrix N of (11) for the 8-node element, else None.
+    feeds
+        Supplies that conduct oil into the film; None: there are none.
     """
 
     def __init__(self, parameters: FilmParameters):
@@ -84,6 +87,12 @@ class ReynoldsEquation:
         self.points = gauss_points(grid, self.assembly.tensors.points)
         self.lubricant = parameters.lubricant
         self.factors = [self._field(f) for f in ("viscosity_field", "density_field")]
+        if parameters.recesses:
+            self.factors[0] = self.factors[0] * recess_viscosity(parameters, self.points)
+        self.feeds: Feeds | None = None
+        if parameters.feeds:
+            mobility = self.factors[1] / self.factors[0]
+            self.feeds = Feeds(parameters, self.points, self.assembly.area, mobility)
         weighted = grid.family == "serendipity"
         zero = np.zeros(self.assembly.area.shape)
         mass = self.assembly.matrix(Coefficients(zero, zero, mass=zero + 1))
@@ -126,6 +135,12 @@ class ReynoldsEquation:
             gap.mean_velocity / (p.rate * p.grid.radius),
         )
 
+    def fed(self, gap: Gap, *, lumped: bool = False) -> FeedTerm | None:
+        """What supplies add to the equation at a gap, see `Feeds.term`; None without any."""
+        if self.feeds is None:
+            return None
+        return self.feeds.term(gap, self.dimensionless(gap)[0], lumped=lumped)
+
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
         """Dimensionless pressure at all nodes from that at the free ones."""
         values = self.given.copy()
@@ -151,12 +166,16 @@ class ReynoldsEquation:
         if thinned is not None:
             viscosity = viscosity * thinned.ratio
         mobility = density * thickness**3 / viscosity
-        entries = self.assembly.matrix(Coefficients(mobility, mobility))
-        around, along = -density * thickness * velocity, None
+        feed = self.fed(gap)
+        mass = None if feed is None else feed.total
+        entries = self.assembly.matrix(Coefficients(mobility, mobility, mass=mass))
+        around, along, source = -density * thickness * velocity, None, density * rate
         if self._supplied:
             _, slope_around, slope_along = self.assembly.at_points(self.given)
             around, along = around + mobility * slope_around, mobility * slope_along
-        constant = self.assembly.vector(around, along, density * rate)[self.free]
+        if feed is not None:
+            source = source + feed.outflow(self.assembly.at_points(self.given)[0])
+        constant = self.assembly.vector(around, along, source)[self.free]
         return self._complementarity(
             lambda p: self.assembly.pattern.multiply(entries, p) + constant,
             lambda p: entries,
@@ -167,15 +186,22 @@ class ReynoldsEquation:
     def _nonlinear_problem(self, gap: Gap, density_rate: DensityRate | None) -> Complementarity:
         """Problem of an oil whose properties change with pressure; derivatives by hand, exact."""
         thickness, rate, velocity = self.dimensionless(gap)
-        thinned = self.thinning(gap)
+        thinned, feed = self.thinning(gap), self.fed(gap)
 
         def residual(pressure: np.ndarray) -> np.ndarray:
-            oil = self.oil(self.nodal(pressure), thinned, density_rate)
-            return balance(self.assembly, oil, thickness, velocity, rate)[self.free]
+            nodal = self.nodal(pressure)
+            oil = self.oil(nodal, thinned, density_rate)
+            values = balance(self.assembly, oil, thickness, velocity, rate)
+            if feed is not None:
+                values += self.assembly.source(feed.outflow(self.assembly.at_points(nodal)[0]))
+            return values[self.free]
 
         def entries(pressure: np.ndarray) -> np.ndarray:
             oil = self.oil(self.nodal(pressure), thinned, density_rate)
-            return self.assembly.matrix(balance_derivative(oil, thickness, velocity, rate))
+            coefficients = balance_derivative(oil, thickness, velocity, rate)
+            if feed is not None:
+                coefficients = replace(coefficients, mass=coefficients.mass + feed.total)
+            return self.assembly.matrix(coefficients)
 
         zero = np.zeros(len(self.free))
         return self._complementarity(residual, entries, residual(zero), entries(zero))
@@ -273,6 +299,10 @@ class ReynoldsEquation:
         change += self.assembly.source_vectors(oil.density, rates)
         if density_rate is not None:
             change += self.assembly.source_vectors(oil.expansion, changes)
+        feed = self.fed(gap)
+        if feed is not None:
+            slope = feed.change(feed.along_thickness, self.assembly.at_points(pressure)[0])
+            change += self.assembly.source_vectors(slope, changes)
         return change[self.free]
 
     def slidings(self, derivatives: GapDerivatives, shape: tuple[int, ...]) -> np.ndarray | None:
@@ -306,6 +336,10 @@ class ReynoldsEquation:
         oil = self.oil(pressure, self.thinning(gap))
         along_h, along_v = flux_derivatives(self.assembly, oil, thickness, velocity)
         along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
+        feed = self.fed(gap)
+        if feed is not None:
+            slope = feed.change(feed.along_thickness, self.assembly.at_points(pressure)[0])
+            along_h += self.assembly.source_elements(slope)
         along_u = sliding_derivative(self.assembly, oil, thickness)
         speed = p.rate * p.grid.radius
         return (
@@ -313,6 +347,14 @@ class ReynoldsEquation:
             self.assembly.gather(along_v / speed),
             None if along_u is None else self.assembly.gather(along_u / speed),
         )
+
+    def along_turn(self, gap: Gap, pressure: np.ndarray) -> np.ndarray:
+        """Change of the residual with the journal's angle, shape (nodes,) [1/rad]."""
+        feed = self.fed(gap)
+        if feed is None:
+            return np.zeros(self.assembly.size)
+        slope = feed.change(feed.along_turn, self.assembly.at_points(pressure)[0])
+        return self.assembly.source(slope)
 
 
 def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:

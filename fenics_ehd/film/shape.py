@@ -19,12 +19,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fenics_ehd.base.errors import SettingsError
+
+if TYPE_CHECKING:  # slow to import, and for tables alone
+    from scipy.interpolate import CubicSpline
 
 #: Fewest angles of a table: with fewer there is no smooth curve through them.
 FEWEST_ANGLES = 4
@@ -151,6 +153,8 @@ class ShapeTable:
 
     @cached_property
     def _around(self) -> CubicSpline:
+        from scipy.interpolate import CubicSpline
+
         closed = np.append(self.angles, self.angles[0] + 2 * np.pi)
         rows = np.vstack([self.deviations, self.deviations[:1]])
         return CubicSpline(closed, rows, bc_type="periodic")

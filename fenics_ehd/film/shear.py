@@ -97,6 +97,8 @@ def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np
         share = np.full(full.shape, float(rule == "full"))
     share[full] = 1.0
     share[groove] = 0.0
+    if film.equation.feeds is not None:
+        share *= 1.0 - np.minimum(film.equation.feeds.shares(state.gap.turn)[0].sum(axis=0), 1.0)
     return share
 
 

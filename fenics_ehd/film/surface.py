@@ -1,8 +1,8 @@
 """A mesh of a whole cylinder, unwrapped to the plane (phi, z) and periodic in phi.
 
-Bore and film live on the same cylinder; their meshes need not match. Cells are
-taken with straight edges in (phi, z), so that the map from the reference cell
-is affine and both meshes cover exactly the same surface, however coarse.
+It may have holes. Within one, what nodes of the mesh know is extended from its rim by mean value
+coordinates (K. Hormann and M. S. Floater, ACM Transactions on Graphics 25, 2006): exact where it is
+linear, and continuous but for the bend of the rim's edges.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from fenics_ehd.base.errors import InterfaceMismatchError
+from fenics_ehd.base.errors import InterfaceMismatchError, StructureError
+from fenics_ehd.reduction.bore_holes import BoreHole, bore_holes
 from fenics_ehd.reduction.surface_elements import ELEMENTS
 
 TURN = 2 * np.pi
@@ -24,6 +25,9 @@ SHAPE_TOLERANCE = 1e-6
 
 #: Largest distance of a located point from its cell, in reference coordinates.
 OUTSIDE_TOLERANCE = 1e-6
+
+#: The same as the first for nodes in the middle of the edges of a hole: they lie on its rim.
+RIM_TOLERANCE = 0.2
 
 #: Points located at once.
 BLOCK = 20_000
@@ -53,7 +57,7 @@ class Surface:
     Raises
     ------
     InterfaceMismatchError
-        The cells are no straight-edged ones that cover a whole cylinder once.
+        The cells are no straight-edged ones that cover a whole cylinder once, but for holes.
     """
 
     nodes: np.ndarray
@@ -90,6 +94,25 @@ class Surface:
     def width(self) -> float:
         """Length along z [m]."""
         return self.bounds[1] - self.bounds[0]
+
+    @cached_property
+    def covered(self) -> float:
+        """Area of the cells [rad m]."""
+        return float(self.determinants.sum() * (0.5 if self.triangular else 1.0))
+
+    @cached_property
+    def holes(self) -> list[BoreHole]:
+        """Holes that the cells leave."""
+        if not self.covered < (1 - SHAPE_TOLERANCE) * TURN * self.width:
+            return []
+        angle, z = self.nodes.T
+        try:
+            found = bore_holes(
+                np.column_stack([np.cos(angle), np.sin(angle), z]), self.cells, self.family
+            )
+        except StructureError:  # what they leave is no hole
+            return []
+        return [hole.straight() for hole in found] if self.family != "bilinear" else found
 
     @property
     def triangular(self) -> bool:
@@ -129,7 +152,9 @@ class Surface:
         return offsets @ self._inverse_transposes[cells]
 
     def _check_shape(self) -> None:
-        covered = self.determinants.sum() * (0.5 if self.triangular else 1.0)
+        covered = self.covered
+        if not abs(covered - TURN * self.width) <= SHAPE_TOLERANCE * TURN * self.width:
+            covered += sum(hole.area for hole in self.holes)
         if not abs(covered - TURN * self.width) <= SHAPE_TOLERANCE * TURN * self.width:
             raise InterfaceMismatchError(
                 f"surface cells cover {covered / max(self.width, 1e-300):.6g} rad of the "
@@ -138,7 +163,11 @@ class Surface:
             )
         places = ELEMENTS[self.family].nodes
         found = self.reference(np.arange(len(self.cells)), self.cell_nodes)
-        defect = np.abs(found - places).max()
+        off = np.abs(found - places).max(axis=2)
+        for hole in self.holes:
+            on_rim = np.isin(self.cells, hole.rim)
+            off[on_rim & (off <= RIM_TOLERANCE)] = 0.0
+        defect = off.max()
         if not defect <= SHAPE_TOLERANCE:
             raise InterfaceMismatchError(
                 f"a surface node lies {defect:.1e} cells off its place, above "
@@ -257,6 +286,13 @@ def interpolation_matrix(surface: Surface, phi: np.ndarray, z: np.ndarray) -> sp
         A point lies beyond an end of the cylinder.
     """
     points = np.column_stack([phi, z])
+    if surface.holes:
+        return _around_holes(surface, points)
+    return _within(surface, points)
+
+
+def _within(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
+    """Shape functions at points of the cells."""
     blocks = [sparse.csr_matrix((0, len(surface.nodes)))]
     for start in range(0, len(points), BLOCK):
         cells, xi = locate(surface, points[start : start + BLOCK])
@@ -269,3 +305,34 @@ def interpolation_matrix(surface: Surface, phi: np.ndarray, z: np.ndarray) -> sp
             )
         )
     return sparse.vstack(blocks, format="csr")
+
+
+def _around_holes(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
+    """Shape functions at points, in a hole the extension from its rim."""
+    matrix = sparse.lil_matrix((len(points), len(surface.nodes)))
+    left = np.ones(len(points), dtype=bool)
+    for hole in surface.holes:
+        inside = np.flatnonzero(left & hole.contains(*points.T))
+        left[inside] = False
+        x = points[inside]
+        x[:, 0] = unwrap(x[:, 0], np.array(hole.angle))
+        for row, weights in zip(inside, mean_value(hole.polygon, x, _scale(surface)), strict=True):
+            matrix[row, hole.rim] = weights
+    matrix[left] = _within(surface, points[left])
+    return matrix.tocsr()
+
+
+def mean_value(polygon: np.ndarray, points: np.ndarray, scale: float) -> np.ndarray:
+    """Mean value coordinates of points within a polygon, shape (p, r).
+
+    `scale` is the angle that is as long as a unit of height.
+    """
+    offsets = (polygon - points[:, None]) * [1.0, scale]
+    following = np.roll(offsets, -1, axis=1)
+    cross = offsets[..., 0] * following[..., 1] - offsets[..., 1] * following[..., 0]
+    dot = (offsets * following).sum(axis=2)
+    distance = np.linalg.norm(offsets, axis=2)
+    # tan(a / 2) = sin a / (1 + cos a)
+    half = cross / (distance * np.roll(distance, -1, axis=1) + dot)
+    weights = (half + np.roll(half, 1, axis=1)) / distance
+    return weights / weights.sum(axis=1, keepdims=True)

@@ -20,6 +20,12 @@ from fenics_ehd.reduction.surface_elements import ELEMENTS
 #: Triangles integrated at once.
 BLOCK = 20_000
 
+#: Weights of three Gauss points on the unit interval.
+GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+
+#: Round-off of the area of a film cell's parts.
+WHOLE = 1e-9
+
 
 class Mortar:
     """``P_s = H_sf P_f`` (14), the L2 projection of film pressures onto the bore's mesh.
@@ -96,6 +102,44 @@ def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
         rows = structure.cells[tiles.structure_cells[part]]
         total = total + _assemble(rows, film.cells[tiles.film_cells[part]], entries, size)
     return total
+
+
+def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.ndarray:
+    """What holes of a bore leave of the area that each Gauss point of a film stands for.
+
+    Weights that integrate all products of quadratics exactly over what a hole leaves of a film
+    cell; with them the pressure of the film acts on the remaining surface.
+
+    Parameters
+    ----------
+    structure
+        Bore mesh, its holes polygons.
+    film
+        Film mesh.
+    points
+        3 x 3 Gauss points of a film cell, shape (9, 2).
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (cells, 9), 1 where a cell is whole.
+    """
+    tiles = overlay(structure, film)
+    barycentric, weights = triangle_rule(4)
+    x = (barycentric @ tiles.on_film).reshape(-1, 2)
+    powers = [(i, j) for i in range(3) for j in range(3)]
+
+    def monomials(at: np.ndarray) -> np.ndarray:
+        return np.stack([at[:, 0] ** i * at[:, 1] ** j for i, j in powers], axis=1)
+
+    lagrange = (monomials(x) @ np.linalg.inv(monomials(points))).reshape(-1, len(weights), 9)
+    moments = tiles.areas[:, None] * np.einsum("q,tqg->tg", weights, lagrange)
+    found = np.zeros((len(film.cells), 9))
+    np.add.at(found, tiles.film_cells, moments)
+    whole = film.determinants[:, None] * np.outer(*[GAUSS_WEIGHTS] * 2).ravel()
+    share = found / whole
+    share[np.abs(found.sum(axis=1) / whole.sum(axis=1) - 1.0) < WHOLE] = 1.0
+    return share
 
 
 def _assemble(

@@ -4,6 +4,11 @@ Where bore and film meshes match, shape functions of the bore are evaluated at
 the film's Gauss points and nothing else is needed. Where they do not, pressures
 go to the bore either conservatively, ``F = int N_s n p``, with resultants that
 are the film's own, or by the paper's mortar (14) and the body's load matrix.
+
+A bore may have holes. The gap in one follows the bore as extended from the rim
+(`fenics_ehd.film.surface`). The film's pressure there bends nothing: elastic modes are loaded on
+the remaining surface alone, as in the body's own matrix. It is part of the force between journal
+and body, for the oil in the hole presses on the far end of its passage.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.film import Film, FilmGrid
 from fenics_ehd.film.layout import film_grid, film_layout, match
 from fenics_ehd.film.surface import Surface
-from fenics_ehd.film.transfer import Mortar, outward_displacement
+from fenics_ehd.film.transfer import Mortar, outward_displacement, solid_share
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.inertia import TRANSLATIONS
 from fenics_ehd.reduction.rigid_motion import turned
@@ -69,6 +74,9 @@ class BoreFilm:
     force, load
         Force of nodal film pressures along x and y, shape (2, nodes), and generalised forces on
         the elastic modes, shape (n, nodes).
+    holes, solid
+        Holes of the bore's mesh, and what they leave of every Gauss point's area, shape (cells,
+        points); None: the bore is whole.
 
     Raises
     ------
@@ -98,13 +106,21 @@ class BoreFilm:
         self.observed = np.vstack([outward, nodes @ fields])[:, 2:]
         self._order = match(body.pressure_nodes, grid.nodes) if _same_family(body, grid) else None
         self._mortar = self._mortar_of(body, grid) if self._order is None else None
-        load = film.load(outward.reshape(*film.points.angle.shape, -1))
+        fields = outward.reshape(*film.points.angle.shape, -1)
+        self.holes, self.solid, whole = surface.holes, None, None
+        if surface.holes:
+            mesh = Surface(grid.node_positions, grid.cell_nodes, grid.family)
+            self.solid = solid_share(surface, mesh, film.assembly.tensors.points)
+            whole, fields = film.load(fields[..., :2]), self.solid[..., None] * fields
+        load = film.load(fields)
         self.projected: np.ndarray | None = None
         if transfer == "mortar" and self._mortar is not None:
             matrix = self.projected = self._mortar.matrix()
             load = body.load_projection[1:] @ matrix
         self.force, self.load = load[:2], load[2:]
         self._check_load(body, film)
+        if whole is not None:
+            self.force = whole
 
     @staticmethod
     def _check_size(body: ReducedBody, film: Film) -> None:

@@ -80,6 +80,8 @@ class _BorePatterns:
             return cls(shapes, residual.patterns, reading, bore.projected, observed)
         own = np.ascontiguousarray(shapes.T / residual.stiffness[:, None])
         area = sparse.csr_matrix(place.film.film.pressure_areas)
+        if bore.solid is not None:
+            area = sparse.diags(bore.solid.ravel()) @ area
         return cls(shapes, own, reading, (reading.T @ area).tocsr(), observed)
 
 

@@ -22,10 +22,8 @@ not that of pressure and flux at a node (11), to the discretisation.
 
 from __future__ import annotations
 
-import numpy as np
-
 from fenics_ehd.film import FilmState
-from fenics_ehd.film.flow import flow_work
+from fenics_ehd.film.flow import flow_work, under_pressure
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
@@ -61,7 +59,7 @@ def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> di
         "film_power_W": squeezed + sheared,
         "dissipated_power_W": joint.film.powers(film)[0] + found.sheared,
     }
-    if np.any(joint.film.equation.given):
+    if under_pressure(joint.film):
         rates["supply_power_W"] = flow_work(joint.film, film)
     return rates
 

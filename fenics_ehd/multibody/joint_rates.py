@@ -6,8 +6,10 @@ Only what the joint's models have to tell: nothing is computed for a joint witho
 from __future__ import annotations
 
 from fenics_ehd.film import FilmState
+from fenics_ehd.film.flow import flow_balance
 from fenics_ehd.multibody.friction_rates import friction_rates
 from fenics_ehd.multibody.joint_heat import heat_rates
+from fenics_ehd.multibody.oil_account import oil_rates
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
@@ -17,6 +19,10 @@ def joint_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[
     rates: dict[str, float] = {}
     if place.film.friction:
         rates |= friction_rates(place, step, film)
+    if place.film.film.parameters.feeds:
+        flows = flow_balance(place.film.film, film)
+        rates |= {f"{name}.flow_m3_per_s": flow for name, flow in flows.feeds.items()}
+        rates["side_flow_m3_per_s"] = flows.side
     if place.joint.heat is not None:
         rates |= heat_rates(place.film, film)
-    return rates
+    return rates | oil_rates(place, film)

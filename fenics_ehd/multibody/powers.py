@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from fenics_ehd.film.flow import flow_work
+from fenics_ehd.film.flow import flow_work, refill_work, under_pressure
+from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -27,9 +26,11 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         damping += flexibility.dissipation(step.rate[places])
     for joint, found in zip(system.films, state.films, strict=True):
         lost, fed = joint.film.film.powers(found)
+        if isinstance(found, OilState):
+            lost -= refill_work(joint.film.film, found)
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
-        if np.any(joint.film.film.equation.given):
+        if under_pressure(joint.film.film):
             fed += flow_work(joint.film.film, found)
         film, drag = film + lost, drag + fed
     return Powers(

@@ -233,6 +233,10 @@ class System:
             if isinstance(table, Curve):
                 read_at = partial(_read_at, self._angle(body) if body else None)
                 found.append(TabulatedLoad(table, read_at))
+        for film in self.films:
+            for feed in film.joint.film.parameters.feeds:
+                if isinstance(feed.pressure, Curve):
+                    found.append(TabulatedLoad(feed.pressure, partial(_read_at, None)))
         return found
 
     @cached_property

@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import Bore, mean_motion, no_cells
+from fenics_ehd.reduction.bore_holes import FEWEST_EDGES, bore_holes
 from fenics_ehd.reduction.surface_elements import SurfaceElement, surface_element
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def bore_from_faces(
     StructureError
         The faces are no whole cylinder along z about the centre, half of it on either side.
     """
-    nodes, faces, kind = _checked(nodes, faces, element)
+    nodes, faces, _ = _checked(nodes, faces, element)
     nodes = nodes - np.asarray(centre)
     numbers, cells = _ordered(nodes, faces)
     x = nodes[numbers]
@@ -114,7 +115,7 @@ def bore_from_faces(
     radius = float(radii.mean())
     _check_cylinder(numbers, x, radii - radius, radius)
     load = bore_load_matrix(nodes, faces, element)
-    _check_closed(nodes, faces, kind, radius)
+    _check_closed(nodes, faces, element, radius)
     family = "" if element == "linear triangle" else element
     known = cells[np.lexsort(np.sort(cells, axis=1).T[::-1])] if family else no_cells()
     return Bore(
@@ -242,17 +243,19 @@ def _check_cylinder(
         )
 
 
-def _check_closed(
-    nodes: np.ndarray, faces: np.ndarray, kind: SurfaceElement, radius: float
-) -> None:
-    """Two faces at every edge, but one at the edges of the two ends."""
-    edges = np.sort(faces[:, kind.edges].reshape(-1, 2), axis=1)
+def _check_closed(nodes: np.ndarray, faces: np.ndarray, element: str, radius: float) -> None:
+    """Two faces at every edge, but one at the edges of the two ends and of holes."""
+    edges = np.sort(faces[:, surface_element(element, faces).edges].reshape(-1, 2), axis=1)
     edges, uses = np.unique(edges, axis=0, return_counts=True)
     z = nodes[:, 2]
     heights, ends = z[edges], z[faces].max()
     at_end = (np.abs(np.abs(heights) - ends) <= CYLINDER_TOLERANCE * radius).all(axis=1)
     at_end &= heights[:, 0] * heights[:, 1] > 0
     wrong = np.flatnonzero(uses != np.where(at_end, 1, 2))
+    if len(wrong) >= FEWEST_EDGES and (uses[wrong] == 1).all():
+        used = np.unique(faces)
+        bore_holes(nodes[used], np.searchsorted(used, faces), element)  # refuses what is no hole
+        return
     if len(wrong):
         first, second = edges[wrong[0]]
         raise StructureError(

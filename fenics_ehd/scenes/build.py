@@ -157,7 +157,7 @@ def _parts(
             continue
         part, bore = found[elastic[0]], elastic[1]
         surface = part.bore(bore, f"joints.{name}.bore")
-        check_fit(scene, name, (surface.radius, surface.width))
+        check_fit(scene, name, surface)
         if not joint.cells:
             part.check_cells(bore)
     return found

@@ -9,17 +9,21 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
 from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedHole
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.film.shape import Shape
 from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import FEWEST_CELLS
 from fenics_ehd.scenes.heat import joint_heat, joint_lubricant
 from fenics_ehd.scenes.scene import Scene
 from fenics_ehd.scenes.shapes import ROUND, joint_shapes
+from fenics_ehd.scenes.supplies import check_supply, feeds, holes_of, recesses
 
 #: Film cells around and along a bore that offers none.
 DEFAULT_CELLS = (20, 5)
@@ -39,15 +43,15 @@ def reference_rate(scene: Scene) -> float:
     return float(max(speeds))
 
 
-def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -> None:
+def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
     """Refuse a film that is not thin, and a journal that does not fit its bore.
 
     Parameters
     ----------
     scene, name
         Which joint.
-    own
-        Radius and width of a flexible bore [m]; None: it is rigid.
+    bore
+        Of a flexible body; None: it is rigid.
 
     Raises
     ------
@@ -55,6 +59,7 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
         Naming both sizes.
     """
     joint, key = scene.joints[name], f"joints.{name}"
+    own = None if bore is None else (bore.radius, bore.width)
     radius, width = own or (joint.radius, joint.width)
     if own is not None:
         for size, value in zip(("radius", "width"), own, strict=True):
@@ -74,6 +79,15 @@ def check_fit(scene: Scene, name: str, own: tuple[float, float] | None = None) -
             _film(scene, joint, grid, 1.0)
         except SettingsError as error:
             raise SettingsError(f"{key}.grooves: {error}") from None
+    holes = holes_of(bore)
+    if joint.supply or holes:
+        if own is not None and not joint.cells:
+            raise SettingsError(
+                f"{key}.cells: a supply or a hole of the bore needs film cells "
+                "of its own, [40, 10] say"
+            )
+        cells = joint.cells or DEFAULT_CELLS
+        check_supply(scene, name, uniform_grid(radius, width, cells, joint.element), holes)
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
     if (
@@ -119,7 +133,9 @@ def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -
         The cells of a flexible bore are wanted and are not a structured quadratic mesh.
     """
     joint = scene.joints[name]
-    return _film(scene, joint, film_mesh(joint, body), rate)
+    holes = holes_of(body.bore if body else None)
+    fed = feeds(scene, name, holes)
+    return _film(scene, joint, film_mesh(joint, body), rate, fed, recesses(fed, holes))
 
 
 def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> FilmGrid:
@@ -138,7 +154,14 @@ def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> Fil
     return replace(grid, family="bilinear") if joint.element == "bilinear" else grid
 
 
-def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: float) -> Film:
+def _film(
+    scene: Scene,
+    joint: schema.LubricatedSettings,
+    grid: FilmGrid,
+    rate: float,
+    fed: tuple[Feed, ...] = (),
+    closed: tuple[FeedHole, ...] = (),
+) -> Film:
     """Film on a mesh."""
     grooves = tuple(
         AxialGroove(np.radians(angle), np.radians(width), pressure)
@@ -153,6 +176,8 @@ def _film(scene: Scene, joint: schema.LubricatedSettings, grid: FilmGrid, rate: 
             rate,
             Sides(joint.ambient_pressure, joint.ambient_pressure),
             grooves,
+            fed,
+            closed,
         )
     )
 
@@ -182,4 +207,7 @@ def lubricated(
         journal_shape=shapes[1],
         shear_rule=joint.shear_rule,
         heat=joint_heat(joint),
+        oil=ConservedContent(joint.initial_filling, joint.ambient == "oil")
+        if joint.cavitation == "mass-conserving"
+        else None,
     )

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.oil import OilSettings
-from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.lubricant import Lubricant
-from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.scene import Scene
 
+if TYPE_CHECKING:  # slow to import, and what only reads a scene does without
+    from fenics_ehd.film.heat import Heat
+    from fenics_ehd.film.lubricant import Lubricant
+
 
 def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
     """Oil of a joint; where its heat is balanced, at the supply's temperature."""
+    from fenics_ehd.film.lubricant import Lubricant
+    from fenics_ehd.film.oil_settings import make_lubricant
+
     if joint.lubricant == NONE:
         return Lubricant(joint.viscosity)
     settings = scene.lubricants[joint.lubricant]
@@ -28,6 +34,8 @@ def _supplied(settings: OilSettings, heat: schema.HeatSettings) -> OilSettings:
 
 def joint_heat(joint: schema.LubricatedSettings) -> Heat | None:
     """Balance of a joint's heat, None where none is listed."""
+    from fenics_ehd.film.heat import Heat
+
     return None if joint.heat is None else Heat(**attrs.asdict(joint.heat))
 
 
@@ -39,6 +47,8 @@ def check_lubricants(scene: Scene) -> None:
     SettingsError
         Naming the oil.
     """
+    from fenics_ehd.film.oil_settings import make_lubricant
+
     joints = [joint for _, joint in scene.joints_of(schema.LubricatedSettings)]
     for name, settings in scene.lubricants.items():
         heats = [joint.heat for joint in joints if joint.lubricant == name]

@@ -32,9 +32,12 @@ from fenics_ehd.base.quantities import LARGEST_LENGTH, deviation, metres, radial
 from fenics_ehd.bearing.settings import SHEAR_RULES
 from fenics_ehd.scenes import part_settings
 from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
+from fenics_ehd.scenes.supply_settings import supplies
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
+CAVITATIONS = ("reynolds", "mass-conserving")
+AMBIENTS = ("air", "oil")
 
 
 @attrs.frozen
@@ -249,6 +252,18 @@ class LubricatedSettings:
         ("angle", "width", "pressure"),
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
     )
+    supply: dict = supplies("holes and grooves of bore or journal that feed the film")
+    cavitation: str = choice(
+        "reynolds", CAVITATIONS,
+        "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
+    )  # fmt: skip
+    initial_filling: float = number(
+        1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0
+    )
+    ambient: str = choice(
+        "air", AMBIENTS,
+        "around sides without ambient_pressure: air, or oil beside them (mass-conserving)",
+    )  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     shear_rule: str = choice(
         "streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"

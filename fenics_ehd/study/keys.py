@@ -39,7 +39,11 @@ def _collect(settings: Any, path: str, values: dict[str, Any], free: list[str]) 
             _collect(value, key, values, free)
         elif "table" in attribute.metadata:
             free.append(key)
-            values.update({f"{key}.{name}": entry for name, entry in value.items()})
+            for name, entry in value.items():
+                if "kinds" in attribute.metadata:
+                    _collect(entry, f"{key}.{name}", values, free)
+                else:
+                    values[f"{key}.{name}"] = entry
         else:
             values[key] = value
 

@@ -1,0 +1,264 @@
+"""Supplies that conduct oil into the film: flows, convergence, derivatives, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, make_film, shaft, solve
+from test_sensitivity import bore_like, moved
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film import Lubricant
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedGroove, FeedHole
+from fenics_ehd.film.feeding import EDGES, Feeds
+from fenics_ehd.film.flow import feed_power, flow_balance
+from fenics_ehd.film.lubricant import Barus, DowsonHigginson
+from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.supply import Sides
+
+#: What is tried: supply pressure [Pa], a hole, a groove.
+SUPPLY = 3e5
+HOLE = FeedHole(1.0, 0.1 * R, 0.5 * R)
+GROOVE = FeedGroove(np.pi / 2, 0.0, np.radians(36), 1.2 * R)
+
+
+def two_lands(width, ratio, pressure):
+    """Flow of a groove all around between two lands, to both sides, of a still journal.
+
+    ``dQ = R dphi h^3 / (12 eta) p_s / L`` through each land of length L, integrated over
+    ``h = c (1 + eps cos phi)``: ``int (1 + eps cos phi)^3 dphi = 2 pi (1 + 1.5 eps^2)``. Exact, as
+    p falls linearly along z at every angle where ``dp/dphi = 0``.
+    """
+    land = 0.5 * (2 * R - width)
+    mean = 2 * np.pi * (1 + 1.5 * ratio**2)
+    return 2 * mean * R * C**3 / (12 * ETA) * pressure / land
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("ratio", [0.0, 0.6])
+def test_groove_all_around_feeds_its_two_lands(family, ratio, figure):
+    width = 0.4 * R
+    feed = Feed("groove", FeedGroove(0.0, 0.0, 2 * np.pi, width), SUPPLY)
+    errors = []
+    for n in (10, 20, 40):  # the edges lie alike in the cells
+        film = make_film((4 * n, n), family, feeds=(feed,))
+        flows = flow_balance(film, solve(film, ratio, speed=0.0))
+        errors.append(abs(flows.supply / two_lands(width, ratio, SUPPLY) - 1))
+        assert flows.feeds == {"groove": flows.supply}
+    assert errors[0] > 1.6 * errors[1] > 1.6 * 1.6 * errors[2]
+    figure("supply", f"flow of a groove all around, {family}, eps {ratio}", errors[2], most=2e-3)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_flow_through_a_resistance_is_its_pressure_drop_over_it(family):
+    resistance = 2e11
+    feed = Feed("hole", HOLE, SUPPLY, resistance, on_journal=True)
+    film = make_film((24, 8), family, feeds=(feed,))
+    state = film.solve(replace(gap_of(film, shaft(0.5, 0.2)), turn=0.7))
+    pressure = film.assembly.at_points(state.pressure)[0]
+    weight = film.assembly.area * film.equation.feeds.shares(0.7)[0][0]
+    mean = np.sum(weight * pressure) / weight.sum()
+    flow = flow_balance(film, state).feeds["hole"]
+    assert flow * resistance == pytest.approx(SUPPLY - mean, rel=1e-12)
+
+
+@pytest.mark.parametrize("oil", [Lubricant(ETA), Lubricant(ETA, DowsonHigginson(), Barus(2e-8))])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_oil_and_power_balance_to_round_off(family, oil):
+    feeds = (Feed("a", HOLE, SUPPLY, 1e11), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+    film = make_film((24, 8), family, oil=oil, feeds=feeds, sides=Sides(1e5, 0.0), tolerance=1e-13)
+    state = solve(film, 0.6, 0.1, rate=(30.0, 10.0))
+    flows = flow_balance(film, state)
+    total = flows.supply + flows.cavities - flows.lower - flows.upper
+    assert total == pytest.approx(flows.squeeze, rel=1e-11)
+    assert sum(flows.feeds.values()) == pytest.approx(flows.supply, rel=1e-14)
+
+
+def test_normal_motion_drag_and_supply_give_what_the_flow_loses():
+    film = make_film((24, 8), feeds=(Feed("b", GROOVE, 1e6),), tolerance=1e-13)
+    state = solve(film, 0.6, 0.1, rate=(30.0, 10.0))
+    pressure = film.assembly.at_points(state.pressure)[0]
+    normal = -np.sum(R**2 * film.assembly.area * pressure * state.gap.thickness_rate)
+    lost, drag = film.powers(state)
+    assert normal + drag + feed_power(film, state) == pytest.approx(lost, rel=1e-10)
+    assert feed_power(film, state) > 0.01 * lost
+
+
+def turned(film, angle, ratio=0.6, fed=True):
+    """Force and supply of an eccentricity and a journal turned together, as seen by the journal."""
+    position = -ratio * np.array([np.cos(angle), np.sin(angle)])
+    state = film.solve(replace(gap_of(film, shaft(*position)), turn=angle))
+    x, y = force(film, state.pressure)
+    turned_back = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+    return np.array([*turned_back, *flow_balance(film, state).feeds.values()])
+
+
+@pytest.mark.parametrize("region", [GROOVE, HOLE])
+def test_load_and_flow_converge_and_do_not_feel_the_mesh_below(region, figure):
+    feed = Feed("inlet", region, SUPPLY, on_journal=True)
+    ripples, means = [], []
+    for n in (10, 20, 40):
+        film = make_film((4 * n, n), feeds=(feed,))
+        values = np.array([turned(film, s * np.pi / (2 * n)) for s in (0.0, 0.25, 0.5, 0.75)])
+        ripples.append(np.abs(np.ptp(values, axis=0) / values.mean(axis=0)).max())
+        means.append(values.mean(axis=0))
+    assert ripples[0] < 4e-3
+    assert ripples[0] > 1.5 * ripples[1] > 1.5 * 1.5 * ripples[2]
+    assert ripples[0] > 10 * ripples[2]
+    changes = np.abs(np.diff(means, axis=0))
+    order = np.log2(changes[0] / changes[1])
+    name = type(region).__name__
+    figure("supply", f"order in the mesh, {name}", order.min(), least=1.6)
+    figure("supply", f"load's change with the mesh below, {name}, 160 x 40", ripples[2], most=3e-4)
+
+
+def test_edges_are_where_they_should_be_for_one_constant_alone(monkeypatch):
+    # Less conductance lets the film's pressure into the groove, more blows the groove up.
+    feed, loads, edge = Feed("groove", GROOVE, SUPPLY), {}, EDGES["lagrange"]
+    for factor in (0.25, 1.0, 4.0, 30.0):
+        monkeypatch.setitem(EDGES, "lagrange", factor * edge)
+        loads[factor] = [
+            force(film, solve(film, -0.6).pressure)[1]
+            for film in (make_film((4 * n, n), feeds=(feed,)) for n in (10, 20))
+        ]
+    monkeypatch.undo()
+    fine = make_film((160, 40), feeds=(feed,))
+    loads[1.0].append(force(fine, solve(fine, -0.6).pressure)[1])
+    limit = loads[1.0][2] + (loads[1.0][2] - loads[1.0][1]) / 3
+    errors = {factor: np.abs(np.array(found[:2]) / limit - 1) for factor, found in loads.items()}
+    for factor in (0.25, 4.0, 30.0):
+        assert np.all(errors[factor] > 2 * errors[1.0])
+        assert 1.5 < errors[factor][0] / errors[factor][1] < 2.6  # converges at first order
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("law", [None, Barus(5e-9)])
+def test_sensitivity_is_exact(family, law):
+    oil = Lubricant(ETA) if law is None else Lubricant(ETA, viscosity_law=law)
+    feeds = (Feed("a", HOLE, 3e6, 1e11), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+    film = make_film((20, 6), family, oil=oil, feeds=feeds, tolerance=1e-13)
+    gap, slopes = bore_like(film, seed=3)
+    state = film.solve(gap)
+    exact = film.sensitivity(state, slopes)[:, 0]
+    sides = [film.solve(moved(gap, slopes, h), state).pressure for h in (1e-6, -1e-6)]
+    difference = (sides[0] - sides[1]) / 2e-6
+    assert np.abs(exact - difference).max() < 1e-7 * np.abs(difference).max()
+
+
+def test_a_film_between_closed_sides_is_fed():
+    film = make_film((24, 6), sides=Sides(None, None), feeds=(Feed("a", HOLE, SUPPLY),))
+    np.testing.assert_allclose(solve(film, 0.3, speed=0.0).pressure, SUPPLY, rtol=1e-8)
+
+
+def test_a_supply_follows_its_table_in_time():
+    feed = Feed("a", HOLE, lambda time: (1e5 + 1e8 * time, 1e8), 1e12)
+    film = make_film((24, 8), feeds=(feed,))
+    gap = gap_of(film, shaft(speed=0.0))
+    one, two = (flow_balance(film, film.solve(replace(gap, time=t))).supply for t in (0.0, 2e-3))
+    assert two == pytest.approx(3 * one, rel=1e-9)
+
+
+def test_no_pressure_gives_no_oil():
+    film = make_film((24, 8), feeds=(Feed("a", HOLE, 0.0), Feed("b", FeedHole(4, 0, 0.4 * R), 0.0)))
+    assert not solve(film, speed=0.0).pressure.any()
+
+
+@pytest.mark.parametrize(
+    ("feed", "told"),
+    [
+        (lambda: Feed("inlet", FeedHole(0.0, 0.0, 2 * R)), "must leave land at both sides"),
+        (lambda: Feed("inlet", FeedHole(0.0, 0.9 * R, 0.5 * R)), "must leave land at both sides"),
+        (lambda: Feed("inlet", FeedHole(0.0, 0.0, 0.1 * R)), r"use cells = \[63, 20\] or more"),
+        (lambda: Feed("inlet", FeedHole(0.0, 0.0, 1.8 * R)), r"a land of 2.25 mm, less than"),
+        (lambda: Feed("inlet", FeedGroove(0.0, 0.0, 0.05, R)), "less than a film cell's"),
+        (lambda: Feed("inlet", FeedGroove(0.0, 0.0, 6.25, R)), "less than a film cell's"),
+        (lambda: Feed("inlet", HOLE, -1.0), "pressure = -1 Pa must be at least 0"),
+        (lambda: Feed("inlet", HOLE, 1.0, -1.0), "resistance = -1 Pa s/m3 must be at least 0"),
+    ],
+)
+def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, told):
+    with pytest.raises(SettingsError, match=told):
+        make_film((40, 10), feeds=(feed(),))
+
+
+def test_two_supplies_have_two_names():
+    with pytest.raises(SettingsError, match="two supplies of one name: a, a"):
+        make_film((40, 10), feeds=(Feed("a", HOLE), Feed("a", GROOVE)))
+
+
+def test_without_supplies_none_of_this_is_called(monkeypatch):
+    monkeypatch.setattr(Feeds, "__init__", None)
+    film = make_film((12, 3))
+    assert film.equation.feeds is None
+    assert solve(film, 0.5).pressure.any()
+
+
+def test_reference_speed_changes_nothing():
+    one, two = (
+        solve(make_film((24, 8), rate=rate, feeds=(Feed("a", HOLE, SUPPLY, 1e11),)), 0.5).pressure
+        for rate in (OMEGA, 3 * OMEGA)
+    )
+    np.testing.assert_allclose(two, one, atol=1e-8 * one.max())
+
+
+# --- Films that conserve their oil
+
+
+def test_a_dry_film_is_filled_by_what_flows_in():
+    resistance, step = 1e12, 2e-3
+    film = make_film((24, 8), "bilinear", feeds=(Feed("a", HOLE, SUPPLY, resistance),))
+    oil, gap = MassConservingFilm(film), gap_of(film, shaft(speed=0.0))
+    content, flows = oil.filled(gap, 0.0), []
+    for _ in range(40):
+        state = oil.solve(gap, content, step)
+        balance = flow_balance(film, state)
+        grown = (state.content - content).sum()
+        assert grown == pytest.approx(step * balance.squeeze, rel=1e-9, abs=1e-20)
+        assert balance.supply == pytest.approx(balance.feeds["a"], rel=1e-14)
+        content, flows = state.content, [*flows, balance.supply]
+    # Into an empty film all of the supply pressure drives the oil; the full one lets out what
+    # comes in.
+    assert flows[0] == pytest.approx(SUPPLY / resistance, rel=1e-12)
+    assert state.fluid_fraction.max() == 1.0
+    assert state.fluid_fraction.min() == 0.0  # the far side stays dry
+    assert np.all(np.diff(flows) <= 1e-9 * flows[0])
+
+
+def test_a_film_that_conserves_its_oil_agrees_with_a_full_one():
+    # At rest nothing ruptures: lumping alone tells the two apart, and it fades with the mesh.
+    errors = []
+    for n in (8, 16, 32):
+        feeds = (Feed("a", HOLE, SUPPLY, 1e11), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+        film = make_film((4 * n, n), "bilinear", feeds=feeds)
+        gap = gap_of(film, shaft(0.6, speed=0.0))
+        full = flow_balance(film, film.solve(gap)).supply
+        errors.append(flow_balance(film, MassConservingFilm(film).steady(gap)).supply / full - 1)
+    assert np.abs(errors).max() < 1e-2
+    assert np.abs(errors[-1]) < 4e-3
+
+
+def test_derivatives_of_a_film_that_conserves_its_oil_are_exact():
+    feeds = (Feed("a", HOLE, 3e6, 1e11, True), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+    film = make_film((20, 6), "bilinear", feeds=feeds, tolerance=1e-13)
+    oil = MassConservingFilm(film, tolerance=1e-13)
+    gap, slopes = bore_like(film, seed=3)
+    content = oil.filled(gap, 0.8)
+    state = oil.solve(gap, content, 1e-3)
+    assert 0.0 < state.fluid_fraction.min() < 0.99
+    exact = oil.sensitivity(state, slopes)
+    sides = [oil.solve(moved(gap, slopes, h), content, 1e-3, state) for h in (1e-6, -1e-6)]
+    for found, name in zip(exact, ("pressure", "fluid_fraction"), strict=True):
+        difference = (getattr(sides[0], name) - getattr(sides[1], name)) / 2e-6
+        assert np.abs(found[:, 0] - difference).max() < 1e-6 * np.abs(difference).max()
+    # Along the angle of the journal, by the balance at the solution.
+    step = oil.balance.step(gap, content, 1e-3)
+    nodal = state.pressure / film.parameters.pressure_scale
+    ends = [
+        oil.balance.full_film(oil.balance.step(replace(gap, turn=h), content, 1e-3), nodal)
+        for h in (1e-5, -1e-5)
+    ]
+    difference = (ends[0] - ends[1]) / 2e-5
+    found = oil.balance.along_turn(step, nodal)
+    assert np.abs(found - difference).max() < 1e-6 * np.abs(difference).max()
+    assert np.abs(difference).max() > 0.0

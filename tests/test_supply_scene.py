@@ -1,0 +1,143 @@
+"""Supplies of a scene's films: read, refused, run."""
+
+import json
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from command_line import call
+from mpi4py import MPI
+from scene_cases import LOAD, LOADED_JOURNAL, tables_of, write_scene
+from scipy.interpolate import CubicSpline
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.feed_region import FeedGroove, FeedHole
+from fenics_ehd.multibody.system import System
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.scene_file import scene_of
+from fenics_ehd.scenes.scene_text import stored
+
+AT = "joints.bearing.supply"
+
+#: A hole in the journal behind a passage, and a groove around the bore.
+FED = {
+    "joints.bearing.cells": [32, 8],
+    f"{AT}.inlet": {
+        "kind": "hole", "on": "journal", "angle": 90, "diameter": 6e-3, "pressure": 3e5,
+        "resistance": 1e11,
+    },
+    f"{AT}.groove": {"kind": "circumferential-groove", "width": 5e-3, "table": "supply.csv"},
+}  # fmt: skip
+
+PRESSURES = "time_s,pressure_bar\n0,1\n5e-3,3\n20e-3,1\n"
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch):
+    """Mechanism of the shipped loaded journal with changes."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "supply.csv").write_text(PRESSURES)
+    (tmp_path / "load.csv").write_text(LOAD)
+
+    def make(changes):
+        scene = scene_of(
+            tables_of("loaded-journal", LOADED_JOURNAL | deepcopy(FED) | changes), "case"
+        )
+        return build_mechanism(scene, MPI.COMM_SELF).mechanism
+
+    return make
+
+
+def test_supplies_are_those_of_the_scene(made):
+    mechanism = made({})
+    inlet, groove = mechanism.joints["bearing"].film.parameters.feeds
+    assert inlet.region == FeedHole(pytest.approx(np.pi / 2), 0.0, 6e-3)
+    assert (inlet.name, inlet.on_journal, inlet.resistance) == ("inlet", True, 1e11)
+    assert inlet.pressure_at(1.0) == 3e5
+    assert groove.region == FeedGroove(0.0, 0.0, pytest.approx(2 * np.pi), 5e-3)
+    assert not groove.on_journal
+    # Over and over, as all in a periodic scene; no step jumps over its rows.
+    assert [groove.pressure_at(t) for t in (0.0, 5e-3, 25e-3)] == pytest.approx([1e5, 3e5, 3e5])
+    assert any(load.curve is groove.pressure for load in System(mechanism).tables)
+
+
+def test_the_text_of_a_scene_keeps_its_supplies(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = scene_of(tables_of("loaded-journal", LOADED_JOURNAL | deepcopy(FED)), "case")
+    assert stored(scene).joints == scene.joints
+    assert scene.joints["bearing"].supply["inlet"].diameter == 6e-3
+    plain = scene_of(tables_of("loaded-journal", LOADED_JOURNAL), "case")
+    assert stored(plain).joints == plain.joints
+    assert plain.joints["bearing"].supply == {}
+
+
+def test_a_pressure_in_bar_is_doubted():
+    scene = scene_of(
+        tables_of("loaded-journal", deepcopy(FED) | {f"{AT}.inlet.pressure": 3.0}), "case"
+    )
+    (warning,) = scene.warnings
+    assert warning.startswith("joints.bearing.supply.inlet.pressure = 3 is outside the usual")
+
+
+WRONG = [
+    ({f"{AT}.inlet.kind": "whole"}, r"inlet.kind = 'whole': one of hole, axial-groove, circum"),
+    ({f"{AT}.inlet.kind": None}, r"bearing.supply.inlet.kind is missing: one of hole"),
+    ({f"{AT}.inlet.diamter": 1e-3}, r"bearing.supply.inlet.diamter: unknown key, .*inlet.diameter"),
+    ({f"{AT}.inlet.pressure": -1e5}, r"supply.inlet.pressure = -100000.0 must be at least 0"),
+    ({f"{AT}.inlet.on": "shaft"}, r"inlet.on = 'shaft' must be one of bore, journal"),
+    ({f"{AT}.groove.pressure": 1e5}, r"supply.groove: give a pressure or a table, one of them"),
+    ({f"{AT}.groove.width": None}, r"joints.bearing.supply.groove.width is missing"),
+    ({AT: 3}, r"joints.bearing.supply = 3 must be a table"),
+    ({AT: {"inlet": 3}}, r"joints.bearing.supply.inlet = 3 must be a table"),
+    ({AT: {"in let": {"kind": "hole"}}}, r"a name must be of letters, digits, _ and -"),
+    # what bearing and mesh cannot hold
+    ({f"{AT}.inlet.diameter": 0.02}, r"supply.inlet reaches from z = -10 to 10 mm, the bearing"),
+    ({f"{AT}.inlet.height": 9e-3}, r"must leave land at both sides"),
+    ({f"{AT}.inlet.diameter": 1e-3}, r"size of 1 mm, less than a .* = \[158, 20\]"),
+    ({f"{AT}.groove.width": 19e-3}, r"supply.groove has a land of 0.5 mm, less than"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG)
+def test_what_a_scene_cannot_say_of_a_supply(made, changes, message):
+    with pytest.raises(SettingsError, match=message):
+        made(changes)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (PRESSURES.replace("3\n", "-3\n"), r"groove.table .*: a pressure of -300000 Pa, it must"),
+        (PRESSURES.replace("20e-3,1", "20e-3,2"), r"the last row \(200000\) differs from the"),
+        (PRESSURES.replace("bar", "psi"), r"column 'pressure_psi' needs a unit"),
+    ],
+)
+def test_tables_that_are_none(made, tmp_path, table, message):
+    (tmp_path / "supply.csv").write_text(table)
+    with pytest.raises(SettingsError, match=message):
+        made({})
+
+
+def test_a_run_tells_the_flow_of_every_supply(tmp_path):
+    short = {
+        "joints.bearing.cells": [24, 5],
+        f"{AT}.inlet.diameter": 8e-3,
+        "time.periodic": False,
+        "time.period": None,
+        "time.end": 2e-3,
+    }
+    path = write_scene(
+        tmp_path / "case.toml", "loaded-journal", LOADED_JOURNAL, deepcopy(FED), short
+    )
+    (tmp_path / "supply.csv").write_text(PRESSURES)
+    assert call("run", path, "-o", tmp_path / "out") == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    names = [f"{name}flow_m3_per_s" for name in ("inlet.", "groove.", "side_")]
+    means = [summary[f"mean_{name}"] for name in names]
+    header, *rows = (tmp_path / "out" / "history.csv").read_text().splitlines()
+    columns = dict(zip(header.split(","), np.loadtxt(rows, delimiter=",").T, strict=True))
+    assert means[-1] > 0.0  # holes and grooves take oil as well where the film bears the load
+    for name, mean in zip(names, means, strict=True):
+        time, flow = columns["time_s"], columns[name]
+        expected = CubicSpline(time, flow).integrate(*time[[0, -1]]) / np.ptp(time)
+        assert mean == pytest.approx(expected, abs=2e-2 * np.abs(flow).max())
