@@ -31,7 +31,7 @@ MOST_WITHIN_A_CELL = 10.0
 def steepest_thickening(place: FilmPlace, pressure: np.ndarray) -> float:
     """Largest factor of the viscosity between nodes of one cell, for nodal pressures [Pa]."""
     film = place.film.film
-    law = film.parameters.lubricant.viscosity_law
+    law = film.equation.lubricant.viscosity_law
     if law.constant:
         return 1.0
     try:
@@ -60,7 +60,7 @@ def told_apart(
         return error
     place = 0
     for film in films:
-        size, law = film.film.film.assembly.size, film.film.film.parameters.lubricant.viscosity_law
+        size, law = film.film.film.assembly.size, film.film.film.equation.lubricant.viscosity_law
         highest = former.values[0, place : place + size].max()
         place += size
         ratio = _ratio(law, highest)
