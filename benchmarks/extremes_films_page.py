@@ -1,0 +1,107 @@
+"""Table of extreme films, printed as it grows and written as a page."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+
+from extremes import line
+from extremes_claims import number
+from extremes_films_case import Case, Outcome, Shop
+
+COLUMNS = "case", "expected (and why)", "found", "check", "verdict", "steps", "seconds"
+
+INTRODUCTION = """# Extreme films
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Outcome of a case: its run, and by how much every claim is off."""
+
+    case: Case
+    run: Outcome
+    values: tuple[float, ...]
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether it went as expected."""
+        case = self.case
+        ended = type(self.run.error) is (case.error or type(None))
+        trusted = (self.run.verdict == "complete") is case.trusted or case.error is not None
+        claims = zip(case.claims, self.values, strict=True)
+        return ended and trusted and all(value <= claim.limit for claim, value in claims)
+
+    def cells(self) -> list[str]:
+        """As in the table."""
+        case, run = self.case, self.run
+        expected = [claim.text.format(number(claim.limit)) for claim in case.claims]
+        if case.error is not None:
+            expected.insert(0, f"`{case.error.__name__}`")
+        found = []
+        if run.figures.get("max_pressure_Pa"):
+            found.append(f"{run.figures['max_pressure_Pa'] / 1e6:.4g} MPa")
+            found.append(f"{run.figures['min_film_thickness_m'] * 1e6:.4g} um")
+        if run.error is not None:
+            found.append(f"`{type(run.error).__name__}`: {run.error}")
+        elif run.verdict != "complete":
+            found.append(run.verdict)
+        claims = zip(case.claims, self.values, strict=True)
+        check = [f"{claim.name} {_value(claim.name, value)}" for claim, value in claims]
+        return [
+            case.name,
+            "; ".join(expected),
+            ", ".join(found).replace("|", "/"),
+            ", ".join(check),
+            "PASS" if self.passed else "FAIL",
+            str(run.figures.get("steps", "")),
+            f"{run.seconds:.1f}, {self.seconds:.1f}",
+        ]
+
+
+def _value(name: str, value: float) -> str:
+    return f"{value:.2g}" if name in ("kelvin", "1e3 /") else number(value)
+
+
+def measured(shop: Shop, case: Case) -> Row:
+    """Run a case and all that checks it."""
+    began = process_time()
+    run = shop.run(case.machine)
+    values: tuple[float, ...] = (float("nan"),) * len(case.claims)
+    if type(run.error) is (case.error or type(None)):
+        values = tuple(claim.measure(shop, case.machine, run) for claim in case.claims)
+    return Row(case, run, values, process_time() - began)
+
+
+def main(films: Callable[[Path], Iterable[Case]]) -> int:
+    """Run, print and write the table."""
+    parser = argparse.ArgumentParser(description="Extreme films and what was expected of them.")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="parts of names")
+    parser.add_argument("-o", "--output", type=Path, help="Markdown page to write")
+    arguments = parser.parse_args()
+    lines = [line(COLUMNS), line(["---"] * len(COLUMNS))]
+    print(*lines, sep="\n", flush=True)
+    failed, began, shop = 0, process_time(), Shop()
+    with TemporaryDirectory() as folder:
+        wanted = [
+            case
+            for case in films(Path(folder))
+            if not arguments.only or any(part in case.name for part in arguments.only)
+        ]
+        for case in wanted:
+            row = measured(shop, case)
+            failed += not row.passed
+            lines.append(line([cell.replace(folder, "") for cell in row.cells()]))
+            print(lines[-1], flush=True)
+    errors = sum(case.error is not None for case in wanted)
+    lines += ["", f"{len(wanted)} rows, {errors} of them errors, {failed} failed; "
+              f"{(process_time() - began) / 60:.0f} minutes."]  # fmt: skip
+    print(lines[-1])
+    if arguments.output is not None:
+        arguments.output.write_text(INTRODUCTION + "\n".join(lines) + "\n")
+    return int(failed > 0)
