@@ -10,6 +10,11 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 
+def _trapezoid(y: np.ndarray, x: np.ndarray) -> float:
+    """Of both versions of NumPy."""
+    return float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(x)))
+
+
 @dataclass(frozen=True)
 class JournalFilm:
     """Infinitely wide journal bearing, supplied by a line at the largest gap, steady.
@@ -124,3 +129,118 @@ class SqueezedPlates:
             empty = self.gap(t) - gap_left(z)
             voids[i] = 2 * np.sum(0.5 * (empty[1:] + empty[:-1]) * np.diff(z))
         return edges, voids
+
+
+@dataclass(frozen=True)
+class ClosedJournalFilm:
+    """Infinitely wide journal bearing without supply that holds a share of its oil, steady.
+
+    Dimensionless as `JournalFilm`, in the frame of the line of centres, which may whirl:
+    ``H = 1 + e cos x``. The film is full from the reformation to the rupture, where pressure and
+    slope vanish; all along flows what the rupture lets through, ``H(rupture)`` over the velocity.
+    The rupture is where the content is the given share of the gap.
+    """
+
+    eccentricity: float
+    filling: float
+
+    def gap(self, x: np.ndarray) -> np.ndarray:
+        return 1 + self.eccentricity * np.cos(x)
+
+    def rise(self, start: float, end: float, rupture: float) -> float:
+        """Pressure at `end` less that at `start` for unit velocity."""
+        slope = lambda x: (self.gap(x) - self.gap(rupture)) / self.gap(x) ** 3  # noqa: E731
+        return quad(slope, start, end, epsabs=1e-13, epsrel=1e-13, limit=400)[0]
+
+    def _reformation(self, rupture: float) -> float:
+        mirrored = 2 * np.pi - rupture
+        return brentq(lambda x: self.rise(x, rupture, rupture), rupture - 2 * np.pi, mirrored)
+
+    def _content(self, rupture: float) -> float:
+        start = self._reformation(rupture)
+        full = quad(self.gap, start, rupture)[0]
+        return full + (2 * np.pi - rupture + start) * self.gap(rupture)
+
+    @property
+    def boundaries(self) -> tuple[float, float]:
+        """Reformation and rupture, from the largest gap, the first may be negative."""
+        wanted = 2 * np.pi * self.filling
+        # A rupture farther on needs more oil than the gap holds: the film would be full.
+        last = np.pi + 1e-6
+        while self.rise(last - 2 * np.pi, last, last) > 0 and last < 2 * np.pi:
+            last += 1e-3
+        rupture = brentq(lambda x: self._content(x) - wanted, np.pi + 1e-3, last - 1e-3)
+        return self._reformation(rupture), rupture
+
+    @property
+    def largest_pressure(self) -> float:
+        start, rupture = self.boundaries
+        return self.rise(start, 2 * np.pi - rupture, rupture)
+
+
+@dataclass(frozen=True)
+class SqueezedJournal:
+    """Infinitely wide journal that moves along x without turning, ``H = 1 - e(t) cos phi``.
+
+    Lines of supply at a pressure ``P_s`` at ``phi = +-pi/2``; dimensionless, the flow along phi is
+    ``-H^3 dP/dphi``, so that ``H^3 dP/dphi`` grows by dH/dt. Beside the largest distance, phi = 0,
+    the half that opens may become empty for ``|phi| < S(t)``. While that grows, pressure and slope
+    vanish at its edge; what is empty keeps the oil that it had, and while it shrinks the flow fills
+    what lacks: ``(H - H_S) S' = -Q`` with ``H_S(phi)`` the gap when phi became empty.
+    """
+
+    eccentricity: Callable[[float], float]
+    rate: Callable[[float], float]
+    supply: float
+
+    def gap(self, t: float, x: np.ndarray) -> np.ndarray:
+        return 1 - self.eccentricity(t) * np.cos(x)
+
+    def _integrals(self, t: float, edge: float) -> tuple[float, float]:
+        """Pressure over the full part for no flow at its edge, and of unit flow."""
+        x = np.linspace(edge, np.pi / 2, 2001)
+        cubed = self.gap(t, x) ** 3
+        squeezed = -self.rate(t) * (np.sin(x) - np.sin(edge))
+        return _trapezoid(squeezed / cubed, x), _trapezoid(1 / cubed, x)
+
+    def _flow(self, t: float, edge: float) -> float:
+        """``H^3 dP/dphi`` at the edge: oil that comes there."""
+        squeezed, unit = self._integrals(t, edge)
+        return (self.supply - squeezed) / unit
+
+    def edges(self, start: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """S [rad] and the empty area of the half, of both sides, at times."""
+        fine = np.linspace(start, times[-1], 2001)
+        growing = [0.0]
+        for t in fine[1:]:
+            flow = self._flow(t, 0.0)
+            found = brentq(lambda s, t=t: self._flow(t, s), 0.0, 1.57) if flow < 0 else 0.0
+            growing.append(found)
+        peak = int(np.argmax(growing))
+        when = fine[: peak + 1]
+        first = np.flatnonzero(growing)[0] - 1
+        places, then = np.array(growing[first : peak + 1]), when[first:]
+
+        def gap_left(x: np.ndarray) -> np.ndarray:
+            return np.array([self.gap(float(np.interp(y, places, then)), y) for y in np.ravel(x)])
+
+        def shrink(t: float, s: np.ndarray) -> list[float]:
+            edge = max(s[0], 0.0)
+            lacks = float(self.gap(t, edge) - gap_left(np.array([edge]))[0])
+            return [-max(self._flow(t, edge), 0.0) / max(lacks, 1e-5)]
+
+        closed = lambda t, s: s[0] - 1e-3  # noqa: E731
+        closed.terminal = True
+        run = solve_ivp(
+            shrink, (when[-1], times[-1]), [growing[peak]], method="LSODA", rtol=1e-7, atol=1e-9,
+            dense_output=True, events=closed,
+        )  # fmt: skip
+        edges = np.interp(times, fine, growing)
+        late = times > when[-1]
+        found = run.sol(np.minimum(times[late], run.t[-1]))[0]
+        edges[late] = np.where(times[late] <= run.t[-1], found, 0.0)
+        voids = []
+        for t, edge in zip(times, edges, strict=True):
+            x = np.linspace(0.0, edge, 401)
+            voids.append(2 * _trapezoid(self.gap(t, x) - gap_left(x), x) if edge else 0.0)
+        return edges, np.array(voids)

@@ -16,6 +16,7 @@ from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.multibody import step_solver
 from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.simulation import Run, Steps, simulate
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.plotting.animation_shape import shape_of_bores
@@ -99,6 +100,27 @@ def test_methods_agree_on_both_films(results, method, limit):
 def test_energy_is_balanced(results):
     for name, result in results.items():
         assert result.energy_balance_error < 1e-3, name
+
+
+def test_films_of_both_ends_keep_account_of_their_oil(bodies):
+    """M4's patterns couple the bores; under Reynolds' condition beside it, too."""
+    found = {}
+    for name in ("full", "m4"):
+        mechanism = machine(bodies[name])
+        for joint in JOINTS:
+            coarse = mechanism.joints[joint].film.parameters
+            film = Film(replace(coarse, grid=replace(coarse.grid, family="bilinear")))
+            changed = replace(mechanism.joints[joint], film=film, oil=ConservedContent(0.95))
+            mechanism = replace(mechanism, joints={**mechanism.joints, joint: changed})
+        found[name] = simulate(mechanism, END, tolerance=1e-4)
+        joints = {**mechanism.joints, "gudgeon": replace(mechanism.joints["gudgeon"], oil=None)}
+        found[f"{name}, one"] = simulate(replace(mechanism, joints=joints), END, tolerance=1e-4)
+    for kind in ("", ", one"):
+        other = apart(found[f"full{kind}"], found[f"m4{kind}"])
+        assert max(other.values()) < 5e-3, other
+    both, one = (found[name].columns for name in ("m4", "m4, one"))
+    assert {"big_end.oil_content_m3", "gudgeon.oil_content_m3"} <= both.keys()
+    assert "gudgeon.oil_content_m3" not in one
 
 
 def test_newtons_method_converges_fast(results):

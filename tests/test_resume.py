@@ -454,9 +454,10 @@ def test_a_complete_periodic_run_has_nothing_left_to_do(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_periodic_run_that_was_killed_goes_on_to_the_same_result(tmp_path):
+@pytest.mark.parametrize("name", ["loaded-journal", "loaded-journal-starved"])
+def test_a_periodic_run_that_was_killed_goes_on_to_the_same_result(tmp_path, name):
     """Within its first cycle, and in the next one."""
-    scene = write_scene(tmp_path / "scene.toml", "loaded-journal", LOADED_JOURNAL)
+    scene = write_scene(tmp_path / "scene.toml", name, LOADED_JOURNAL)
     options = ("--no-plots", "--checkpoint-every", 0)
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert call("run", scene, *options, "-o", whole) == 0

@@ -179,6 +179,15 @@ def flow_work(film: Film, state: FilmState) -> float:
     return work + feed_power(film, state) if film.parameters.feeds else work
 
 
+def refill_work(film: Film, state: OilState) -> float:
+    """Power of the pressure on oil that fills voids, at the edges where the film forms anew [W].
+
+    With it the weak form tested with its own pressure balances. A front within a cell has it; it
+    shrinks with the mesh.
+    """
+    return float(state.pressure @ _defects(film, state)[0]) - flow_work(film, state)
+
+
 def _oil_flows(film: Film, state: OilState, feeds: dict[str, float]) -> FlowBalance:
     """Flows of a film that keeps account of its oil: no cavity makes any."""
     grid = film.parameters.grid
@@ -199,9 +208,11 @@ def _defects(film: Film, state: FilmState) -> tuple[np.ndarray, float]:
     thickness, rate, velocity = film.equation.dimensionless(state.gap)
     oil = film.oil(state)
     defect = balance(film.assembly, oil, thickness, velocity, rate)
-    feed = film.equation.fed(state.gap)
-    if feed is not None:
-        pressure = film.assembly.at_points(state.pressure / p.pressure_scale)[0]
-        defect += film.assembly.source(feed.outflow(pressure))
+    lumped = isinstance(state, OilState)
+    feed, nodal = film.equation.fed(state.gap, lumped=lumped), state.pressure / p.pressure_scale
+    if feed is not None and lumped:
+        defect += feed.lumped(film.assembly, nodal)
+    elif feed is not None:
+        defect += film.assembly.source(feed.outflow(film.assembly.at_points(nodal)[0]))
     unit = p.clearance * p.grid.radius**2 * p.rate
     return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))

@@ -35,7 +35,7 @@ from fenics_ehd.film.cavitation import CavitationResult, Complementarity
 from fenics_ehd.film.film import Film, FilmState, check_gap
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.mass_conserving_solver import MassConservingSolver
-from fenics_ehd.film.oil_balance import OilBalance, OilStep
+from fenics_ehd.film.oil_balance import OilBalance, OilStep, require_monotone
 from fenics_ehd.film.oil_state import VOID_TOLERANCE, OilState, verify_oil
 
 #: Time step of a steady film, times the reference speed: storage is 1e-10 of transport. It stays,
@@ -76,12 +76,7 @@ class MassConservingFilm:
         options_prefix: str = "oil_",
         tolerance: float = 1e-10,
     ):
-        grid = film.parameters.grid
-        if grid.family != "bilinear":
-            raise SettingsError(
-                f"film.element = '{grid.family}' cannot conserve mass without negative fluid "
-                "fractions: cavitation = 'mass-conserving' needs element = 'bilinear'"
-            )
+        require_monotone(film.parameters.grid.family)
         self.film = film
         self.balance = OilBalance(film)
         self.cavitation = MassConservingSolver(
@@ -210,10 +205,7 @@ class MassConservingFilm:
         nodal, void = b.nodal(result.pressure), np.zeros_like(step.full)
         void[b.unknown] = result.flux
         # What the balance lacks at the ends of the film flows through them.
-        lost = b.full_film(step, nodal) - b.strips.apply(step.flows, step.full, void)
-        outflow = -lost
-        outflow[self.film.free] = 0.0
-        outflow[b.unknown[b.dry]] = result.pressure[b.dry]
+        lost, outflow = b.ends(step, nodal, result.pressure, void)
         reference = np.sum(np.abs(step.flows) + step.full + step.former)
         if step.feed is not None:
             reference += np.sum(np.abs(step.feed.lumped(b.assembly, nodal)))

@@ -29,12 +29,9 @@ from fenics_ehd.film.cavitation import (
     Complementarity,
     verify_complementarity,
 )
+from fenics_ehd.film.oil_state import DEFECT_WEIGHT
 from fenics_ehd.film.pattern import Pattern
 from fenics_ehd.film.snes_vi import SnesVi
-
-#: Weight gamma of the defect. Small, because next to the nodes just emptied the
-#: defect has the wrong sign; not below round-off of the void fractions of full nodes over it.
-DEFECT_WEIGHT = 1e-6
 
 
 class MassConservingSolver:

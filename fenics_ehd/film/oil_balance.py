@@ -9,9 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.balance import OilProperties, balance, balance_derivative, flux_change
+from fenics_ehd.film.balance import (
+    OilProperties,
+    balance,
+    balance_derivative,
+    flux_derivatives,
+    sliding_derivative,
+)
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.feeding import FeedTerm
 from fenics_ehd.film.film import Film
@@ -29,7 +37,8 @@ class OilStep:
     `thickness` and `velocity` at the Gauss points, its `length`, the full-film
     `flows` from node to node, and, over the length, the `full` contents of the
     pressureless gap and the `former` contents; what the shear rate does to the viscosity, and
-    what supplies add, None without any.
+    what supplies add, None without any. Of a formula with several steps the length is one over its
+    shift, and `former` minus the rate of contents that are zero at the end.
     """
 
     thickness: np.ndarray
@@ -49,6 +58,8 @@ class OilBalance:
     ----------
     film
         Bearing and oil, on a bilinear mesh.
+    oil_outside
+        Whether there is oil outside the sides at cavitation pressure, too.
 
     Attributes
     ----------
@@ -61,9 +72,9 @@ class OilBalance:
         Which of these are of the second kind.
     """
 
-    def __init__(self, film: Film):
+    def __init__(self, film: Film, *, oil_outside: bool = False):
         self.film = film
-        self.reservoir, dry = _reservoirs_and_dry_sides(film)
+        self.reservoir, dry = _reservoirs_and_dry_sides(film, oil_outside)
         self.unknown = np.union1d(film.free, np.flatnonzero(dry))
         self.dry = dry[self.unknown]
         self.assembly = a = Assembly(film.parameters.grid, self.unknown)
@@ -83,16 +94,20 @@ class OilBalance:
 
     def step(self, gap: Gap, content: np.ndarray, time_step: float) -> OilStep:
         """One time step [s] to a gap, from the oil content (nodes,) [m^3] before."""
+        length = time_step * self.film.parameters.rate
+        return self.ending(gap, length, content / (self.volume_scale * length))
+
+    def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
+        """A step of a length that ends with a gap, see `OilStep`."""
         thickness, _, velocity = self.film.equation.dimensionless(gap)
         density = self.film.equation.factors[1]
-        length = time_step * self.film.parameters.rate
         return OilStep(
             thickness,
             velocity,
             length,
             flows=self.strips.flows(density * thickness * velocity),
             full=self.stored(density * thickness) / length,
-            former=content / (self.volume_scale * length),
+            former=former,
             thinned=self.film.equation.thinning(gap),
             feed=self.film.equation.fed(gap, lumped=True),
         )
@@ -142,6 +157,24 @@ class OilBalance:
         lost = balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
         return lost if step.feed is None else lost + step.feed.lumped(self.assembly, nodal)
 
+    def ends(
+        self, step: OilStep, nodal: np.ndarray, values: np.ndarray, void: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What the balance lacks at all nodes, and flows through the ends of the film.
+
+        Parameters
+        ----------
+        step, nodal, void
+            One time step, pressures and void fractions of all nodes.
+        values
+            Of the unknown nodes; an outflow stands for the pressure of a dry side.
+        """
+        lost = self.full_film(step, nodal) - self.strips.apply(step.flows, step.full, void)
+        outflow = -lost
+        outflow[self.film.free] = 0.0
+        outflow[self.unknown[self.dry]] = values[self.dry]
+        return lost, outflow
+
     def _derivative(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
         oil = self.oil(step, nodal)
         if self.film.parameters.lubricant.linear:
@@ -154,26 +187,38 @@ class OilBalance:
         self, step: OilStep, nodal: np.ndarray, void: np.ndarray, derivatives: GapDerivatives
     ) -> np.ndarray:
         """Derivative of the balance at a solution along n changes of the gap, shape (nodes, n)."""
+        shape = (-1, derivatives.thickness.shape[-1])
+        along_h, along_v, along_u = self.gap_derivatives(step, nodal, void)
+        total = along_h @ derivatives.thickness.reshape(shape)
+        total += along_v @ derivatives.mean_velocity.reshape(shape)
+        if along_u is not None and derivatives.sliding_velocity is not None:
+            total += along_u @ derivatives.sliding_velocity.reshape(shape)
+        return total
+
+    def gap_derivatives(
+        self, step: OilStep, nodal: np.ndarray, void: np.ndarray
+    ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
+        """Derivatives of the balance, the upwind sides held, see `ReynoldsEquation`."""
         p = self.film.parameters
         oil = self.oil(step, nodal)
         density = np.broadcast_to(self.film.equation.factors[1], step.velocity.shape)
-        changes = derivatives.thickness.reshape(-1, derivatives.thickness.shape[-1]) / p.clearance
-        speeds = derivatives.mean_velocity.reshape(changes.shape) / (p.rate * p.grid.radius)
-        slidings = self.film.equation.slidings(derivatives, changes.shape)
-        total = flux_change(
-            self.assembly, oil, step.thickness, step.velocity, changes, speeds, slidings
-        )
-        total += self.assembly.source_vectors(oil.density / step.length, changes)
-
+        along_h, along_v = flux_derivatives(self.assembly, oil, step.thickness, step.velocity)
         carried = self.strips.upwind(step.flows, void)
-        total -= self.strips.derivatives(density * step.velocity, carried) @ changes
-        total -= self.strips.derivatives(density * step.thickness, carried) @ speeds
-        total -= void[:, None] * self.assembly.source_vectors(density / step.length, changes)
+        along_h += self.assembly.source_elements(oil.density / step.length)
+        along_h -= self.strips.elements(density * step.velocity, carried)
+        storage = self.assembly.source_elements(density / step.length)
+        along_h -= storage * void[self.assembly.grid.cell_nodes][:, None, :]
+        along_v -= self.strips.elements(density * step.thickness, carried)
+        along_u = sliding_derivative(self.assembly, oil, step.thickness)
         if step.feed is not None:
             slope = step.feed.along_thickness
-            fed = step.feed.lumped_elements(self.assembly, slope, nodal)
-            total += self.assembly.gather(fed) @ changes
-        return total
+            along_h += step.feed.lumped_elements(self.assembly, slope, nodal)
+        speed = p.rate * p.grid.radius
+        return (
+            self.assembly.gather(along_h / p.clearance),
+            self.assembly.gather(along_v / speed),
+            None if along_u is None else self.assembly.gather(along_u / speed),
+        )
 
     def along_turn(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Change of the balance with the journal's angle, shape (nodes,) [1/rad]."""
@@ -182,12 +227,27 @@ class OilBalance:
         return self.assembly.gather(fed) @ np.ones(step.thickness.size)
 
 
-def _reservoirs_and_dry_sides(film: Film) -> tuple[np.ndarray, np.ndarray]:
+def require_monotone(family: str, key: str = "film.element") -> None:
+    """Refuse elements whose matrices are no M-matrices.
+
+    Raises
+    ------
+    SettingsError
+        Naming the setting.
+    """
+    if family != "bilinear":
+        raise SettingsError(
+            f"{key} = '{family}' cannot conserve mass without negative fluid fractions: "
+            "cavitation = 'mass-conserving' needs element = 'bilinear'"
+        )
+
+
+def _reservoirs_and_dry_sides(film: Film, oil_outside: bool) -> tuple[np.ndarray, np.ndarray]:
     """Nodes that supply oil, and those of sides that cannot, shape (nodes,) each."""
     p = film.parameters
     fixed = np.ones(len(film.equation.given), dtype=bool)
     fixed[film.free] = False
     angle, height = p.grid.node_positions.T
     in_region = in_regions(p.regions, angle, height, p.grid.radius)
-    dry = fixed & (film.equation.given == 0.0) & ~in_region
+    dry = fixed & (film.equation.given == 0.0) & ~in_region & (not oil_outside)
     return fixed & ~dry, dry

@@ -13,6 +13,11 @@ from fenics_ehd.film.film import FilmState
 #: is dragged through them and of what they hold over the time step.
 BALANCE_TOLERANCE = 1e-10
 
+#: Weight gamma of the defect in the equation of the pressures, see
+#: `fenics_ehd.film.mass_conserving_solver`. Small, because next to the nodes just emptied the
+#: defect has the wrong sign; not below round-off of the void fractions of full nodes over it.
+DEFECT_WEIGHT = 1e-6
+
 #: Largest excess of the void fraction over 1.
 VOID_TOLERANCE = 1e-8
 

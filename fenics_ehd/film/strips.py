@@ -20,7 +20,6 @@ storage alone: an M-matrix.
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 
 from fenics_ehd.film.assembly import Assembly
 
@@ -99,8 +98,10 @@ class Strips:
             entries[place[known]] = np.minimum(value[known], 0)
         return entries
 
-    def derivatives(self, coefficient: np.ndarray, carried: np.ndarray) -> sparse.csc_matrix:
-        """Derivative of ``T s`` without storage, the upwind side held, shape (nodes, c * q).
+    def elements(self, coefficient: np.ndarray, carried: np.ndarray) -> np.ndarray:
+        """Derivative of ``T s`` without storage, the upwind side held.
+
+        Element data (c, q, k) for `Assembly.gather`.
 
         Parameters
         ----------
@@ -114,4 +115,4 @@ class Strips:
         element = np.empty((*coefficient.shape, len(LEFT + RIGHT)))
         element[:, :, LEFT] = weights
         element[:, :, RIGHT] = -weights
-        return self._assembly.gather(element)
+        return element

@@ -122,6 +122,17 @@ class SparseFilm:
         self._system.prepare(matrix.entries, matrix.weights, full_film)
 
 
+class OilFilm(SparseFilm):
+    """A `FilmBlock` of a film that conserves its oil.
+
+    Where the film is not full its "pressures" are void fractions.
+    """
+
+    def __init__(self, system: ActiveSetSystem):
+        super().__init__(system)
+        self.pressures = system.solution
+
+
 @dataclass(frozen=True, eq=False)
 class FilmBorder:
     """What couples one film to the other unknowns x.
@@ -151,6 +162,12 @@ class FilmBorder:
     patterns: slice
     along_gap: sparse.csc_matrix
     slope: np.ndarray | None = None
+
+    def on(self, full: np.ndarray) -> FilmBorder:
+        """The same, with outputs of full nodes alone."""
+        outputs = np.zeros_like(self.outputs)
+        outputs[:, full] = self.outputs[:, full]
+        return replace(self, outputs=outputs)
 
 
 class BorderedSystem:

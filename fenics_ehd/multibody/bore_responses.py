@@ -78,6 +78,15 @@ class BoreResponses:
             for f, a in zip(self.flexibilities, self._answers, strict=True)
         ]
 
+    def past_gap(self, i: int) -> np.ndarray | float:
+        """``h' - alpha h`` of a film that its body's patterns make, at the Gauss points [m/s]."""
+        body = self.of_film(i)
+        if body is None:
+            return 0.0
+        flexibility = self.flexibilities[body]
+        past = flexibility.each(flexibility.outward(self._answers[body].past))
+        return past[flexibility.films.index(i)]
+
     def share(self, body: int) -> float:
         """``s`` of `Answer`."""
         return self._answers[body].share

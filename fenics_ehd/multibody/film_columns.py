@@ -9,6 +9,7 @@ import numpy as np
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder
+from fenics_ehd.multibody.conserved_oil import ConservedOil, OilPoint
 from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
@@ -27,6 +28,8 @@ class FilmPoint:
         Scaled equations, shape (m,).
     turned
         Of a joint's shape that turns, else None.
+    oil
+        Where it is conserved.
     """
 
     nodal: np.ndarray
@@ -34,6 +37,7 @@ class FilmPoint:
     problem: Complementarity
     defect: np.ndarray
     turned: Turned | None = None
+    oil: OilPoint | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,8 @@ class FilmColumns:
         Minus the force of unit pressures at free nodes on xi, shape (n, m).
     shares
         Minus the leading patterns' share of such pressures, shape (k, m); None: no patterns.
+    oil
+        Where it is conserved; there are nodes without pressure then.
     """
 
     place: FilmPlace
@@ -62,14 +68,24 @@ class FilmColumns:
     forces: np.ndarray
     shares: np.ndarray | None
     sliding: np.ndarray | None = None
+    oil: ConservedOil | None = None
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Nodes of the film's equations, shape (m,)."""
+        return self.place.film.film.free if self.oil is None else self.oil.nodes
 
     @classmethod
     def of(
-        cls, place: FilmPlace, patterns: tuple[np.ndarray, np.ndarray] | None = None
+        cls,
+        place: FilmPlace,
+        patterns: tuple[np.ndarray, np.ndarray] | None = None,
+        oil: ConservedOil | None = None,
     ) -> FilmColumns:
         """With leading patterns: gap changes and shares of nodal pressures."""
         joint = place.film
-        free, scale = joint.film.free, joint.film.parameters.pressure_scale
+        scale = joint.film.parameters.pressure_scale
+        free = joint.film.free if oil is None else oil.nodes
         turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
         velocity = np.hstack([joint.mean_velocity, turning])
         gap = np.hstack([joint.thickness, np.zeros_like(turning)])
@@ -77,11 +93,14 @@ class FilmColumns:
         sliding = None
         if joint.film.parameters.lubricant.shear_law is not None:
             sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
-        if patterns is None:
-            return cls(place, gap, velocity, forces, None, sliding)
-        shapes, shares = patterns
-        gap, shares = np.hstack([gap, shapes]), -scale * shares[:, free]
-        return cls(place, gap, velocity, forces, shares, sliding)
+        shares = None
+        if patterns is not None:
+            gap = np.hstack([gap, patterns[0]])
+            shares = -scale * patterns[1][:, free]
+        if oil is not None:
+            forces = forces * oil.inside
+            shares = None if shares is None else shares * oil.inside
+        return cls(place, gap, velocity, forces, shares, sliding, oil)
 
     @property
     def leading(self) -> int:
@@ -115,7 +134,12 @@ class FilmColumns:
         """
         place = self.place
         film, n = place.film.film, place.film.size
-        along_h, along_v, along_u = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+        if self.oil is None:
+            derivatives = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+        else:
+            assert point.oil is not None
+            derivatives = self.oil.gap_derivatives(point.nodal, point.oil)
+        along_h, along_v, along_u = derivatives
         inputs, velocity = along_h @ self.gap, along_v @ self.velocity
         if along_u is not None:
             velocity += along_u @ self.sliding
@@ -134,7 +158,7 @@ class FilmColumns:
             spread[n + 1 :, patterns] = np.eye(patterns.stop - patterns.start)
         if film.equation.feeds is not None and film.equation.feeds.turning:
             inputs, spread = self._turning(point, inputs, spread)
-        return FilmBorder(inputs[film.free] / scale, spread, outputs, rows, patterns, along_h)
+        return FilmBorder(inputs[self.nodes] / scale, spread, outputs, rows, patterns, along_h)
 
     def _turning(
         self, point: FilmPoint, inputs: np.ndarray, spread: np.ndarray
@@ -146,5 +170,9 @@ class FilmColumns:
             row[0, place.journal_angle] = 1.0
         if place.bore_angle is not None:
             row[0, place.bore_angle] = -1.0
-        along = equation.along_turn(point.gap, point.nodal)
+        if self.oil is None:
+            along = equation.along_turn(point.gap, point.nodal)
+        else:
+            assert point.oil is not None
+            along = self.oil.balance.along_turn(point.oil.step, point.nodal)
         return np.column_stack([inputs, along]), np.vstack([spread, row])

@@ -9,6 +9,7 @@ from fenics_ehd.film import FilmState
 from fenics_ehd.film.flow import flow_balance
 from fenics_ehd.multibody.friction_rates import friction_rates
 from fenics_ehd.multibody.joint_heat import heat_rates
+from fenics_ehd.multibody.oil_account import oil_rates
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
@@ -24,4 +25,4 @@ def joint_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[
         rates["side_flow_m3_per_s"] = flows.side
     if place.joint.heat is not None:
         rates |= heat_rates(place.film, film)
-    return rates
+    return rates | oil_rates(place, film)

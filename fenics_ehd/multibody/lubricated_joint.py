@@ -32,6 +32,7 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import Film
 from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.oil_balance import require_monotone
 from fenics_ehd.film.shape import Shape
 from fenics_ehd.multibody.bore_film import BoreFilm
 from fenics_ehd.multibody.joint_shape import JointShape
@@ -42,6 +43,27 @@ from fenics_ehd.reduction.body import ReducedBody
 
 #: Unit matrix of the plane, and a quarter turn.
 UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class ConservedContent:
+    """Oil that a film keeps account of (mass-conserving cavitation).
+
+    Attributes
+    ----------
+    filling
+        Fluid fraction of the gap at the start, 0 to 1.
+    oil_outside
+        Whether there is oil outside the sides, which flows back in where the film sucks; beside
+        sides above cavitation pressure there always is.
+    """
+
+    filling: float = 1.0
+    oil_outside: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.filling <= 1.0:
+            raise SettingsError(f"initial_filling = {self.filling:g} must lie in 0..1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +90,8 @@ class LubricatedJoint:
         For the cavitated zone, see `fenics_ehd.film.shear`.
     heat
         Balance of the film's heat over a cycle; None: the oil keeps its temperature.
+    oil
+        How the film keeps account of its oil, on a bilinear mesh; None: Reynolds' condition.
     """
 
     journal: str
@@ -82,6 +106,7 @@ class LubricatedJoint:
     journal_shape: Shape | None = None
     shear_rule: str = "streamers"
     heat: Heat | None = None
+    oil: ConservedContent | None = None
 
     def __post_init__(self) -> None:
         if self.heat is not None and self.film.parameters.lubricant.oil is None:
@@ -100,6 +125,8 @@ class LubricatedJoint:
                 f"the oil between {self.journal} and {self.bore} is denser under pressure: a "
                 "mechanism's film has a density_law of Constant()"
             )
+        if self.oil is not None:
+            require_monotone(self.film.parameters.grid.family)
 
     @property
     def markers(self) -> tuple[str, ...]:

@@ -42,7 +42,8 @@ class Cycles:
     period
         Of all drives and forces [s].
     periodicity
-        Largest change of a film from the start of a cycle to its end, relative to the film.
+        Largest change of a film from the start of a cycle to its end, relative to the film, and
+        of its oil where that is accounted for.
     most
         Cycles to give up after.
 
@@ -71,7 +72,7 @@ class Cycles:
             for name, body in system.each_name()
             if body.angle is not None
         ]
-        self._gaps = self._films()
+        self._gaps, self._contents = self._films(), self._oil()
         self._ends: list[np.ndarray] = []
         self._changes: list[np.ndarray] = []
         self._heat = FilmTemperatures(system.films) if system.heated else None
@@ -83,6 +84,12 @@ class Cycles:
 
     def _films(self) -> np.ndarray:
         return self._run.norm.gaps(self._run.state.observed[0])
+
+    def _oil(self) -> np.ndarray:
+        """Contents of the films that keep account of them [m^3]."""
+        state, norm = self._run.state, self._run.norm
+        gaps = norm.film_gaps(state.observed[0])
+        return np.array(self._run.equations.contents(state.x[0], gaps))
 
     def __iter__(self) -> Iterator[MechanismStep]:
         """Accepted steps.
@@ -101,6 +108,11 @@ class Cycles:
             gaps = self._films()
             change = gaps - self._gaps
             self.defect = float(np.max(np.abs(change) / gaps))
+            former, self._contents = self._contents, self._oil()
+            drained = np.abs(self._contents - former) / np.maximum(
+                self._contents, np.finfo(float).tiny
+            )
+            self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
             off = "" if self._heat is None else self._heat.unsettled()
             if self.number > 1 and self.defect <= self._periodicity and not off:
@@ -117,6 +129,7 @@ class Cycles:
             if self._heat is not None:
                 self._heat.move()
             self._begin(change)
+            self._contents = self._oil()
             self.number += 1
 
     def _steps(self) -> Iterator[MechanismStep]:
@@ -165,7 +178,9 @@ class Cycles:
             observed = np.array([norm.observe(point) for point in state.x + past])
             room = norm.gaps(observed[0]) / gaps
             if room.min() > 1.0 - THINNER:
-                moved = {"x": state.x + past, "rate": state.rate + rate[:n], "observed": observed}
+                moved_x = state.x + past
+                self._run.equations.keep_within(moved_x, norm.film_gaps(observed[0]))
+                moved = {"x": moved_x, "rate": state.rate + rate[:n], "observed": observed}
                 self._run.state = replace(state, **moved)
                 if heat is not None:
                     heat.shift(x[n:])
@@ -181,12 +196,14 @@ class Cycles:
             "ends": np.reshape(self._ends, (-1, 2, self._run.state.x.shape[1] + heated)),
             "changes": np.reshape(self._changes, (-1, len(self._gaps) + heated)),
             **({} if self._heat is None else {"heat": self._heat.stored_state()}),
+            "contents": self._contents,
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
         """Go on where another search of the same mechanism was."""
         self.number, self.defect = int(stored["number"]), float(stored["defect"])
         self._gaps = np.array(stored["gaps"])
+        self._contents = np.array(stored["contents"])
         self._ends, self._changes = list(stored["ends"]), list(stored["changes"])
         if self._heat is not None:
             self._heat.load_state(stored["heat"])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fenics_ehd.film.flow import flow_work, under_pressure
+from fenics_ehd.film.flow import flow_work, refill_work, under_pressure
+from fenics_ehd.film.oil_state import OilState
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -25,6 +26,8 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         damping += flexibility.dissipation(step.rate[places])
     for joint, found in zip(system.films, state.films, strict=True):
         lost, fed = joint.film.film.powers(found)
+        if isinstance(found, OilState):
+            lost -= refill_work(joint.film.film, found)
         if joint.film.friction:
             lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
         if under_pressure(joint.film.film):

@@ -85,8 +85,8 @@ class Run:
         )
         z, rates = assemble(system)
         check_inertia(system, z)
-        resting = np.zeros(self.equations.responses.size)
-        start = np.concatenate([z, resting]), np.concatenate([rates, resting])
+        resting = self.equations.resting(z)
+        start = np.concatenate([z, resting]), np.concatenate([rates, np.zeros(len(resting))])
         self.state: IntegratorState[SolverState] = IntegratorState.begin(
             self.norm, 0.0, *start, self._control
         )

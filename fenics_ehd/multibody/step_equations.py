@@ -1,8 +1,9 @@
 """All equations of one implicit step of a mechanism and its films.
 
-Unknowns are the dimensionless pressures at the free nodes of every film, then ``(z, l, m)``:
-coordinates and multipliers on position and velocity level (`system`). Equations are the films',
-over their sources, then motion, constraints, and constraints on velocities.
+Unknowns are the dimensionless pressures at the free nodes of every film, where oil is conserved
+(`conserved_oil`) void fractions too, then ``(z, l, m)``: coordinates and multipliers on position
+and velocity level (`system`). Equations are the films', over their sources, then motion,
+constraints, and constraints on velocities.
 
 The derivative of the oil's shear, where it acts, is left out: it is c / R of the pressure's, so
 that every iteration still shrinks the error by about 1e-3.
@@ -10,9 +11,10 @@ that every iteration still shrinks the error by about 1e-3.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from scipy import sparse
@@ -23,6 +25,7 @@ from fenics_ehd.film.film import check_gap
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder, FilmMatrix
 from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
+from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
@@ -84,8 +87,10 @@ class StepEquations:
 
     Attributes
     ----------
+    oils, voids
+        Of every film, None where Reynolds' condition holds; numbers of the others.
     sizes
-        Free nodes of every film.
+        Nodes of every film with an unknown.
     dense
         Whether its matrix is.
     responses
@@ -94,20 +99,30 @@ class StepEquations:
 
     def __init__(self, system: System, *, dense_limit: int):
         self.system = system
-        self.sizes = [len(place.film.film.free) for place in system.films]
-        self.dense = [size <= dense_limit for size in self.sizes]
+        free = [len(place.film.film.free) for place in system.films]
+        self.dense = [
+            n <= dense_limit and place.joint.oil is None
+            for n, place in zip(free, system.films, strict=True)
+        ]
         self.responses = BoreResponses(system, self.dense)
+        self.oils = conserved_oils(system.films, system.n + self.responses.size)
+        self.sizes = [
+            n if oil is None else len(oil.nodes) for n, oil in zip(free, self.oils, strict=True)
+        ]
+        self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
         self.lead(0)
 
     def lead(self, count: int) -> None:
         """Take so many residual patterns of every body into the derivatives, where any are."""
         films, responses = self.system.films, self.responses
-        self._columns = [FilmColumns.of(place) for place in films]
+        self._columns = [
+            FilmColumns.of(place, None, oil) for place, oil in zip(films, self.oils, strict=True)
+        ]
         for flexibility, matrix in zip(responses.flexibilities, responses.matrices, strict=True):
             if matrix is None:
                 leading = flexibility.leading(min(count, flexibility.size))
                 for i, patterns in zip(flexibility.films, leading, strict=True):
-                    self._columns[i] = FilmColumns.of(films[i], patterns)
+                    self._columns[i] = FilmColumns.of(films[i], patterns, self.oils[i])
 
     @property
     def most_patterns(self) -> int:
@@ -117,8 +132,13 @@ class StepEquations:
 
     @property
     def rest_size(self) -> int:
-        """Unknowns beside the pressures."""
+        """Unknowns beside those of the films."""
         return self.system.n + 2 * self.system.m
+
+    def resting(self, z: np.ndarray) -> np.ndarray:
+        """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
+        volumes = [self.oil(i).volumes_at(z) for i in self.voids]
+        return np.concatenate([np.zeros(self.responses.size), *volumes])
 
     def begin(self, step: ImplicitStep) -> None:
         """Take the equations of another step."""
@@ -128,9 +148,47 @@ class StepEquations:
         self._holding = False
         self._filled: dict[str, np.ndarray] = {}
         self.responses.begin(step)
+        for i in self.voids:
+            oil, xi = self.oil(i), self.system.films[i].xi
+            # What is constant in the gap is part of its past, too.
+            constant = (1.0 + step.shift) * oil.affine_gap(np.zeros(len(xi)))
+            past = oil.affine_gap(step.past_x[xi], self.responses.past_gap(i)) - constant
+            oil.begin(step, past)
 
-    def evaluate(self, pressures: list[np.ndarray], rest: np.ndarray) -> Point:
-        """All equations at one point: dimensionless pressures at free nodes, and ``(z, l, m)``.
+    def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> list[float]:
+        """Oil of the films of `voids` in a state of given gaps, where observed [m^3]."""
+        return [self.oil(i).content(state, gaps[i]) for i in self.voids]
+
+    def keep_within(self, states: np.ndarray, gaps: list[np.ndarray]) -> None:
+        """Bring void volumes of the first of some states back into its gaps, the others along."""
+        for i in self.voids:
+            change = self.oil(i).within_gap(states[0], gaps[i])
+            states[:, self.oil(i).volumes] += change
+
+    def void_fractions(self, i: int, state: np.ndarray) -> np.ndarray:
+        """Of the nodes of one of `voids`, in a state without residual patterns."""
+        return self.oil(i).fractions(state)
+
+    def oil(self, i: int) -> ConservedOil:
+        """Of one of `voids`."""
+        oil = self.oils[i]
+        assert oil is not None
+        return oil
+
+    def pressures(self, values: list[np.ndarray]) -> list[np.ndarray]:
+        """Pressures at the free nodes of every film from those at all nodes with an unknown."""
+        if not self.voids:
+            return values
+        pairs = zip(values, self.oils, strict=True)
+        return [own if oil is None else own[oil.inside] for own, oil in pairs]
+
+    def evaluate(
+        self,
+        pressures: list[np.ndarray],
+        rest: np.ndarray,
+        voids: Mapping[int, np.ndarray] = MappingProxyType({}),
+    ) -> Point:
+        """All equations at one point: dimensionless pressures, ``(z, l, m)``, and void fractions.
 
         Raises
         ------
@@ -149,13 +207,13 @@ class StepEquations:
             place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates), place.ahead(z))
             for place in system.films
         ]
-        self.responses.add(pressures, gaps)
+        self.responses.add(self.pressures(pressures), gaps)
         for i, place in enumerate(system.films):
             if place.film.film.parameters.feeds:
                 gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)
         films = []
         for i, place in enumerate(system.films):
-            point = self._film(i, place, pressures[i], gaps[i])
+            point = self._film(i, place, pressures[i], gaps[i], voids.get(i))
             if place.film.shape is not None:
                 turned = place.film.shape.turned(place.ahead(z), place.ahead(rates))
                 point = replace(point, turned=turned)
@@ -166,9 +224,17 @@ class StepEquations:
             z, rates, accelerations, multipliers, drift, films, motion, np.concatenate(parts)
         )
 
-    def _film(self, i: int, place: FilmPlace, pressure: np.ndarray, gap: Gap) -> FilmPoint:
+    def _film(
+        self, i: int, place: FilmPlace, pressure: np.ndarray, gap: Gap, void: np.ndarray | None
+    ) -> FilmPoint:
         film = place.film.film
         check_gap(gap)
+        if void is not None:
+            oil = self.oil(i)
+            problem, defect, oil_point = oil.evaluate(gap, pressure, void)
+            if len(self.scales) <= i:
+                self.scales.append(1.0)
+            return FilmPoint(oil.balance.nodal(pressure), gap, problem, defect, oil=oil_point)
         problem = film.equation.problem(gap)
         if len(self.scales) <= i:
             self.scales.append(problem.scale)
@@ -206,7 +272,8 @@ class StepEquations:
         free = point.nodal[film.free]
         result = CavitationResult(free, point.defect, np.flatnonzero(free > 0.0), 0)
         pressure = film.parameters.pressure_scale * point.nodal
-        return FilmState(pressure, point.gap, result, point.problem)
+        fraction = None if point.oil is None else 1.0 - point.oil.nodal_void
+        return FilmState(pressure, point.gap, result, point.problem, fraction)
 
     def linearise(self, point: Point) -> Derivative:
         """Derivatives at a point."""
@@ -242,10 +309,15 @@ class StepEquations:
                 along_gap = (share * film.parameters.pressure_scale / scale) * border.along_gap
                 answer = partial(_answer_block, film, matrix, along_gap)
             if own.turned is not None:
-                border = turned_border(place, own, own.turned, border, scale, speed)
+                border = turned_border(self._columns[i], own, own.turned, border, scale, speed)
                 twist(place, own, own.turned, core)
-            entries = own.problem.entries(own.nodal[film.free]) / scale
-            pattern, weights_of_film = film.assembly.pattern, own.problem.weights
+            if own.oil is None:
+                entries = own.problem.entries(own.nodal[film.free]) / scale
+                pattern = film.assembly.pattern
+            else:
+                entries = own.problem.entries(own.oil.values)
+                pattern = self.oil(i).balance.assembly.pattern
+            weights_of_film = own.problem.weights
             matrices.append(FilmMatrix(pattern, entries, weights_of_film, answer))
             borders.append(border)
         return Derivative(matrices, borders, core)
@@ -253,7 +325,7 @@ class StepEquations:
     def gap_change(
         self, borders: Sequence[FilmBorder], pressures: list[np.ndarray], x: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray] | None]:
-        """What changes of pressures and of all other unknowns x do to the films.
+        """What changes of pressures at free nodes and of all other unknowns x do to the films.
 
         Returns
         -------
@@ -277,16 +349,21 @@ class StepEquations:
                 if columns.shares is not None and columns.leading < flexibility.size:
                     leading = columns.gap[:, film.size + 1 :] @ x[border.patterns]
                     along = border.along_gap @ (own - leading)
-                    left[i], any_left = along[film.film.free] / self.scales[i], True
+                    left[i], any_left = along[columns.nodes] / self.scales[i], True
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """``(z, y)`` and their rates at a point."""
+        """``(z, y)``, void volumes, and their rates at a point."""
         pressures = [
             place.film.film.parameters.pressure_scale * film.nodal
             for place, film in zip(self.system.films, point.films, strict=True)
         ]
         values, rates = self.responses.state(pressures)
+        for i in self.voids:
+            oil_point = point.films[i].oil
+            assert oil_point is not None
+            volumes, change = self.oil(i).volume_rates(oil_point, point.z)
+            values, rates = [*values, volumes], [*rates, change]
         return np.concatenate([point.z, *values]), np.concatenate([point.rates, *rates])
 
 

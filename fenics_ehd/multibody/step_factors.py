@@ -17,8 +17,10 @@ from fenics_ehd.multibody.border import (
     ChangedSystem,
     DenseFilm,
     FilmBlock,
+    OilFilm,
     SparseFilm,
 )
+from fenics_ehd.multibody.conserved_oil import ConservedOil
 from fenics_ehd.multibody.step_equations import Derivative, Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import FilmPlace
@@ -40,7 +42,8 @@ class Update(NamedTuple):
     Attributes
     ----------
     pressures, rest
-        Of every film at its free nodes, and of ``(z, l, m)``.
+        Of every film at its free nodes, where oil is conserved with void fractions in place of
+        pressures where the film is not full; and of ``(z, l, m)``.
     closing
         Largest closing of a gap, relative.
     size
@@ -74,8 +77,8 @@ class StepFactors:
     def __init__(self, equations: StepEquations, *, dense_limit: int, options_prefix: str):
         self._equations = equations
         self._blocks = [
-            film_block(film, dense_limit, f"{options_prefix}{film.name}_")
-            for film in equations.system.films
+            film_block(film, dense_limit, f"{options_prefix}{film.name}_", oil)
+            for film, oil in zip(equations.system.films, equations.oils, strict=True)
         ]
         self.lead(LEADING)
 
@@ -131,7 +134,10 @@ class StepFactors:
         for block, matrix, nodes in zip(self._blocks, derivative.matrices, full, strict=True):
             block.prepare(matrix, nodes.astype(np.int32))
         self._base_full = full
-        system = BorderedSystem(self._blocks, derivative.borders, derivative.core)
+        borders = list(derivative.borders)
+        for i in self._equations.voids:
+            borders[i] = borders[i].on(full[i])
+        system = BorderedSystem(self._blocks, borders, derivative.core)
         self._base = self._factored = system
 
     def update(
@@ -158,18 +164,18 @@ class StepFactors:
         given[: len(rest)] = rest
         # Defects are what is left of the equations with W of (11) taken out.
         left_over = [
-            film if m.weights is None else m.pattern.multiply(m.weights, film)
-            for film, m in zip(films, derivative.matrices, strict=True)
+            film if m.weights is None or oil else m.pattern.multiply(m.weights, film)
+            for film, m, oil in zip(films, derivative.matrices, self._equations.oils, strict=True)
         ]
         pressures, x = factored.solve(left_over, given)
-        changes, left = self._equations.gap_change(factored.borders, pressures, x)
+        changes, left = self._gap_change(factored, pressures, x)
         closing, size = self._measure(point, changes, x)
         former = size
         for _ in range(MAX_REFINEMENTS):
             if left is None or not size:
                 break
             more, x_more = factored.solve([-film for film in left], np.zeros(factored.size))
-            further, left = self._equations.gap_change(factored.borders, more, x_more)
+            further, left = self._gap_change(factored, more, x_more)
             pressures = [p + q for p, q in zip(pressures, more, strict=True)]
             changes = [c + d for c, d in zip(changes, further, strict=True)]
             x = x + x_more
@@ -179,6 +185,17 @@ class StepFactors:
             if changed <= REFINED * size or self._reduction > SLOW:
                 break
         return Update(pressures, x[: len(rest)], closing, size)
+
+    def _gap_change(
+        self, factored: BorderedSystem | ChangedSystem, pressures: list[np.ndarray], x: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray] | None]:
+        """See `StepEquations.gap_change`; void fractions move no bore."""
+        for i in self._equations.voids:
+            only = np.zeros_like(pressures[i])
+            only[self._base_full[i]] = pressures[i][self._base_full[i]]
+            pressures = [*pressures[:i], only, *pressures[i + 1 :]]
+        found = self._equations.pressures(pressures)
+        return self._equations.gap_change(factored.borders, found, x)
 
     def _measure(
         self, point: Point, changes: list[np.ndarray], x: np.ndarray
@@ -196,10 +213,17 @@ class StepFactors:
         return closing, size
 
 
-def film_block(place: FilmPlace, dense_limit: int, options_prefix: str) -> FilmBlock:
-    """Dense factors of a small film, sparse ones of another."""
+def film_block(
+    place: FilmPlace, dense_limit: int, options_prefix: str, oil: ConservedOil | None = None
+) -> FilmBlock:
+    """Dense factors of a small film, sparse ones of another or of conserved oil."""
     film = place.film.film
     symmetric = film.parameters.lubricant.linear
+    if oil is not None:
+        pattern = oil.balance.assembly.pattern
+        return OilFilm(
+            ActiveSetSystem(pattern, weighted=True, symmetric=False, options_prefix=options_prefix)
+        )
     if len(film.free) <= dense_limit:
         return DenseFilm(symmetric=symmetric)
     return SparseFilm(

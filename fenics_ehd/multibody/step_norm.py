@@ -63,8 +63,8 @@ class StepNorm:
         return angles
 
     def observe(self, x: np.ndarray) -> np.ndarray:
-        """Gaps [m], then dimensionless coordinates, for a state ``(z, y)``."""
-        return self._constant + self._rows @ x
+        """Gaps [m], then dimensionless coordinates, for a state ``(z, y)`` and more."""
+        return self._constant + self._rows @ x[: self._rows.shape[1]]
 
     def gaps(self, observed: np.ndarray) -> np.ndarray:
         """Those of what is observed that must stay positive."""

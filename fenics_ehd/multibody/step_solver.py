@@ -81,7 +81,9 @@ class CoupledSteps:
     ):
         self.system, self._prefix = system, options_prefix
         self.equations = StepEquations(system, dense_limit=dense_limit)
-        self._ends = np.cumsum([0, *self.equations.sizes])
+        sizes, voids = self.equations.sizes, self.equations.voids
+        self._ends = np.cumsum([0, *sizes])
+        self._rest = int(self._ends[-1]) + sum(sizes[i] for i in voids)
         self._factors = StepFactors(
             self.equations, dense_limit=dense_limit, options_prefix=options_prefix
         )
@@ -92,7 +94,7 @@ class CoupledSteps:
         return self._solver(PATIENT_ITERATIONS)
 
     def _solver(self, iterations: int) -> SnesVi:
-        free = np.full(self.equations.rest_size, -np.inf)
+        free = np.full(self._rest - self._ends[-1] + self.equations.rest_size, -np.inf)
         return SnesVi(
             self,
             np.concatenate([np.zeros(self._ends[-1]), free]),
@@ -110,7 +112,8 @@ class CoupledSteps:
     def pattern(self) -> dict[str, Any]:
         """Names, types and shapes of what it remembers, for `require_like`."""
         nodes = sum(place.film.film.assembly.size for place in self.system.films)
-        values = np.zeros((1, nodes + 2 * self.system.m))
+        voids = self._rest - int(self._ends[-1])
+        values = np.zeros((1, nodes + voids + 2 * self.system.m))
         return vars(SolverState(np.zeros(1), values, LEADING))
 
     def __call__(
@@ -130,6 +133,11 @@ class CoupledSteps:
             return Attempt(max(1, self._iterations), failure=failure, cause=error)
         point = self._point
         values = [film.pressure for film in state.films]
+        for i in self.equations.voids:
+            oil_point = point.films[i].oil
+            assert oil_point is not None
+            values[i] = self.equations.oil(i).as_pressures(oil_point)
+            values.append(oil_point.void)
         kept = SolverState.after(
             former,
             step.time,
@@ -165,21 +173,44 @@ class CoupledSteps:
         system, start = self.system, []
         values = None if former is None else former.extrapolated(step.time)
         place = 0
-        for film in (place.film.film for place in system.films):
+        for film, oil, count in zip(
+            (place.film.film for place in system.films),
+            self.equations.oils,
+            self.equations.sizes,
+            strict=True,
+        ):
             size = film.assembly.size
             if values is None:
-                start.append(np.zeros(len(film.free)))
+                start.append(np.zeros(count))
             else:
                 nodal = np.maximum(values[place : place + size], 0.0)
-                start.append(nodal[film.free] / film.parameters.pressure_scale)
+                nodes = film.free if oil is None else oil.nodes
+                start.append(nodal[nodes] / film.parameters.pressure_scale)
             place += size
+        for i in self.equations.voids:
+            size = self.equations.sizes[i]
+            if values is None:
+                start.append(self.equations.void_fractions(i, step.start))
+            else:
+                start.append(np.maximum(values[place : place + size], 0.0))
+                place += size
         multipliers = np.zeros(2 * system.m) if values is None else values[place:]
         return np.concatenate([*start, x[: system.n], multipliers])
 
-    def _split(self, values: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """Pressures of every film and the other unknowns."""
+    def _split(
+        self, values: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray, dict[int, np.ndarray]]:
+        """Pressures of every film, the other unknowns, and void fractions of some films."""
         films = [values[first:last] for first, last in pairwise(self._ends)]
-        return films, values[self._ends[-1] :]
+        return films, values[self._rest :], self._voids(values[self._ends[-1] : self._rest])
+
+    def _voids(self, values: np.ndarray) -> dict[int, np.ndarray]:
+        """Values of all nodes of films with void fractions, by the film's number."""
+        found, place = {}, 0
+        for i in self.equations.voids:
+            found[i] = values[place : place + self.equations.sizes[i]]
+            place += self.equations.sizes[i]
+        return found
 
     # --- Called by SNES-VI during a solve.
 
@@ -187,7 +218,9 @@ class CoupledSteps:
         """See `VariationalInequality`."""
         # PETSc writes to its array again; a point lasts.
         self._point: Point = self.equations.evaluate(*self._split(x.copy()))
-        return np.concatenate([*(film.defect for film in self._point.films), self._point.rest])
+        defects = [film.defect for film in self._point.films]
+        oils = [film.oil.defect for film in self._point.films if film.oil is not None]
+        return np.concatenate([*defects, *oils, self._point.rest])
 
     def linearise(self, x: np.ndarray) -> None:
         """See `VariationalInequality`: derivatives are made for an active set, when it is known."""
@@ -216,8 +249,12 @@ class CoupledSteps:
             film[full] = rhs[place : place + len(full)]
             films.append(film)
             place += len(full)
+        rest = place + self._rest - self._ends[-1]
+        voids = {}
+        for i, defect in self._voids(rhs[place:rest]).items():
+            films[i], voids[i] = self._given(i, films[i], defect)
         former = self._size
-        found = self._factors.update(self._point, self._full, films, rhs[place:])
+        found = self._factors.update(self._point, self._full, films, rhs[rest:])
         self._size, closing = found.size, found.closing
         self._contracts = self._size <= CONTRACTION * former
         self._close = self._size <= min(NEAR, SHRINKING * former)
@@ -225,14 +262,30 @@ class CoupledSteps:
         if not self._settled:
             self._fraction *= self._damping
         inner = [p[full] for p, full in zip(found.pressures, self._full, strict=True)]
+        for i, void in voids.items():
+            changes = found.pressures[i].copy()
+            changes[self._full[i]] = void[self._full[i]]
+            inner.append(changes)
         return self._fraction * np.concatenate([*inner, found.rest])
+
+    def _given(
+        self, i: int, pressures: np.ndarray, defect: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `ConservedOil.given`."""
+        problem = self._point.films[i].problem
+        return self.equations.oil(i).given(problem, self._full[i], pressures, defect)
 
     def converged(self, iteration: int) -> bool:
         """See `SelfJudging`: what is left of the update is small, by the last derivatives."""
         if not iteration or self._fraction < 1.0:
             return False
         point, films = self._point, []
-        for place, film in zip(self.system.films, point.films, strict=True):
+        for i, (place, film) in enumerate(zip(self.system.films, point.films, strict=True)):
+            if film.oil is not None:
+                if not self.equations.oil(i).settled(film.oil, self._tolerance):
+                    return False
+                films.append(self._given(i, film.defect, film.oil.defect)[0])
+                continue
             pressures = film.nodal[place.film.film.free]
             # Elsewhere pressure is zero and the flux positive: nothing is left to do.
             unsettled = (pressures > ZERO_PRESSURE) | (film.defect < 0.0)
@@ -244,8 +297,14 @@ class CoupledSteps:
 
     def _state(self) -> CoupledState:
         """The end of the step, its films verified."""
-        point, films = self._point, []
+        point = self._point
+        films: list[FilmState] = []
         for i, (place, film) in enumerate(zip(self.system.films, point.films, strict=True)):
+            if film.oil is not None:
+                found = self._full[i], self._iterations
+                oil = self.equations.oil(i)
+                films.append(oil.state(film, film.oil, found, self._tolerance))
+                continue
             scale = self.equations.scales[i]
             free, flux = film.nodal[place.film.film.free], film.defect * scale
             verify_complementarity(free, flux, scale, 10 * self._tolerance)

@@ -20,6 +20,7 @@ from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import Integrals
 from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_rates import joint_rates
+from fenics_ehd.multibody.oil_account import OilAccount
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.powers import step_powers
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -76,6 +77,7 @@ class Tracker:
         }
         self.balance: EnergyBalance | None = None
         self.rates: dict[str, Integrals] = {}
+        self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
         self.time = 0.0
@@ -95,6 +97,7 @@ class Tracker:
             estimate.largest *= 0.0  # what is not known stays so
         for rates in self.rates.values():
             rates.restart()
+        self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
         return True
 
     def add(self, step: MechanismStep) -> tuple[dict[str, float], dict[str, np.ndarray]]:
@@ -115,8 +118,8 @@ class Tracker:
         size, self.time = step.time - self.time, step.time
         row = {"time_s": step.time}
         stored = {"coordinates": step.x[: system.n], "rates": step.rate[: system.n]}
-        if len(step.x) > system.n:
-            stored["quasi_static"] = step.x[system.n :]
+        if patterns := self._equations.responses.size:
+            stored["quasi_static"] = step.x[system.n : system.n + patterns]
         loads = self._loads(state.films)
         gaps = self._norm.film_gaps(step.observed)
         for place, film, gap in zip(system.films, state.films, gaps, strict=True):
@@ -129,6 +132,8 @@ class Tracker:
                 )
             row |= {f"{prefix}{name}": value for name, value in figures.items()}
             stored[f"{prefix}pressure_Pa"] = film.pressure
+            if film.fluid_fraction is not None:
+                stored[f"{prefix}fluid_fraction"] = film.fluid_fraction
         row |= self._bodies(step) | self._energy(step)
         row |= {"step_s": size, "newton_iterations": step.newton_iterations}
         return row | {"rejected_steps": rejected}, stored
@@ -178,6 +183,8 @@ class Tracker:
             self.rates[joint].add(time, rates)
         elif rates:
             self.rates[joint] = Integrals(time, rates)
+        if account := OilAccount.follow(self.oil.get(joint), rates):
+            self.oil[joint] = account
         return rates
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
@@ -241,9 +248,11 @@ class Tracker:
     def _means(self, joint: str) -> dict[str, float]:
         """Of a joint's rates over the run, or the cycle, and temperatures that follow from them."""
         found = self.rates[joint].means if joint in self.rates else {}
+        means = {f"mean_{name}": value for name, value in found.items()}
+        if joint in self.oil:
+            means |= self.oil[joint].figures(self.rates[joint].totals)
         place = next(film for film in self._equations.system.films if film.name == joint)
-        heat = {} if place.joint.heat is None else temperatures(place, found)
-        return {f"mean_{name}": value for name, value in found.items()} | heat
+        return means | ({} if place.joint.heat is None else temperatures(place, found))
 
     def verdict(self) -> str:
         """``"complete"``, or why the figures cannot be trusted."""
@@ -273,6 +282,7 @@ class Tracker:
                 name: {"names": tuple(rates.totals), **rates.stored_state()}
                 for name, rates in self.rates.items()
             },
+            "oil": {name: asdict(found) for name, found in self.oil.items()},
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -307,6 +317,10 @@ class Tracker:
         self.rates = {
             joint: Integrals.of(tuple(found["names"]), found)
             for joint, found in stored["rates"].items()
+        }
+        self.oil = {
+            joint: OilAccount(float(found["start"]), float(found["end"]))
+            for joint, found in stored["oil"].items()
         }
 
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from fenics_ehd.film.kinematics import GapDerivatives
 from fenics_ehd.multibody.border import FilmBorder
-from fenics_ehd.multibody.film_columns import FilmPoint
+from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
 from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
 
 def turned_border(
-    place: FilmPlace,
+    columns: FilmColumns,
     point: FilmPoint,
     turned: Turned,
     border: FilmBorder,
@@ -25,13 +25,14 @@ def turned_border(
 
     Parameters
     ----------
-    place, point, turned, scale
+    columns, point, turned, scale
         The film at a point, and what its equations are divided by.
     border
         Of a round joint.
     speed
         Derivative of all rates along all unknowns x but the patterns.
     """
+    place = columns.place
     film, size = place.film.film, border.spread.shape[1]
     still = np.zeros_like(turned.slope)
     # Along the angle ahead, and along its rate.
@@ -40,10 +41,16 @@ def turned_border(
         np.stack([turned.rate_slope, turned.slope], axis=-1),
         np.stack([still, still], axis=-1),
     )
-    inputs = film.equation.change(point.gap, point.nodal, changes) / scale
+    if columns.oil is None:
+        inputs = film.equation.change(point.gap, point.nodal, changes) / scale
+    else:
+        assert point.oil is not None
+        inputs = columns.oil.change(point.nodal, point.oil, changes)
     spread = np.zeros((2, size))
     outputs, rows = [], []
-    unit = film.parameters.pressure_scale * turned.torque[film.free]
+    unit = film.parameters.pressure_scale * turned.torque[columns.nodes]
+    if columns.oil is not None:
+        unit = unit * columns.oil.inside
     for angle, sign in ((place.journal_angle, 1.0), (place.bore_angle, -1.0)):
         if angle is not None:
             spread[0, angle] += sign

@@ -15,7 +15,7 @@ from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.film.shape import Shape
 from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.scenes import schema
@@ -207,4 +207,7 @@ def lubricated(
         journal_shape=shapes[1],
         shear_rule=joint.shear_rule,
         heat=joint_heat(joint),
+        oil=ConservedContent(joint.initial_filling, joint.ambient == "oil")
+        if joint.cavitation == "mass-conserving"
+        else None,
     )

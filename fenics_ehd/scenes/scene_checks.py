@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
@@ -117,6 +118,7 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
             f"{key}.lubricant = {joint.lubricant!r}: there is no [lubricants.{joint.lubricant}], "
             f"there are: {known}"
         )
+    _check_oil(scene, name, joint)
     if not np.hypot(*joint.eccentricity) < 1.0:
         raise SettingsError(
             f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
@@ -132,6 +134,33 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
     for size in ("radius", "width"):
         if not scene.elastic_bore(joint) and not getattr(joint, size):
             raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
+
+
+def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
+    """Refuse elements that cannot conserve oil, and settings of oil where it is not conserved."""
+    key = f"joints.{name}"
+    if not joint.initial_filling <= 1.0:
+        raise SettingsError(
+            f"{key}.initial_filling = {joint.initial_filling:g} must be at most 1, a full gap"
+        )
+    if joint.cavitation == "mass-conserving":
+        from fenics_ehd.film.oil_balance import require_monotone  # slow to import
+
+        require_monotone(joint.element, f"{key}.element")
+        body = joint.journal.partition(".")[0]
+        massless = type(scene.bodies.get(body)) is schema.MasslessSettings
+        if massless and joint.initial_filling < 1.0:
+            raise SettingsError(
+                f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
+                f"nothing holds the massless body {body}: it must be 1, or the body have a mass"
+            )
+        return
+    for idle in ("initial_filling", "ambient"):
+        if getattr(joint, idle) != getattr(attrs.fields(type(joint)), idle).default:
+            raise SettingsError(
+                f"{key}.{idle} does nothing under Reynolds' condition: set {key}.cavitation = "
+                "'mass-conserving'"
+            )
 
 
 def check_time(scene: Scene) -> None:

@@ -36,6 +36,8 @@ from fenics_ehd.scenes.supply_settings import supplies
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
+CAVITATIONS = ("reynolds", "mass-conserving")
+AMBIENTS = ("air", "oil")
 
 
 @attrs.frozen
@@ -251,6 +253,17 @@ class LubricatedSettings:
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
     )
     supply: dict = supplies("holes and grooves of bore or journal that feed the film")
+    cavitation: str = choice(
+        "reynolds", CAVITATIONS,
+        "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
+    )  # fmt: skip
+    initial_filling: float = number(
+        1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0
+    )
+    ambient: str = choice(
+        "air", AMBIENTS,
+        "around sides without ambient_pressure: air, or oil beside them (mass-conserving)",
+    )  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     shear_rule: str = choice(
         "streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"

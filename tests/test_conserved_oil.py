@@ -1,0 +1,470 @@
+"""Films that keep account of their oil in the coupled steps of mechanisms."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from differences import slope
+from mechanism_cases import REVOLUTION, SPEED
+from mpi4py import MPI
+from oil_cases import (
+    CLOSED,
+    ETA,
+    RADIUS,
+    heights,
+    oil_film,
+    oscillating,
+    rigid_slider_crank,
+    whirling,
+    with_oil,
+)
+from oracle_mass_conserving import ClosedJournalFilm, SqueezedJournal
+from scene_cases import tables_of
+from test_coupled_steps import mechanism_with, some_step
+
+from fenics_ehd.base.errors import SettingsError, StepSizeError
+from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.supply import AxialGroove, Sides
+from fenics_ehd.multibody import conserved_oil
+from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import simulate, simulate_periodic
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.system import System
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.scene_file import scene_of
+
+pytestmark = pytest.mark.kernels
+
+GROOVE = AxialGroove(np.radians(90), np.radians(18), 3e5)
+
+
+# --- Against solutions with free boundaries
+
+
+@pytest.mark.parametrize("whirl", [0.0, 125.0, pytest.param(400.0, marks=pytest.mark.slow)])
+def test_a_closed_journal_settles_to_the_free_boundary_solution(whirl, figure):
+    exact, clearance = ClosedJournalFilm(0.5, 0.8), 1e-6
+    reformation, rupture = exact.boundaries
+    velocity = 0.5 - whirl / SPEED
+    errors, turns = [], 3
+    for cells in (16, 32, 64):
+        film = oil_film((cells, 1), clearance=clearance, sides=CLOSED)
+        mechanism = whirling(film, 0.5, whirl, filling=0.8)
+        end = turns * REVOLUTION
+        run = Run(mechanism, Steps(tolerance=1e-3, order=2, largest=0.5 / cells), end)
+        *_, last = run.until(end)
+        (state,) = last.solution.films
+        phi, every = heights(film)
+        x = (phi - whirl * end - np.pi) * np.sign(velocity)
+        x = np.mod(x - rupture, 2 * np.pi) + rupture - 2 * np.pi
+        full = x >= reformation
+        expected = np.where(full, 1.0, exact.gap(rupture) / exact.gap(x))
+        pressure = abs(velocity) * exact.largest_pressure * film.parameters.pressure_scale
+        errors.append(
+            [
+                np.mean(np.abs(state.fluid_fraction[::every] - expected)),
+                abs(state.pressure.max() / pressure - 1),
+            ]
+        )
+        assert 0.2 < full.mean() < 0.8
+        content = state.content.sum() / (clearance * RADIUS * 0.022 * 2 * np.pi)
+        assert content == pytest.approx(0.8, rel=1e-12)
+    rates = np.log2(np.array(errors)[0] / np.array(errors)[-1]) / 2
+    assert rates.min() > 0.7
+    name = f"conserved oil in the coupled step, closed journal whirling at {whirl:g} rad/s"
+    figure("film", f"{name}, fluid fraction", errors[-1][0], most=0.02, unit="%")
+    figure("film", f"{name}, observed order of it", rates[0], least=0.7)
+    figure("film", f"{name}, largest pressure", errors[-1][1], most=0.02, unit="%")
+
+
+def squeezed(cells, steps, order=3):
+    """Largest error of the empty area over a squeeze and a half, relative, and at the last edge."""
+    speed, amplitude, supply, clearance = 100.0, 0.4, 2e5, 1e-5
+    lines = tuple(AxialGroove(angle, 0.0, supply) for angle in (np.pi / 2, -np.pi / 2))
+    film = oil_film((cells, 1), clearance=clearance, sides=CLOSED, regions=lines)
+    exact = SqueezedJournal(
+        lambda t: amplitude * np.cos(speed * t),
+        lambda t: -amplitude * speed * np.sin(speed * t),
+        supply * (clearance / RADIUS) ** 2 / (12 * ETA),
+    )
+    end = 0.9 * 2 * np.pi / speed
+    control = Steps(tolerance=1e-3, order=order, largest=1 / steps, first=1e-6)
+    phi, every = heights(film)
+    half = np.abs(np.mod(phi + np.pi, 2 * np.pi) - np.pi) < np.pi / 2 - 1e-9
+    times, voids, edges = [], [], []
+    for step in Run(oscillating(film, amplitude, speed), control, end).until(end):
+        share = 1 - step.solution.films[0].fluid_fraction[::every]
+        gap = 1 - amplitude * np.cos(speed * step.time) * np.cos(phi)
+        times.append(step.time)
+        voids.append((share * gap)[half].sum() * 2 * np.pi / cells)
+        edges.append((share[half] > 1e-3).sum() * np.pi / cells)
+    chosen = np.linspace(0, len(times) - 1, 40).astype(int)
+    edge, void = exact.edges(1e-5, np.array(times)[chosen])
+    assert edge.max() > 1.2
+    assert edge[-1] < 0.8
+    late = np.array(times)[chosen] * speed > 0.5
+    off = np.abs(np.array(edges)[chosen] - edge)[late].max()
+    return np.abs(np.array(voids)[chosen] - void).max() / void.max(), off * cells / (2 * np.pi)
+
+
+def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(figure):
+    errors = np.array([squeezed(16, 32), squeezed(32, 64), squeezed(64, 128)])
+    # The edge lies within a cell of where it should.
+    assert errors[:, 1].max() < 1.0
+    name = "conserved oil in the coupled step, squeezed journal, empty area"
+    figure("film", name, errors[-1, 0], most=1e-3, unit="%")
+    order = np.log2(errors[0, 0] / errors[-1, 0]) / 2
+    figure("film", f"{name}, observed order", order, least=1.0)
+
+
+def test_one_step_formulas_solve_what_a_film_alone_does():
+    film = oil_film((24, 4), regions=(GROOVE,))
+    mechanism = whirling(film, 0.7, 150.0, filling=0.6)
+    end = 0.5 * REVOLUTION
+    run = Run(mechanism, Steps(tolerance=1e-5, order=1, largest=0.05), end)
+    alone = MassConservingFilm(film)
+    (place,) = run.equations.system.films
+    gap = place.film.gap(run.state.x[0, place.xi], run.state.rate[0, place.xi], SPEED)
+    content, time, compared = alone.filled(gap, 0.6), 0.0, 0
+    # Full where there is a reservoir.
+    content = np.where(alone.balance.reservoir, alone.filled(gap), content)
+    for step in run.until(end):
+        (state,) = step.solution.films
+        found = alone.solve(state.gap, content, step.time - time)
+        content, time = found.content, step.time
+        largest = found.pressure.max()
+        np.testing.assert_allclose(state.pressure, found.pressure, atol=1e-5 * (largest + 1e3))
+        np.testing.assert_allclose(state.fluid_fraction, found.fluid_fraction, atol=1e-6)
+        np.testing.assert_allclose(state.content, content, atol=1e-6 * content.max())
+        compared += largest > 1e5
+    assert compared > 10
+    assert state.fluid_fraction.min() < 0.6
+
+
+# --- Time
+
+
+def test_order_in_time(figure):
+    end = REVOLUTION
+
+    def at_end(steps, order):
+        film = oil_film((24, 1), clearance=1e-6, sides=CLOSED)
+        control = Steps(tolerance=1e-3, order=order, largest=1 / steps, first=end / steps)
+        run = Run(whirling(film, 0.5, 125.0, filling=0.8), control, end)
+        *_, last = run.until(end)
+        return last.solution.films[0].fluid_fraction
+
+    reference = at_end(400, 3)
+    for order, least in ((1, 0.7), (2, 1.6), (3, 1.6)):
+        errors = [np.abs(at_end(n, order) - reference).mean() for n in (40, 80, 160)]
+        observed = np.log2(errors[0] / errors[-1]) / 2
+        name = f"conserved oil in the coupled step, formula of order {order}, observed order"
+        figure("film", name, observed, least=least)
+
+
+# --- Balance
+
+
+def flown(run, end):
+    """Content and void volumes step by step, and what flows out of the film."""
+    rows, system = [], run.equations.system
+    for step in run.until(end):
+        (state,) = step.solution.films
+        rows.append(
+            (step.time, state.content.sum(), state.outflow.sum(), np.abs(state.outflow).sum())
+        )
+        assert state.pressure.min() >= 0.0
+        assert state.fluid_fraction.max() <= 1.0 + 1e-6
+        assert np.abs(np.minimum(state.pressure, 1 - state.fluid_fraction)).max() < 1e-4
+    assert system.films
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_closed_film_keeps_its_oil_whatever_the_formula(order, figure):
+    film = oil_film((20, 3), sides=CLOSED)
+    run = Run(
+        rigid_slider_crank(film, filling=0.97), Steps(tolerance=3e-3, order=order), REVOLUTION
+    )
+    _, content, outflow, _ = flown(run, 0.5 * REVOLUTION)
+    assert not outflow.any()
+    name = f"conserved oil in the coupled step, order {order}, change of a closed film's content"
+    figure("film", name, np.abs(content / content[0] - 1).max(), most=1e-12)
+
+
+def test_content_changes_by_the_summed_flow_with_a_one_step_formula(figure):
+    film = oil_film((20, 4), regions=(GROOVE,))
+    run = Run(rigid_slider_crank(film, filling=1.0), Steps(tolerance=1e-2, order=1), REVOLUTION)
+    time, content, outflow, size = flown(run, 0.5 * REVOLUTION)
+    left = np.diff(time) * outflow[1:]
+    defect = np.abs(np.diff(content) + left).max() / content[0]
+    assert np.sum(np.diff(time) * size[1:]) > 0.1 * content[0]
+    figure("film", "conserved oil in the coupled step, oil lost in a step", defect, most=1e-13)
+
+
+@pytest.mark.slow
+def test_balance_of_ten_cycles_closes_at_the_order_of_the_formula(figure):
+    film = oil_film((24, 4), regions=(GROOVE,))
+    defects = []
+    for largest in (0.02, 0.01):
+        run = Run(
+            rigid_slider_crank(film, filling=1.0),
+            Steps(tolerance=1e-2, order=2, largest=largest / 10),
+            10 * REVOLUTION,
+        )
+        tracker = Tracker(run.equations, run.norm)
+        for step in run.until(10 * REVOLUTION):
+            tracker.add(step)
+        defects.append(tracker.figures()["oil_balance_defect"])
+    name = "conserved oil in the coupled step, balance over ten cycles"
+    figure("film", name, defects[-1], most=1e-3, unit="%")
+    assert defects[1] < 0.6 * defects[0]
+
+
+def test_energy_balances_at_the_order_of_the_formula():
+    film = oil_film((24, 4), regions=(GROOVE,))
+    errors = [
+        simulate(
+            rigid_slider_crank(film, oil_outside=True), 0.4 * REVOLUTION, tolerance=tolerance
+        ).net_energy_balance_error
+        for tolerance in (1e-3, 1e-5)
+    ]
+    assert errors[1] < 0.25 * errors[0]
+
+
+# --- Beside Reynolds' condition
+
+
+@pytest.mark.parametrize("residual", [False, True])
+def test_a_film_that_is_full_is_that_of_reynolds(residual, figure):
+    film = oil_film((12, 3), sides=Sides(3e8, 3e8))
+    mechanism, runs = mechanism_with("bilinear", residual), []
+    for case in (with_oil(mechanism, film), with_oil(mechanism, film)):
+        if runs:
+            joints = {
+                n: replace(j, oil=None) if isinstance(j, LubricatedJoint) else j
+                for n, j in case.joints.items()
+            }
+            case = replace(case, joints=joints)
+        runs.append(simulate(case, 0.02 * REVOLUTION, tolerance=1e-5))
+    oil, reynolds = (run.columns for run in runs)
+    assert len(oil["time_s"]) == len(reynolds["time_s"])
+    difference = max(
+        np.abs(oil[name] / reynolds[name] - 1).max()
+        for name in ("time_s", "max_pressure_Pa", "min_film_thickness_m")
+    )
+    method = "residual patterns" if residual else "modes"
+    name = f"conserved oil where the film is full against Reynolds' condition, {method}"
+    # Newton's updates end at 1e-7 of the gap, and the next step's length follows from them.
+    figure("film", name, difference, most=1e-5)
+
+
+def test_residual_patterns_are_coordinates_without_mass():
+    from hand_made_rod import Joint, flexible, make_mechanism, with_residual
+    from oracle_quasi_static import massless_coordinates
+
+    joint = Joint()
+    joint.film = oil_film((12, 3))
+    body = with_residual(joint, flexible(joint)[0])
+    found = [
+        simulate(
+            with_oil(make_mechanism(b, joint, 1e-3), filling=0.95),
+            0.06 * REVOLUTION,
+            tolerance=1e-4,
+        ).columns
+        for b in (body, massless_coordinates(body))
+    ]
+    for name in ("max_pressure_Pa", "min_film_thickness_m", "oil_content_m3"):
+        last = [columns[name][-1] for columns in found]
+        assert last[0] == pytest.approx(last[1], rel=2e-3)
+
+
+# --- Derivatives
+
+
+@pytest.mark.parametrize("residual", [False, True])
+def test_derivatives_equal_central_differences(residual, monkeypatch):
+    mechanism = with_oil(
+        mechanism_with("bilinear", residual), oil_film((12, 3), regions=(GROOVE,)), oil_outside=True
+    )
+    equations = StepEquations(System(mechanism), dense_limit=10_000)
+    equations.lead(100)
+    assert equations.dense == [False]
+    (m,), n = equations.sizes, equations.system.n
+    size = equations.oil(0).balance.assembly.size
+    begin, former = equations.begin, 1e-9 * np.random.default_rng(1).uniform(-1, 1, size)
+    monkeypatch.setattr(
+        equations, "begin", lambda s: begin(replace(s, past_x=np.append(s.past_x, former)))
+    )
+    start, sizes, rng = some_step(equations)
+    void, sizes_of_void = rng.uniform(0, 0.5, m), np.full(m, 0.1)
+    point = equations.evaluate(*parts(start, m), {0: void})
+    derivative = equations.linearise(point)
+    (matrix,), (border,) = derivative.matrices, derivative.borders
+
+    def defect(h):
+        values, rest = parts(start + h * direction, m)
+        found = equations.evaluate(values, rest, {0: void + h * of_void})
+        return np.concatenate([found.films[0].oil.defect, found.rest])
+
+    rest, kept = len(start) - m, m + len(start) - m
+    for part in (slice(0, m), slice(m, m + n), slice(m + n, None), None):
+        direction, of_void = sizes * rng.uniform(-1, 1, len(start)), np.zeros(m)
+        if part is None:
+            direction, of_void = 0 * direction, sizes_of_void * rng.uniform(-1, 1, m)
+        else:
+            direction[np.setdiff1d(np.arange(len(start)), np.arange(len(start))[part])] = 0.0
+        pattern = matrix.pattern
+        film = pattern.multiply(matrix.entries, direction[:m])
+        film = film - pattern.multiply(matrix.weights, of_void)
+        whole = np.zeros(len(derivative.core))
+        # Leading patterns follow from the pressures.
+        shares = border.outputs[len(border.rows) - count(border) :] @ direction[:m]
+        whole[:rest], whole[border.patterns] = direction[m:], -shares
+        film = film + border.inputs @ (border.spread @ whole)
+        others = derivative.core @ whole
+        np.add.at(others, border.rows, border.outputs @ direction[:m])
+        found, expected = np.concatenate([film, others[:rest]]), slope(defect, step=1e-3)
+        size = np.abs(expected)
+        size[m:] += np.abs(derivative.core[:rest, :rest]) @ sizes[m:]
+        size[:m] = np.abs(point.films[0].oil.defect).max()
+        assert kept == len(found)
+        assert np.all(np.abs(found - expected) <= 1e-6 * size)
+
+
+def count(border):
+    """Number of leading patterns."""
+    return border.patterns.stop - border.patterns.start
+
+
+def parts(values, m):
+    """Pressures of the one film and the other unknowns."""
+    return [values[:m]], values[m:]
+
+
+# --- Runs
+
+
+def test_a_run_goes_on_to_the_last_bit():
+    film, end = oil_film((16, 3), regions=(GROOVE,)), 0.05 * REVOLUTION
+    steps = Steps(tolerance=1e-3)
+    mechanism = rigid_slider_crank(film, filling=0.9)
+    whole, stopped = Run(mechanism, steps, end), Run(mechanism, steps, end)
+    trackers = [Tracker(run.equations, run.norm) for run in (whole, stopped)]
+    for step in whole.until(end):
+        trackers[0].add(step)
+    for number, step in enumerate(stopped.until(end)):
+        trackers[1].add(step)
+        if number == 12:
+            break
+    other = Run(mechanism, steps, end)
+    tracker = Tracker(other.equations, other.norm)
+    stored = {**stopped.stored_state(), **trackers[1].stored_state()}
+    other.load_state(stored)
+    tracker.load_state(stored)
+    for step in other.until(end):
+        tracker.add(step)
+    np.testing.assert_array_equal(other.state.x, whole.state.x)
+    np.testing.assert_array_equal(other.state.solver.values, whole.state.solver.values)
+    found, expected = tracker.figures(), trackers[0].figures()
+    assert found["oil_balance_defect"] > 0.0
+    assert {k: v for k, v in found.items() if v == v} == {
+        k: v for k, v in expected.items() if v == v
+    }
+
+
+def test_a_periodic_film_repeats_its_oil(figure):
+    film = oil_film((16, 3), regions=(GROOVE,))
+    result = simulate_periodic(
+        rigid_slider_crank(film, filling=1.0), REVOLUTION, periodicity=2e-3, tolerance=1e-2
+    )
+    assert result.cycles > 2
+    supplied, lost = mean_flows(result)
+    name = "conserved oil, side flow of a periodic film against its supply"
+    figure("film", name, abs(lost / supplied - 1), most=0.02, unit="%")
+
+
+def mean_flows(result):
+    """Supply and side flow over a cycle, by the trapezoidal rule [m3]."""
+    widths = np.diff(result.time, prepend=0.0)
+    widths = 0.5 * (widths + np.roll(widths, -1))
+    columns = "supply_flow_m3_per_s", "side_flow_m3_per_s"
+    return [widths @ result.columns[name] for name in columns]
+
+
+def test_fluid_fractions_far_below_zero_are_no_step(monkeypatch):
+    monkeypatch.setattr(conserved_oil, "UNDERSHOOT", -0.5)
+    film = oil_film((12, 2))
+    with pytest.raises(StepSizeError, match="fluid fraction below 0"):
+        simulate(rigid_slider_crank(film, filling=0.3), REVOLUTION, tolerance=1e-2)
+
+
+def test_nothing_of_it_is_computed_without_it(monkeypatch):
+    monkeypatch.setattr(conserved_oil.ConservedOil, "__init__", None)
+    film = oil_film((12, 2))
+    run = Run(rigid_slider_crank(film), Steps(tolerance=1e-2), 0.01 * REVOLUTION)
+    *_, last = run.until(0.01 * REVOLUTION)
+    assert len(last.x) == run.equations.system.n
+    row, fields = Tracker(run.equations, run.norm).add(last)
+    assert not any("oil" in name or "flow" in name for name in row)
+    assert "fluid_fraction" not in fields
+
+
+def test_films_that_cannot_conserve_oil_are_refused():
+    with pytest.raises(SettingsError, match="needs element = 'bilinear'"):
+        LubricatedJoint("a", "b", oil_film((12, 3), family="lagrange"), oil=ConservedContent())
+    with pytest.raises(SettingsError, match=r"initial_filling = 1\.2"):
+        ConservedContent(1.2)
+
+
+# --- Scenes
+
+
+def starved(**changes):
+    """The shipped starved scene on a coarse film."""
+    coarse = {"joints.bearing.cells": [30, 4], "time.tolerance": 5e-3}
+    return scene_of(tables_of("loaded-journal-starved", coarse | changes), "starved")
+
+
+@pytest.mark.slow
+def test_a_starved_bearing_has_less_film_than_one_that_reynolds_fills(figure):
+    found = []
+    for changes in ({}, {"cavitation": "reynolds", "initial_filling": 1.0}):
+        joint = {f"joints.bearing.{key}": value for key, value in changes.items()}
+        built = build_mechanism(starved(**joint), MPI.COMM_SELF)
+        steps = vars(built.steps)
+        found.append(simulate_periodic(built.mechanism, built.period, periodicity=5e-3, **steps))
+    oil, reynolds = found
+    content = oil.columns["oil_content_m3"]
+    assert content.max() < 0.8 * 25e-6 * 2 * np.pi * 0.025 * 0.02
+    assert (
+        oil.columns["min_film_thickness_m"].min() < reynolds.columns["min_film_thickness_m"].min()
+    )
+    assert oil.columns["side_flow_m3_per_s"].min() >= 0.0
+    name = "starved loaded journal, balance of a cycle's oil"
+    supplied, lost = mean_flows(oil)
+    figure("film", name, abs(lost / supplied - 1), most=0.02, unit="%")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"element": "lagrange"}, "joints.bearing.element = 'lagrange' cannot conserve mass"),
+        ({"initial_filling": 1.1}, "joints.bearing.initial_filling = 1.1 must be at most 1"),
+        ({"cavitation": "elrod"}, "joints.bearing.cavitation = 'elrod'"),
+        ({"cavitation": "reynolds"}, "initial_filling does nothing under Reynolds' condition"),
+    ],
+)
+def test_scenes_that_cannot_conserve_oil_are_refused(changes, words):
+    joint = {f"joints.bearing.{key}": value for key, value in changes.items()}
+    with pytest.raises(SettingsError, match=re.escape(words)):
+        starved(**joint)
+
+
+def test_a_massless_journal_needs_a_full_film_at_the_start():
+    body = {"bodies.journal.kind": "massless", "bodies.journal.mass": None}
+    with pytest.raises(SettingsError, match="nothing holds the massless body journal"):
+        starved(**body, **{"bodies.journal.inertia": None})
