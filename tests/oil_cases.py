@@ -16,11 +16,13 @@ RADIUS, ETA = 0.0225, 0.01
 CLOSED = Sides(None, None)
 
 
-def oil_film(cells, *, clearance=17e-6, width=0.022, sides=None, regions=(), family="bilinear"):
+def oil_film(
+    cells, *, clearance=17e-6, width=0.022, sides=None, regions=(), family="bilinear", feeds=()
+):
     """A film on a uniform mesh."""
     grid = uniform_grid(RADIUS, width, cells, family)
     sides = Sides() if sides is None else sides
-    return Film(FilmParameters(grid, clearance, Lubricant(ETA), SPEED, sides, regions))
+    return Film(FilmParameters(grid, clearance, Lubricant(ETA), SPEED, sides, regions, feeds))
 
 
 def whirling(film, eccentricity, whirl, **oil):

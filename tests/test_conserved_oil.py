@@ -24,7 +24,10 @@ from scene_cases import tables_of
 from test_coupled_steps import mechanism_with, some_step
 
 from fenics_ehd.base.errors import SettingsError, StepSizeError
+from fenics_ehd.film.feed import Feed
+from fenics_ehd.film.feed_region import FeedHole
 from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.shape import Lobes
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody import conserved_oil
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
@@ -38,6 +41,7 @@ from fenics_ehd.scenes.scene_file import scene_of
 
 pytestmark = pytest.mark.kernels
 
+HOLE = Feed("inlet", FeedHole(1.0, 1e-3, 0.0089), 3e5, on_journal=True)
 GROOVE = AxialGroove(np.radians(90), np.radians(18), 3e5)
 
 
@@ -235,6 +239,32 @@ def test_energy_balances_at_the_order_of_the_formula():
     assert errors[1] < 0.25 * errors[0]
 
 
+@pytest.mark.parametrize("order", [1, 3])
+def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
+    film = oil_film((24, 3), regions=(GROOVE,))
+    mechanism = whirling(film, 0.5, 150.0, filling=0.7)
+    joint = replace(mechanism.joints["film"], journal_shape=Lobes(3e-6), bore_shape=Lobes(2e-6))
+    mechanism = replace(mechanism, joints={**mechanism.joints, "film": joint})
+    end = 0.3 * REVOLUTION
+    run = Run(mechanism, Steps(tolerance=1e-4, order=order, largest=0.05), end)
+    oil = run.equations.oil(0)
+    (place,), left, content, time = run.equations.system.films, 0.0, None, 0.0
+    for step in run.until(end):
+        (state,) = step.solution.films
+        # What the integration keeps is what the gap holds.
+        filled = oil.balance.volume_scale * oil.balance.stored(
+            state.gap.thickness / place.film.clearance
+        )
+        held = filled * state.fluid_fraction
+        np.testing.assert_allclose(state.content, held, atol=1e-6 * filled.max())
+        content = state.content.sum() if content is None else content
+        left += (step.time - time) * state.outflow.sum() if time else 0.0
+        time = step.time
+    assert abs(state.content.sum() - content) > 0.01 * content
+    if order == 1:
+        assert state.content.sum() + left == pytest.approx(content, rel=1e-12)
+
+
 # --- Beside Reynolds' condition
 
 
@@ -285,10 +315,13 @@ def test_residual_patterns_are_coordinates_without_mass():
 # --- Derivatives
 
 
+@pytest.mark.parametrize(
+    "supply", [{"regions": (GROOVE,)}, {"feeds": (HOLE,)}], ids=["groove", "hole"]
+)
 @pytest.mark.parametrize("residual", [False, True])
-def test_derivatives_equal_central_differences(residual, monkeypatch):
+def test_derivatives_equal_central_differences(residual, supply, monkeypatch):
     mechanism = with_oil(
-        mechanism_with("bilinear", residual), oil_film((12, 3), regions=(GROOVE,)), oil_outside=True
+        mechanism_with("bilinear", residual), oil_film((16, 4), **supply), oil_outside=True
     )
     equations = StepEquations(System(mechanism), dense_limit=10_000)
     equations.lead(100)

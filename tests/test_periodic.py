@@ -27,7 +27,12 @@ class AffineRun:
     """Gaps ``1 + x`` that every cycle of a second maps so, and an angle that makes two turns."""
 
     def __init__(self):
-        self.norm = SimpleNamespace(observe=self.observe, gaps=lambda observed: observed[:3])
+        self.norm = SimpleNamespace(
+            observe=self.observe,
+            gaps=lambda observed: observed[:3],
+            lengths=lambda gaps: gaps,
+            closing=lambda before, after: 1.0 - (after / before).min(),
+        )
         body = SimpleNamespace(angle=0)
         system = SimpleNamespace(
             films=["film"],

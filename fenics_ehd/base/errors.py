@@ -78,6 +78,10 @@ class FilmTooThinError(SolverError):
     """The film became thinner than the run was told to follow it."""
 
 
+class ContactError(SolverError):
+    """Rough surfaces overlap farther than the model of their contact describes."""
+
+
 class StepSizeError(SolverError):
     """The time integration needed a step below its smallest allowed one."""
 

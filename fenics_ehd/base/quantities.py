@@ -60,6 +60,13 @@ def radial_clearance(default: float) -> Any:
     )
 
 
+def roughness(help_text: str) -> Any:
+    """Root mean square height of a surface [m]; ground ones have 0.1 to 1 um."""
+    return number(
+        0.0, help_text, least=0, below=1e-4, usual=(1e-9, 1e-5), example="0.4e-6 for 0.4 um"
+    )
+
+
 def deviation(help_text: str) -> Any:
     """Deviation of a surface from the round one [m], of either sign."""
     return number(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.base.errors import GapClosedError, SettingsError, SolverError
+from fenics_ehd.bearing.contact import surfaces_of
 from fenics_ehd.bearing.film import BearingFilm, Operation
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.bearing.thinnest import minimum_film, require_open
@@ -245,7 +246,7 @@ def _shortened(
 ) -> tuple[np.ndarray, Operation]:
     """Halve a step until it keeps a film and gains."""
     before = np.linalg.norm(search.defect(operation))
-    thinnest = (1 - THINNING) * minimum_film(bearing.settings, operation.position)
+    thinnest = _thinnest(bearing.settings, minimum_film(bearing.settings, operation.position))
     failure: SolverError = SolverError(_failure(bearing.settings, search, operation))
     for _ in range(MAX_HALVINGS):
         trial = search.place(unknowns + step)
@@ -262,11 +263,21 @@ def _shortened(
     raise failure
 
 
+def _thinnest(settings: BearingSettings, film: float) -> float:
+    """Film that a step may leave of one."""
+    surfaces = surfaces_of(settings)
+    if surfaces is None:
+        return (1 - THINNING) * film
+    return film - THINNING * float(surfaces.length(np.array(film)))
+
+
 def _check_room(
     settings: BearingSettings, search: _Search, operation: Operation, defect: np.ndarray
 ) -> None:
     """Refuse a load that no film of a trustworthy thickness balances."""
     thinnest = minimum_film(settings, operation.position)
+    if surfaces_of(settings) is not None:  # which carry any load, up to where they are described
+        return
     if search.load is None or thinnest >= THINNEST_FILM * settings.clearance:
         return
     if defect[0] > 0:  # thin where it carries too much: on the way to nowhere

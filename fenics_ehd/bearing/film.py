@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.bearing.contact import BearingContact, ContactFigures, surfaces_of
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.bearing.thinnest import end_shifts, minimum_film, shaped_film
 from fenics_ehd.film.film import Film, FilmState
@@ -114,6 +115,7 @@ class BearingFilm:
                 _rate(settings),
                 _sides(settings),
                 regions,
+                surfaces=surfaces_of(settings),
             ),
             options_prefix=options_prefix,
         )
@@ -125,6 +127,9 @@ class BearingFilm:
         )
         self._oil = MassConservingFilm(self.film) if conserving else None
         self._load = self.film.load(np.stack(self.film.points.normal, axis=-1))
+        self._contact: BearingContact | None = None
+        if self.film.parameters.surfaces is not None:
+            self._contact = BearingContact(self.film)
         self.outside: np.ndarray | None = None
         if settings.bore_shape is not None:
             points = self.film.points
@@ -161,11 +166,12 @@ class BearingFilm:
                 motion.eccentricity @ normal + shift @ normal
                 for shift in end_shifts(s.width, motion.tilt)
             ]
-            return 1.0 - np.max(ends, axis=0) / s.clearance
+            gap = 1.0 - np.max(ends, axis=0) / s.clearance
+            return gap if surfaces_of(s) is None else _meshed(s, s.clearance * gap)
 
         def shaped(angle: np.ndarray) -> np.ndarray:
             film = shaped_film(s, angle, motion.eccentricity, motion.tilt, self._angle)
-            return film.min(axis=1) / s.clearance
+            return _meshed(s, film.min(axis=1))
 
         return thickness if s.bore_shape is None else shaped
 
@@ -196,8 +202,17 @@ class BearingFilm:
             state = self._oil.steady(gap, guess)
         else:
             state = self.film.solve(gap, guess)
-        force = -rotation(angle) @ (self._load @ state.pressure)
+        push = self._load @ state.pressure
+        if self._contact is not None:
+            push += self._contact.push(gap)
+        force = -rotation(angle) @ push
         return Operation(position, force, angle, motion, state)
+
+    def contact_figures(self, operation: Operation) -> ContactFigures | None:
+        """Contact of an operation; None for smooth surfaces."""
+        if self._contact is None:
+            return None
+        return self._contact.figures(operation.state.gap, float(np.hypot(*operation.force)))
 
     def derivatives(
         self, operation: Operation, *, line_held: bool = False
@@ -231,8 +246,11 @@ class BearingFilm:
             places[:, 1] = 0.0
             places[2:, 1] = _quarter(-motion.tilt) / distance
             rates[:2, 1] = _quarter(-motion.eccentricity_rate) / distance
-        change = self._sensitivity(operation.state, self._gap_derivatives(motion, places, rates))
-        force = -turn @ (self._load @ change)
+        derivatives = self._gap_derivatives(motion, places, rates)
+        push = self._load @ self._sensitivity(operation.state, derivatives)
+        if self._contact is not None:
+            push += self._contact.stiffness(operation.state.gap, derivatives)
+        force = -turn @ push
         if follows:
             force[:, 1] += _quarter(operation.force) / distance
         return force[:, :2] @ turn.T, force[:, 2:] @ turn.T
@@ -265,6 +283,12 @@ def _direction(position: np.ndarray) -> float:
 def _quarter(vector: np.ndarray) -> np.ndarray:
     """Turned by 90 degrees."""
     return np.array([-vector[1], vector[0]])
+
+
+def _meshed(settings: BearingSettings, gap: np.ndarray) -> np.ndarray:
+    """What the mesh follows over the clearance: gaps [m], or their lengths of rough surfaces."""
+    surfaces = surfaces_of(settings)
+    return (gap if surfaces is None else surfaces.length(gap)) / settings.clearance
 
 
 def _lubricant(settings: BearingSettings) -> Lubricant:

@@ -17,6 +17,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, VerificationError, ViscosityError
 from fenics_ehd.bearing.coefficients import DynamicCoefficients, coefficients
+from fenics_ehd.bearing.contact import ContactFigures
 from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
 from fenics_ehd.bearing.film import BearingFilm, Operation
 from fenics_ehd.bearing.heat import BearingHeat, balanced
@@ -62,6 +63,8 @@ class BearingResult:
         With which the film brakes the shaft, about its own axis [N m].
     power_loss
         Mechanical power that goes into the film [W].
+    contact
+        Of rough surfaces; None for smooth ones.
     coefficients
         Stiffness, damping and stability, if asked for.
     heat
@@ -82,10 +85,16 @@ class BearingResult:
     flow: FlowBalance
     friction_torque: float
     power_loss: float
+    contact: ContactFigures | None
     coefficients: DynamicCoefficients | None
     heat: BearingHeat | None
     bearing: BearingFilm
     operation: Operation
+
+    @property
+    def friction_coefficient(self) -> float | None:
+        """Friction torque over load and radius of the bore."""
+        return self.friction_torque / (self.settings.radius * self.load) if self.load else None
 
     @property
     def tilting_moment(self) -> np.ndarray:
@@ -211,6 +220,7 @@ def _result(
         # The frame is chosen so that the shaft turns in the positive sense.
         friction_torque=0.0 - forces.friction_torque,
         power_loss=0.0 + forces.power,
+        contact=bearing.contact_figures(operation),
         coefficients=coefficients(bearing, operation) if with_coefficients else None,
         heat=heat,
         bearing=bearing,

@@ -11,7 +11,13 @@ import attrs
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import choice, count, flag, number
 from fenics_ehd.base.oil import NO_TEMPERATURE, OilSettings
-from fenics_ehd.base.quantities import SMALLEST_RATIO, metres, radial_clearance, too_narrow
+from fenics_ehd.base.quantities import (
+    SMALLEST_RATIO,
+    metres,
+    radial_clearance,
+    roughness,
+    too_narrow,
+)
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.film.shape import Shape
@@ -102,6 +108,15 @@ class BearingSettings(OilSettings):
     mixing: float = number(
         MIXING, "where the effective temperature lies between supply, 0, and outlet, 1", above=0
     )
+    journal_roughness: float = roughness("of the shaft, rms [m], 0: smooth")
+    bore_roughness: float = roughness("of the bore, rms [m], 0: smooth")
+    asperity_product: float = number(
+        0.04, "density x radius x roughness of asperities [-]", above=0
+    )
+    asperity_slenderness: float = number(1e-3, "roughness over radius of asperities [-]", above=0)
+    contact_modulus: float = number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0)
+    boundary_friction: float = number(0.1, "coefficient of friction of asperities", least=0)
+    flow_factors: bool = flag(True, "Patir and Cheng's factors of rough surfaces")
     #: Of the bore, angles from the load line; None: round.
     bore_shape: Shape | None = None
 

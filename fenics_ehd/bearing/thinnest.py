@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from fenics_ehd.base.errors import GapClosedError, SettingsError
+from fenics_ehd.bearing.contact import least_gap
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.film.shape import Shape
 
@@ -38,9 +39,11 @@ def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
         ends = end_shifts(settings.width, np.array(settings.tilt))
         farthest = max(float(np.linalg.norm(position + shift)) for shift in ends)
         thinnest, also = settings.clearance - farthest, ""
-    if not thinnest > 0:
+    least = least_gap(settings)
+    if not thinnest > least:
         raise GapClosedError(
-            f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be positive: "
+            f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be "
+            f"{f'above {least * 1e6:.3g} um' if least else 'positive'}: "
             f"lower the eccentricity or the tilt{also}"
         )
     return thinnest

@@ -138,6 +138,18 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_number("cross_exponent", "Its exponent.", "M")
 @_number("cross_second_viscosity", "Viscosity at the highest shear rates over that at rest.", "R")
 @shape_options
+@_number("journal_roughness", "rms roughness of the shaft [m], 0: smooth.", "SIGMA")
+@_number("bore_roughness", "rms roughness of the bore [m], 0: smooth.", "SIGMA")
+@_number("asperity_product", "Density x radius x combined roughness of the asperities.", "X")
+@_number("asperity_slenderness", "Combined roughness over radius of the asperities.", "X")
+@_number("contact_modulus", "E' of asperities, 1 / E' = sum (1 - nu^2) / E [Pa].", "E")
+@_number("boundary_friction", "Coefficient of friction of asperities that touch.", "MU")
+@click.option(
+    "--flow-factors/--no-flow-factors",
+    default=_default("flow_factors"),
+    show_default=True,
+    help="Whether oil between rough surfaces flows as Patir and Cheng have it.",
+)
 @_choice(
     "cavitation",
     CAVITATION,
@@ -240,6 +252,15 @@ def summary(result: BearingResult) -> dict[str, Any]:
         "power_loss_W": result.power_loss,
         "tilting_moment_Nm": result.tilting_moment.tolist(),
     }
+    contact = result.contact
+    if contact is not None:
+        values |= {
+            "contact_load_N": contact.load,
+            "contact_share": contact.share,
+            "max_contact_pressure_Pa": contact.max_pressure,
+            "contact_power_W": contact.power,
+            "friction_coefficient": result.friction_coefficient,
+        }
     if result.settings.graded:
         lubricant = result.bearing.film.parameters.lubricant
         values |= {
@@ -295,6 +316,14 @@ HEAT_ROWS = (
     ("oil that leaves", "leaving_flow_m3_per_s", 1e6, "cm3/s"),
 )
 
+#: Of rough surfaces.
+CONTACT = (
+    ("load carried by contact", "contact_load_N", 1, "N"),
+    ("maximum contact pressure", "max_contact_pressure_Pa", 1e-6, "MPa"),
+    ("power lost in contact", "contact_power_W", 1, "W"),
+    ("coefficient of friction", "friction_coefficient", 1, ""),
+)
+
 
 def report(result: BearingResult) -> str:
     """The figures in a table."""
@@ -310,6 +339,8 @@ def report(result: BearingResult) -> str:
     if any(settings.tilt):
         moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
         lines.append(f"{'tilting moment on shaft':<26}{moment} N m  about x, y")
+    if result.contact is not None:
+        lines += [_row(label, values[key], factor, unit) for label, key, factor, unit in CONTACT]
     if result.coefficients is not None:
         lines += _linear_rows(values)
         if settings.line_at_max_film:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,11 @@ from fenics_ehd.film.thinning import Thinning
 
 @dataclass(frozen=True, eq=False)
 class OilProperties:
-    """Dimensionless oil properties with derivatives along P, and those of P, at Gauss points."""
+    """Dimensionless oil properties with derivatives along P, and those of P, at Gauss points.
+
+    `conductance` gives the factor of rough surfaces on the mobility at thicknesses, and its
+    derivative; None: they are smooth.
+    """
 
     around: np.ndarray
     along: np.ndarray
@@ -23,10 +28,20 @@ class OilProperties:
     expansion: np.ndarray
     expansion_derivative: np.ndarray
     thinning: Thinning | None = None
+    conductance: Callable[[np.ndarray], np.ndarray] | None = None
 
     def mobility(self, thickness: np.ndarray) -> np.ndarray:
         """``k = rho H^3 / eta``."""
-        return self.density * thickness**3 / self.viscosity
+        smooth = self.density * thickness**3 / self.viscosity
+        return smooth if self.conductance is None else smooth * self.conductance(thickness)[0]
+
+    def mobility_slope(self, thickness: np.ndarray) -> np.ndarray:
+        """``dk / dH``."""
+        if self.conductance is None:
+            return 3 * self.mobility(thickness) / thickness
+        factor, along = self.conductance(thickness)
+        smooth = self.density * thickness**3 / self.viscosity
+        return smooth * (3 * factor / thickness + along)
 
 
 def balance(
@@ -73,7 +88,7 @@ def flux_derivatives(
 
     Dimensionless element data (c, q, k) for `Assembly.gather`.
     """
-    slope = 3 * oil.mobility(thickness) / thickness
+    slope = oil.mobility_slope(thickness)
     if oil.thinning is not None:
         slope = slope - oil.mobility(thickness) * oil.thinning.along_thickness
     return (

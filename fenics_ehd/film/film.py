@@ -16,6 +16,7 @@ from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.nested import CoarseTransfer
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.reynolds import DensityRate, ReynoldsEquation
+from fenics_ehd.film.rough_surfaces import DEEPEST_ITERATE, RoughSurfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +147,7 @@ class Film:
         CavitationError
             From `CavitationSolver.solve`; its `state` holds the gap too.
         """
-        check_gap(gap)
+        check_gap(gap, self.parameters.surfaces)
         closed = len(self.free) == self.assembly.size and not self.parameters.feeds
         if closed and density_rate is None:
             raise SettingsError(
@@ -228,14 +229,19 @@ class Film:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
 
         Their difference is the power that the film takes from the normal motion
-        of its surfaces.
+        of its surfaces. Between rough ones the mean pressure acts on their whole area, while the
+        average gap changes by less than the nominal one: what it does beside is a loss, or a gain.
         """
         p = self.parameters
-        thickness, _, velocity = self.equation.dimensionless(state.gap)
+        thickness, change, velocity = self.equation.dimensionless(state.gap)
         q = self.oil(state)
         area = self.assembly.area
         loss = np.sum(area * q.mobility(thickness) * (q.around**2 + q.along**2))
         drag = np.sum(area * q.density * thickness * velocity * q.around)
+        if p.surfaces is not None:
+            pressure = self.assembly.at_points(state.pressure)[0] / p.pressure_scale
+            nominal = state.gap.thickness_rate / (p.clearance * p.rate)
+            loss += np.sum(area * q.density * pressure * (change - nominal))
         # Integrals in units of p_s c Omega R^2.
         scale = p.pressure_scale * p.clearance * p.rate * p.grid.radius**2
         return float(scale * loss), float(scale * drag)
@@ -262,8 +268,8 @@ class Film:
         return (self.parameters.grid.radius**2 * self.assembly.gather(elements).T).tocsr()
 
 
-def check_gap(gap: Gap) -> None:
-    """Refuse a gap that is closed or not a number.
+def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
+    """Refuse a gap that is closed or not a number; rough surfaces may overlap, up to a limit.
 
     Raises
     ------
@@ -271,7 +277,13 @@ def check_gap(gap: Gap) -> None:
         Naming the smallest thickness.
     """
     thickness = float(gap.thickness.min())
-    if not thickness > 0.0:
+    if surfaces is not None:
+        if thickness < DEEPEST_ITERATE * surfaces.roughness:
+            raise GapClosedError(
+                f"the surfaces overlap by {-thickness * 1e6:.3g} um, "
+                f"{-thickness / surfaces.roughness:.3g} times their combined roughness"
+            )
+    elif not thickness > 0.0:
         raise GapClosedError(
             f"the film thickness is {thickness * 1e6:.3g} um at its thinnest, it must be "
             "positive: shorten the step or raise the clearance"

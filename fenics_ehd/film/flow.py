@@ -129,7 +129,7 @@ def oil_leaving(film: Film, state: FilmState) -> float:
     """
     p = film.parameters
     angle, height = p.grid.node_positions.T
-    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+    inflow = _inflow(film, state)
     leaving, taken, supplied = 0.0, 0.0, np.zeros(len(angle), dtype=bool)
     for region in p.regions:
         own = region.contains(angle, height, p.grid.radius) & ~supplied
@@ -172,10 +172,7 @@ def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float)
 
 def flow_work(film: Film, state: FilmState) -> float:
     """Power of the oil that enters, less that of what leaves, at the film's pressures [W]."""
-    given = np.ones(film.assembly.size, dtype=bool)
-    given[film.free] = False
-    inflow = -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
-    work = float(state.pressure[given] @ inflow[given])
+    work = _work_at_ends(film, state, _inflow(film, state))
     return work + feed_power(film, state) if film.parameters.feeds else work
 
 
@@ -185,7 +182,20 @@ def refill_work(film: Film, state: OilState) -> float:
     With it the weak form tested with its own pressure balances. A front within a cell has it; it
     shrinks with the mesh.
     """
-    return float(state.pressure @ _defects(film, state)[0]) - flow_work(film, state)
+    tested = float(state.pressure @ _defects(film, state)[0])
+    return tested - _work_at_ends(film, state, _inflow(film, state))
+
+
+def _inflow(film: Film, state: FilmState) -> np.ndarray:
+    """Flow into the film at nodes of given pressure, shape (nodes,) [m3/s]."""
+    return -state.outflow if isinstance(state, OilState) else _defects(film, state)[0]
+
+
+def _work_at_ends(film: Film, state: FilmState, inflow: np.ndarray) -> float:
+    """Power of what flows in at nodes of given pressure [W]."""
+    given = np.ones(film.assembly.size, dtype=bool)
+    given[film.free] = False
+    return float(state.pressure[given] @ inflow[given])
 
 
 def _oil_flows(film: Film, state: OilState, feeds: dict[str, float]) -> FlowBalance:

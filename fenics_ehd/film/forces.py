@@ -29,8 +29,16 @@ import numpy as np
 
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film, FilmState
-from fenics_ehd.film.kinematics import ShaftMotion
-from fenics_ehd.film.shear import FilmFields, film_fields
+from fenics_ehd.film.kinematics import Gap, ShaftMotion
+from fenics_ehd.film.rough_surfaces import RoughSurfaces
+from fenics_ehd.film.shear import (
+    FilmFields,
+    beside_drag,
+    film_fields,
+    in_supply,
+    rubbing_power,
+    sheared_heights,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +50,11 @@ class Wrench:
 
     def __add__(self, other: Wrench) -> Wrench:
         return Wrench(self.force + other.force, self.moment + other.moment)
+
+    @property
+    def reversed(self) -> Wrench:
+        """What acts on the other body."""
+        return Wrench(-self.force, -self.moment)
 
     def turned(self, angle: float) -> Wrench:
         """The same in a frame that is turned by ``-angle`` about z [rad]."""
@@ -66,7 +79,9 @@ class FilmForces:
     dissipation
         ``int theta eta U^2 / h + h^3 / (12 eta) |grad p|^2 dA`` [W]: the mechanical
         power and that of the oil supplied under pressure, less what flows
-        out against an ambient pressure.
+        out against an ambient pressure. Between rough surfaces with what contact loses.
+    contact_on_bore
+        Of touching asperities, on the shaft its opposite; None between smooth surfaces.
     """
 
     pressure_on_shaft: Wrench
@@ -76,16 +91,19 @@ class FilmForces:
     friction_torque: float
     power: float
     dissipation: float
+    contact_on_bore: Wrench | None = None
 
     @property
     def on_shaft(self) -> Wrench:
-        """Pressure and shear together."""
-        return self.pressure_on_shaft + self.shear_on_shaft
+        """Pressure and shear together, contact too."""
+        oil, contact = self.pressure_on_shaft + self.shear_on_shaft, self.contact_on_bore
+        return oil if contact is None else oil + contact.reversed
 
     @property
     def on_bore(self) -> Wrench:
-        """Pressure and shear together."""
-        return self.pressure_on_bore + self.shear_on_bore
+        """Pressure and shear together, contact too."""
+        oil, contact = self.pressure_on_bore + self.shear_on_bore, self.contact_on_bore
+        return oil if contact is None else oil + contact
 
 
 def film_forces(
@@ -110,9 +128,10 @@ def film_forces(
     """
     fields = film_fields(film, state, shear_rule)
     gap = state.gap
-    couette = fields.filled * fields.viscosity * gap.sliding_velocity / gap.thickness
-    poiseuille = 0.5 * gap.thickness * fields.slope_around
-    on_bore, on_shaft = 0.0, gap.thickness * fields.slope_around
+    thin, deep = sheared_heights(film, gap)
+    couette = fields.filled * fields.viscosity * gap.sliding_velocity / thin
+    poiseuille = 0.5 * deep * fields.slope_around
+    on_bore, on_shaft = 0.0, deep * fields.slope_around
     if bore_deviation is not None:
         on_bore = bore_deviation * fields.slope_around
         on_shaft = on_shaft - on_bore
@@ -122,6 +141,10 @@ def film_forces(
     shear_on_shaft = _wrench(film, 0.0, -couette - poiseuille)
     shaft, bore = pressure_on_shaft + shear_on_shaft, pressure_on_bore + shear_on_bore
     torque = _own_torque(shaft, motion)
+    contact, rubbed = None, 0.0
+    if film.parameters.surfaces is not None:
+        contact, braking, rubbed = _contact(film, film.parameters.surfaces, gap)
+        shaft, bore, torque = shaft + contact.reversed, bore + contact, torque - braking
     power = -(
         shaft.force @ motion.eccentricity_rate
         + shaft.moment[:2] @ motion.tilt_rate
@@ -135,8 +158,23 @@ def film_forces(
         shear_on_bore,
         float(torque),
         float(power),
-        _dissipation(film, state, fields),
+        _dissipation(film, state, fields, thin) + rubbed,
+        contact,
     )
+
+
+def _contact(film: Film, surfaces: RoughSurfaces, gap: Gap) -> tuple[Wrench, float, float]:
+    """On the bore; torque with which it brakes the shaft [N m]; power that it loses [W].
+
+    It acts on the shaft through its axis, but for the friction.
+    """
+    supplied = in_supply(film, film.points.angle, film.points.height)
+    pressure = np.where(supplied, 0.0, surfaces.asperities.touch(gap.thickness).pressure)
+    rubbing = pressure * surfaces.rubbing(gap.sliding_velocity)[0]
+    p = film.parameters
+    area = p.grid.radius**2 * film.assembly.area
+    braking = (p.grid.radius - p.clearance) * np.sum(area * rubbing)
+    return _wrench(film, pressure, rubbing), float(braking), rubbing_power(film, gap)
 
 
 def _wrench(film: Film, normal: np.ndarray | float, tangential: np.ndarray | float) -> Wrench:
@@ -165,9 +203,13 @@ def _own_torque(shaft: Wrench, motion: ShaftMotion) -> float:
     return about_centre + motion.tilt[1] * shaft.moment[0] - motion.tilt[0] * shaft.moment[1]
 
 
-def _dissipation(film: Film, state: FilmState, fields: FilmFields) -> float:
+def _dissipation(film: Film, state: FilmState, fields: FilmFields, thin: np.ndarray) -> float:
     gap = state.gap
-    sheared = fields.filled * fields.viscosity * gap.sliding_velocity**2 / gap.thickness
+    sheared = fields.filled * fields.viscosity * gap.sliding_velocity**2 / thin
+    if film.parameters.surfaces is not None:
+        area = film.parameters.grid.radius**2 * film.assembly.area
+        sheared = sheared + beside_drag(film, gap, fields)
+        return float(np.sum(area * sheared)) + film.powers(state)[0]
     squared = fields.slope_around**2 + fields.slope_along**2
     driven = gap.thickness**3 / (12 * fields.viscosity) * squared
     area = film.parameters.grid.radius**2 * film.assembly.area

@@ -87,7 +87,7 @@ class MassConservingFilm:
 
     def filled(self, gap: Gap, fluid_fraction: np.ndarray | float = 1.0) -> np.ndarray:
         """Oil content of a gap without pressure, to start from, shape (nodes,) [m^3]."""
-        check_gap(gap)
+        check_gap(gap, self.film.parameters.surfaces)
         filling = self.film.equation.factors[1] * self.film.equation.dimensionless(gap)[0]
         return self.balance.volume_scale * fluid_fraction * self.balance.stored(filling)
 
@@ -118,7 +118,7 @@ class MassConservingFilm:
         SettingsError
             The time step or the content is not above zero.
         """
-        check_gap(gap)
+        check_gap(gap, self.film.parameters.surfaces)
         if not (np.isfinite(time_step) and time_step > 0):
             raise SettingsError(f"time_step = {time_step:g} s must be above 0")
         step = self.balance.step(gap, content, time_step)
@@ -246,6 +246,8 @@ class MassConservingFilm:
         """
         scale, balance = self.film.parameters.pressure_scale, self.balance
         step = balance.step(state.gap, state.content, state.time_step)
+        if self.film.parameters.surfaces is not None:
+            derivatives = self.film.parameters.surfaces.along(state.gap, derivatives)
         change = balance.change(step, state.pressure / scale, 1 - state.fluid_fraction, derivatives)
         reduced = self.cavitation.derivative(
             state.problem, state.cavitation, change[balance.unknown]

@@ -11,6 +11,7 @@ from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.feed_region import FeedRegion
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.lubricant import Lubricant
+from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.film.supply import Region, Sides
 
 
@@ -35,6 +36,8 @@ class FilmParameters:
         Supplies that conduct oil into the film.
     recesses
         Deep places of the bore without supply: their pressure is uniform, what flows in flows out.
+    surfaces
+        Of journal and bore, None for smooth ones that never touch.
     """
 
     grid: FilmGrid
@@ -45,6 +48,7 @@ class FilmParameters:
     regions: tuple[Region, ...] = ()
     feeds: tuple[Feed, ...] = ()
     recesses: tuple[FeedRegion, ...] = ()
+    surfaces: RoughSurfaces | None = None
 
     def __post_init__(self) -> None:
         for name in ("clearance", "rate"):

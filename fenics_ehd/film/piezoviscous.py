@@ -37,7 +37,7 @@ MOST_WITHIN_A_CELL = 10.0
 
 def steepest_thickening(film: Film, pressure: np.ndarray) -> float:
     """Largest factor of the viscosity between nodes of one cell, for nodal pressures [Pa]."""
-    law = film.parameters.lubricant.viscosity_law
+    law = film.equation.lubricant.viscosity_law  # at the film's own temperature
     if law.constant:
         return 1.0
     try:

@@ -70,6 +70,8 @@ class ReynoldsEquation:
         The oil, at another temperature perhaps than that of `parameters`, which give the scales.
     factors
         Viscosity and density that depend on place and temperature, over those of `parameters`.
+    surfaces
+        See `FilmParameters`.
     weights
         Entries of the mass matrix N of (11) for the 8-node element, else None.
     feeds
@@ -86,6 +88,10 @@ class ReynoldsEquation:
         self.assembly = Assembly(grid, self.free)
         self.points = gauss_points(grid, self.assembly.tensors.points)
         self.lubricant = parameters.lubricant
+        self.surfaces = parameters.surfaces
+        self._conductance = (
+            None if self.surfaces is None else self.surfaces.conductance(parameters.clearance)
+        )
         self.factors = [self._field(f) for f in ("viscosity_field", "density_field")]
         if parameters.recesses:
             self.factors[0] = self.factors[0] * recess_viscosity(parameters, self.points)
@@ -127,13 +133,17 @@ class ReynoldsEquation:
         self.factors = [ratio * self._field("viscosity_field"), self.factors[1]]
 
     def dimensionless(self, gap: Gap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``H``, ``dH/dt`` and the mean velocity over ``Omega R``."""
-        p = self.parameters
+        """``H``, ``dH/dt`` and the mean velocity over ``Omega R``; rough surfaces' average ones."""
+        p, gap = self.parameters, self.seen(gap)
         return (
             gap.thickness / p.clearance,
             gap.thickness_rate / (p.clearance * p.rate),
             gap.mean_velocity / (p.rate * p.grid.radius),
         )
+
+    def seen(self, gap: Gap) -> Gap:
+        """The gap in which oil flows: the average one between rough surfaces."""
+        return gap if self.surfaces is None else self.surfaces.average(gap)
 
     def fed(self, gap: Gap, *, lumped: bool = False) -> FeedTerm | None:
         """What supplies add to the equation at a gap, see `Feeds.term`; None without any."""
@@ -154,7 +164,8 @@ class ReynoldsEquation:
         if law is None:
             return None
         speed = p.rate * p.grid.radius
-        return thinning(law, gap.thickness, gap.sliding_velocity, p.clearance, speed)
+        thickness = self.seen(gap).thickness
+        return thinning(law, thickness, gap.sliding_velocity, p.clearance, speed)
 
     def problem(self, gap: Gap, density_rate: DensityRate | None = None) -> Complementarity:
         """The complementarity problem (11) of a gap."""
@@ -166,6 +177,8 @@ class ReynoldsEquation:
         if thinned is not None:
             viscosity = viscosity * thinned.ratio
         mobility = density * thickness**3 / viscosity
+        if self._conductance is not None:
+            mobility = mobility * self._conductance(thickness)[0]
         feed = self.fed(gap)
         mass = None if feed is None else feed.total
         entries = self.assembly.matrix(Coefficients(mobility, mobility, mass=mass))
@@ -235,7 +248,16 @@ class ReynoldsEquation:
             viscosity, density = factors
             none = np.zeros(value.shape)
             return OilProperties(
-                around, along, none + viscosity, none, none + density, none, none, none, thinned
+                around,
+                along,
+                none + viscosity,
+                none,
+                none + density,
+                none,
+                none,
+                none,
+                thinned,
+                self._conductance,
             )
         # Shape functions may undershoot between nodes, where the laws are not meant: the oil
         # keeps its properties there.
@@ -263,6 +285,7 @@ class ReynoldsEquation:
             expansion,
             expansion_derivative,
             thinned,
+            self._conductance,
         )
 
     def change(
@@ -290,6 +313,8 @@ class ReynoldsEquation:
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
         oil = self.oil(pressure, self.thinning(gap), density_rate)
+        if self.surfaces is not None:
+            derivatives = self.surfaces.along(gap, derivatives)
         shape = (thickness.size, derivatives.thickness.shape[-1])
         changes = derivatives.thickness.reshape(shape) / p.clearance
         speeds = derivatives.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
@@ -329,7 +354,7 @@ class ReynoldsEquation:
         thickness, velocity, sliding
             Along h [m] at the Gauss points, its rate following, along the mean and along the
             sliding velocity [m/s]: shape (nodes, c * q) each. The last is None for an oil that
-            does not thin.
+            does not thin, unless one of the surfaces is rougher.
         """
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
@@ -342,6 +367,14 @@ class ReynoldsEquation:
             along_h += self.assembly.source_elements(slope)
         along_u = sliding_derivative(self.assembly, oil, thickness)
         speed = p.rate * p.grid.radius
+        if self.surfaces is not None:
+            change = self.surfaces.change(gap)
+            along_h *= change.thickness[:, :, None]
+            along_h += self.assembly.source_elements(oil.density * change.rate / p.rate)
+            along_h += (p.clearance / speed * change.velocity)[:, :, None] * along_v
+            if self.surfaces.dragging:
+                dragged = change.sliding[:, :, None] * along_v
+                along_u = dragged if along_u is None else along_u + dragged
         return (
             self.assembly.gather(along_h / p.clearance),
             self.assembly.gather(along_v / speed),

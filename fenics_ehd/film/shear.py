@@ -31,6 +31,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.supply import in_regions
 
 SHEAR_RULES = ("streamers", "full", "none")
@@ -85,6 +86,36 @@ def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFi
     )
 
 
+def sheared_heights(film: Film, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
+    """Heights in the stress of sliding and of the pressure; see `RoughSurfaces.sheared`."""
+    surfaces = film.parameters.surfaces
+    return (gap.thickness, gap.thickness) if surfaces is None else surfaces.sheared(gap)
+
+
+def rubbing_power(film: Film, gap: Gap) -> float:
+    """Lost by asperities that touch and rub [W]; nothing between smooth surfaces."""
+    surfaces = film.parameters.surfaces
+    if surfaces is None:
+        return 0.0
+    supplied = in_supply(film, film.points.angle, film.points.height)
+    area = film.parameters.grid.radius**2 * np.where(supplied, 0.0, film.assembly.area)
+    pressure = surfaces.asperities.touch(gap.thickness).pressure
+    rubbing = surfaces.rubbing(gap.sliding_velocity)[0]
+    return float(np.sum(area * pressure * rubbing * gap.sliding_velocity))
+
+
+def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
+    """Power per area of the pressure's stress, beyond that of the drag of `Film.powers` [W/m2].
+
+    It is zero between smooth surfaces, where ``h dp/dy`` does the work of both.
+    """
+    surfaces = film.parameters.surfaces
+    if surfaces is None:
+        return np.zeros_like(gap.thickness)
+    deep, seen = surfaces.sheared(gap)[1], surfaces.average(gap)
+    return fields.slope_around * (deep * gap.mean_velocity - seen.thickness * seen.mean_velocity)
+
+
 def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
     """Share of the width that is sheared."""
     full = pressure > PRESSURE_FLOOR * pressure.max()
@@ -124,7 +155,7 @@ def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
     height = np.round(film.points.height.ravel() / film.parameters.grid.radius, 12)
     order = np.lexsort((direction * film.points.angle.ravel(), height))
     order = order.reshape(len(np.unique(height)), -1)
-    thickness = state.gap.thickness.ravel()[order]
+    thickness = film.equation.seen(state.gap).thickness.ravel()[order]
     fed = source.ravel()[order]
     # Twice around, so that the second turn knows what came before the seam.
     count = fed.shape[1]

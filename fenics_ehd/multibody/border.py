@@ -151,6 +151,9 @@ class FilmBorder:
         Places in x of the leading residual patterns.
     along_gap
         Derivative along the gap at the Gauss points, its rate following, shape (m, g).
+    contact
+        Places in x of the contact pressures that move its bore, and the gap change at the Gauss
+        points for unit values of them; None: there are none.
     slope
         Gap change there per angle of the journal ahead of the bore, shape (g,); None: none.
     """
@@ -161,6 +164,7 @@ class FilmBorder:
     rows: np.ndarray
     patterns: slice
     along_gap: sparse.csc_matrix
+    contact: tuple[slice, np.ndarray] | None = None
     slope: np.ndarray | None = None
 
     def on(self, full: np.ndarray) -> FilmBorder:

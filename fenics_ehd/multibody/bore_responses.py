@@ -91,6 +91,15 @@ class BoreResponses:
         """``s`` of `Answer`."""
         return self._answers[body].share
 
+    def shift(self, body: int) -> float:
+        """Alpha of `Answer`."""
+        return self._answers[body].shift
+
+    def pressed_at(self, body: int, i: int, points: np.ndarray) -> np.ndarray:
+        """Gap change at Gauss points of a body's films for unit pressures of one, (a, nodes)."""
+        flexibility = self.flexibilities[body]
+        return flexibility.pressed_at(points)[flexibility.films.index(i)]
+
     def moved(self, body: int, pressures: Sequence[np.ndarray]) -> np.ndarray:
         """Gap change of a body's films that its patterns answer to dimensionless pressures [m].
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder
@@ -26,6 +27,8 @@ class FilmPoint:
         See `Film`.
     defect
         Scaled equations, shape (m,).
+    touch
+        Contact at the Gauss points, None between smooth surfaces.
     turned
         Of a joint's shape that turns, else None.
     oil
@@ -36,6 +39,7 @@ class FilmPoint:
     gap: Gap
     problem: Complementarity
     defect: np.ndarray
+    touch: Touch | None = None
     turned: Turned | None = None
     oil: OilPoint | None = None
 
@@ -53,7 +57,7 @@ class FilmColumns:
         (g, n + 1 + k).
     velocity, sliding
         Mean and sliding velocity for unit rates of xi and of the shaft's angle, shape
-        (g, n + 1); None: the oil does not thin.
+        (g, n + 1); None: the oil does not thin, nor is one surface rougher.
     forces
         Minus the force of unit pressures at free nodes on xi, shape (n, m).
     shares
@@ -90,8 +94,9 @@ class FilmColumns:
         velocity = np.hstack([joint.mean_velocity, turning])
         gap = np.hstack([joint.thickness, np.zeros_like(turning)])
         forces = -scale * joint.load[:, free]
-        sliding = None
-        if joint.film.parameters.lubricant.shear_law is not None:
+        sliding, surfaces = None, joint.film.parameters.surfaces
+        dragging = surfaces is not None and surfaces.dragging
+        if dragging or joint.film.parameters.lubricant.shear_law is not None:
             sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
         shares = None
         if patterns is not None:

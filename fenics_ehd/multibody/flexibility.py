@@ -21,6 +21,9 @@ from scipy import linalg, sparse
 from fenics_ehd.multibody.system import FilmPlace
 from fenics_ehd.reduction.body import ReducedBody
 
+#: Gauss points of a body's films up to which answers to forces on all of them are kept.
+FEW_POINTS = 2000
+
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -153,6 +156,43 @@ class BodyFlexibility:
         for matrix in self._response:
             values = matrix @ values
         return self._reading @ values
+
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """Gap change at the Gauss points for normal forces on them [N], shape (g,).
+
+        Here and below of bores that pressures reach by the work they do, not by a mortar.
+        """
+        values = self._reading.T @ forces
+        for matrix in self._response:
+            values = matrix @ values
+        return self._reading @ values
+
+    def pushed_by(self, points: np.ndarray) -> np.ndarray:
+        """The same for unit forces on some Gauss points, shape (g, a)."""
+        if self._reading.shape[0] <= FEW_POINTS:
+            return self._pushed[:, points]
+        return self._push(points)
+
+    @cached_property
+    def _pushed(self) -> np.ndarray:
+        return self._push(np.arange(self._reading.shape[0]))
+
+    def _push(self, points: np.ndarray) -> np.ndarray:
+        values = self._reading[points]
+        for matrix in self._response:
+            values = values @ matrix.T
+        return self._reading @ values.T
+
+    def pushed_amplitudes(self, forces: np.ndarray) -> np.ndarray:
+        """Amplitudes for normal forces on the Gauss points [N], shape (r,)."""
+        return self._own @ (self._reading.T @ forces)
+
+    def pressed_at(self, points: np.ndarray) -> list[np.ndarray]:
+        """Gap change at some Gauss points for unit nodal pressures, film by film, (a, nodes)."""
+        values = self._reading[points]
+        for matrix in reversed(self._response):
+            values = values @ matrix
+        return np.split((self._spread.T @ values.T).T, self._nodes, axis=1)
 
     @cached_property
     def _response(self) -> tuple[np.ndarray, ...]:

@@ -25,7 +25,7 @@ from typing import Protocol
 import numpy as np
 
 from fenics_ehd.film import Film, FilmState
-from fenics_ehd.film.shear import film_fields
+from fenics_ehd.film.shear import beside_drag, film_fields, sheared_heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,8 @@ class FilmFriction:
         On the shaft about its axis [N m], negative when it brakes a shaft that turns in the
         positive sense; its opposite turns the rod.
     sheared
-        ``int theta eta U^2 / h dA`` [W].
+        ``int theta eta U^2 / h dA`` [W]; of rough surfaces all that is lost beside the pressure
+        flow.
     filled
         Share theta of the width that is sheared, at the Gauss points.
     """
@@ -69,14 +70,18 @@ def film_friction(
     fields = film_fields(film, state, journal.shear_rule)
     area = p.grid.radius**2 * film.assembly.area
     filled = fields.filled if filled is None else filled
-    couette = area * filled * fields.viscosity * gap.sliding_velocity / gap.thickness
-    driven = area * gap.thickness * fields.slope_around
+    thin, deep = sheared_heights(film, gap)
+    couette = area * filled * fields.viscosity * gap.sliding_velocity / thin
+    driven = area * deep * fields.slope_around
+    sheared = np.sum(couette * gap.sliding_velocity)
+    if p.surfaces is not None:
+        sheared += np.sum(area * beside_drag(film, gap, fields))
     # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding.
     on_xi = -driven.ravel() @ journal.mean_velocity - couette.ravel() @ journal.sliding_velocity
     shaft_radius = p.grid.radius - p.clearance
     return FilmFriction(
         on_xi,
         float(-shaft_radius * (couette.sum() + 0.5 * driven.sum())),
-        float(np.sum(couette * gap.sliding_velocity)),
+        float(sheared),
         filled,
     )

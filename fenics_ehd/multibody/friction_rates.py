@@ -24,13 +24,17 @@ from __future__ import annotations
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.flow import flow_work, under_pressure
+from fenics_ehd.film.shear import rubbing_power
 from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.joint_contact import JointContact
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
 
-def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[str, float]:
-    """Columns of a joint with friction at an accepted step.
+def friction_rates(
+    place: FilmPlace, step: MechanismStep, film: FilmState, contact: JointContact | None = None
+) -> dict[str, float]:
+    """Columns of a joint with friction, and perhaps contact, at an accepted step.
 
     Returns
     -------
@@ -44,8 +48,11 @@ def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> di
     """
     joint, rate, found = place.film, step.rate, film_friction(place.film, film)
     force = joint.load[:2] @ film.pressure + found.on_xi[:2]
-    # What else brakes the journal belongs here: contact, say.
+    # What else brakes the journal belongs here.
     torque = -found.torque - _pressure_torque(place, step, film)
+    if contact is not None:
+        torque += contact.braking(film.gap)
+        force = force + contact.forces(contact.touch(film.gap.thickness), film.gap)[:2]
     e, speeds = step.x[place.xi[:2]], place.angles(rate)
     opening = joint.film.pressure_areas.T @ film.gap.thickness_rate.ravel()
     squeezed = -float(film.pressure @ opening)
@@ -61,6 +68,10 @@ def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> di
     }
     if under_pressure(joint.film):
         rates["supply_power_W"] = flow_work(joint.film, film)
+    if contact is not None:
+        rubbed = rubbing_power(joint.film, film.gap)
+        rates["film_power_W"] += rubbed
+        rates["dissipated_power_W"] += rubbed
     return rates
 
 

@@ -11,6 +11,7 @@ from fenics_ehd.base.errors import HeatError
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.flow import oil_leaving
 from fenics_ehd.film.heat import TemperatureSearch, run_away
+from fenics_ehd.film.shear import rubbing_power
 from fenics_ehd.film.temperature import Oil
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.integrals import Integrals
@@ -22,9 +23,12 @@ from fenics_ehd.multibody.system import FilmPlace
 def dissipated(joint: JointFilm, state: FilmState) -> float:
     """Power that becomes heat in a joint [W], whether its friction acts on the bodies or not.
 
-    Pressure-driven flow, and shear of the oil in full film and cavities.
+    Pressure-driven flow, shear of the oil in full film and cavities, asperities that rub.
     """
-    return joint.film.powers(state)[0] + film_friction(joint, state).sheared
+    oil = joint.film.powers(state)[0] + film_friction(joint, state).sheared
+    if joint.film.parameters.surfaces is None:
+        return oil
+    return oil + rubbing_power(joint.film, state.gap)
 
 
 def heat_rates(joint: JointFilm, state: FilmState) -> dict[str, float]:

@@ -7,18 +7,24 @@ from __future__ import annotations
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.flow import flow_balance
+from fenics_ehd.multibody.contact_record import contact_rates
 from fenics_ehd.multibody.friction_rates import friction_rates
+from fenics_ehd.multibody.joint_contact import JointContact
 from fenics_ehd.multibody.joint_heat import heat_rates
 from fenics_ehd.multibody.oil_account import oil_rates
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
 
-def joint_rates(place: FilmPlace, step: MechanismStep, film: FilmState) -> dict[str, float]:
+def joint_rates(
+    place: FilmPlace, step: MechanismStep, film: FilmState, contact: JointContact | None = None
+) -> dict[str, float]:
     """Columns of the history whose means over a run, or a cycle, are figures of its summary."""
     rates: dict[str, float] = {}
     if place.film.friction:
-        rates |= friction_rates(place, step, film)
+        rates |= friction_rates(place, step, film, contact)
+    if contact is not None:
+        rates |= contact_rates(contact, place, film)
     if place.film.film.parameters.feeds:
         flows = flow_balance(place.film.film, film)
         rates |= {f"{name}.flow_m3_per_s": flow for name, flow in flows.feeds.items()}

@@ -31,12 +31,15 @@ class Turned:
     torque, stiffness
         Torque on the journal of unit nodal pressures [N m/Pa] and its derivative along the angle,
         shape (nodes,).
+    curve
+        Second derivative of the gap along the angle, shape (g,) [m/rad2].
     """
 
     slope: np.ndarray
     rate_slope: np.ndarray
     torque: np.ndarray
     stiffness: np.ndarray
+    curve: np.ndarray
 
 
 class JointShape:
@@ -107,4 +110,4 @@ class JointShape:
         slope, curve = self._turned(ahead, 1), self._turned(ahead, 2)
         fields = np.stack([slope, -curve], axis=-1)
         torque, stiffness = self._film.load(fields.reshape(*self._film.points.angle.shape, 2))
-        return Turned(slope, -speed * curve, torque, stiffness)
+        return Turned(slope, -speed * curve, torque, stiffness, -curve)

@@ -261,6 +261,11 @@ class JointFilm:
         """Number n of coordinates."""
         return self.thickness.shape[1]
 
+    def lengths(self, thickness: np.ndarray) -> np.ndarray:
+        """What changes of gaps are compared with [m]: the gaps, if surfaces are smooth."""
+        surfaces = self.film.parameters.surfaces
+        return thickness if surfaces is None else surfaces.length(thickness)
+
     def gap(
         self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float, ahead: float = 0.0
     ) -> Gap:

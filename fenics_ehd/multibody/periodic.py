@@ -107,7 +107,7 @@ class Cycles:
             yield from self._steps()
             gaps = self._films()
             change = gaps - self._gaps
-            self.defect = float(np.max(np.abs(change) / gaps))
+            self.defect = float(np.max(np.abs(change) / self._run.norm.lengths(gaps)))
             former, self._contents = self._contents, self._oil()
             drained = np.abs(self._contents - former) / np.maximum(
                 self._contents, np.finfo(float).tiny
@@ -152,11 +152,12 @@ class Cycles:
         """Begin the next cycle."""
         state, norm, heat = self._run.state, self._run.norm, self._heat
         n, gaps = state.x.shape[1], self._films()
-        end, scales, near = np.stack([state.x[0], state.rate[0]]), gaps, self.defect < NEAR
+        end, near = np.stack([state.x[0], state.rate[0]]), self.defect < NEAR
+        scales = norm.lengths(gaps)
         if heat is not None:
             # Temperatures go along with the coordinates, and what they are off with the films.
             end = np.hstack([end, heat.end()])
-            scales = np.concatenate([gaps, np.ones(heat.count)])
+            scales = np.concatenate([scales, np.ones(heat.count)])
             change = np.concatenate([change, np.sqrt(len(gaps)) * heat.thinning])
             if not np.abs(heat.thinning).max() < NEAR:
                 near, self._ends, self._changes = False, [], []
@@ -176,8 +177,7 @@ class Cycles:
             # Former points move with the newest, along its rate.
             past = x[:n] + np.multiply.outer(state.times - state.time, rate[:n])
             observed = np.array([norm.observe(point) for point in state.x + past])
-            room = norm.gaps(observed[0]) / gaps
-            if room.min() > 1.0 - THINNER:
+            if norm.closing(gaps, norm.gaps(observed[0])) < THINNER:
                 moved_x = state.x + past
                 self._run.equations.keep_within(moved_x, norm.film_gaps(observed[0]))
                 moved = {"x": moved_x, "rate": state.rate + rate[:n], "observed": observed}

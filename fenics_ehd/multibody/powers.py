@@ -33,6 +33,9 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         if under_pressure(joint.film.film):
             fed += flow_work(joint.film.film, found)
         film, drag = film + lost, drag + fed
+    if equations.contacts is not None:
+        stored, rubbed = equations.contacts.energy(state.films)
+        strain, film = strain + stored, film + rubbed
     return Powers(
         kinetic=kinetic,
         strain=strain,

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.errors import FilmTooThinError, InputError, SettingsError
+from fenics_ehd.base.errors import ContactError, FilmTooThinError, InputError, SettingsError
 from fenics_ehd.base.sealed_file import named, require_like
+from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
 from fenics_ehd.multibody.assembly import assemble, check_inertia
 from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -128,7 +129,9 @@ class Run:
         StepSizeError
             No step is short enough.
         FilmTooThinError
-            After the step whose film is too thin.
+            After the step whose film is too thin, between smooth surfaces.
+        ContactError
+            After the step whose rough surfaces overlap too far.
         """
         while self.state.time < end:
             step, self.state = advance(
@@ -168,6 +171,17 @@ def _check_start(place: FilmPlace, thickness: float) -> None:
 
 
 def _check_film(place: FilmPlace, thickness: float, time: float) -> None:
+    surfaces = place.film.film.parameters.surfaces
+    if surfaces is not None:
+        least = DEEPEST_CONTACT * surfaces.roughness
+        if thickness < least:
+            raise ContactError(
+                f"the surfaces of {place.name} overlap by {-thickness * 1e6:.3g} um at "
+                f"t = {time:.6g} s, beyond {-DEEPEST_CONTACT:g} times their combined roughness of "
+                f"{surfaces.roughness * 1e6:.3g} um: no asperities are left that "
+                f"joints.{place.name}.contact describes; the history up to there is kept"
+            )
+        return
     smallest = place.joint.smallest_film * place.film.clearance
     if thickness < smallest:
         raise FilmTooThinError(

@@ -26,6 +26,8 @@ from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder, FilmMatrix
 from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
 from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
+from fenics_ehd.multibody.contact_columns import ContactColumns
+from fenics_ehd.multibody.contacts import Contacts
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
@@ -95,6 +97,8 @@ class StepEquations:
         Whether its matrix is.
     responses
         Residual patterns of the bodies with films that have any.
+    contacts
+        Of joints with rough surfaces, None where all are smooth.
     """
 
     def __init__(self, system: System, *, dense_limit: int):
@@ -110,6 +114,7 @@ class StepEquations:
             n if oil is None else len(oil.nodes) for n, oil in zip(free, self.oils, strict=True)
         ]
         self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
+        self.contacts = Contacts.of(system, self.responses)
         self.lead(0)
 
     def lead(self, count: int) -> None:
@@ -148,6 +153,8 @@ class StepEquations:
         self._holding = False
         self._filled: dict[str, np.ndarray] = {}
         self.responses.begin(step)
+        if self.contacts is not None:
+            self.contacts.begin()
         for i in self.voids:
             oil, xi = self.oil(i), self.system.films[i].xi
             # What is constant in the gap is part of its past, too.
@@ -211,12 +218,16 @@ class StepEquations:
         for i, place in enumerate(system.films):
             if place.film.film.parameters.feeds:
                 gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)
+        touches = None if self.contacts is None else self.contacts.touch(gaps)
         films = []
         for i, place in enumerate(system.films):
             point = self._film(i, place, pressures[i], gaps[i], voids.get(i))
             if place.film.shape is not None:
                 turned = place.film.shape.turned(place.ahead(z), place.ahead(rates))
                 point = replace(point, turned=turned)
+            if touches is not None and self.contacts is not None:
+                point = replace(point, touch=touches[i])
+                self.contacts.take(i, point, residual)
             films.append(point)
             self._load(place, point, residual)
         parts = [residual, instant.defect, instant.rate_defect(rates)]
@@ -228,7 +239,7 @@ class StepEquations:
         self, i: int, place: FilmPlace, pressure: np.ndarray, gap: Gap, void: np.ndarray | None
     ) -> FilmPoint:
         film = place.film.film
-        check_gap(gap)
+        check_gap(gap, film.parameters.surfaces)
         if void is not None:
             oil = self.oil(i)
             problem, defect, oil_point = oil.evaluate(gap, pressure, void)
@@ -285,7 +296,11 @@ class StepEquations:
         patterns = consecutive(
             size, [self._columns[f.films[0]].leading for f in responses.flexibilities]
         )
-        core = np.zeros((patterns[-1].stop if patterns else size,) * 2)
+        last, contact = patterns[-1].stop if patterns else size, None
+        if self.contacts is not None:
+            contact = ContactColumns(self.contacts, responses, system.films, point.films, last)
+            last = contact.size
+        core = np.zeros((last,) * 2)
         # v = shift z + past - W G^T m.
         speed = np.zeros((n, size))
         speed[:, :n] = shift * np.eye(n) - weights * point.motion.instant.bend(point.drift)
@@ -297,6 +312,8 @@ class StepEquations:
         core[n + m : size, :size] = jacobian @ speed
         core[n + m : size, :n] += point.motion.carry()
         core[size:, size:] = np.eye(len(core) - size)
+        if contact is not None:
+            contact.enter(core, speed)
         matrices, borders = [], []
         for i, place in enumerate(system.films):
             film, own, scale = place.film.film, point.films[i], self.scales[i]
@@ -304,6 +321,8 @@ class StepEquations:
             share = 0.0 if body is None else responses.share(body)
             places = slice(size, size) if body is None else patterns[body]
             border = self._columns[i].border(own, scale, shift, speed, places, share, len(core))
+            if contact is not None:
+                border = contact.extend(i, border, scale, self._columns[i].nodes)
             answer = None
             if body is not None and (matrix := responses.matrices[body]) is not None:
                 along_gap = (share * film.parameters.pressure_scale / scale) * border.along_gap
@@ -350,6 +369,10 @@ class StepEquations:
                     leading = columns.gap[:, film.size + 1 :] @ x[border.patterns]
                     along = border.along_gap @ (own - leading)
                     left[i], any_left = along[columns.nodes] / self.scales[i], True
+        for i, border in enumerate(borders):
+            if border.contact is not None:
+                pressing, moved_by = border.contact
+                changes[i] = changes[i] + moved_by @ x[pressing]
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
@@ -359,6 +382,8 @@ class StepEquations:
             for place, film in zip(self.system.films, point.films, strict=True)
         ]
         values, rates = self.responses.state(pressures)
+        if self.contacts is not None:
+            self.contacts.add_amplitudes(point.films, values, rates)
         for i in self.voids:
             oil_point = point.films[i].oil
             assert oil_point is not None

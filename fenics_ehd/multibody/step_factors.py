@@ -206,8 +206,9 @@ class StepFactors:
         """
         n = self._equations.system.n
         closing, size = 0.0, self._norm.coordinate_error(x[:n])
-        for change, film in zip(changes, point.films, strict=True):
-            relative = change / film.gap.thickness.ravel()
+        places = self._equations.system.films
+        for place, change, film in zip(places, changes, point.films, strict=True):
+            relative = change / place.film.lengths(film.gap.thickness.ravel())
             closing = max(closing, float(relative.max()))
             size = max(size, float(np.abs(relative).max()))
         return closing, size

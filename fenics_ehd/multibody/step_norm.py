@@ -37,6 +37,8 @@ class StepNorm:
         for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
             for i, observed in zip(flexibility.films, flexibility.observed, strict=True):
                 rows[i][:, places] = observed
+        self._joints = [film.film for film in system.films]
+        self._rough = any(joint.film.parameters.surfaces is not None for joint in self._joints)
         self._ends = np.cumsum([len(r) for r in rows])
         self._gaps = int(self._ends[-1]) if rows else 0
         self._measure = system.error_measure
@@ -75,6 +77,19 @@ class StepNorm:
                 found[own] -= shape.closing(observed[angle])
         return found
 
+    def lengths(self, gaps: np.ndarray) -> np.ndarray:
+        """What changes of all gaps are compared with: the gaps, if surfaces are smooth."""
+        if not self._rough:
+            return gaps
+        each = zip(self._joints, np.split(gaps, self._ends[:-1]), strict=True)
+        return np.concatenate([joint.lengths(own) for joint, own in each])
+
+    def closing(self, before: np.ndarray, after: np.ndarray) -> float:
+        """Largest relative closing of a gap; -inf without one."""
+        if not self._rough:
+            return 1.0 - float((after / before).min(initial=np.inf))
+        return float(((before - after) / self.lengths(before)).max(initial=-np.inf))
+
     def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
         """The gap of every film."""
         return np.split(self.gaps(observed), self._ends[:-1]) if self._gaps else []
@@ -87,7 +102,7 @@ class StepNorm:
             return coordinates
         gaps = self.gaps(observed)
         change = gaps - self.gaps(observed - error) if self._turning else self.gaps(error)
-        return max(relative_error(gaps, change), coordinates)
+        return max(relative_error(self.lengths(gaps), change), coordinates)
 
     def coordinate_error(self, change: np.ndarray) -> float:
         """Largest dimensionless change of coordinates z, shape (n,)."""

@@ -167,7 +167,7 @@ class CoupledSteps:
     def _start(self, step: ImplicitStep, former: SolverState | None) -> np.ndarray:
         """First iterate: extrapolated, as far as the gaps stay open."""
         before, predicted = (self._problem.gaps(observed) for observed in step.observed)
-        closing = 1.0 - float((predicted / before).min(initial=np.inf))
+        closing = self._problem.closing(before, predicted)
         fraction = min(1.0, BOUNDARY_FRACTION / closing) if closing > 0.0 else 1.0
         x = step.start + fraction * (step.predicted - step.start)
         system, start = self.system, []

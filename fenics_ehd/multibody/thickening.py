@@ -42,7 +42,7 @@ def told_apart(
         return error
     place = 0
     for film in films:
-        size, law = film.film.film.assembly.size, film.film.film.parameters.lubricant.viscosity_law
+        size, law = film.film.film.assembly.size, film.film.film.equation.lubricant.viscosity_law
         highest = former.values[0, place : place + size].max()
         place += size
         ratio = _ratio(law, highest)

@@ -16,6 +16,7 @@ from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.piezoviscous import steepest_thickening
 from fenics_ehd.multibody.basis_error import estimate_at
+from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import Integrals
@@ -78,6 +79,7 @@ class Tracker:
         }
         self.balance: EnergyBalance | None = None
         self.rates: dict[str, Integrals] = {}
+        self.contacts = ContactRecord.of_all(equations)
         self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
@@ -98,6 +100,8 @@ class Tracker:
             estimate.largest *= 0.0  # what is not known stays so
         for rates in self.rates.values():
             rates.restart()
+        for contact in self.contacts.values():
+            contact.restart()
         self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
         return True
 
@@ -176,7 +180,12 @@ class Tracker:
             "force_x_N": force[0],
             "force_y_N": force[1],
         }
-        return figures | self._integrate(place.name, step.time, joint_rates(place, step, film))
+        record, contact = self.contacts.get(place.name), None
+        if record is not None:
+            contact = record.contact
+            figures |= record.add(step.time, step.time - self._start, film.gap)
+        rates = joint_rates(place, step, film, contact)
+        return figures | self._integrate(place.name, step.time, rates)
 
     def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
         """Account for a joint's rates; they are returned."""
@@ -225,6 +234,7 @@ class Tracker:
                 if name in self.estimates
                 else float("nan"),
                 **self._means(name),
+                **(self.contacts[name].figures() if name in self.contacts else {}),
             }
             for name, extremes in self.extremes.items()
         }
@@ -283,6 +293,7 @@ class Tracker:
                 name: {"names": tuple(rates.totals), **rates.stored_state()}
                 for name, rates in self.rates.items()
             },
+            "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
         }
 
@@ -319,6 +330,8 @@ class Tracker:
             joint: Integrals.of(tuple(found["names"]), found)
             for joint, found in stored["rates"].items()
         }
+        for joint, found in stored["contacts"].items():
+            self.contacts[joint].load_state(found)
         self.oil = {
             joint: OilAccount(float(found["start"]), float(found["end"]))
             for joint, found in stored["oil"].items()
@@ -339,9 +352,10 @@ def _too_coarse(place: FilmPlace, thickness: float) -> str:
     angles = np.unique(place.film.film.parameters.grid.node_positions[:, 0].round(9))
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # Where the gap is below twice its least: h = c (1 - eps cos phi).
+    length = float(place.film.lengths(np.array([thickness]))[0])
     shape = place.film.shape
     bend = place.film.clearance + (0.0 if shape is None else shape.bend)
-    thin = np.degrees(np.sqrt(2 * thickness / bend))
+    thin = np.degrees(np.sqrt(2 * length / bend))
     if spacing <= NODE_SPACING * thin:
         return ""
     return (

@@ -19,6 +19,7 @@ from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJo
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.contact import rough_surfaces
 from fenics_ehd.scenes.fields import FEWEST_CELLS
 from fenics_ehd.scenes.heat import joint_heat, joint_lubricant
 from fenics_ehd.scenes.scene import Scene
@@ -178,6 +179,7 @@ def _film(
             grooves,
             fed,
             closed,
+            rough_surfaces(scene, joint),
         )
     )
 

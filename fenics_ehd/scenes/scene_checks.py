@@ -19,6 +19,9 @@ POINT_KEYS = ("between", "line", "point", "journal", "bore")
 #: Keys of a flexible body that only its mesh and reduction read.
 MODEL_KEYS = ("points", "held_by", "cells", "element", "material", "geometry", "reduction")
 
+#: Combined roughness over the clearance above which there is no film between rough surfaces.
+ROUGHEST = 0.3
+
 
 def check_names(scene: Scene) -> None:
     """Refuse names of what is not there, and a bore used twice."""
@@ -124,6 +127,7 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
             f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
             "length must be below 1"
         )
+    _check_contact(joint, key)
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
     if isinstance(bored, schema.ShaftSettings):
@@ -134,6 +138,36 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
     for size in ("radius", "width"):
         if not scene.elastic_bore(joint) and not getattr(joint, size):
             raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
+
+
+def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
+    """Refuse what is no pair of rough surfaces.
+
+    Raises
+    ------
+    SettingsError
+        Keys of smooth surfaces, one of two that belong together, or surfaces too rough.
+    """
+    contact, key = joint.contact, f"{key}.contact"
+    roughness = np.hypot(contact.journal_roughness, contact.bore_roughness)
+    if not roughness:
+        if contact != schema.ContactSettings():
+            raise SettingsError(
+                f"{key}: journal_roughness and bore_roughness are 0: give one of them, or drop it"
+            )
+        return
+    if joint.cavitation == "mass-conserving":
+        raise SettingsError(
+            f"{key}: oil between rough surfaces is not conserved in machines: drop it, or "
+            "cavitation = 'mass-conserving'"
+        )
+    if bool(contact.asperity_density) != bool(contact.asperity_radius):
+        raise SettingsError(f"{key}: asperity_density and asperity_radius belong together")
+    if not roughness < ROUGHEST * joint.clearance:
+        raise SettingsError(
+            f"{key}: the combined roughness of {roughness:g} m must be below {ROUGHEST:g} of the "
+            f"clearance, {joint.clearance:g} m"
+        )
 
 
 def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:

@@ -174,6 +174,43 @@ class SliderSettings:
 
 
 @attrs.frozen
+class ContactSettings:
+    """Rough surfaces of a journal and its bore, which may touch; smooth without a roughness."""
+
+    journal_roughness: float = quantities.roughness("of the journal, rms [m], 0: smooth")
+    bore_roughness: float = quantities.roughness("of the bore, rms [m], 0: smooth")
+    asperity_product: float = number(
+        0.04, "asperities per area x their radius x combined roughness [-]", above=0, below=1
+    )
+    asperity_slenderness: float = number(
+        1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1
+    )
+    asperity_density: float = number(
+        0.0, "per area, with asperity_radius in place of both [1/m2], 0: not given", least=0
+    )
+    asperity_radius: float = number(0.0, "of their tips [m], 0: not given", least=0, below=1e-2)
+    journal_modulus: float = quantities.youngs_modulus(210e9)
+    journal_poissons_ratio: float = number(0.3, "[-]", above=-1, below=0.5)
+    bore_modulus: float = number(
+        0.0,
+        "[Pa], 0: that of the flexible body's material, of another bore 210e9",
+        least=0,
+        below=1e18,
+        usual=(1e9, 2e12),
+        example="70e9 for 70 GPa",
+    )
+    bore_poissons_ratio: float = number(
+        0.3, "[-], where bore_modulus is given", above=-1, below=0.5
+    )
+    boundary_friction: float = number(
+        0.1, "coefficient of friction of asperities that touch [-], with friction", least=0, below=5
+    )
+    flow_factors: bool = flag(
+        True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"
+    )
+
+
+@attrs.frozen
 class ShapeSettings:
     """How far the surface of a bore or a journal lies outside the round one, + outward.
 
@@ -269,12 +306,16 @@ class LubricatedSettings:
         "streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"
     )
     smallest_film: float = number(
-        0.01, "film thickness at which the run ends, share of the clearance", least=0, below=1
+        0.01,
+        "film thickness at which the run ends, share of the clearance; none with contact",
+        least=0,
+        below=1,
     )
     eccentricity: tuple[float, float] = pair(
         "of the journal in the bore's frame at the start, share of the clearance", below=1.0
     )
     eccentricity_rate: tuple[float, float] = pair("its rate [m/s]")
+    contact: ContactSettings = section(ContactSettings)
     bore_shape: ShapeSettings = section(ShapeSettings)
     journal_shape: ShapeSettings = section(ShapeSettings)
     heat: HeatSettings | None = option(HeatSettings)

@@ -1,0 +1,151 @@
+"""Films between rough surfaces: the average gap and flow factors in the Reynolds equation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from film_cases import ETA, OMEGA, C, R, make_film
+from rough_cases import surfaces
+
+from fenics_ehd.base.errors import GapClosedError
+from fenics_ehd.film import Gap, Lubricant
+from fenics_ehd.film.kinematics import GapDerivatives, ShaftMotion, shaft_gap
+from fenics_ehd.film.lubricant import Barus
+from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.supply import AxialGroove
+
+ROUGH = {
+    "average gap alone": surfaces(flow_factors=False),
+    "equal": surfaces(),
+    "rough journal": surfaces(share=0.9),
+}
+
+
+def touching(film, seed=3):
+    """A gap whose surfaces overlap at some points, and a direction of change."""
+    p = film.parameters
+    motion = ShaftMotion(C * np.array([0.99, 0.12]), OMEGA, C * np.array([0.0, 30.0]))
+    gap = shaft_gap(film.points, R, C, motion)
+    random = np.random.default_rng(seed).standard_normal((4, *gap.thickness.shape))
+    scale = np.array([0.01 * C, C, 0.1 * C * OMEGA, 0.1 * R * OMEGA])
+    bump, *direction = random * scale[:, None, None]
+    gap = replace(gap, thickness=gap.thickness + bump)
+    assert gap.thickness.min() < 0.0 < gap.thickness.min() + 2 * p.surfaces.roughness
+    thickness, rate, mean = (x[..., None] for x in direction)
+    return gap, GapDerivatives(thickness, rate, mean, 1.7 * mean)
+
+
+def moved(gap, slopes, amount):
+    return Gap(
+        gap.thickness + amount * slopes.thickness[..., 0],
+        gap.thickness_rate + amount * slopes.thickness_rate[..., 0],
+        gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
+        gap.sliding_velocity + amount * slopes.sliding_velocity[..., 0],
+    )
+
+
+def sides(solve, gap, slopes, step=1e-5):
+    return [solve(moved(gap, slopes, x)) for x in (step, -step)]
+
+
+@pytest.mark.parametrize("thickens", [False, True])
+@pytest.mark.parametrize("rough", ROUGH)
+def test_sensitivity_is_the_exact_derivative(rough, thickens):
+    film = make_film((20, 4), surfaces=ROUGH[rough], tolerance=1e-13)
+    gap, slopes = touching(film)
+    state = film.solve(gap)
+    if thickens:  # by what the largest pressure of constant viscosity makes a third
+        oil = Lubricant(ETA, viscosity_law=Barus(0.3 / state.pressure.max()))
+        film = make_film((20, 4), surfaces=ROUGH[rough], tolerance=1e-13, oil=oil)
+        state = film.solve(gap)
+    exact = film.sensitivity(state, slopes)[:, 0]
+    above, below = sides(lambda other: film.solve(other, state), gap, slopes)
+    assert np.array_equal(above.cavitation.full_film, below.cavitation.full_film)
+    difference = (above.pressure - below.pressure) / 2e-5
+    assert np.abs(exact - difference).max() < 1e-5 * np.abs(difference).max()
+
+
+@pytest.mark.parametrize("rough", ROUGH)
+def test_derivatives_of_the_coupled_step_are_exact(rough):
+    film = make_film((20, 4), surfaces=ROUGH[rough])
+    gap, slopes = touching(film)
+    shift, equation = 3e4, film.equation
+    # The rate follows the gap there; velocities are told apart.
+    slopes = replace(slopes, thickness_rate=shift * slopes.thickness)
+    nodal = equation.nodal(np.random.default_rng(1).random(len(film.free)))
+    along_h, along_v, along_u = equation.gap_derivatives(gap, nodal, shift)
+    exact = along_h @ slopes.thickness.ravel() + along_v @ slopes.mean_velocity.ravel()
+    if equation.surfaces.dragging:
+        exact += along_u @ slopes.sliding_velocity.ravel()
+    else:
+        assert along_u is None
+
+    def defect(other):
+        return equation.problem(other).residual(nodal[film.free])
+
+    above, below = sides(defect, gap, slopes)
+    difference = (above - below) / 2e-5
+    assert np.abs(exact[film.free] - difference).max() < 1e-6 * np.abs(difference).max()
+
+
+@pytest.mark.parametrize("rough", ROUGH)
+def test_conserved_oil_has_exact_derivatives(rough):
+    groove = AxialGroove(np.pi / 2, 0.3, 1e5)
+    film = make_film((24, 4), "bilinear", surfaces=ROUGH[rough], regions=(groove,), tolerance=1e-13)
+    conserving = MassConservingFilm(film, tolerance=1e-13)
+    gap, slopes = touching(film)
+    before = replace(gap, thickness=gap.thickness + 0.02 * C)
+    content, step = conserving.filled(before, 0.9), 2e-4
+    state = conserving.solve(gap, content, step)
+    exact = conserving.sensitivity(state, slopes)
+    above, below = sides(lambda o: conserving.solve(o, content, step, state), gap, slopes, 1e-6)
+    assert np.array_equal(above.cavitation.full_film, below.cavitation.full_film)
+    for name, derivative in zip(("pressure", "fluid_fraction"), exact, strict=True):
+        difference = (getattr(above, name) - getattr(below, name)) / 2e-6
+        error = np.abs(derivative[:, 0] - difference).max()
+        assert error < 1e-5 * np.abs(difference).max()
+
+
+def test_film_far_above_its_roughness_is_that_of_smooth_surfaces():
+    smooth, rough = make_film(), make_film(surfaces=surfaces(0.1e-6, flow_factors=False))
+    gap = shaft_gap(smooth.points, R, C, ShaftMotion(C * np.array([0.9, 0.0]), OMEGA))
+    assert gap.thickness.min() > 10 * 0.1e-6
+    np.testing.assert_allclose(
+        rough.solve(gap).pressure, smooth.solve(gap).pressure, rtol=1e-12, atol=1e-6
+    )
+
+
+def test_flow_factors_hinder_flow_and_roughness_on_the_journal_drags_it_along():
+    gap, load = None, {}
+    for name, rough in {
+        "smooth": None,
+        "equal": surfaces(1e-6, 0.5),
+        "journal": surfaces(1e-6, 1.0),
+        "bore": surfaces(1e-6, 0.0),
+    }.items():
+        film = make_film(surfaces=rough)
+        gap = shaft_gap(film.points, R, C, ShaftMotion(C * np.array([0.8, 0.0]), OMEGA))
+        load[name] = np.hypot(
+            *(film.load(np.stack(film.points.normal, -1)) @ film.solve(gap).pressure)
+        )
+    # A rough surface that stands holds the oil back and builds up pressure (Patir and Cheng 1979).
+    assert load["bore"] > load["equal"] > load["journal"]
+    assert load["equal"] > load["smooth"]
+
+
+@pytest.mark.parametrize("rough", ROUGH)
+def test_powers_of_the_film_are_what_its_surfaces_do(rough):
+    film = make_film(surfaces=ROUGH[rough], tolerance=1e-13)
+    gap, _ = touching(film)
+    state = film.solve(gap)
+    lost, fed = film.powers(state)
+    area = film.assembly.area * R**2
+    work = np.sum(area * film.assembly.at_points(state.pressure)[0] * gap.thickness_rate)
+    assert lost - fed == pytest.approx(-work, rel=1e-8)
+
+
+def test_surfaces_that_overlap_too_far_are_refused():
+    film = make_film(surfaces=surfaces())
+    gap = shaft_gap(film.points, R, C, ShaftMotion(C * np.array([1.2, 0.0]), OMEGA))
+    with pytest.raises(GapClosedError, match=r"overlap by .* their combined roughness"):
+        film.solve(gap)

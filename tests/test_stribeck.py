@@ -1,0 +1,105 @@
+"""A rigid bearing between rough surfaces: the Stribeck curve."""
+
+import attrs
+import numpy as np
+import pytest
+
+from fenics_ehd.base.errors import GapClosedError
+from fenics_ehd.bearing.film import BearingFilm
+from fenics_ehd.bearing.operating_point import solve_bearing
+from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.cli.bearing import report, summary
+
+LOAD, ROUGHNESS = 8000.0, 0.5e-6
+ROUGH = BearingSettings(
+    cells_around=48, cells_along=6, journal_roughness=0.3e-6, bore_roughness=0.4e-6
+)
+SMOOTH = attrs.evolve(ROUGH, journal_roughness=0.0, bore_roughness=0.0)
+PLAIN = attrs.evolve(ROUGH, flow_factors=False)
+
+
+def at(settings, speed):
+    return solve_bearing(attrs.evolve(settings, speed=speed), load=LOAD)
+
+
+def test_stribeck_curve_has_its_minimum_between_contact_and_full_film(figure):
+    speeds = np.array([300.0, 100.0, 50.0, 30.0, 12.0, 2.0, 0.1])
+    results = [at(PLAIN, speed) for speed in speeds]
+    friction = np.array([r.friction_coefficient for r in results])
+    share = np.array([r.contact.share for r in results])
+    least = int(np.argmin(friction))
+    assert 0 < least < len(speeds) - 1
+    assert np.all(np.diff(friction[: least + 1]) < 0)
+    assert np.all(np.diff(friction[least:]) > 0)
+    assert np.all(np.diff(share) > 0)
+    # Full film: contact carries nothing. Boundary: nearly all, and rubs with its coefficient.
+    assert share[0] < 1e-9
+    assert 0.9 < share[-1] < 1
+    assert 0.8 < friction[-1] / PLAIN.boundary_friction < 1
+    figure(
+        "contact", "Stribeck curve, contact's share of the load at its foot", share[-1], least=0.9
+    )
+    for result in results:
+        np.testing.assert_allclose(result.load, LOAD, rtol=1e-8)
+        # Power put in is lost, up to c / R.
+        assert result.power_loss == pytest.approx(result.forces.dissipation, rel=3e-3)
+
+
+def test_full_film_branch_is_that_of_smooth_surfaces_without_flow_factors(figure):
+    speeds = [1000.0, 300.0, 200.0]
+    worst = 0.0
+    for speed in speeds:
+        rough, smooth = at(PLAIN, speed), at(SMOOTH, speed)
+        assert rough.min_film_thickness > 5 * ROUGHNESS
+        for name in ("friction_torque", "min_film_thickness", "max_pressure"):
+            worst = max(worst, abs(getattr(rough, name) / getattr(smooth, name) - 1))
+    figure("contact", "full film of rough against smooth surfaces, h > 5 sigma", worst, most=1e-6)
+
+
+def test_flow_factors_change_the_full_film_too():
+    with_factors, without = at(ROUGH, 300.0), at(PLAIN, 300.0)
+    changed = with_factors.min_film_thickness / without.min_film_thickness - 1
+    assert 1e-3 < changed < 0.05
+    assert with_factors.friction_torque > without.friction_torque
+
+
+@pytest.mark.parametrize("settings", [ROUGH, PLAIN], ids=["factors", "plain"])
+@pytest.mark.parametrize("journal", [0.5e-6, 0.0])
+def test_derivatives_are_exact(settings, journal):
+    settings = attrs.evolve(settings, journal_roughness=journal, speed=10.0, squeeze=(1e-6, 0.0))
+    position = 0.97 * settings.clearance * np.array([0.8, 0.6])
+    bearing = BearingFilm(settings, position)
+    exact = bearing.derivatives(bearing.operate(position))[0]
+    step = 1e-6 * settings.clearance
+    for i, direction in enumerate(np.eye(2)):
+        sides = [bearing.operate(position + x * direction).force for x in (step, -step)]
+        difference = (sides[0] - sides[1]) / (2 * step)
+        np.testing.assert_allclose(difference, exact[:, i], atol=2e-4 * np.abs(exact).max())
+
+
+def test_bodies_receive_opposite_forces():
+    result = at(ROUGH, 12.0)
+    forces = result.forces
+    assert forces.contact_on_bore is not None
+    total = forces.on_shaft + forces.on_bore
+    assert np.abs(total.force).max() < 1e-9 * LOAD
+    assert np.abs(total.moment).max() < 1e-9 * LOAD
+
+
+def test_figures_of_contact_are_there_for_rough_surfaces_alone():
+    rough, smooth = at(ROUGH, 30.0), at(SMOOTH, 300.0)
+    more = set(summary(rough)) - set(summary(smooth))
+    assert more == {
+        "contact_load_N",
+        "contact_share",
+        "max_contact_pressure_Pa",
+        "contact_power_W",
+        "friction_coefficient",
+    }
+    assert "load carried by contact" in report(rough)
+    assert "contact" not in report(smooth)
+
+
+def test_surfaces_that_overlap_too_far_are_refused():
+    with pytest.raises(GapClosedError, match="must be above -1 um"):
+        BearingFilm(ROUGH, np.array([1.07 * ROUGH.clearance, 0.0]))
