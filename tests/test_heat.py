@@ -209,7 +209,7 @@ def test_the_temperature_of_a_bearing_is_that_of_bisection(given, shares, figure
     expected = by_bisection(BEARING, **shares, **given)
     off = abs(result.heat.effective_temperature - expected)
     figure(
-        "Heat", f"bearing, {given}, {shares or 'adiabatic'}: effective temperature from bisection",
+        "heat", f"bearing, {given}, {shares or 'adiabatic'}: effective temperature from bisection",
         off, most=2e-5, unit="K",
     )  # fmt: skip
     # The result is that of a bearing at this temperature, and the heat leaves.
@@ -234,9 +234,9 @@ def test_the_temperature_converges_with_the_mesh(figure):
         for n in (3, 6, 12)
     ]
     steps = np.abs(np.diff(found))
-    figure("Heat", "bearing: order of the temperature in the mesh, 12 x 3 to 48 x 12",
+    figure("heat", "bearing: order of the temperature in the mesh, 12 x 3 to 48 x 12",
            float(np.log2(steps[0] / steps[1])), least=1.5)  # fmt: skip
-    figure("Heat", "bearing: change of the temperature from 24 x 6 to 48 x 12 cells",
+    figure("heat", "bearing: change of the temperature from 24 x 6 to 48 x 12 cells",
            float(steps[1]), most=0.05, unit="K")  # fmt: skip
 
 

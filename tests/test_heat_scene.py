@@ -32,8 +32,7 @@ def tables(heat=None, oil=None, **time):
         "lubricants": {"oil": oil or OIL},
         "time": {"periodic": True, "revolutions": 1.0, "of": "journal", "tolerance": 1e-3,
                  "periodicity": 1e-2, **time},
-        "output": {"plots": False},
-    }  # fmt: skip
+            }  # fmt: skip
 
 
 def test_heat_is_off_unless_it_is_listed():
@@ -66,7 +65,8 @@ def test_heat_that_cannot_be_balanced_names_its_key(given, message):
 def test_a_run_tells_temperatures_power_and_flow(tmp_path):
     source = tmp_path / "warm.toml"
     source.write_text(_toml(tables(HEAT | {"tolerance": 0.2})))
-    assert call("run", source, "-o", tmp_path / "out", "--no-plots") == 0
+    assert call("run", source, "-o", tmp_path / "out", "--plots") == 0
+    assert (tmp_path / "out" / "leaving_flow.png").is_file()
     found = json.loads((tmp_path / "out" / "summary.json").read_text())
     supply, effective, outlet = (
         found[f"{name}_temperature_C"] for name in ("supply", "effective", "outlet")

@@ -64,7 +64,7 @@ def test_under_a_constant_load_it_is_that_of_the_steady_bearing(figure):
     # Half of what the outlet is off the effective temperature is.
     for name, most in (("effective", 0.05), ("outlet", 0.1)):
         off = abs(figures[f"{name}_temperature_C"] - getattr(steady, f"{name}_temperature"))
-        figure("Heat", f"journal under constant load: {name} temperature from that of the bearing",
+        figure("heat", f"journal under constant load: {name} temperature from that of the bearing",
                off, most=most, unit="K")  # fmt: skip
     assert figures["supply_temperature_C"] == SUPPLY
     # The sheared zone ends at a row of points, on either mesh another one.
@@ -197,7 +197,7 @@ def test_cycle_and_temperature_are_those_of_an_outer_search(figure):
     expected = brentq(excess, 90.0, 110.0, xtol=1e-3)
     found = periodic_run(crank(Heat(supply_temperature=SUPPLY, tolerance=0.01)))
     off = abs(found.figures["big_end"]["effective_temperature_C"] - expected)
-    figure("Heat", "slider-crank: effective temperature from an outer search", off, most=0.05,
+    figure("heat", "slider-crank: effective temperature from an outer search", off, most=0.05,
            unit="K")  # fmt: skip
     plain = periodic_run(crank(None, temperature=expected))
     films = [run.joints["big_end"].min_film_thickness.min() for run in (found, plain)]
@@ -209,7 +209,7 @@ def test_cycle_and_temperature_are_those_of_an_outer_search(figure):
 def test_temperatures_cost_at_most_three_cycles(supply, figure):
     plain = periodic_run(crank(None, temperature=supply)).cycles
     heated = periodic_run(crank(Heat(supply_temperature=supply), temperature=supply)).cycles
-    figure("Heat", f"slider-crank, supply at {supply:g} C: cycles more than without heat",
+    figure("heat", f"slider-crank, supply at {supply:g} C: cycles more than without heat",
            heated - plain, most=3)  # fmt: skip
 
 
@@ -223,31 +223,28 @@ def test_what_the_bodies_put_into_the_film_leaves_as_heat(figure):
     rise = figures["outlet_temperature_C"] - SUPPLY
     carried = density * 2000.0 * figures["mean_leaving_flow_m3_per_s"] * rise
     off = abs(carried / (0.75 * figures["mean_film_power_W"]) - 1)
-    figure("Heat", "slider-crank: heat that leaves over a cycle from the work of both bodies on "
+    figure("heat", "slider-crank: heat that leaves over a cycle from the work of both bodies on "
            "the film, tolerance 1e-6", off, most=1e-3)  # fmt: skip
     # As the mechanism's balance has it, of kinetic energies a hundred times as large.
-    work, kinetic = (
-        columns[name][-1] - columns[name][0] for name in ("drive_work_J", "kinetic_energy_J")
+    work, kinetic, dissipated = (
+        columns[name][-1] - columns[name][0]
+        for name in ("drive_work_J", "kinetic_energy_J", "film_work_J")
     )
-    dissipated = figures["mean_dissipated_power_W"] * REVOLUTION
-    figure("Heat", "slider-crank: what the drive puts in over a cycle less that dissipated, "
-           "tolerance 1e-6", abs(work - kinetic - dissipated) / dissipated, most=1e-2)  # fmt: skip
+    figure("heat", "slider-crank: what the drive puts in over a cycle less that dissipated, "
+           "tolerance 1e-6", abs(work - kinetic - dissipated) / dissipated, most=5e-3)  # fmt: skip
 
 
 @pytest.mark.slow
 def test_the_temperature_converges_with_the_steps(figure):
     found = [
         periodic_run(
-            crank(Heat(supply_temperature=SUPPLY, tolerance=2e-3), (16, 3)),
-            tolerance=tolerance, periodicity=1e-4,
+            crank(Heat(supply_temperature=SUPPLY, tolerance=5e-3), (16, 3)), tolerance=tolerance
         ).figures["big_end"]["effective_temperature_C"]
         for tolerance in (1e-3, 1e-4, 1e-5)
-    ]  # fmt: skip
-    off = np.abs(np.array(found[:-1]) - found[-1])
-    figure("Heat", "slider-crank: effective temperature at tolerance 1e-3 from that at 1e-5",
-           off[0], most=0.3, unit="K")  # fmt: skip
-    figure("Heat", "slider-crank: effective temperature at tolerance 1e-4 from that at 1e-5",
-           off[1], most=0.03, unit="K")  # fmt: skip
+    ]
+    for tolerance, off in zip((1e-3, 1e-4), np.abs(np.array(found[:-1]) - found[-1]), strict=True):
+        figure("heat", f"slider-crank: effective temperature at tolerance {tolerance:g} from that "
+               "at 1e-5", off, most=0.1 if tolerance > 1e-4 else 0.02, unit="K")  # fmt: skip
 
 
 @pytest.mark.slow

@@ -32,6 +32,7 @@ class AffineRun:
             gaps=lambda observed: observed[:3],
             lengths=lambda gaps: gaps,
             closing=lambda before, after: 1.0 - (after / before).min(),
+            film_gaps=lambda observed: [observed[:3]],
         )
         body = SimpleNamespace(angle=0)
         system = SimpleNamespace(
@@ -40,7 +41,9 @@ class AffineRun:
             bodies={"crank": slice(3, 4)},
             each_name=lambda: [("crank", body)],
         )
-        self.equations = SimpleNamespace(system=system)
+        self.equations = SimpleNamespace(
+            system=system, contents=lambda _x, _gaps: [], keep_within=lambda _states, _gaps: None
+        )
         self.state = self.at(0.0, np.zeros(4))
 
     @staticmethod

@@ -26,6 +26,9 @@ PICTURES = (
         "friction torque [N m]",
         {"friction_torque_Nm": "on the journal", "bore_friction_torque_Nm": "on the bore"},
     ),
+    Picture(
+        "leaving_flow", "flow of oil [m³/s]", {"leaving_flow_m3_per_s": "leaves, with the heat"}
+    ),
 )
 
 #: Lines of a joint's columns.
