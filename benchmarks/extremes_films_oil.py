@@ -109,7 +109,7 @@ def _rough() -> Iterator[Case]:
     sigma = 1e-6
     for load in (1000.0, 20_000.0):
         values = friction | rough(sigma) | {f"{JOINT}.cells": [120, 4]}
-        machine = pushed(load, 100.0, 0.0, values)
+        machine = pushed(load, 3.0, 0.0, values)
         yield Case(f"at rest on asperities, {load:g} N", machine, (_rests(0.02, load, sigma),))
     # 300 times the load, of a bearing of smooth elastic asperities that would need h < -2 sigma.
     heavy = journal(fine | rough(0.3e-6) | {"forces.load.scale": 300.0})
@@ -170,9 +170,11 @@ def _conserved() -> Iterator[Case]:
     touching = falling(0.0, 2 * fall, rough(1e-6))
     yield Case("dry: falls on asperities", touching, (energy(ENERGY),))
     dry = starved({f"{JOINT}.initial_filling": 0.0})
-    wet = {f"{JOINT}.initial_filling": 0.9}
-    text = "the cycle that begins nearly full to {}: starts are forgotten"
-    yield Case("dry start, a groove of 2 bar", dry, (same(text, 0.03, wet),))
+    # Under the engine's load, before the groove has filled a film.
+    yield Case("dry start, a groove of 2 bar", dry, (named("smallest_film"),), FilmTooThinError)
+    yield Case("dry start, a groove of 2 bar, contact",
+               dry.but(rough(1e-6) | {"time.periodic": False, "time.revolutions": 0.1}),
+               (energy(ENERGY),))  # fmt: skip
     flooded = journal(ONCE | conserving | {f"{JOINT}.ambient_pressure": 1e9})
     reynolds = {f"{JOINT}.cavitation": "reynolds"}
     text = "Reynolds' condition to {}: nothing cavitates at 1 GPa around"
