@@ -18,11 +18,16 @@ from figures import (  # noqa: F401
     pytest_configure,
     pytest_sessionfinish,
 )
+from hypothesis import settings
 from mpi4py import MPI
 
 from fenics_ehd.reduction import load_dependent
 from fenics_ehd.scenes.elastic_part import elastic_part
 from fenics_ehd.scenes.scene_file import read_scene
+
+# How long an example takes says what else the machine does.
+settings.register_profile("any machine", deadline=None)
+settings.load_profile("any machine")
 
 
 @pytest.fixture(scope="session")

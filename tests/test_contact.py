@@ -175,13 +175,14 @@ def test_contact_converges_with_the_mesh(flow_factors, figure):
 
 
 @pytest.mark.slow
-def test_contact_converges_in_time_at_the_order_of_the_formula():
-    tolerances, films = (1e-4, 1e-5, 1e-6, 1e-7), []
-    for tolerance in tolerances:
-        result = simulate(machine(surfaces()), 1.5e-3, tolerance=tolerance)
-        films.append(result.joints["big_end"].eccentricity[-1])
-    errors = np.linalg.norm(np.diff(films, axis=0), axis=1)
-    assert errors[2] < 0.1 * errors[0]
+def test_energy_of_contact_converges_with_the_tolerance(figure):
+    defects = []
+    for tolerance in (1e-4, 1e-6):
+        columns = simulate(machine(surfaces()), END, tolerance=tolerance).columns
+        defects.append(np.abs(columns["energy_defect_J"]).max())
+    # A formula of order 3: steps shrink with the fourth root of the tolerance, 0.03 in all at best.
+    figure("contact", "energy defect at tolerance 1e-6 over that at 1e-4",
+           defects[1] / defects[0], most=0.15)  # fmt: skip
 
 
 @pytest.mark.slow
