@@ -255,7 +255,7 @@ def steady_balance(limit: float) -> Claim:
         supply = machine.values["supply_temperature"]
         heat = Heat(supply_temperature=supply)
         low, high = supply, 200.0
-        for _ in range(40):
+        for _ in range(20):
             middle = 0.5 * (low + high)
             settings = BearingSettings(**values, temperature=middle)
             found = solve_bearing(settings, **machine.at)

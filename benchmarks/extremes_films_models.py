@@ -203,7 +203,7 @@ def _supplies(folder: Path) -> Iterator[Case]:
         if not bar:
             text = "oil leaves only: largest inflow over the mean flow below {}"
             claims += (at_most(text, 1e-3, _largest_inflow, "inflow"),)
-        # Oil under pressure all along damps little: the orbit repeats slowly at 10 bar.
+        # At 10 bar the orbit does not repeat to 1e-4 within 20 cycles, but to 1.8e-4.
         values = {"time.periodicity": 1e-3 if bar == 10 else 1e-4}
         machine = journal(_supply(HOLE | {"pressure": 1e5 * bar}) | values)
         yield Case(f"hole at {bar} bar", machine, claims)
@@ -342,7 +342,9 @@ def _laws_in_a_cycle() -> Iterator[Case]:
         f"{OIL}.viscosity": THICK,
         f"{JOINT}.friction": True,
     }
-    yield Case("cycle, Roelands 0.6, 4 times the load", journal(thick, cells=(80, 16)), usual)
+    # Roelands' law bounds the reduced pressure, too, and rigid surfaces do not give way.
+    yield Case("cycle, Roelands 0.6, 4 times the load", journal(thick, cells=(80, 16)),
+               (named("viscosity", "roelands", "load"),), StepSizeError)  # fmt: skip
     fast = {
         "drives.crank.speed": 1500.0,
         "lubricants.oil.viscosity": 0.1,

@@ -332,7 +332,8 @@ def test_extremes_that_are_refused(changes, given, message):
 
 def test_viscosity_that_runs_away_is_a_named_error():
     """1 / p of Barus' film is bounded: at constant viscosity it may have 1 / alpha at most."""
-    with pytest.raises(ViscosityError, match=r"54\.\d* MPa, the pressure law allows less than 50 MPa"):
+    message = r"54\.\d* MPa, the pressure law allows less than 50 MPa"
+    with pytest.raises(ViscosityError, match=message):
         solve_bearing(BearingSettings(barus=2e-8), eccentricity=0.8)
 
 

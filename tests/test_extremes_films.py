@@ -9,7 +9,7 @@ from extremes_films_case import Shop
 QUICK = (
     "Barus 40e-9 at 100 MPa",
     "Barus 40e-9 at 500 MPa",
-    "VG 680 supplied at -10 C",
+    "heat, centred: nothing leaves",
     "heat at 20 000 rad/s",
     "hole as wide as the bearing",
     "ovality 3 c",
