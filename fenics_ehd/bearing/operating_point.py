@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.errors import SettingsError, VerificationError
+from fenics_ehd.base.errors import SettingsError, VerificationError, ViscosityError
 from fenics_ehd.bearing.coefficients import DynamicCoefficients, coefficients
 from fenics_ehd.bearing.contact import ContactFigures
 from fenics_ehd.bearing.equilibrium import NO_PRESSURE, at_eccentricity, at_load, carries
@@ -26,6 +26,7 @@ from fenics_ehd.bearing.thinnest import minimum_film
 from fenics_ehd.film.flow import FlowBalance, flow_balance
 from fenics_ehd.film.forces import FilmForces, film_forces
 from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.film.piezoviscous import MOST_WITHIN_A_CELL, steepest_thickening
 
 #: Points a direction at which the pressure is sampled between the nodes.
 SAMPLES = 41
@@ -127,6 +128,8 @@ def solve_bearing(
         The heat cannot leave.
     CavitationError
         From `Film.solve`.
+    ViscosityError
+        The viscosity runs away with the pressure, or grows faster than the cells show.
     VerificationError
         A figure of the result is no finite number.
     """
@@ -146,6 +149,7 @@ def solve_bearing(
             settings, heat, found = balanced(settings, lambda s: _operation(s, eccentricity, load))
         else:
             found = _operation(settings, eccentricity, load)
+        _require_resolved(*found)
         result = _result(*found, with_coefficients, heat)
     unknown = [name for name, value in _figures("", result) if not np.isfinite(value).all()]
     if unknown:
@@ -154,6 +158,17 @@ def solve_bearing(
             "viscosity, speed and pressures far from any bearing's?"
         )
     return result
+
+
+def _require_resolved(bearing: BearingFilm, operation: Operation) -> None:
+    """Refuse pressures that are the mesh's own: oil that thickens too much within a cell."""
+    steepest = steepest_thickening(bearing.film, operation.state.pressure)
+    if not steepest <= MOST_WITHIN_A_CELL:
+        raise ViscosityError(
+            f"the viscosity grows {steepest:.3g} times within a film cell, above "
+            f"{MOST_WITHIN_A_CELL:g}: use more cells; where that does not help the viscosity runs "
+            "away, lower load, eccentricity or the pressure coefficient (barus, roelands)"
+        )
 
 
 def _operation(

@@ -14,31 +14,13 @@ import numpy as np
 
 from fenics_ehd.base.errors import SolverError, ViscosityError
 from fenics_ehd.film.lubricant import PressureLaw
+from fenics_ehd.film.piezoviscous import MOST_WITHIN_A_CELL
 from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.system import FilmPlace
 
 #: Ratio of viscosities at the last accepted step beyond which it is the oil that failed. Films that
 #: go on reach 1e3 and more in runs, but rarely fail a step there.
 THICKENED = 1e2
-
-#: Factor of the viscosity within a cell up to which the mesh is fine enough. Up to there peak
-#: pressures of a journal under Barus' law are within 2 % of those on 64 x 12 cells from 24 x 4 on,
-#: 12 % on 16 x 3; beyond it, at 17 to 220, they are the mesh's own: 105 to 144 MPa where finer ones
-#: have 196 and 1670 MPa.
-MOST_WITHIN_A_CELL = 10.0
-
-
-def steepest_thickening(place: FilmPlace, pressure: np.ndarray) -> float:
-    """Largest factor of the viscosity between nodes of one cell, for nodal pressures [Pa]."""
-    film = place.film.film
-    law = film.equation.lubricant.viscosity_law
-    if law.constant:
-        return 1.0
-    try:
-        ratio = law(np.maximum(pressure, 0.0))[0][film.parameters.grid.cell_nodes]
-    except ViscosityError:
-        return np.inf
-    return float((ratio.max(axis=1) / ratio.min(axis=1)).max())
 
 
 def unresolved(place: FilmPlace, steepest: float) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.film import FilmState
+from fenics_ehd.film.piezoviscous import steepest_thickening
 from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
@@ -28,7 +29,7 @@ from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import FilmPlace
-from fenics_ehd.multibody.thickening import steepest_thickening, unresolved
+from fenics_ehd.multibody.thickening import unresolved
 
 #: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
 #: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
@@ -167,7 +168,7 @@ class Tracker:
         extremes = self.extremes[place.name]
         extremes.add(step.time - self._start, pressure, thickness)
         if not place.film.film.parameters.lubricant.viscosity_law.constant:
-            steepest = steepest_thickening(place, film.pressure)
+            steepest = steepest_thickening(place.film.film, film.pressure)
             extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
         force = step.solution.motion.multipliers[place.rows]
         figures = {

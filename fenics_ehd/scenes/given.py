@@ -38,7 +38,7 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
         table = tables
         for name in path:
             table = table.setdefault(name, {})
-        table[last] = value
+        table[last] = deepcopy(value)  # of the caller's tables nothing is changed below
     return scene_of(beside(tables, Path()), scene.name)
 
 
