@@ -26,7 +26,7 @@ from fenics_ehd.bearing.thinnest import minimum_film
 from fenics_ehd.film.flow import FlowBalance, flow_balance
 from fenics_ehd.film.forces import FilmForces, film_forces
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.piezoviscous import MOST_WITHIN_A_CELL, steepest_thickening
+from fenics_ehd.film.thickening import MOST_WITHIN_A_CELL, steepest_thickening
 
 #: Points a direction at which the pressure is sampled between the nodes.
 SAMPLES = 41

@@ -14,7 +14,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SolverError, ViscosityError
 from fenics_ehd.film.lubricant import PressureLaw
-from fenics_ehd.film.piezoviscous import MOST_WITHIN_A_CELL
+from fenics_ehd.film.thickening import MOST_WITHIN_A_CELL
 from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.system import FilmPlace
 

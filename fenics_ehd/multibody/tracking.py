@@ -14,7 +14,7 @@ import numpy as np
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.film import FilmState
-from fenics_ehd.film.piezoviscous import steepest_thickening
+from fenics_ehd.film.thickening import steepest_thickening
 from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
