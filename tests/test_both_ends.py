@@ -102,6 +102,7 @@ def test_energy_is_balanced(results):
         assert result.energy_balance_error < 1e-3, name
 
 
+@pytest.mark.slow
 def test_films_of_both_ends_keep_account_of_their_oil(bodies):
     """M4's patterns couple the bores; under Reynolds' condition beside it, too."""
     found = {}

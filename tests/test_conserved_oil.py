@@ -48,6 +48,7 @@ GROOVE = AxialGroove(np.radians(90), np.radians(18), 3e5)
 # --- Against solutions with free boundaries
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whirl", [0.0, 125.0, pytest.param(400.0, marks=pytest.mark.slow)])
 def test_a_closed_journal_settles_to_the_free_boundary_solution(whirl, figure):
     exact, clearance = ClosedJournalFilm(0.5, 0.8), 1e-6
@@ -114,6 +115,7 @@ def squeezed(cells, steps, order=3):
     return np.abs(np.array(voids)[chosen] - void).max() / void.max(), off * cells / (2 * np.pi)
 
 
+@pytest.mark.slow
 def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(figure):
     errors = np.array([squeezed(16, 32), squeezed(32, 64), squeezed(64, 128)])
     # The edge lies within a cell of where it should.
@@ -151,6 +153,7 @@ def test_one_step_formulas_solve_what_a_film_alone_does():
 # --- Time
 
 
+@pytest.mark.slow
 def test_order_in_time(figure):
     end = REVOLUTION
 

@@ -182,6 +182,7 @@ def test_other_petsc_formats_become_aij(arguments):
         as_matrix(shell, MPI.COMM_SELF, "mass")
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_foreign_rod_reduces_to_the_same_body(foreign_rod, rod_body):
     check_structure(foreign_rod)

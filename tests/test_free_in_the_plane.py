@@ -96,6 +96,7 @@ def oil_in(part, friction):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "friction"), [("m1", True), ("m3", False), ("m3", True)])
 def test_a_disk_in_an_elastic_rod_keeps_momenta_and_energy(
     rod_structure, parts, method, friction, figure

@@ -51,6 +51,7 @@ def periodic_run(mechanism, **settings):
     )
 
 
+@pytest.mark.slow
 def test_under_a_constant_load_it_is_that_of_the_steady_bearing(figure):
     heat = Heat(supply_temperature=SUPPLY, conducted=0.1, tolerance=1e-3)
     found = periodic_run(journal(oil_film((32, 6)), heat=heat), tolerance=1e-5, periodicity=1e-5)
@@ -74,6 +75,7 @@ def test_under_a_constant_load_it_is_that_of_the_steady_bearing(figure):
     assert found.columns["dissipated_power_W"].mean() == pytest.approx(steady.power, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_run_with_heat_goes_on_as_if_it_had_not_stopped():
     mechanism = journal(oil_film(), 2000.0, heat=Heat(supply_temperature=SUPPLY))
 

@@ -91,6 +91,7 @@ def squeeze(cells, steps):
     )
 
 
+@pytest.mark.slow
 def test_squeezed_plates_follow_the_free_boundary_in_time(figure):
     errors = np.array([squeeze(20, 100), squeeze(40, 200), squeeze(80, 400)])
     rates = np.log2(errors[:-1] / errors[1:])

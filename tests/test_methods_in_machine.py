@@ -83,6 +83,7 @@ def test_bodies_without_residual_flexibility_neglect_no_inertia(rod_body):
     assert neglected_inertia(rod_body).shape == (0, 0)
 
 
+@pytest.mark.slow
 def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body):
     """``S_res``'s own second-order term ``G_res M G_res J``, for a smooth pressure."""
     from fenics_ehd.reduction.distributed import load_columns, node_rows

@@ -77,6 +77,7 @@ def ends(oil, steps, order=2):
     return result.joints["bearing"].eccentricity[-1] / C
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["Barus", "Cross"])
 def test_steps_converge_at_the_order_of_the_formula(name, figure):
     oil = OILS[name]

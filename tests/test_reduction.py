@@ -64,6 +64,7 @@ def test_reduced_matrices_are_diagonal_with_ascending_groups(body):
     assert body.accuracy["static_rank"] == 33
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pressure_set", ["pc2", pytest.param("pc1", marks=pytest.mark.slow)])
 def test_static_response_is_exact_for_the_whole_set(structure, pressure_set, figure):
     pressures = PRESSURE_SETS[pressure_set](structure.bore)

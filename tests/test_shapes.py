@@ -356,6 +356,7 @@ def end_of(tolerance):
     return result.joints["bearing"].eccentricity[-1]
 
 
+@pytest.mark.slow
 def test_the_motion_converges_with_the_tolerance(figure):
     exact = end_of(1e-8)
     errors = np.array([np.abs(end_of(t) - exact).max() / C for t in (1e-3, 1e-4, 1e-5, 1e-6)])
