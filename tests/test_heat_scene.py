@@ -62,10 +62,11 @@ def test_heat_that_cannot_be_balanced_names_its_key(given, message):
         scene_of(tables(**given), "scene")
 
 
-def test_a_run_tells_temperatures_power_and_flow(tmp_path):
+def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     source = tmp_path / "warm.toml"
     source.write_text(_toml(tables(HEAT | {"tolerance": 0.2})))
     assert call("run", source, "-o", tmp_path / "out", "--plots") == 0
+    assert "effective temperature" in capsys.readouterr().out
     assert (tmp_path / "out" / "leaving_flow.png").is_file()
     found = json.loads((tmp_path / "out" / "summary.json").read_text())
     supply, effective, outlet = (

@@ -161,6 +161,7 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
                 f"    mean friction power     {joint['mean_friction_power_W']:9.3f} W   of "
                 f"{joint['mean_dissipated_power_W']:.3f} W dissipated"
             )
+        lines += real_film(joint)
     if "cycles" in summary:
         lines.append(
             f"  periodic after {summary['cycles']} cycles: the films change by "
@@ -174,3 +175,24 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
         f"  results in {directory}",
     ]
     return "\n".join(lines)
+
+
+def real_film(joint: Mapping[str, Any]) -> list[str]:
+    """Lines of what the models of a joint add to its figures."""
+    lines = []
+    if "effective_temperature_C" in joint:
+        lines.append(
+            f"    effective temperature   {joint['effective_temperature_C']:9.2f} C   from "
+            f"{joint['supply_temperature_C']:.2f} C, {joint['outlet_temperature_C']:.2f} C with "
+            f"{joint['mean_leaving_flow_m3_per_s'] * 1e6:.3f} cm3/s that leave"
+        )
+    for key, flow in joint.items():
+        if key.endswith("flow_m3_per_s") and "leaving" not in key:
+            name = key.removeprefix("mean_").removesuffix("flow_m3_per_s").strip("._")
+            lines.append(f"    {f'mean flow, {name}':23} {flow * 1e6:9.4f} cm3/s")
+    if "mean_contact_force_N" in joint:
+        lines.append(
+            f"    mean contact force      {joint['mean_contact_force_N']:9.3g} N   of contact "
+            f"pressure up to {joint['max_contact_pressure_Pa'] * 1e-6:.3g} MPa"
+        )
+    return lines
