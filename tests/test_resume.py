@@ -454,17 +454,21 @@ def test_a_complete_periodic_run_has_nothing_left_to_do(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["loaded-journal", "loaded-journal-starved"])
-def test_a_periodic_run_that_was_killed_goes_on_to_the_same_result(tmp_path, name):
-    """Within its first cycle, and in the next one."""
-    scene = write_scene(tmp_path / "scene.toml", name, LOADED_JOURNAL)
+@pytest.mark.parametrize(
+    ("name", "cells", "rows"),
+    [("loaded-journal", [12, 2], (7, 40)), ("loaded-journal-starved", [60, 2], (7, 250))],
+)
+def test_a_periodic_run_that_was_killed_goes_on_to_the_same_result(tmp_path, name, cells, rows):
+    """Within its first cycle, and in a later one."""
+    settings = {**LOADED_JOURNAL, "joints.bearing.cells": cells}
+    scene = write_scene(tmp_path / "scene.toml", name, settings)
     options = ("--no-plots", "--checkpoint-every", 0)
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert call("run", scene, *options, "-o", whole) == 0
     begin, resume = ("run", scene, *options, "-o", killed), ("run", "--resume", killed, *options)
     cycles = [
         read_history(run)["cycle"][-1]
-        for run in killed_again_and_again(killed, begin, resume, (7, 40))
+        for run in killed_again_and_again(killed, begin, resume, rows)
     ]
     assert cycles[0] == 1 < cycles[1]
     assert_same_results(killed, whole)
