@@ -4,9 +4,9 @@ import json
 
 import pytest
 from command_line import call
+from csv_history import read_history
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.results.history_file import read_history
 from fenics_ehd.scenes.scene_file import scene_of
 from fenics_ehd.scenes.scene_text import stored
 

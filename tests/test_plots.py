@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from recorded_runs import short_run
+from report_cases import write_history, write_study
 
+from fenics_ehd import load_results
 from fenics_ehd.cli.main import main
 from fenics_ehd.plotting import history, orbit, picture
 from fenics_ehd.scenes.scene_file import shipped
@@ -96,11 +98,12 @@ def test_orbits_are_those_of_the_clearance_circle(bearings, tmp_path, drawn):
 
 
 def test_a_periodic_run_is_drawn_over_its_cycle(tmp_path):
-    header = "time_s,max_pressure_Pa,min_film_thickness_m,cycle,cycle_time_s\n"
-    (tmp_path / "history.csv").write_text(f"{header}5.5,1e6,1e-6,3,0.5\n6.0,2e6,2e-6,3,1.0\n")
-    (found,) = history.joint_histories(tmp_path).values()
-    np.testing.assert_array_equal(found["time_s"], [0.5, 1.0])
-    np.testing.assert_array_equal(found["max_pressure_Pa"], [1e6, 2e6])
+    study = write_study(tmp_path, [])
+    write_history(study, "reference", steps=5, periodic=True)
+    result = load_results(study.folder("reference"))
+    (found,) = history.joint_columns({"one": result}).values()
+    np.testing.assert_allclose(found["time_s"], np.linspace(2.5e-3, 12.5e-3, 5))
+    assert found["max_pressure_Pa"].max() > 40e6
 
 
 def test_commands_draw_pictures(bearings, tmp_path, capsys):

@@ -39,6 +39,7 @@ SLOW = {
     ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
     ("docs/mechanisms.md", "As a scene file"),
     ("docs/mechanisms.md", "Pictures of a run"),
+    ("docs/results.md", "Results of a run"),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -69,7 +70,10 @@ def sections(document):
     return [Section(document, title, tuple(found)) for title, found in blocks.items()]
 
 
-DOCUMENTS = ("README.md", "docs/tutorial.md", "docs/own-scene.md", "docs/mechanisms.md")
+DOCUMENTS = (
+    "README.md",
+    *(f"docs/{page}.md" for page in ("tutorial", "own-scene", "mechanisms", "results")),
+)
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.multibody.result import Result
 from fenics_ehd.plotting.joint_rates import plot_joint_rates
 from fenics_ehd.plotting.orbit import plot_orbits
 from fenics_ehd.plotting.picture import in_formats, over_time, plt, save, style
 from fenics_ehd.plotting.recorded import recorded
-from fenics_ehd.results.history_file import read_history
-from fenics_ehd.results.motion import joint_histories
+from fenics_ehd.results.load import load_results
 
 #: Columns of the works that a mechanism exchanges, and what they are called.
 EXCHANGED = {"drive_work_J": "drive", "applied_work_J": "applied forces"}
@@ -29,10 +29,12 @@ LOST = {
 
 def plot_joints(label: str, directory: str | Path) -> list[Path]:
     """Every picture of one run, in its own folder."""
-    joints = _joints({label: directory})
+    result = load_results(directory).last_cycle()
+    joints = joint_columns({label: result})
+    energies = result.run.columns | {"time_s": np.asarray(result.time)}
     return [
         *plot_runs({label: directory}, directory),
-        *plot_energy(read_history(directory), directory),
+        *plot_energy(energies, directory),
         *(plot_basis_error(joints, directory) if joints else []),
         *plot_joint_rates(joints, directory),
     ]
@@ -58,40 +60,43 @@ def plot_runs(runs: Mapping[str, str | Path], directory: str | Path) -> list[Pat
     InputError
         A folder holds no history.
     """
-    joints = _joints(runs)
+    results = {label: load_results(folder).last_cycle() for label, folder in runs.items()}
+    joints = joint_columns(results)
     if not joints:
         return []
-    orbits = {
-        _legend(runs, label, name): path
-        for label, folder in runs.items()
-        for name, path in _orbits(folder).items()
-    }
+    orbits: dict[str, np.ndarray] = {}
+    for label, folder in runs.items():
+        names = results[label].joints
+        paths = _orbits(folder, results[label])
+        orbits |= {legend(results, label, name): paths[name] for name in names if name in paths}
     return [*plot_history(joints, directory), *plot_orbits(joints, directory, orbits)]
 
 
-def _orbits(directory: str | Path) -> dict[str, np.ndarray]:
-    """Of every lubricated joint by its name as in `joint_histories`, over the clearance."""
+def _orbits(directory: str | Path, result: Result) -> dict[str, np.ndarray]:
+    """Of every lubricated joint by its name, over the clearance."""
     with suppress(SettingsError, InputError):  # a folder without scene or bodies
-        run = recorded(directory)
-        paths = {
+        run = recorded(directory, result)
+        return {
             place.name: run.orbits[place.name] / place.film.film.parameters.clearance
             for place in run.system.films
         }
-        return paths if len(paths) > 1 else dict.fromkeys([""], *paths.values())
     return {}
 
 
-def _joints(runs: Mapping[str, str | Path]) -> dict[str, dict[str, np.ndarray]]:
-    """Columns of every joint of runs by what the legend says."""
+def joint_columns(results: Mapping[str, Result]) -> dict[str, dict[str, np.ndarray]]:
+    """Columns of every joint of runs, and their time, by what the legend says."""
     return {
-        _legend(runs, label, name): columns
-        for label, folder in runs.items()
-        for name, columns in joint_histories(folder).items()
+        legend(results, label, name): joint.columns | {"time_s": np.asarray(result.time)}
+        for label, result in results.items()
+        for name, joint in result.joints.items()
     }
 
 
-def _legend(runs: Mapping[str, str | Path], label: str, joint: str) -> str:
-    return joint if joint and len(runs) == 1 else ", ".join(filter(None, (label, joint)))
+def legend(results: Mapping[str, Result], label: str, joint: str) -> str:
+    """Name of a joint's curve: of the run, and of the joint where the run has several."""
+    if len(results[label].joints) == 1:
+        return label
+    return joint if len(results) == 1 else f"{label}, {joint}"
 
 
 def plot_history(
@@ -134,11 +139,11 @@ def plot_energy(history: Mapping[str, np.ndarray], directory: str | Path) -> lis
     Parameters
     ----------
     history
-        Columns of a run's ``history.csv``.
+        Energies and works of a run over ``time_s``.
     directory
         Where ``energy`` goes, in each of `FORMATS`.
     """
-    time = 1e3 * history.get("cycle_time_s", history["time_s"])
+    time = 1e3 * history["time_s"]
     figure, panels = plt.subplots(
         3, figsize=(6.4, 7.2), layout="constrained", sharex=True, height_ratios=(3, 2, 2)
     )
