@@ -53,6 +53,7 @@ RESULTS = (
     "orbit.*",
     "animation.*",
     "vtk/*.pvd",
+    "vtk/*_[0-9][0-9][0-9][0-9].vtm",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
 )
 
