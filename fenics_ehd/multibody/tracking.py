@@ -68,13 +68,13 @@ class Tracker:
 
     Attributes
     ----------
-    places
+    groups
         Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``, once
         there is a step.
     """
 
     def __init__(self, equations: StepEquations, norm: StepNorm):
-        self.places: dict[str, str] = {}
+        self.groups: dict[str, str] = {}
         self._equations, self._norm = equations, norm
         films = equations.system.films
         self._several = len(films) > 1
@@ -142,7 +142,7 @@ class Tracker:
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
                     size, loads[place.bore_body], step.acceleration[own]
                 )
-            row |= self._placed(prefix, f"joints/{place.name}", figures)
+            row |= self._grouped(prefix, f"joints/{place.name}", figures)
             path = f"joints/{place.name}/film"
             stored[f"{path}/pressure"] = film.pressure
             stored[f"{path}/gap"] = gap[-len(film.pressure) :]
@@ -152,11 +152,11 @@ class Tracker:
         row |= {"step_s": size, "newton_iterations": step.newton_iterations}
         return row | {"rejected_steps": rejected}, stored
 
-    def _placed(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
-        """Columns of a joint or body, whose places are kept."""
+    def _grouped(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
+        """Columns of a joint or body, whose groups are kept."""
         found = {f"{prefix}{name}": value for name, value in figures.items()}
-        if found.keys() - self.places.keys():
-            self.places |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
+        if found.keys() - self.groups.keys():
+            self.groups |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
         return found
 
     def _loads(self, films: list[FilmState]) -> dict[str, np.ndarray]:
@@ -223,7 +223,7 @@ class Tracker:
                 continue
             frame = dict(zip(FRAME[2 - body.angle :], step.x[first:], strict=False))
             frame["speed_rad_per_s"] = step.rate[first + body.angle]
-            row |= self._placed(f"{name}.", f"bodies/{name}", frame)
+            row |= self._grouped(f"{name}.", f"bodies/{name}", frame)
         return row
 
     def _energy(self, step: MechanismStep) -> dict[str, float]:

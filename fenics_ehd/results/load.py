@@ -14,7 +14,8 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.output import SCENE_NAME, SUMMARY, complete_result
 from fenics_ehd.base.sealed_file import named, require_file, require_numbers
 from fenics_ehd.base.units import Quantity
-from fenics_ehd.multibody.result import Result, assemble_result
+from fenics_ehd.multibody.history_layout import assemble_result
+from fenics_ehd.multibody.result import Result
 from fenics_ehd.results.history_file import FIELDS_NAME, finite, opened_history
 
 #: What a film has once.

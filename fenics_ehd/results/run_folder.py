@@ -26,7 +26,8 @@ from fenics_ehd.base.output import (
     require_writable,
 )
 from fenics_ehd.results.checkpoint import CHECKPOINT
-from fenics_ehd.results.history_file import CSV_NAME, FIELDS_NAME
+from fenics_ehd.results.csv_file import CSV_NAME
+from fenics_ehd.results.history_file import FIELDS_NAME
 
 #: Body of a run, beside its history, to go on with.
 BODY_NAME = "body.h5"
