@@ -40,6 +40,7 @@ SLOW = {
     ("docs/mechanisms.md", "As a scene file"),
     ("docs/mechanisms.md", "Pictures of a run"),
     ("docs/results.md", "Results of a run"),
+    ("docs/results.md", "In ParaView"),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
