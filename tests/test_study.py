@@ -236,7 +236,7 @@ def eccentricity_place(folder):
     """Where a history's coordinates have the journal's place along x."""
     with h5py.File(folder / "history.h5") as file:
         names = list(file["state/coordinates"].attrs["names"])
-    return names.index("joints/big_end/eccentricity_x")
+    return names.index(b"joints/big_end/eccentricity_x")
 
 
 def test_known_errors_are_found(studied, again):

@@ -157,7 +157,7 @@ class HistoryWriter:
         }
         if self._resumed is not None:
             with opened_history(self.directory) as file:
-                former = {path: file[path][()] for path in shapes}
+                former = {path: numbers(file[path]) for path in shapes}
             short = min(len(values) for values in former.values())
             if short < self.rows:
                 raise InputError(
@@ -208,17 +208,23 @@ def _describe(
     file: h5py.File, attributes: Mapping[str, Mapping[str, Any]], units: Mapping[str, str]
 ) -> None:
     """Say what a file is, and the unit of every dataset."""
-    file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, fenics_ehd=__version__)
+    file.attrs.update(
+        format=_text(FORMAT), format_version=FORMAT_VERSION, fenics_ehd=_text(__version__)
+    )
 
     def describe(path: str, item: Any) -> None:
         given = attributes.get(path, {})
         for name, value in given.items():
-            text = isinstance(value, list)
-            item.attrs[name] = np.array(value, dtype=h5py.string_dtype()) if text else value
+            item.attrs[name] = _text(value) if isinstance(value, str | list) else value
         if isinstance(item, h5py.Dataset) and "units" not in given:
-            item.attrs["units"] = units.get(path, DIMENSIONLESS)
+            item.attrs["units"] = _text(units.get(path, DIMENSIONLESS))
 
     file.visititems(describe)
+
+
+def _text(value: str | list[str]) -> np.ndarray:
+    """Of fixed length: text of any length lies where HDF5 has no checksums, and crashes it."""
+    return np.char.encode(np.array(value, dtype=str), "utf-8")
 
 
 def keep_last_rows(directory: str | Path, first: int) -> None:
@@ -301,16 +307,29 @@ def _opened(path: Path) -> h5py.File:
     return h5py.File(path, "r", libver="latest", swmr=marked)
 
 
+def numbers(dataset: h5py.Dataset) -> np.ndarray:
+    """Its numbers.
+
+    Raises
+    ------
+    ValueError
+        It holds something else, or no rows.
+    """
+    require_numbers(dataset)
+    if not dataset.ndim:
+        raise ValueError(f"{dataset.name} holds no rows")
+    return np.array(dataset)
+
+
 def finite(dataset: h5py.Dataset) -> np.ndarray:
     """Its numbers, all of which must be ones.
 
     Raises
     ------
     ValueError
-        It holds something else.
+        One is not.
     """
-    require_numbers(dataset)
-    values = np.array(dataset)
-    if not values.ndim or not np.isfinite(values).all():
-        raise ValueError(f"{dataset.name} holds a value that is not finite, or no rows")
+    values = numbers(dataset)
+    if not np.isfinite(values).all():
+        raise ValueError(f"{dataset.name} holds a value that is not finite")
     return values
