@@ -477,7 +477,7 @@ def test_bad_requests_end_with_one_line(crank, stopped, tmp_path, capsys):
     empty.mkdir()
     cases = [
         ((crank.directory, "-o", "run.avi"), ".gif, .mp4"),
-        ((empty,), "not the folder of a run"),
+        ((empty,), "not a results folder"),
         ((crank.directory, "--joint", "small_end"), "--joint small_end: lubricated joints of "
          "this run: big_end"),
         ((crank.directory, "--basis", crank.directory / "body-rod.h5"), "basis"),
@@ -649,7 +649,7 @@ def test_command_makes_the_series_of_a_run_after_it(crank, tmp_path, capsys):
     np.testing.assert_allclose(ours.points, theirs.points, atol=1e-15)
     # What M4's residual patterns move between the bores is not in a basis.
     moved = [mesh.point_data["displacement_m"] for mesh in (ours, theirs)]
-    assert np.abs(moved[0] - moved[1]).max() < 0.05 * np.abs(moved[1]).max()
+    assert 0 < np.abs(moved[0] - moved[1]).max() < 0.2 * np.abs(moved[1]).max()
     on_bore = np.abs(moved[0] - moved[1]).max(axis=1) < 1e-15
     assert np.count_nonzero(on_bore) >= len(crank.run.part("rod").bore_nodes)
     assert call(*arguments, capsys=capsys).status == 0
