@@ -417,7 +417,7 @@ def test_errors_over_time_are_kept_beside_the_runs(studied, again):
     for row in compared:
         folder = directory / "runs" / row["run"]
         found = read_errors(errors_path(folder, row["against"]))
-        steps_of = read_history(folder)["time_s"]
+        steps_of = load_results(folder, films=False).time
         np.testing.assert_array_equal(found["time_s"], steps_of[steps_of >= study.start])
         for name in ("pressure_error", "film_error"):
             assert np.abs(found[name]).max() == row[f"{name}_max"]

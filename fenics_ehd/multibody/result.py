@@ -187,7 +187,7 @@ class Result:
     joints
         Lubricated joints by name.
     bodies
-        By name, the ground too.
+        By name, those that can move.
     run
         Of all: energies, works, steps.
     coordinates, rates
