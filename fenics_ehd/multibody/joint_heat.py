@@ -8,34 +8,19 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import HeatError
-from fenics_ehd.film import FilmState
-from fenics_ehd.film.flow import oil_leaving
 from fenics_ehd.film.heat import TemperatureSearch, run_away
-from fenics_ehd.film.shear import rubbing_power
 from fenics_ehd.film.temperature import Oil
-from fenics_ehd.multibody.friction import film_friction
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.integrals import Integrals
-from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
 
-def dissipated(joint: JointFilm, state: FilmState) -> float:
-    """Power that becomes heat in a joint [W], whether its friction acts on the bodies or not.
-
-    Pressure-driven flow, shear of the oil in full film and cavities, asperities that rub.
-    """
-    oil = joint.film.powers(state)[0] + film_friction(joint, state).sheared
-    if joint.film.parameters.surfaces is None:
-        return oil
-    return oil + rubbing_power(joint.film, state.gap)
-
-
-def heat_rates(joint: JointFilm, state: FilmState) -> dict[str, float]:
+def heat_rates(film: FilmIntegrals) -> dict[str, float]:
     """Columns that the balance is made of: means over a cycle are P and Q."""
     return {
-        "dissipated_power_W": dissipated(joint, state),
-        "leaving_flow_m3_per_s": oil_leaving(joint.film, state),
+        "dissipated_power_W": film.dissipated,
+        "leaving_flow_m3_per_s": film.flows.leaving,
     }
 
 
@@ -96,7 +81,7 @@ class FilmTemperatures:
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""
         for i, place in self._places.items():
-            rates = heat_rates(place.film, step.solution.films[i])
+            rates = heat_rates(step.solution.integrals[i])
             if place.name in self._rates:
                 self._rates[place.name].add(step.time, rates)
             else:

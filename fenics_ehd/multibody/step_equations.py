@@ -29,6 +29,7 @@ from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.contact_columns import ContactColumns
 from fenics_ehd.multibody.contacts import Contacts
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
@@ -285,6 +286,13 @@ class StepEquations:
         pressure = film.parameters.pressure_scale * point.nodal
         fraction = None if point.oil is None else 1.0 - point.oil.nodal_void
         return FilmState(pressure, point.gap, result, point.problem, fraction)
+
+    def integrals(self, states: Sequence[FilmState]) -> list[FilmIntegrals]:
+        """Of every film in a state."""
+        places = self.system.films
+        contacts = [None] * len(places) if self.contacts is None else self.contacts.joints
+        each = zip(places, states, contacts, strict=True)
+        return [FilmIntegrals(place.film, state, contact) for place, state, contact in each]
 
     def linearise(self, point: Point) -> Derivative:
         """Derivatives at a point."""

@@ -18,6 +18,7 @@ from fenics_ehd.film.thickening import steepest_thickening
 from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import Integrals
 from fenics_ehd.multibody.joint_heat import temperatures
@@ -127,13 +128,13 @@ class Tracker:
             stored["quasi_static"] = step.x[system.n : system.n + patterns]
         loads = self._loads(state.films)
         gaps = self._norm.film_gaps(step.observed)
-        for place, film, gap in zip(system.films, state.films, gaps, strict=True):
-            prefix = self.prefix(place.name)
-            figures = self._joint(place, step, film, gap)
+        for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
+            prefix, film = self.prefix(place.name), own.state
+            figures = self._joint(place, step, own, gap)
             if place.name in self.estimates:
-                own = self._equations.responses.of_body(place.bore_body)
+                amplitudes = self._equations.responses.of_body(place.bore_body)
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
-                    size, loads[place.bore_body], step.acceleration[own]
+                    size, loads[place.bore_body], step.acceleration[amplitudes]
                 )
             row |= {f"{prefix}{name}": value for name, value in figures.items()}
             stored[f"{prefix}pressure_Pa"] = film.pressure
@@ -159,9 +160,10 @@ class Tracker:
         return f"{joint}." if self._several else ""
 
     def _joint(
-        self, place: FilmPlace, step: MechanismStep, film: FilmState, gap: np.ndarray
+        self, place: FilmPlace, step: MechanismStep, own: FilmIntegrals, gap: np.ndarray
     ) -> dict[str, float]:
         """Columns of one lubricated joint."""
+        film = own.state
         peak = int(np.argmax(film.pressure))
         angle, _ = place.film.film.parameters.grid.node_positions[peak]
         thickness, pressure = float(gap.min()), float(film.pressure[peak])
@@ -180,11 +182,10 @@ class Tracker:
             "force_x_N": force[0],
             "force_y_N": force[1],
         }
-        record, contact = self.contacts.get(place.name), None
-        if record is not None:
-            contact = record.contact
-            figures |= record.add(step.time, step.time - self._start, film.gap)
-        rates = joint_rates(place, step, film, contact)
+        if place.name in self.contacts:
+            record = self.contacts[place.name]
+            figures |= record.add(step.time, step.time - self._start, own)
+        rates = joint_rates(place, step, own)
         return figures | self._integrate(place.name, step.time, rates)
 
     def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
