@@ -44,13 +44,8 @@ class JointContact(FilmContact):
         joint = place.film
         super().__init__(joint.film)
         self.friction = joint.friction and self.surfaces.boundary_friction > 0.0
-        turning = [
-            (angle, sign)
-            for angle, sign in ((place.journal_angle, 1.0), (place.bore_angle, -1.0))
-            if angle is not None
-        ]
-        self.rows = np.concatenate([place.xi, [angle for angle, _ in turning]]).astype(int)
-        self._signs = np.array([sign for _, sign in turning])
+        self.rows = np.concatenate([place.xi, [angle for angle, _ in place.turning]]).astype(int)
+        self._signs = np.array([sign for _, sign in place.turning])
         speeds = joint.shaft_radius * np.tile(self._signs, (len(self.area), 1))
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])

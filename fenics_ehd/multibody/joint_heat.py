@@ -11,7 +11,7 @@ from fenics_ehd.base.errors import HeatError
 from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.temperature import Oil
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
-from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
@@ -62,7 +62,7 @@ class FilmTemperatures:
     def __init__(self, places: Sequence[FilmPlace]):
         self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
         self._searches = {}
-        self._rates: dict[str, Integrals] = {}
+        self._rates = JointIntegrals()
         for place in self._places.values():
             assert place.joint.heat is not None
             self._searches[place.name] = TemperatureSearch(place.joint.heat, _oil(place))
@@ -81,11 +81,7 @@ class FilmTemperatures:
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""
         for i, place in self._places.items():
-            rates = heat_rates(step.solution.integrals[i])
-            if place.name in self._rates:
-                self._rates[place.name].add(step.time, rates)
-            else:
-                self._rates[place.name] = Integrals(step.time, rates)
+            self._rates.follow(place.name, step.time, heat_rates(step.solution.integrals[i]))
 
     def _means(self, name: str) -> tuple[float, float]:
         """Power and flow over the cycle."""
@@ -126,8 +122,7 @@ class FilmTemperatures:
             if not search.move(*self._means(name)):
                 raise run_away(f"joints.{name}.heat", search)
             self.thinning[i] = 0.5 * np.log(before / search.viscosity)
-        for rates in self._rates.values():
-            rates.restart()
+        self._rates.restart()
         self._warm()
 
     def end(self) -> np.ndarray:
@@ -154,18 +149,12 @@ class FilmTemperatures:
         """As nested dictionaries of arrays, for `load_state`."""
         return {
             "searches": {name: found.stored_state() for name, found in self._searches.items()},
-            "rates": {
-                name: {"names": tuple(rates.totals), **rates.stored_state()}
-                for name, rates in self._rates.items()
-            },
+            "rates": self._rates.stored_state(),
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
         """Go on where others were."""
         for name, found in stored["searches"].items():
             self._searches[name].load_state(np.array(found))
-        self._rates = {
-            name: Integrals.of(tuple(found["names"]), found)
-            for name, found in stored["rates"].items()
-        }
+        self._rates.load_state(stored["rates"])
         self._warm()

@@ -402,10 +402,8 @@ class StepEquations:
 
 def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:
     """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
-    if place.journal_angle is not None:
-        residual[place.journal_angle] -= torque
-    if place.bore_angle is not None:
-        residual[place.bore_angle] += torque
+    for angle, sign in place.turning:
+        residual[angle] -= sign * torque
 
 
 def _answer_block(

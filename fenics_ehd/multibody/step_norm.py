@@ -58,10 +58,8 @@ class StepNorm:
                 own = slice(self._ends[i] - len(shape.fixed), self._ends[i])
                 self._turning.append((own, self._gaps + len(self._measure) + len(angles), shape))
                 angles.append(np.zeros((1, size)))
-                if film.journal_angle is not None:
-                    angles[-1][0, film.journal_angle] += 1.0
-                if film.bore_angle is not None:
-                    angles[-1][0, film.bore_angle] -= 1.0
+                for angle, sign in film.turning:
+                    angles[-1][0, angle] += sign
         return angles
 
     def observe(self, x: np.ndarray) -> np.ndarray:

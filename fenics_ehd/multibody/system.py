@@ -55,6 +55,12 @@ class FilmPlace:
         journal, bore = self.angles(values)
         return float(journal - bore)
 
+    @cached_property
+    def turning(self) -> list[tuple[int, float]]:
+        """Places of the angles that `ahead` is made of, and their signs in it."""
+        ends = (self.journal_angle, 1.0), (self.bore_angle, -1.0)
+        return [(angle, sign) for angle, sign in ends if angle is not None]
+
     def angles(self, values: np.ndarray) -> tuple[float, float]:
         """Of journal and bore in the frame at rest, of coordinates or of their rates."""
         journal, bore = (

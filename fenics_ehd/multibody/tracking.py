@@ -20,7 +20,7 @@ from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_rates import joint_rates
 from fenics_ehd.multibody.oil_account import OilAccount
@@ -79,7 +79,7 @@ class Tracker:
             if place.film.bore
         }
         self.balance: EnergyBalance | None = None
-        self.rates: dict[str, Integrals] = {}
+        self.rates = JointIntegrals()
         self.contacts = ContactRecord.of_all(equations)
         self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
@@ -99,8 +99,7 @@ class Tracker:
         self.balance = None
         for estimate in self.estimates.values():
             estimate.largest *= 0.0  # what is not known stays so
-        for rates in self.rates.values():
-            rates.restart()
+        self.rates.restart()
         for contact in self.contacts.values():
             contact.restart()
         self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
@@ -186,17 +185,10 @@ class Tracker:
             record = self.contacts[place.name]
             figures |= record.add(step.time, step.time - self._start, own)
         rates = joint_rates(place, step, own)
-        return figures | self._integrate(place.name, step.time, rates)
-
-    def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
-        """Account for a joint's rates; they are returned."""
-        if joint in self.rates:
-            self.rates[joint].add(time, rates)
-        elif rates:
-            self.rates[joint] = Integrals(time, rates)
-        if account := OilAccount.follow(self.oil.get(joint), rates):
-            self.oil[joint] = account
-        return rates
+        self.rates.follow(place.name, step.time, rates)
+        if account := OilAccount.follow(self.oil.get(place.name), rates):
+            self.oil[place.name] = account
+        return figures | rates
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
@@ -290,10 +282,7 @@ class Tracker:
             "extremes": {name: asdict(found) for name, found in self.extremes.items()},
             "estimates": {name: found.stored_state() for name, found in self.estimates.items()},
             "balance": {} if self.balance is None else self.balance.stored_state(),
-            "rates": {
-                name: {"names": tuple(rates.totals), **rates.stored_state()}
-                for name, rates in self.rates.items()
-            },
+            "rates": self.rates.stored_state(),
             "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
         }
@@ -327,10 +316,7 @@ class Tracker:
         for joint, found in stored["estimates"].items():
             self.estimates[joint].load_state(found)
         self.balance = EnergyBalance.of(stored["balance"]) if stored["balance"] else None
-        self.rates = {
-            joint: Integrals.of(tuple(found["names"]), found)
-            for joint, found in stored["rates"].items()
-        }
+        self.rates.load_state(stored["rates"])
         for joint, found in stored["contacts"].items():
             self.contacts[joint].load_state(found)
         self.oil = {
