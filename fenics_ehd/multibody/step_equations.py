@@ -24,7 +24,7 @@ from fenics_ehd.film.cavitation import CavitationResult
 from fenics_ehd.film.film import check_gap
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.border import FilmBorder, FilmMatrix
-from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
+from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.contact_columns import ContactColumns
 from fenics_ehd.multibody.contacts import Contacts
@@ -33,7 +33,7 @@ from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
-from fenics_ehd.multibody.system import FilmPlace, System
+from fenics_ehd.multibody.system import FilmPlace, System, consecutive
 from fenics_ehd.multibody.turning import turned_border, twist
 
 #: Rows over columns below which a product with all columns is cheaper than to pick them first.

@@ -5,9 +5,10 @@ Coordinates z are those of the bodies, then each lubricated joint's own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -301,6 +302,12 @@ class System:
             wide[:, self.bodies[name]] = measure
             rows.append(wide)
         return np.vstack(rows)
+
+
+def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
+    """Places of so many values, one after the other, the first behind `first` others."""
+    ends = [first, *(first + np.cumsum(sizes, dtype=int))]
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _read_at(angle: int | None, time: float, state: np.ndarray) -> float:
