@@ -23,11 +23,12 @@ from fenics_ehd.film import Film, FilmState
 from fenics_ehd.film.cavitation import CavitationResult
 from fenics_ehd.film.film import check_gap
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.multibody.border import FilmBorder, FilmMatrix
+from fenics_ehd.multibody.border import FilmBorder
 from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.contact_columns import ContactColumns
 from fenics_ehd.multibody.contacts import Contacts
+from fenics_ehd.multibody.film_block import FilmMatrix
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.friction import film_friction
