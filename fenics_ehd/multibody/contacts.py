@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, SolverError
-from fenics_ehd.film import FilmState
 from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bore_responses import BoreResponses
@@ -119,16 +118,6 @@ class Contacts:
         joint = self.joints[i]
         if joint is not None and film.touch is not None:
             residual[joint.rows] -= joint.forces(film.touch, film.gap, film.turned)
-
-    def energy(self, films: Sequence[FilmState]) -> tuple[float, float]:
-        """Stored in all contact [J], and the power lost by boundary friction [W]."""
-        stored = rubbed = 0.0
-        for joint, film in zip(self.joints, films, strict=True):
-            if joint is not None:
-                touch = joint.touch(film.gap.thickness)
-                stored += float(joint.area @ touch.potential)
-                rubbed += joint.rubbing_power(touch, film.gap)
-        return stored, rubbed
 
     def _settle(self, body: int, areas: np.ndarray, gaps: list[Gap]) -> None:
         """Contact of a body's films with the gaps that it makes."""
