@@ -166,13 +166,18 @@ def _inertia(reductor: Reductor, basis: Basis, patterns: np.ndarray) -> np.ndarr
     return StaticResponses(reductor.static, loads, angular, modes).mass
 
 
-def pattern_fields(structure: Structure, body: ReducedBody, columns: np.ndarray) -> np.ndarray:
-    """Displacements of unit amplitudes of the residual patterns V.
+def pattern_fields(
+    structure: Structure,
+    body: ReducedBody,
+    columns: np.ndarray,
+    amplitudes: np.ndarray | None = None,
+) -> np.ndarray:
+    """Displacements of amplitudes of the residual patterns V.
 
         (G_c - T K_r^-1 T^T J) V
 
     A body keeps their bore rows only, `ResidualFlexibility.displacement`; this solves for all
-    rows again, one solve per pattern. Collective.
+    rows again, one solve per pattern or combination of them. Collective.
 
     Parameters
     ----------
@@ -182,11 +187,13 @@ def pattern_fields(structure: Structure, body: ReducedBody, columns: np.ndarray)
         Its reduction with M4.
     columns
         The part-size basis T, owned rows, shape (owned dofs, n).
+    amplitudes
+        Combinations, shape (r, c) [Pa]; None: unit amplitudes of each pattern.
 
     Returns
     -------
     numpy.ndarray
-        Owned rows, shape (owned dofs, r) [m/Pa]; no columns for a body without patterns.
+        Owned rows, shape (owned dofs, r or c) [m/Pa, m]; zeros for a body without patterns.
 
     Raises
     ------
@@ -194,17 +201,20 @@ def pattern_fields(structure: Structure, body: ReducedBody, columns: np.ndarray)
         The bore rows are not those of the body: it was made from another part.
     """
     residual = body.residual
-    if residual is None or not residual.rank:
-        return np.zeros((len(columns), 0))
-    patterns = residual.patterns.T
+    rank = 0 if residual is None else residual.rank
+    wanted = np.eye(rank) if amplitudes is None else amplitudes
+    if residual is None or not rank:
+        return np.zeros((len(columns), wanted.shape[1]))
+    pressures = residual.patterns.T @ wanted
     static = StaticSolver(structure)
-    covered = np.linalg.solve(body.stiffness, body.load_projection[ELASTIC] @ patterns)
-    fields = np.empty((len(columns), residual.rank))
-    for some in blocks(residual.rank, len(columns), structure.comm):
-        responses = static.solve(load_columns(structure.load, patterns[:, some]))
+    covered = np.linalg.solve(body.stiffness, body.load_projection[ELASTIC] @ pressures)
+    fields = np.empty((len(columns), wanted.shape[1]))
+    for some in blocks(fields.shape[1], len(columns), structure.comm):
+        responses = static.solve(load_columns(structure.load, pressures[:, some]))
         fields[:, some] = responses - combine(columns, covered[:, some])
-    defect = np.abs(bore_rows(structure, fields) - residual.displacement).max()
-    if not defect <= AGREEMENT * np.abs(residual.displacement).max():
+    own = residual.displacement @ wanted
+    defect = np.abs(bore_rows(structure, fields) - own).max()
+    if not defect <= AGREEMENT * np.abs(own).max():
         raise VerificationError(
             f"residual patterns move the bore by {defect:.1e} m/Pa else than the body says, "
             f"limit {AGREEMENT:.0e} of the largest: was the body made from this part?"

@@ -100,16 +100,42 @@ class Replay:
                 amplitudes = self._states[:, places]
         return own[:, own.shape[1] - part.modes :], amplitudes
 
+    def in_equilibrium(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and amplitudes whose elastic forces balance the loads, shapes as `elastic`.
+
+        ``q + zeta q'`` and ``V p``: what damping carries is with them, ``y + zeta y' = V p``.
+        """
+        part, (coordinates, amplitudes) = self.part(body), self.elastic(body)
+        flexible = self.bodies[body]
+        assert isinstance(flexible, FlexibleBody)
+        rates = self.motion.rates[:, self.system.bodies[body]]
+        rates = rates[:, rates.shape[1] - part.modes :]
+        films, contacts = self.system.films, self._equations.contacts
+        for i, flexibility in enumerate(self._equations.responses.flexibilities):
+            own = [films[place] for place in flexibility.films]
+            if own[0].bore_body != body:
+                continue
+            pressures = np.hstack([self.motion.pressures[place.name] for place in own])
+            amplitudes = np.array([flexibility.amplitudes(p) for p in pressures])
+            if contacts is not None:
+                gaps = [self._observed[p.name][:, : -self.nodes(p)] for p in own]
+                amplitudes += [contacts.amplitudes(i, gap) for gap in np.hstack(gaps)]
+        return coordinates + flexible.damping_time * rates, amplitudes
+
     @cached_property
     def gaps(self) -> dict[str, np.ndarray]:
         """Film thickness at the nodes of every film by joint, shape (t, k) [m]."""
+        films = self.system.films
+        return {p.name: self._observed[p.name][:, -self.nodes(p) :] for p in films}
+
+    @cached_property
+    def _observed(self) -> dict[str, np.ndarray]:
+        """Film thickness at Gauss points, then nodes of every film."""
         norm = StepNorm(self._equations)
         rows = [norm.film_gaps(norm.observe(state)) for state in self._states]
         found = zip(*rows, strict=True)
-        return {
-            place.name: np.array(gaps)[:, -self.nodes(place) :]
-            for place, gaps in zip(self.system.films, found, strict=True)
-        }
+        names = [place.name for place in self.system.films]
+        return {name: np.array(gaps) for name, gaps in zip(names, found, strict=True)}
 
     @cached_property
     def orbits(self) -> dict[str, np.ndarray]:
