@@ -5,8 +5,6 @@ every node, rigid and elastic, balance each other; the full stiffness matrix, he
 freedom, answers them. None of the package's reductions and static solvers takes part.
 """
 
-from types import SimpleNamespace
-
 import numpy as np
 from scipy import linalg, sparse
 
@@ -51,19 +49,24 @@ class StaticRod:
         displacement[self.free, 0] = self.factors.solve((load - inertia @ share)[self.free])
         return displacement
 
-    def loads(self, columns, run, step):
-        """All forces on the rod's nodes in its own frame, at an accepted step of a run."""
+    def loads(self, columns, run, step, on_bore=None):
+        """All forces on the rod's nodes in its own frame, at an accepted step of a run.
+
+        Those on its bore's nodes, shape (m, 3), are the film's unless given.
+        """
         system, structure = run.equations.system, self.structure
         (film,) = system.films
         own = system.bodies[ROD]
         z, v, a = (values[: system.n][own] for values in (step.x, step.rate, step.acceleration))
         c, s = np.cos(z[2]), np.sin(z[2])
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        # Where the film's integrals have the pressure push, on any mesh: what the machine has.
-        area = sparse.csr_matrix(film.film.film.pressure_areas)
-        forces = film.film.bore.normal.T @ (area @ step.solution.films[0].pressure)
+        if on_bore is None:
+            # Where the film's integrals have the pressure push, on any mesh.
+            area = sparse.csr_matrix(film.film.film.pressure_areas)
+            pressing = area @ step.solution.films[0].pressure
+            on_bore = (film.film.bore.normal.T @ pressing).reshape(-1, 3)
         load = np.zeros((len(structure.coordinates), 3))
-        load[structure.bore.nodes] = forces.reshape(-1, 3)
+        load[structure.bore.nodes] = on_bore
         load = load.ravel()
         # The pin's force is what its constraint does to the rod's position.
         motion = step.solution.motion
@@ -71,21 +74,9 @@ class StaticRod:
         jacobian = motion.instant.jacobian[gudgeon.rows, own]
         force = turn.T @ [*(-motion.multipliers[gudgeon.rows] @ jacobian[:, :2]), 0.0]
         load += sum(f * v.array for f, v in zip(force, structure.attachments["pin"], strict=True))
-        place, rate, acceleration = (
-            (columns @ values[3:]).reshape(-1, 3) for values in (z, v, a)
-        )
+        place, rate, acceleration = ((columns @ values[3:]).reshape(-1, 3) for values in (z, v, a))
         place = place + structure.coordinates
         spin, swing = np.array([0, 0, v[2]]), np.array([0, 0, a[2]])
         acceleration = acceleration + turn.T @ [*a[:2], 0.0] + 2 * np.cross(spin, rate)
         acceleration += np.cross(swing, place) + np.cross(spin, np.cross(spin, place))
         return load - self.mass @ acceleration.ravel()
-
-
-def recovered(run, step):
-    """Coordinates and amplitudes in equilibrium with the loads, by hand."""
-    system = run.equations.system
-    body = system.mechanism.bodies[ROD]
-    own = system.bodies[ROD]
-    q = (step.x + body.damping_time * step.rate)[: system.n][own][3:]
-    amplitudes = (step.x + body.damping_time * step.rate)[system.n :]
-    return SimpleNamespace(coordinates=q, amplitudes=amplitudes)

@@ -43,7 +43,11 @@ Physical Volume("bar") = {{solid[1]}};
 """
 
 #: Cells and family of the displacements.
-KINDS = {"hex20": ("hex", "serendipity"), "hex27": ("hex", "lagrange"), "tet10": ("tet", "lagrange")}
+KINDS = {
+    "hex20": ("hex", "serendipity"),
+    "hex27": ("hex", "lagrange"),
+    "tet10": ("tet", "lagrange"),
+}
 
 #: What `cycle_stress` knows of a body without residual patterns.
 PLAIN = SimpleNamespace(residual=None)
@@ -55,7 +59,11 @@ def bar(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("bar") / "bar.geo"
     path.write_text(BAR)
     part = build_mesh(
-        path, comm=MPI.COMM_SELF, cells=cells, serendipity_geometry=family == "serendipity", bores=()
+        path,
+        comm=MPI.COMM_SELF,
+        cells=cells,
+        serendipity_geometry=family == "serendipity",
+        bores=(),
     )
     return assemble_structure(part, STEEL, family=family, bores=(), attachments=())
 

@@ -17,6 +17,9 @@ if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.results.replay import Replay
     from fenics_ehd.scenes.scene import Scene
 
+#: Methods whose basis misses flexibility of the bore.
+PARTIAL = ("m1", "m2", "m3")
+
 
 @click.command()
 @click.argument("directory", type=click.Path(file_okay=False))
@@ -30,13 +33,21 @@ if TYPE_CHECKING:  # slow to import, and --help does without
     help="Whether stress is that which balances the loads, or that of the deformation alone, "
     "without what the material's damping carries.",
 )
+@click.option(
+    "--complete",
+    is_flag=True,
+    help="Add the static answer that the basis misses of the films' pressures and of turning: for "
+    "m1, m2 and m3, which know a part of it.",
+)
 @json_option
-def stress(directory: str, chosen: tuple[str, ...], damping: bool, as_json: bool) -> None:
+def stress(
+    directory: str, chosen: tuple[str, ...], damping: bool, complete: bool, as_json: bool
+) -> None:
     """Stresses of flexible bodies over the last cycle of a run.
 
-    DIRECTORY holds a complete run. Parts are meshed and reduced again. Written there are stress.json
-    and vtk/BODY_stress.vtu: the largest von Mises stress of a half-range of the stress tensor over
-    all pairs of instants, its mean, the largest principal stress.
+    DIRECTORY holds a complete run. Parts are meshed and reduced again. Written there are
+    stress.json and vtk/BODY_stress.vtu: the largest von Mises stress of a half-range of the stress
+    tensor over all pairs of instants, its mean, the largest principal stress.
     """
     from mpi4py import MPI
 
@@ -45,13 +56,17 @@ def stress(directory: str, chosen: tuple[str, ...], damping: bool, as_json: bool
 
     if MPI.COMM_WORLD.rank:  # one does it all
         return
+    if complete and not damping:
+        raise click.UsageError("--complete is in balance with the loads: drop --no-damping")
     folder = Path(directory)
-    found = _stresses(folder, chosen, damping)
+    found = _stresses(folder, chosen, damping, complete)
     write_whole(folder / STRESS, to_json(found) + "\n")
     click.echo(to_json(found) if as_json else _report(found, folder))
 
 
-def _stresses(folder: Path, chosen: tuple[str, ...], damping: bool) -> dict[str, Any]:
+def _stresses(
+    folder: Path, chosen: tuple[str, ...], damping: bool, complete: bool
+) -> dict[str, Any]:
     """What ``stress.json`` holds; fields are written on the way."""
     from time import perf_counter
 
@@ -77,8 +92,13 @@ def _stresses(folder: Path, chosen: tuple[str, ...], damping: bool) -> dict[str,
     for body in bodies:
         part = remade_part(scene, body, run.part(body))
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
+        coordinates, amplitudes = (values[rows] for values in motion)
+        loads = None
+        if complete:
+            forces, speeds = run.loads(body)
+            loads = forces[rows], speeds[rows]
         result = cycle_stress(
-            part.structure, part.body, part.columns, *(values[rows] for values in motion)
+            part.structure, part.body, part.columns, coordinates, amplitudes, loads
         )
         path = folder / "vtk" / f"{body}_stress.vtu"
         write_fields(path, result, instants["time_s"])
@@ -94,6 +114,7 @@ def _stresses(folder: Path, chosen: tuple[str, ...], damping: bool) -> dict[str,
         "cycle": cycle,
         "instants": len(instants["time_s"]),
         "damping": damping,
+        "complete": complete,
         "bodies": found,
         "skipped": skipped,
         "versions": versions(),
@@ -119,10 +140,10 @@ def _bodies(
         body = run.bodies[name]
         if not isinstance(body, FlexibleBody):
             skipped[name] = "it is no flexible body"
-        elif not body.reduced.modes:
-            skipped[name] = "it was reduced to a rigid body"
         elif name not in meshed(scene):
             skipped[name] = "it was read from a file of a reduced body, which has no mesh"
+        elif not body.reduced.modes:
+            skipped[name] = "it was reduced to a rigid body"
     wanted = list(chosen) or [name for name in scene.bodies if name not in skipped]
     for name in chosen:
         if name not in scene.bodies:
@@ -163,6 +184,10 @@ def _report(found: Mapping[str, Any], folder: Path) -> str:
             _row("largest principal stress", top["stress_Pa"], top),
             f"    fields in {folder / body['fields']}",
         ]
+        if body["method"] in PARTIAL and not found["complete"]:
+            lines.append(
+                f"    {body['method']} knows a part of what pressures do: --complete adds the rest"
+            )
     lines += [f"  {name}: none, {why}" for name, why in found["skipped"].items()]
     return "\n".join([*lines, f"  time {found['wall_time_s']:.1f} s"])
 

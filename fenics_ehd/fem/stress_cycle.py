@@ -12,10 +12,10 @@ states that were there, as in a Haigh diagram; a mean over time would depend on 
 lingers where.
 
 In the five coordinates of `deviatoric` a von Mises stress is a length, and the largest range the
-diameter of a set of points. It is found exactly, not by trying all pairs: two sweeps to the farthest
-point give a pair at distance L; about its middle, another pair can only be farther apart if one
-point's distance and the largest of any exceed L together. Where stress swings along a line that
-leaves a few points near its ends; where it turns on a circle all, and all pairs are tried.
+diameter of a set of points. It is found exactly, not by trying all pairs: two sweeps to the
+farthest point give a pair at distance L; about its middle, another pair can only be farther apart
+if one point's distance and the largest of any exceed L together. Where stress swings along a line
+that leaves a few points near its ends; where it turns on a circle all, and all pairs are tried.
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ def _farthest(points: np.ndarray) -> np.ndarray:
         ahead = np.arange(1, len(sets) + 1) * counts[sets] ** 2
         block, sets = np.split(sets, [max(1, int(np.searchsorted(ahead, _PAIRS)))])
         chosen = order[block, : counts[block[-1]]]
-        _try_all(block, chosen, np.take_along_axis(centred[block], chosen[..., None], 1), pair, reach)
+        _try_all(
+            block, chosen, np.take_along_axis(centred[block], chosen[..., None], 1), pair, reach
+        )
     return pair
 
 

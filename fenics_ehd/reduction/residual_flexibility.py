@@ -17,14 +17,13 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.bore import all_outward
+from fenics_ehd.reduction.completion import centrifugal_load, missing_answer
 from fenics_ehd.reduction.distributed import (
     blocks,
-    combine,
     load_columns,
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.inertia import ELASTIC
 from fenics_ehd.reduction.load_dependent import dual_basis
 from fenics_ehd.reduction.loads import LoadSet, StaticResponses
 from fenics_ehd.reduction.projection import Basis, bore_rows
@@ -104,7 +103,7 @@ def _whole(
     """Vibration modes and static responses, and all that is left of the bore's flexibility."""
     fields = reductor.points
     if centrifugal:
-        fields = np.hstack([fields, _centrifugal_load(reductor)])
+        fields = np.hstack([fields, centrifugal_load(reductor.structure, reductor.mass)])
     angular, modes = reductor.vibration(n_vibration)
     responses = StaticResponses(
         reductor.static, LoadSet(reductor.structure, fields, None), angular, modes
@@ -113,13 +112,6 @@ def _whole(
     accuracy = {"static_dropped": float(found.dependent)}
     basis = dual_basis(reductor.static, angular, modes, found, (), accuracy)
     return basis, _residual(reductor, basis)
-
-
-def _centrifugal_load(reductor: Reductor) -> np.ndarray:
-    """``M (x, y, 0)``: inertia of unit rate about z, owned rows (owned dofs, 1)."""
-    radius = reductor.structure.coordinates.copy()
-    radius[:, 2] = 0.0
-    return reductor.mass.multiply(np.asfortranarray(radius.reshape(-1, 1)))
 
 
 def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
@@ -206,12 +198,10 @@ def pattern_fields(
     if residual is None or not rank:
         return np.zeros((len(columns), wanted.shape[1]))
     pressures = residual.patterns.T @ wanted
-    static = StaticSolver(structure)
-    covered = np.linalg.solve(body.stiffness, body.load_projection[ELASTIC] @ pressures)
-    fields = np.empty((len(columns), wanted.shape[1]))
+    static, fields = StaticSolver(structure), np.empty((len(columns), wanted.shape[1]))
     for some in blocks(fields.shape[1], len(columns), structure.comm):
-        responses = static.solve(load_columns(structure.load, pressures[:, some]))
-        fields[:, some] = responses - combine(columns, covered[:, some])
+        loads = load_columns(structure.load, pressures[:, some])
+        fields[:, some] = missing_answer(static, body, columns, loads)
     own = residual.displacement @ wanted
     defect = np.abs(bore_rows(structure, fields) - own).max()
     if not defect <= AGREEMENT * np.abs(own).max():

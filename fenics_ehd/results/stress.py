@@ -19,6 +19,7 @@ from fenics_ehd.fem.stress_cycle import (
     largest_principal,
 )
 from fenics_ehd.reduction import ReducedBody, Structure
+from fenics_ehd.reduction.completion import missing_fields
 from fenics_ehd.reduction.residual_flexibility import pattern_fields
 from fenics_ehd.results.paraview import CELL_NAMES
 
@@ -58,6 +59,7 @@ def cycle_stress(
     columns: np.ndarray,
     coordinates: np.ndarray,
     amplitudes: np.ndarray,
+    loads: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> CycleStress:
     """Stresses of ``T q`` and of the residual patterns (M4), at every node; on one rank.
 
@@ -72,6 +74,9 @@ def cycle_stress(
         The part-size basis T, shape (dofs, n).
     coordinates, amplitudes
         Of the instants, shapes (t, n) and (t, r): see `Replay.in_equilibrium`.
+    loads
+        Forces and speeds, see `missing_fields`: what the basis misses of their answers is taken
+        in place of the residual patterns. None: what the run's method has.
 
     Raises
     ------
@@ -83,7 +88,11 @@ def cycle_stress(
     recovery = structure.recovery
     if recovery is None or recovery.stress is None:
         raise SettingsError("the structure has no elements: stresses need them")
-    fields, histories = _displacements(structure, body, columns, coordinates, amplitudes)
+    histories = None
+    if loads is None:
+        fields, histories = _displacements(structure, body, columns, coordinates, amplitudes)
+    else:
+        fields = columns @ coordinates.T + missing_fields(structure, body, columns, *loads)
     nodal = NodalStress(recovery.stress(fields))
     count = nodal.nodes
     found = HalfRange(np.zeros((count, 2), dtype=int), *(np.zeros((count, *n)) for n in _SHAPES))
