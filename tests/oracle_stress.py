@@ -17,6 +17,16 @@ def csr(matrix):
     return sparse.csr_matrix((values, columns, pointers), shape=matrix.size)
 
 
+def factors(matrix):
+    """Of a symmetric matrix, to solve with."""
+    return sparse.linalg.splu(
+        matrix.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
 def rigid_motions(x):
     moves = [np.tile(axis, (len(x), 1)) for axis in np.eye(3)]
     return np.stack([*moves, *np.cross(np.eye(3)[:, None], x)], axis=2).reshape(-1, 6)
@@ -31,11 +41,7 @@ class StaticRod:
         self.rigid = rigid_motions(structure.coordinates)
         held = linalg.qr(self.rigid.T, mode="r", pivoting=True)[1][:6]
         self.free = np.setdiff1d(np.arange(structure.size), held)
-        held_stiffness = stiffness[self.free][:, self.free].tocsc()
-        options = {"SymmetricMode": True}
-        self.factors = sparse.linalg.splu(
-            held_stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
-        )
+        self.factors = factors(stiffness[self.free][:, self.free])
 
     def unbalanced(self, load):
         """Net force and moment over the sum of what makes them up."""

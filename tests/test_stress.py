@@ -7,6 +7,7 @@ import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
+from oracle_stress import csr, factors
 from scipy import linalg
 from test_recovery import RING, STEEL, hooke
 
@@ -15,7 +16,7 @@ from fenics_ehd.fem import nodal_stress
 from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.nodal_stress import NodalStress
 from fenics_ehd.fem.structure import assemble_structure
-from fenics_ehd.reduction import load_dependent
+from fenics_ehd.reduction import load_dependent, residual_flexibility
 from fenics_ehd.reduction.basis_file import von_mises
 from fenics_ehd.reduction.same_basis import basis_of
 from fenics_ehd.reduction.static import StaticSolver
@@ -227,3 +228,28 @@ def test_paraview_file_holds_the_fields(bar, tmp_path):
     top = bar.coordinates[:, 1] > 0.9 * HEIGHT
     np.testing.assert_array_equal(data["largest_principal_at_s"][top], 0.25)
     json.dumps(figures(found, {"time_s": time}))
+
+
+def test_stresses_of_a_held_housing_are_those_of_the_static_solution(housing_structure):
+    """Two pressures at rest, M4 with every pattern: half their difference is the half-range."""
+    body = residual_flexibility(
+        housing_structure,
+        4,
+        truncation=0.0,
+        centrifugal=False,
+        keep_basis=True,
+        estimate_error=False,
+    )
+    x, y, z = body.pressure_nodes.T
+    shape = (1 - (2 * z / np.ptp(z)) ** 2) * 1e7
+    pressures = np.column_stack([shape * np.exp(x / 0.01), shape * np.exp(-y / 0.01)])
+    coordinates = np.linalg.solve(body.stiffness, body.load_projection[3:] @ pressures)
+    amplitudes = body.residual.patterns @ pressures
+    found = cycle_stress(housing_structure, body, body.columns, coordinates.T, amplitudes.T)
+    stiffness, load = (csr(m) for m in (housing_structure.stiffness, housing_structure.bore.load))
+    stress = all_nodes(housing_structure, factors(stiffness).solve(load @ pressures))
+    exact = von_mises(0.5 * (stress[..., 1] - stress[..., 0]))
+    assert np.abs(found.half_range.von_mises - exact).max() < 1e-5 * exact.max()
+    tensors = np.moveaxis(stress, 1, 2)[..., np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])]
+    exact = np.linalg.eigvalsh(tensors)[..., 2].max(axis=1)
+    assert np.abs(found.principal - exact).max() < 1e-5 * exact.max()
