@@ -119,7 +119,7 @@ def test_stresses_go_with_the_run_they_are_of():
 
 def test_bodies_without_stresses_are_named(folder, capfd):
     for arguments, words in (
-        (["--body", "crank"], "crank: it is no flexible body"),
+        (["--body", "crank"], "crank: it is rigid"),
         (["--body", "rodd"], "rodd: bodies of this run: crank, rod, piston"),
         (["--complete", "--no-damping"], "drop --no-damping"),
     ):
@@ -149,7 +149,7 @@ def test_runs_without_meshed_parts_are_refused(tmp_path, capfd):
     save_body(make_body(Joint()), tmp_path / "rod.h5")
     times = {"time.revolutions": 0.001, "time.tolerance": 1e-3}
     cases = {
-        "rigid": (RIGID_ROD, "rod: it is no flexible body"),
+        "rigid": (RIGID_ROD, "rod: it is rigid"),
         "file": (ROD_OF_A_FILE, "rod: it was read from a file"),
     }
     for name, (rod, words) in cases.items():

@@ -133,13 +133,16 @@ def _bodies(
         One that was asked for has none, or none has.
     """
     from fenics_ehd.multibody.flexible_body import FlexibleBody
-    from fenics_ehd.scenes.scene import meshed
+    from fenics_ehd.multibody.rigid_body import RigidBody
+    from fenics_ehd.scenes.scene import GROUND, meshed
 
     skipped = {}
     for name in scene.bodies:
         body = run.bodies[name]
-        if not isinstance(body, FlexibleBody):
-            skipped[name] = "it is no flexible body"
+        if name == GROUND or isinstance(body, RigidBody):
+            skipped[name] = "it is rigid"
+        elif not isinstance(body, FlexibleBody):
+            skipped[name] = "it is no part with a mesh"
         elif name not in meshed(scene):
             skipped[name] = "it was read from a file of a reduced body, which has no mesh"
         elif not body.reduced.modes:
@@ -175,13 +178,13 @@ def _report(found: Mapping[str, Any], folder: Path) -> str:
     lines = [f"{found['scene']}: stresses over {found['cycle']}, {found['instants']} instants"]
     for name, body in found["bodies"].items():
         half, top = body["half_range"], body["largest_principal"]
+        about = f"  {name}: {body['method']} with {body['modes']} modes, {body['nodes']} nodes"
         lines += [
-            f"  {name}: {body['method']} with {body['modes']} modes, {body['nodes']} nodes",
-            f"    {'':32}{'MPa':>9}{'cells around':>18}   {'x, y, z in mm':24} when",
-            _row("half-range, von Mises", half["von_mises_Pa"], half),
+            f"{about:56}{'MPa':>9}   cells around",
+            *_extreme("half-range, von Mises", half["von_mises_Pa"], half),
             _row("  its mean, von Mises", half["mean_von_mises_Pa"]),
             _row("  its mean, hydrostatic", half["mean_hydrostatic_Pa"]),
-            _row("largest principal stress", top["stress_Pa"], top),
+            *_extreme("largest principal stress", top["stress_Pa"], top),
             f"    fields in {folder / body['fields']}",
         ]
         if body["method"] in PARTIAL and not found["complete"]:
@@ -192,14 +195,16 @@ def _report(found: Mapping[str, Any], folder: Path) -> str:
     return "\n".join([*lines, f"  time {found['wall_time_s']:.1f} s"])
 
 
-def _row(name: str, value: float, more: Mapping[str, Any] | None = None) -> str:
-    """One line: a stress and, of an extreme, what cells say, where and when."""
-    line = f"    {name:32}{value * 1e-6:9.2f}"
-    if more is None:
-        return line
-    around = " to ".join(f"{end * 1e-6:.1f}" for end in more["in_cells_around_Pa"])
-    place = ", ".join(f"{1e3 * x:.2f}" for x in more["place_m"])
-    return f"{line}{around:>18}   {place:24} {_when(more)}"
+def _row(name: str, value: float, more: str = "") -> str:
+    """A stress by its name."""
+    return f"    {name:52}{value * 1e-6:9.2f}{more}"
+
+
+def _extreme(name: str, value: float, found: Mapping[str, Any]) -> list[str]:
+    """A stress with what single cells say of it, where and when."""
+    around = " to ".join(f"{end * 1e-6:.1f}" for end in found["in_cells_around_Pa"])
+    place = ", ".join(f"{1e3 * x:.2f}" for x in found["place_m"])
+    return [_row(name, value, f"   {around}"), f"      at ({place}) mm, {_when(found)}"]
 
 
 def _when(more: Mapping[str, Any]) -> str:
