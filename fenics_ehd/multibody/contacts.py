@@ -190,6 +190,16 @@ class Contacts:
             known = self._reached[body] = Reached(points, moved)
         return known
 
+    def amplitudes(self, body: int, thickness: np.ndarray) -> np.ndarray:
+        """Of a body's residual patterns at rest under contact, shape (r,) [Pa].
+
+        Of gaps at all Gauss points of its films; none where nothing can touch.
+        """
+        flexibility, areas = self._responses.flexibilities[body], self.areas[body]
+        if areas is None:
+            return np.zeros(flexibility.size)
+        return flexibility.pushed_amplitudes(areas * self._pressures(body, thickness)[0])
+
     def add_amplitudes(
         self, films: Sequence[FilmPoint], values: list[np.ndarray], rates: list[np.ndarray]
     ) -> None:
@@ -198,7 +208,6 @@ class Contacts:
             if areas is not None:
                 flexibility = self._responses.flexibilities[body]
                 own = [films[i].gap.thickness.ravel() for i in flexibility.films]
-                force = areas * self._pressures(body, np.concatenate(own))[0]
-                share = self._responses.share(body) * flexibility.pushed_amplitudes(force)
+                share = self._responses.share(body) * self.amplitudes(body, np.concatenate(own))
                 values[body] = values[body] + share
                 rates[body] = rates[body] + self._responses.shift(body) * share
