@@ -16,6 +16,9 @@ from fenics_ehd.reduction import BasisFile, ReducedBody, Structure
 from fenics_ehd.reduction.body import bore_fields
 from fenics_ehd.reduction.residual_flexibility import pattern_fields
 
+#: meshio's names of quadratic cells, by their number of nodes.
+CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
+
 #: Largest difference of bore rows from the body's, relative to the largest of these.
 AGREEMENT = 1e-6
 

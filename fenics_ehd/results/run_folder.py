@@ -32,6 +32,9 @@ from fenics_ehd.results.history_file import FIELDS_NAME
 #: Body of a run, beside its history, to go on with.
 BODY_NAME = "body.h5"
 
+#: Stresses over the cycle, made of a run's result.
+STRESS = "stress.json"
+
 #: Held by the process that works in the folder.
 LOCK = ".lock"
 
@@ -56,6 +59,8 @@ RESULTS = (
     "vtk/*.pvd",
     "vtk/*_[0-9][0-9][0-9][0-9].vtm",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
+    STRESS,
+    "vtk/*_stress.vtu",
 )
 
 
