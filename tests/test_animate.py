@@ -259,7 +259,7 @@ def test_motion_between_steps(crank):
     # Coordinates and their rates agree: a crank of constant speed turns evenly.
     turned = Replay(crank.run.system.mechanism, steps.at(middle)).coordinates("crank")[:, 2]
     np.testing.assert_allclose(turned, 500.0 * middle, atol=1e-9)
-    assert len(steps.nearest(5).time) <= 5
+    assert len(nearest_steps(steps.time, 5)) <= 5
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,8 @@ def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
     run = bearings.run
     result = load_results(bearings.directory)
     columns = result.joints["left"].columns | {"time_s": result.time}
-    frames = Replay(run.system.mechanism, run.motion.nearest(3))
+    chosen = nearest_steps(run.motion.time, 3)
+    frames = Replay(run.system.mechanism, run.motion.each(lambda values: values[chosen]))
     figure, show = draw(run, columns, frames, {}, "left", None)
     show(2)
     (dot,) = (
