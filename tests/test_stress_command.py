@@ -140,7 +140,7 @@ def test_folders_without_a_complete_run_are_refused(tmp_path, capfd):
     (tmp_path / "summary.json").write_text('{"status": "interrupted"}')
     refused(tmp_path, "its run is not complete: interrupted")
     (tmp_path / "summary.json").write_text('{"status": "complete", "scene": "x"}')
-    refused(tmp_path, "not the folder of a run")
+    refused(tmp_path, "not a results folder, it has no history.h5")
     (tmp_path / "summary.json").write_text("[1]")
     refused(tmp_path, "no run that came to an end")
 
