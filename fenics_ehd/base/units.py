@@ -101,11 +101,11 @@ def unit(text: str) -> Unit | None:
     if slash and re.fullmatch(r"\s*\(.*\)\s*", below):
         below = below.strip()[1:-1]
     factor, turns, powers = Fraction(1), 0, Counter[str]()
-    for sign, part in ((1, above), (-1, below)):
-        words = re.split(r"[\s*\u00b7]+", part.strip())
-        if slash and sign > 0 and words in ([""], ["1"]) or not slash and sign < 0:
-            continue
-        for word in words:
+    parts = [(-1, below)] if slash else []
+    if not (slash and above.strip() in ("", "1")):
+        parts.append((1, above))
+    for sign, part in parts:
+        for word in re.split(r"[\s*\u00b7]+", part.strip()):
             match = _FACTOR.fullmatch(word)
             found = _symbol(match[1]) if match else None
             if match is None or found is None:
