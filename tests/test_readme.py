@@ -41,6 +41,16 @@ SLOW = {
     ("docs/mechanisms.md", "Pictures of a run"),
     ("docs/tutorial-motorcycle.md", "The answer"),
     ("docs/tutorial-motorcycle.md", "What if"),
+    *(
+        ("docs/own-part.md", title)
+        for title in (
+            "Your own part",
+            "A drawing",
+            "A bore with chamfers and an oil hole",
+            "A mesh",
+            "Hexahedra",
+        )
+    ),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -76,6 +86,7 @@ DOCUMENTS = (
     "docs/tutorial.md",
     "docs/tutorial-motorcycle.md",
     "docs/own-scene.md",
+    "docs/own-part.md",
     "docs/mechanisms.md",
 )
 
@@ -97,8 +108,11 @@ def cases():
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """One folder for each document."""
-    return {part.document: tmp_path_factory.mktemp("reader") for part in ALL}
+    """One folder for each document, with the demos in it as a checkout has them."""
+    found = {part.document: tmp_path_factory.mktemp("reader") for part in ALL}
+    for folder in found.values():
+        (folder / "demos").symlink_to(ROOT / "demos")
+    return found
 
 
 @pytest.mark.parametrize("part", cases())
