@@ -107,6 +107,11 @@ class FilmColumns:
             shares = None if shares is None else shares * oil.inside
         return cls(place, gap, velocity, forces, shares, sliding, oil)
 
+    def of_pressures(self, per_pressure: np.ndarray) -> np.ndarray:
+        """What unit pressures of all nodes do, shape (..., nodes), by those that are unknown."""
+        found = per_pressure[..., self.nodes]
+        return found if self.oil is None else found * self.oil.inside
+
     @property
     def leading(self) -> int:
         """Number k of leading patterns."""

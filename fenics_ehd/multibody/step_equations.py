@@ -322,7 +322,7 @@ class StepEquations:
             places = slice(size, size) if body is None else patterns[body]
             border = self._columns[i].border(own, scale, shift, speed, places, share, len(core))
             if contact is not None:
-                border = contact.extend(i, border, scale, self._columns[i].nodes)
+                border = contact.extend(i, border, scale, self._columns[i])
             answer = None
             if body is not None and (matrix := responses.matrices[body]) is not None:
                 along_gap = (share * film.parameters.pressure_scale / scale) * border.along_gap

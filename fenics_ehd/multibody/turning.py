@@ -48,9 +48,7 @@ def turned_border(
         inputs = columns.oil.change(point.nodal, point.oil, changes)
     spread = np.zeros((2, size))
     outputs, rows = [], []
-    unit = film.parameters.pressure_scale * turned.torque[columns.nodes]
-    if columns.oil is not None:
-        unit = unit * columns.oil.inside
+    unit = film.parameters.pressure_scale * columns.of_pressures(turned.torque)
     for angle, sign in ((place.journal_angle, 1.0), (place.bore_angle, -1.0)):
         if angle is not None:
             spread[0, angle] += sign
