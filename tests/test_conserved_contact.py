@@ -59,7 +59,7 @@ def test_derivatives_equal_central_differences(residual, share, shape, monkeypat
 @pytest.mark.parametrize("whirl", [0.0, 400.0])
 def test_a_closed_journal_settles_to_the_free_boundary_solution(whirl, figure):
     # Roughness a fifth of the clearance: H from 2.5 at the thinnest place on.
-    ratio, share, clearance = 0.2, 0.8, 1e-6
+    ratio, share, clearance = 0.2, 0.2, 1e-6
     rough = surfaces(ratio * clearance, share)
     velocity = 0.5 - whirl / SPEED
     exact = RoughClosedJournalFilm(0.5, 0.8, ratio, 0.5 * ratio * rough.weight / velocity)
@@ -144,24 +144,36 @@ def test_without_roughness_the_film_is_that_of_smooth_surfaces(figure):
     assert errors[0] > 4 * errors[1] > 16 * errors[2]
 
 
-def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones(figure):
-    end, conserved = 1.7e-3, {"oil": Lubricant(2e-4), "sides": Sides(1e5, 1e5)}
+#: Until surfaces touch, and what makes them.
+END, THIN = 1.7e-3, {"oil": Lubricant(2e-4), "sides": Sides(1e5, 1e5)}
+
+
+def touched(tolerance, rough):
+    film = oil_film((16, 3), **THIN, surfaces=rough)
+    return simulate(rigid_slider_crank(film, filling=1.0), END, tolerance=tolerance)
+
+
+def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones():
     with pytest.raises(FilmTooThinError):
-        simulate(rigid_slider_crank(oil_film((16, 3), **conserved), filling=1.0), end)
-    found = []
-    for tolerance in (1e-3, 1e-5):
-        film = oil_film((16, 3), **conserved, surfaces=surfaces())
-        result = simulate(rigid_slider_crank(film, filling=1.0), end, tolerance=tolerance)
-        columns = result.columns
-        assert result.time[-1] == pytest.approx(end)
-        assert columns["contact_share"].max() > 0.3
-        assert result.newton_iterations < 4.0 * len(result.time)
-        found.append(np.abs(columns["energy_defect_J"]).max() / columns["film_work_J"][-1])
-    name = "conserved oil between rough surfaces, energy balance over what is dissipated, 1e-5"
-    figure(GROUP, name, found[1], most=1e-3)
-    assert found[1] < 0.3 * found[0]
+        touched(1e-3, None)
+    result = touched(1e-3, surfaces())
+    assert result.time[-1] == pytest.approx(END)
+    assert result.columns["contact_share"].max() > 0.3
+    assert result.newton_iterations < 3.0 * len(result.time)
 
 
+@pytest.mark.slow
+def test_energy_is_balanced(figure):
+    defects = []
+    for tolerance in (1e-4, 1e-6):
+        columns = touched(tolerance, surfaces()).columns
+        defects.append(np.abs(columns["energy_defect_J"]).max() / columns["film_work_J"][-1])
+    name = "conserved oil between rough surfaces, energy balance over what is dissipated, 1e-6"
+    figure(GROUP, name, defects[1], most=1e-3)
+    assert defects[1] < 0.3 * defects[0]
+
+
+@pytest.mark.slow
 def test_residual_patterns_are_coordinates_without_mass():
     joint = Joint()
     joint.film = oil_film((12, 3), surfaces=surfaces(2e-6), oil=Lubricant(0.1 * ETA))

@@ -14,7 +14,8 @@ round-off, whatever the formula.
 Between rough surfaces contents are those of the average gap ``h_T(h)``, of which the fraction 1 - s
 is oil, and the state lacks less by ``int rho (h_T - h) N``. Nothing of it is linearised in time:
 the formula differentiates contents. Full films are those of Reynolds' condition, whose squeeze
-term is ``(dh_T / dh) h'``, to the order of the formula only.
+term is ``(dh_T / dh) h'``, to the order of the formula only. Oil that pressure makes denser is
+more than the gap's: its void volumes are negative in the state.
 
 Unknown beside the pressures are the void fractions, free variables of the equation d = 0; that of
 the pressures is ``s + gamma d`` (`fenics_ehd.film.mass_conserving_solver`). A Newton step finds
@@ -44,6 +45,10 @@ from fenics_ehd.multibody.system import FilmPlace
 
 #: Largest excess of a void fraction over 1.
 UNDERSHOOT = 0.02
+
+#: Largest excess of the density over that at ambient pressure that a state is taken to hold:
+#: Dowson and Higginson's law at any pressure.
+DENSEST = 0.6 / 1.7
 
 #: Round-off of the contents over a step, which the defects of the shortest steps consist of.
 ROUND_OFF = 1e-13
@@ -174,11 +179,16 @@ class ConservedOil:
         return self._full(seen), void[self.nodes]
 
     def within_gap(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
-        """What brings a state's void volumes between none and the gap's, where it is observed."""
+        """What brings a state's void volumes between none and the gap's, where it is observed.
+
+        Compressed oil may be more than the gap's, by `DENSEST`.
+        """
         full, void = self._observed(state, observed)
         full = self.balance.volume_scale * full[self.nodes]
+        constant = self._place.film.film.parameters.lubricant.density_law.constant
+        least = 0.0 if constant else -DENSEST
         change = np.zeros(self.balance.assembly.size)
-        change[self.nodes] = np.clip(void, 0.0, full) - void
+        change[self.nodes] = np.clip(void, least * full, full) - void
         return change
 
     def content(self, state: np.ndarray, observed: np.ndarray) -> float:
@@ -276,9 +286,14 @@ class ConservedOil:
         return volumes, self._shift * volumes + self._past_volumes
 
     def _void(self, point: OilPoint) -> np.ndarray:
-        """Void volumes of all nodes [m^3]."""
+        """Void volumes of all nodes [m^3], less what pressure makes room for."""
         volumes = point.step.full * point.nodal_void
         volumes[self.nodes] += point.defect
+        film = self._place.film.film
+        if not film.parameters.lubricant.density_law.constant:
+            nodal = self.balance.nodal(point.values)
+            denser = self.balance.oil(point.step, nodal).density - film.equation.factors[1]
+            volumes -= self.balance.stored(denser * point.step.thickness / point.step.length)
         return self.balance.volume_scale * point.step.length * volumes
 
     def state(

@@ -42,7 +42,8 @@ def turned_border(
         np.stack([still, still], axis=-1),
     )
     if columns.oil is None:
-        inputs = film.equation.change(point.gap, point.nodal, changes) / scale
+        inputs = film.equation.change(point.gap, point.nodal, changes, point.density_rate)
+        inputs = inputs / scale
     else:
         assert point.oil is not None
         inputs = columns.oil.change(point.nodal, point.oil, changes)
