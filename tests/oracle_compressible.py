@@ -1,4 +1,4 @@
-"""A compressible film in one dimension without fenics_ehd: finite volumes in space, LSODA in time."""
+"""A compressible film in one dimension without fenics_ehd: finite volumes, LSODA in time."""
 
 from __future__ import annotations
 

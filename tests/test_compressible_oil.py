@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 from hand_made_rod import CLEARANCE
 from mechanism_cases import REVOLUTION, SPEED
-from oil_cases import CLOSED, ETA, RADIUS, heights, oil_film, oscillating, rigid_slider_crank
-from oil_cases import whirling, with_oil
+from oil_cases import (
+    CLOSED,
+    ETA,
+    RADIUS,
+    heights,
+    oil_film,
+    oscillating,
+    rigid_slider_crank,
+    whirling,
+    with_oil,
+)
 from oracle_compressible import CompressibleArc
 from rough_cases import surfaces
 from test_conserved_oil import GROOVE, assert_oil_derivatives, flown

@@ -1,4 +1,4 @@
-"""Films between rough surfaces that keep account of their oil, in the coupled steps of mechanisms."""
+"""Films between rough surfaces that keep account of their oil, in coupled steps."""
 
 from dataclasses import replace
 

@@ -34,8 +34,8 @@ from fenics_ehd.film.thinning import Thinning
 class OilStep:
     """One time step, dimensionless.
 
-    The nominal `gap` at its end, `thickness` and `velocity` there at the Gauss points, between rough
-    surfaces the average ones, its `length`, the full-film
+    The nominal `gap` at its end; `thickness` and `velocity` there at the Gauss points, between
+    rough surfaces the average ones; its `length`, the full-film
     `flows` from node to node, and, over the length, the `full` contents of the
     pressureless gap and the `former` contents; what the shear rate does to the viscosity, and
     what supplies add, None without any. Of a formula with several steps the length is one over its

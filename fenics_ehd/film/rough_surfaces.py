@@ -126,7 +126,7 @@ class RoughSurfaces:
         )
 
     def excess(self, thickness: np.ndarray) -> np.ndarray:
-        """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing is lost to cancellation."""
+        """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
         return self.roughness * flow_factors.mean_gap(-thickness / self.roughness)[0]
 
     def _drag(self, ratio: np.ndarray, value: np.ndarray) -> np.ndarray:

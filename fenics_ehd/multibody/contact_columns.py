@@ -18,10 +18,10 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_ehd.multibody.border import FilmBorder
-from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
+from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.contacts import Contacts
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
-from fenics_ehd.multibody.system import FilmPlace
+from fenics_ehd.multibody.system import FilmPlace, consecutive
 
 
 class ContactColumns:
@@ -126,9 +126,7 @@ class ContactColumns:
         reached = self._contacts.reached(body, self._points[body])
         return self._responses.share(body) * reached.of(self._points[body])
 
-    def extend(
-        self, i: int, border: FilmBorder, scale: float, columns: FilmColumns
-    ) -> FilmBorder:
+    def extend(self, i: int, border: FilmBorder, scale: float, columns: FilmColumns) -> FilmBorder:
         """Border of a film with what contact and pressures do by its bore."""
         body = self._responses.of_film(i)
         if body is None or not len(self._points[body]):

@@ -23,17 +23,19 @@ from fenics_ehd.film import Film, FilmState
 from fenics_ehd.film.cavitation import CavitationResult
 from fenics_ehd.film.film import check_gap
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.multibody.border import FilmBorder, FilmMatrix
-from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
+from fenics_ehd.multibody.border import FilmBorder
+from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.contact_columns import ContactColumns
 from fenics_ehd.multibody.contacts import Contacts
+from fenics_ehd.multibody.film_block import FilmMatrix
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
 from fenics_ehd.multibody.oil_densities import oil_densities
-from fenics_ehd.multibody.system import FilmPlace, System
+from fenics_ehd.multibody.system import FilmPlace, System, consecutive
 from fenics_ehd.multibody.turning import turned_border, twist
 
 #: Rows over columns below which a product with all columns is cheaper than to pick them first.
@@ -119,9 +121,7 @@ class StepEquations:
         self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
         self.contacts = Contacts.of(system, self.responses)
         behind = sum(self.oil(i).balance.assembly.size for i in self.voids)
-        self.densities = oil_densities(
-            system.films, system.n + self.responses.size + behind
-        )
+        self.densities = oil_densities(system.films, system.n + self.responses.size + behind)
         self.lead(0)
 
     def lead(self, count: int) -> None:
@@ -294,9 +294,14 @@ class StepEquations:
         result = CavitationResult(free, point.defect, np.flatnonzero(free > 0.0), 0)
         pressure = film.parameters.pressure_scale * point.nodal
         fraction = None if point.oil is None else 1.0 - point.oil.nodal_void
-        return FilmState(
-            pressure, point.gap, result, point.problem, fraction, point.density_rate
-        )
+        return FilmState(pressure, point.gap, result, point.problem, fraction, point.density_rate)
+
+    def integrals(self, states: Sequence[FilmState]) -> list[FilmIntegrals]:
+        """Of every film in a state."""
+        places = self.system.films
+        contacts = [None] * len(places) if self.contacts is None else self.contacts.joints
+        each = zip(places, states, contacts, strict=True)
+        return [FilmIntegrals(place.film, state, contact) for place, state, contact in each]
 
     def linearise(self, point: Point) -> Derivative:
         """Derivatives at a point."""
@@ -409,10 +414,8 @@ class StepEquations:
 
 def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:
     """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
-    if place.journal_angle is not None:
-        residual[place.journal_angle] -= torque
-    if place.bore_angle is not None:
-        residual[place.bore_angle] += torque
+    for angle, sign in place.turning:
+        residual[angle] -= sign * torque
 
 
 def _answer_block(
