@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.oil import NO_TEMPERATURE
+from fenics_ehd.base.oil import DENSITY_LAWS, NO_TEMPERATURE
 from fenics_ehd.bearing.settings import (
     CAVITATION,
     CLOSED_SIDES,
@@ -135,6 +135,7 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_number("density", "Density of the oil, at 15 C of such an oil [kg/m3].", "RHO")
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
+@_choice("density_law", DENSITY_LAWS, "Density of the oil by its pressure.")
 @_number("cross_rate", "Shear rate of Cross's shear thinning [1/s].", "RATE", optional=True)
 @_number("cross_exponent", "Its exponent.", "M")
 @_number("cross_second_viscosity", "Viscosity at the highest shear rates over that at rest.", "R")
