@@ -137,9 +137,10 @@ def _bodies(
     from fenics_ehd.scenes.scene import GROUND, meshed
 
     skipped = {}
-    for name in scene.bodies:
+    names = [name for name in scene.bodies if name != GROUND]
+    for name in names:
         body = run.bodies[name]
-        if name == GROUND or isinstance(body, RigidBody):
+        if isinstance(body, RigidBody):
             skipped[name] = "it is rigid"
         elif not isinstance(body, FlexibleBody):
             skipped[name] = "it is no part with a mesh"
@@ -147,10 +148,10 @@ def _bodies(
             skipped[name] = "it was read from a file of a reduced body, which has no mesh"
         elif not body.reduced.modes:
             skipped[name] = "it was reduced to a rigid body"
-    wanted = list(chosen) or [name for name in scene.bodies if name not in skipped]
+    wanted = list(chosen) or [name for name in names if name not in skipped]
     for name in chosen:
-        if name not in scene.bodies:
-            raise SettingsError(f"--body {name}: bodies of this run: {', '.join(scene.bodies)}")
+        if name not in names:
+            raise SettingsError(f"--body {name}: bodies of this run: {', '.join(names)}")
         if name in skipped:
             raise SettingsError(f"--body {name}: {skipped[name]}")
     if not wanted:
