@@ -17,6 +17,9 @@ if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.results.replay import Replay
     from fenics_ehd.scenes.scene import Scene
 
+#: Difference of the cells around a place, relative, above which its stress is said to be unresolved.
+LARGEST_SCATTER = 0.2
+
 #: Methods whose basis misses flexibility of the bore.
 PARTIAL = ("m1", "m2", "m3")
 
@@ -203,9 +206,13 @@ def _row(name: str, value: float, more: str = "") -> str:
 
 def _extreme(name: str, value: float, found: Mapping[str, Any]) -> list[str]:
     """A stress with what single cells say of it, where and when."""
-    around = " to ".join(f"{end * 1e-6:.1f}" for end in found["in_cells_around_Pa"])
+    ends = found["in_cells_around_Pa"]
+    around = " to ".join(f"{end * 1e-6:.1f}" for end in ends)
     place = ", ".join(f"{1e3 * x:.2f}" for x in found["place_m"])
-    return [_row(name, value, f"   {around}"), f"      at ({place}) mm, {_when(found)}"]
+    lines = [_row(name, value, f"   {around}"), f"      at ({place}) mm, {_when(found)}"]
+    if ends[1] - ends[0] > LARGEST_SCATTER * abs(value):
+        lines.append("      no mesh, or not this one, resolves it: a corner, an edge of a support?")
+    return lines
 
 
 def _when(more: Mapping[str, Any]) -> str:
