@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.results.replay import Replay
     from fenics_ehd.scenes.scene import Scene
 
-#: Difference of the cells around a place, relative, above which its stress is said to be unresolved.
+#: Relative difference of the cells around a place above which its stress is said to be unresolved.
 LARGEST_SCATTER = 0.2
 
 #: Methods whose basis misses flexibility of the bore.
