@@ -17,8 +17,8 @@ from mechanism_cases import film, rigid_rod, slider_crank
 from report_cases import write_history, write_study
 
 from fenics_ehd import load_results
+from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.units import Quantity, split_unit, with_unit
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.tracking import Tracker

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.units import DIMENSIONLESS, Quantity, split_unit
+from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, split_unit
 from fenics_ehd.multibody.result import BodyResult, FilmResult, JointResult, Quantities, Result
 
 #: Column of the time, and its path.

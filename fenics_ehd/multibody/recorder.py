@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.units import Quantity, split_unit
+from fenics_ehd.base.columns import Quantity, split_unit
 from fenics_ehd.multibody.history_layout import (
     FIELD_UNITS,
     assemble_result,
@@ -134,13 +134,15 @@ class Recorder:
     def result(self, cycles: Cycles | None = None) -> Result:
         """Of the steps so far, or of the last cycle of a search."""
         values = {}
-        for column in self._rows[0]:
+        columns = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
+        for column, found in columns.items():
             path, unit = path_of(column, self._tracker.groups)
-            values[path] = Quantity(np.array([row[column] for row in self._rows], float), unit)
+            values[path] = Quantity(found.astype(float), unit)
         fixed = self._fixed.arrays
         stored = {p: np.array([fields[p] for fields in self._fields]) for p in self._fields[0]}
         for path, array in {**fixed, **stored}.items():
             values[path] = Quantity(array, field_unit(path))
-        figures = self._tracker.figures() | cycle_figures(cycles)
+        figures = self._tracker.figures(self._tracker.answer(columns, cycles))
+        figures |= cycle_figures(cycles)
         summary = {"status": self._tracker.verdict(), **figures}
         return assemble_result(values, self._fixed.names, self._fixed.films, summary)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, with_unit
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.units import DIMENSIONLESS, Quantity, with_unit
 
 if TYPE_CHECKING:  # not there for everyone
     from pandas import DataFrame
@@ -250,6 +250,11 @@ class Result:
     def cycles(self) -> int:
         """Of a periodic run in all, else 0."""
         return int(self.summary.get("cycles", 0))
+
+    @property
+    def cycle_used(self) -> str:
+        """Which part of the run `figures` whose names begin with ``cycle_`` are of."""
+        return str(self.summary.get("cycle_used", ""))
 
     @property
     def periodicity_defect(self) -> float:

@@ -21,9 +21,9 @@ import h5py
 import numpy as np
 
 from fenics_ehd import __version__
+from fenics_ehd.base.columns import DIMENSIONLESS
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_file, require_numbers
-from fenics_ehd.base.units import DIMENSIONLESS
 from fenics_ehd.base.whole_file import BOOKKEEPING, naming, sync_path, whole_hdf5, write_whole
 from fenics_ehd.multibody.history_layout import path_of
 from fenics_ehd.results.csv_file import CSV_NAME, CsvFile

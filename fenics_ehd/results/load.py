@@ -9,10 +9,10 @@ from typing import Any
 
 import h5py
 
+from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.output import SCENE_NAME, SUMMARY, complete_result
 from fenics_ehd.base.sealed_file import named, require_file
-from fenics_ehd.base.units import Quantity
 from fenics_ehd.multibody.history_layout import assemble_result
 from fenics_ehd.multibody.result import Result
 from fenics_ehd.results.history_file import FIELDS_NAME, finite, numbers, opened_history
