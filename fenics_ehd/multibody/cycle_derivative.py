@@ -19,14 +19,14 @@ from fenics_ehd.base.errors import PeriodicityError
 from fenics_ehd.multibody.cycle_record import REACH, CycleRecord, RecordedStep
 from fenics_ehd.multibody.differentiation import extrapolation_weights
 from fenics_ehd.multibody.periodic import NOISE, REMEMBERED
-from fenics_ehd.multibody.perturbed import Perturbed, StepView
+from fenics_ehd.multibody.perturbed import Columns, Perturbed, StepView
 from fenics_ehd.multibody.step_derivative import TOLERANCE, Direction, StepDerivatives
 
 #: Largest change over a cycle, over the largest derivative in it; and cycles at most.
 PERIODICITY, MOST_SWEEPS = 1e-3, 30
 
 #: Columns of a history over the steps, by joint and name.
-Columns = dict[str, dict[str, np.ndarray]]
+Curves = dict[str, dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,32 +67,51 @@ class _Number:
         self.points = _Points(record.before, x + ahead * rate, np.tile(rate, (len(ahead), 1)))
         self._ends: list[_Points] = []
         self._changes: list[np.ndarray] = []
-        self.settled = False
+        self.settled, self.largest = False, 0.0
+        self.columns: list[Columns] = []
+        self._states: list[np.ndarray] = []
         self.begin()
 
     def begin(self) -> None:
         """Begin a sweep."""
-        self.now, self.largest = self.points, 0.0
-        self.columns: list[dict[str, dict[str, float]]] = []
+        self.now, self._former = self.points, (self.largest, self._states, self.columns)
+        self.largest, self._states, self.columns = 0.0, [], []
         self._last: list[tuple[float, Direction]] = []
 
-    def add(self, step: RecordedStep, derivatives: StepDerivatives, number: int, *, columns: bool) -> None:
-        """One step of a sweep."""
+    def add(
+        self, step: RecordedStep, observed: np.ndarray, derivatives: StepDerivatives, number: int
+    ) -> None:
+        """One step of a sweep, and what is observed at its end."""
         past = step.weights[1:]
         own = past @ self.now.x[: len(past)], past @ self.now.rate[: len(past)]
         guess = self._last[-1][1].unknowns if self._last else None
-        found = derivatives.along(number, self.perturbed, own, guess, columns=columns)
+        found = derivatives.along(number, self.perturbed, own, guess)
         self.now = self.now.after(step.time, found)
         self._last = [*self._last, (step.time, found)][-2 * REACH :]
         self.columns.append(found.columns)
-        size = self._size(self._observed(found.x), self._view.norm.observe(step.x))
-        self.largest = max(self.largest, size)
+        self._states.append(found.x)
+        self.largest = max(self.largest, self._size(self._view.observed(found.x), observed))
+        self._observed = observed
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the last step is as it was in the sweep before, columns and all."""
+        largest, states, columns = self._former
+        k = len(self._states) - 1
+        if not states or not columns[k]:
+            return False
+        change = self._view.observed(self._states[k] - states[k])
+        return self._size(change, self._observed) <= PERIODICITY * largest
+
+    def keep(self) -> None:
+        """Take the steps that are left as they were in the sweep before."""
+        self.columns += self._former[2][len(self.columns) :]
 
     def end(self, record: CycleRecord, gaps: np.ndarray) -> float:
         """Take the end of a cycle for the start of the next one; change over the largest."""
         assert record.period is not None
         ends = _Points(record.before, *self._at(record.before + record.period))
-        change = self._observed(ends.x[0] - self.points.x[0])
+        change = self._view.observed(ends.x[0] - self.points.x[0])
         defect = self._size(change, gaps)
         self.settled = defect <= PERIODICITY * self.largest + TOLERANCE
         self._ends = [*self._ends, ends][-REMEMBERED:]
@@ -115,10 +134,6 @@ class _Number:
             x.append(weights @ np.array([self._last[i][1].x for i in near]))
             rate.append(weights @ np.array([self._last[i][1].rate for i in near]))
         return np.array(x), np.array(rate)
-
-    def _observed(self, x: np.ndarray) -> np.ndarray:
-        """What the steps observe of a derivative of the state."""
-        return self._view.norm.observe(x) - self._view.norm.observe(np.zeros_like(x))
 
     def _lengths(self, observed: np.ndarray) -> np.ndarray:
         """Lengths that it is compared with."""
@@ -154,9 +169,10 @@ class CycleDerivatives:
         self._view = StepView(record.run.equations, record.run.norm)
         self._steps = StepDerivatives(self._view)
         self._numbers = [_Number(own, record, self._view) for own in perturbed]
-        self.sweeps = 0
+        self.sweeps, self._repeated = 0, False
+        self._values: list[Columns] = []
 
-    def solve(self) -> tuple[Columns, list[Columns]]:
+    def solve(self) -> tuple[Curves, list[Curves]]:
         """Columns of the history at the steps, and their derivatives along every number.
 
         Raises
@@ -172,6 +188,8 @@ class CycleDerivatives:
         worst = np.inf
         while self.sweeps < MOST_SWEEPS:
             columns = self._sweep(columns=self.sweeps > 0)
+            if self._repeated:
+                return columns
             gaps = self._view.norm.observe(self._record.steps[-1].x)
             worst = max(number.end(self._record, gaps) for number in self._numbers)
             if all(number.settled for number in self._numbers) and self.sweeps > 1:
@@ -182,34 +200,43 @@ class CycleDerivatives:
             "number is"
         )
 
-    def _sweep(self, *, columns: bool) -> tuple[Columns, list[Columns]]:
+    def _sweep(self, *, columns: bool) -> tuple[Curves, list[Curves]]:
         """Go through all steps once."""
         for number in self._numbers:
             number.begin()
-        values: list[dict[str, dict[str, float]]] = []
+        values: list[Columns] = []
+        same = 0
         for step in self._record.steps:
-            self._steps.begin(step)
-            if columns:
-                values.append(self._steps.columns())
+            self._steps.begin(step, columns=columns)
+            values.append(self._steps.columns)
+            observed = self._view.norm.observe(step.x)
             for i, number in enumerate(self._numbers):
-                number.add(step, self._steps, i, columns=columns)
+                number.add(step, observed, self._steps, i)
+            same = same + 1 if all(number.repeats for number in self._numbers) else 0
+            if same > REACH:
+                for number in self._numbers:
+                    number.keep()
+                self._repeated = True
+                break
         self.sweeps += 1
-        if not columns:
-            return {}, []
-        found = [
-            _stacked(number.columns, values, number.perturbed.amount) for number in self._numbers
-        ]
-        return _stacked(values, values, 1.0), found
+        self._values = [*values, *self._values[len(values) :]]
+        return _stacked(self._values), [_stacked(number.columns) for number in self._numbers]
 
 
-def _stacked(rows: Sequence[dict], base: Sequence[dict], amount: float) -> Columns:
-    """Columns over the steps; of a changed mechanism their derivatives."""
-    stacked: Columns = {}
-    for joint, names in base[0].items():
-        stacked[joint] = {}
-        for name in names:
-            own = np.array([row[joint][name] for row in rows])
-            if rows is not base:
-                own = (own - np.array([row[joint][name] for row in base])) / amount
-            stacked[joint][name] = own
-    return stacked
+def _stacked(rows: Sequence[Columns]) -> Curves:
+    """Columns over the steps."""
+    return {
+        joint: {name: np.array([row[joint][name] for row in rows]) for name in names}
+        for joint, names in rows[0].items()
+    }
+
+
+def curves_of(record: CycleRecord) -> Curves:
+    """Columns of the history at the steps of a record."""
+    equations, rows = record.run.equations, []
+    view = StepView(equations, record.run.norm)
+    for step in record.steps:
+        asked, own = step.equations_of(equations), step.unknowns(equations)
+        equations.begin(asked)
+        rows.append(view.columns(asked, equations.evaluate(own.films, own.rest, own.voids)))
+    return _stacked(rows)

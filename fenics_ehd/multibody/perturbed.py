@@ -8,6 +8,8 @@ changes that.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -26,6 +28,15 @@ from fenics_ehd.multibody.step_equations import Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import System
 
+#: Columns of a history at one step, by joint and name.
+Columns = dict[str, dict[str, float]]
+
+#: No nodes are to count as full.
+NONE_FILLING: Mapping[int, np.ndarray] = MappingProxyType({})
+
+#: Pressure of a node that is to count as full, over the largest: above `shear.PRESSURE_FLOOR`.
+TRACE = 1e-9
+
 
 class StepView:
     """Equations of steps that are known, and what a history has of them.
@@ -39,12 +50,38 @@ class StepView:
     def __init__(self, equations: StepEquations, norm: StepNorm):
         self.equations, self.norm = equations, norm
         self._contacts = ContactRecord.of_all(equations)
+        size = equations.system.n + equations.responses.size
+        self._none = norm.observe(np.zeros(size))
 
-    def columns(self, asked: ImplicitStep, point: Point) -> dict[str, dict[str, float]]:
-        """Columns of every lubricated joint at the end of a step, by the joint's name."""
+    def observed(self, direction: np.ndarray) -> np.ndarray:
+        """What the steps observe of a derivative of the state, shape of `StepNorm.observe`."""
+        return self.norm.observe(direction) - self._none
+
+    @property
+    def sheared(self) -> list[int]:
+        """Numbers of the films of which columns depend on the share of the oil that is sheared."""
+        places = enumerate(self.equations.system.films)
+        return [i for i, own in places if own.film.friction or own.joint.heat is not None]
+
+    def columns(
+        self, asked: ImplicitStep, point: Point, filling: Mapping[int, np.ndarray] = NONE_FILLING
+    ) -> Columns:
+        """Columns of every lubricated joint at the end of a step, by the joint's name.
+
+        Parameters
+        ----------
+        asked, point
+            The step, and its equations.
+        filling
+            Nodes of some films, by the film's number, that are to count as full.
+        """
         equations = self.equations
         x, rate = equations.state(point)
         films = self._films(point)
+        for i, nodes in filling.items():
+            pressure = films[i].pressure.copy()
+            pressure[nodes] = TRACE * pressure.max()
+            films[i] = replace(films[i], pressure=pressure)
         step: MechanismStep = Step(
             asked.time,
             x,
@@ -162,7 +199,7 @@ class Perturbed(StepView):
         films = [scale * own for scale, own in zip(self._scales, there.films, strict=True)]
         return self.equations.evaluate(films, there.rest, there.voids)
 
-    def columns_at(self, point: Point) -> dict[str, dict[str, float]]:
+    def columns_at(self, point: Point) -> Columns:
         """See `StepView.columns`."""
         return self.columns(self._asked, point)
 

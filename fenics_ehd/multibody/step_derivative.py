@@ -18,8 +18,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SolverError
 from fenics_ehd.multibody.cycle_record import RecordedStep, Unknowns
-from fenics_ehd.multibody.implicit_step import ImplicitStep
-from fenics_ehd.multibody.perturbed import Perturbed, StepView
+from fenics_ehd.multibody.perturbed import Columns, Perturbed, StepView
 from fenics_ehd.multibody.step_equations import Point
 from fenics_ehd.multibody.step_factors import StepFactors
 from fenics_ehd.multibody.step_solver import DENSE_LIMIT, ZERO_PRESSURE
@@ -27,6 +26,9 @@ from fenics_ehd.multibody.step_solver import DENSE_LIMIT, ZERO_PRESSURE
 #: Largest correction of a direction that is left, as a relative change of a gap or a coordinate in
 #: the norm of the steps per relative change of the number; and corrections at most.
 TOLERANCE, MAX_CORRECTIONS = 1e-4, 12
+
+#: Share of a number's scale by which it is changed to see which nodes fill.
+JUMPS = 0.02
 
 #: Steps after which it is looked at again what a correction leaves.
 LOOK_AGAIN = 8
@@ -49,7 +51,7 @@ class Direction:
     unknowns: Unknowns
     x: np.ndarray
     rate: np.ndarray
-    columns: dict[str, dict[str, float]]
+    columns: Columns
 
 
 class StepDerivatives:
@@ -68,8 +70,11 @@ class StepDerivatives:
         )
         self._left: dict[int, tuple[float, int]] = {}
 
-    def begin(self, step: RecordedStep) -> None:
-        """Take another step: evaluate and factorise its equations where they were solved."""
+    def begin(self, step: RecordedStep, *, columns: bool) -> None:
+        """Take another step: evaluate and factorise its equations where they were solved.
+
+        `columns`: whether derivatives of the history's are wanted, too.
+        """
         equations = self.view.equations
         self._step, self._asked = step, step.equations_of(equations)
         equations.begin(self._asked)
@@ -79,19 +84,11 @@ class StepDerivatives:
         self._full = [np.flatnonzero(own > ZERO_PRESSURE) for own in self._unknowns.films]
         self._factors.begin(self.view.norm, step.patterns)
         self._factors.factorise(self._point, self._full)
-
-    @property
-    def asked(self) -> ImplicitStep:
-        """What the formula asked of the step."""
-        return self._asked
+        self.columns = self.view.columns(self._asked, self._point) if columns else {}
 
     def _evaluate(self) -> Point:
         own = self._unknowns
         return self.view.equations.evaluate(own.films, own.rest, own.voids)
-
-    def columns(self) -> dict[str, dict[str, float]]:
-        """Columns of the history, by joint and name."""
-        return self.view.columns(self._asked, self._point)
 
     def along(
         self,
@@ -99,8 +96,6 @@ class StepDerivatives:
         perturbed: Perturbed,
         past: tuple[np.ndarray, np.ndarray],
         guess: Unknowns | None,
-        *,
-        columns: bool,
     ) -> Direction:
         """Derivative along a number.
 
@@ -114,8 +109,6 @@ class StepDerivatives:
             Derivatives of ``past_x`` and ``past_rate``.
         guess
             Of the direction; None: 0.
-        columns
-            Whether the history's are wanted.
 
         Raises
         ------
@@ -146,7 +139,36 @@ class StepDerivatives:
         self._left[number] = left, age + 1
         x, rate = perturbed.equations.state(point)
         moved = (x - self._step.x) / perturbed.amount, (rate - self._step.rate) / perturbed.amount
-        return Direction(found, *moved, perturbed.columns_at(point) if columns else {})
+        return Direction(found, *moved, self._along_columns(perturbed, point))
+
+    def _along_columns(self, perturbed: Perturbed, point: Point) -> Columns:
+        """Derivatives of the history's columns, if they are wanted."""
+        if not self.columns:
+            return {}
+        found = _slope(perturbed.columns_at(point), self.columns, perturbed.amount)
+        if not self.view.sheared:
+            return found
+        # Where a node fills, the sheared share jumps: what the jumps make on average.
+        forth, back = (
+            self.view.columns(self._asked, self._point, self._filling(point, perturbed, share))
+            for share in (JUMPS, -JUMPS)
+        )
+        jumps = _slope(forth, back, JUMPS)
+        return {
+            joint: {name: value + jumps[joint][name] for name, value in columns.items()}
+            for joint, columns in found.items()
+        }
+
+    def _filling(self, point: Point, perturbed: Perturbed, share: float) -> dict[int, np.ndarray]:
+        """Nodes that a change of the number by a share of its scale would fill."""
+        found = {}
+        for i in self.view.sheared:
+            own, other = self._point.films[i], point.films[i]
+            if own.oil is None:
+                flux = own.defect + share / perturbed.amount * (other.defect - own.defect)
+                empty = np.setdiff1d(np.flatnonzero(flux < 0.0), self._full[i])
+                found[i] = self.view.equations.system.films[i].film.film.free[empty]
+        return found
 
     def _kept(self, guess: Unknowns | None) -> Unknowns:
         """A guess with no pressure where the film cavitates now."""
@@ -188,3 +210,10 @@ class StepDerivatives:
                 voids[i] = film.copy()
                 voids[i][full] = taken[i][full]
         return Unknowns(pressures, found.rest, voids), found.size
+
+
+def _slope(there: Columns, here: Columns, amount: float) -> Columns:
+    return {
+        joint: {name: (there[joint][name] - value) / amount for name, value in columns.items()}
+        for joint, columns in here.items()
+    }
