@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,7 +132,7 @@ class CycleRecord:
         self.start = run.state.x[0].copy(), run.state.rate[0].copy()
         self._cycle = 1
 
-    def follow(self, steps: Iterator[MechanismStep]) -> Iterator[MechanismStep]:
+    def follow(self, steps: Iterable[MechanismStep]) -> Iterator[MechanismStep]:
         """The same steps, recorded."""
         for step in steps:
             self._add(step)

@@ -108,7 +108,7 @@ class Sensitivity:
 def recorded(run: Run, span: float, cycles: Cycles | None = None) -> CycleRecord:
     """A run to its end [s], or through a periodic search, and the record of it."""
     record = CycleRecord(run, cycles)
-    for _ in record.follow(run.until(span) if cycles is None else iter(cycles)):
+    for _ in record.follow(run.until(span) if cycles is None else cycles):
         pass
     return record
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from time import process_time
 
 import numpy as np
@@ -20,7 +21,6 @@ from fenics_ehd.multibody.sensitivity import (
     Figure,
     Number,
     figure_of,
-    recorded,
 )
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
@@ -176,15 +176,17 @@ def scene_sensitivity(scene: Scene, of: Sequence[str], to: Sequence[str]) -> Sce
     Raises
     ------
     SettingsError, SensitivityError
-        Of keys, before anything is run; of figures, after the run has shown what there is.
+        Of keys, before anything is reduced; of figures, after the first step.
     SolverError
         From runs and derivatives.
     """
     numbers = [number_of(scene, name) for name in dict.fromkeys(to)]
     seconds, clock = {}, process_time()
-    record, bodies = _run(scene, None)
+    first, bodies = _run(scene, None, steps=1)
+    curves = curves_of(first)
+    figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
+    record, _ = _run(scene, bodies)
     seconds["run"] = process_time() - clock
-    figures = [figure_of(name, curves_of(record)) for name in dict.fromkeys(of)]
     clock = process_time()
     ways = []
     for number in numbers:
@@ -241,10 +243,13 @@ def differences(
 
 
 def _run(
-    scene: Scene, bodies: Mapping[str, ReducedBody] | None
+    scene: Scene, bodies: Mapping[str, ReducedBody] | None, steps: int | None = None
 ) -> tuple[CycleRecord, Mapping[str, ReducedBody]]:
-    """The record of a scene's run, and its reduced bodies."""
+    """The record of a scene's run, or of its first steps, and its reduced bodies."""
     built, time = build_mechanism(scene, MPI.COMM_SELF, bodies=bodies), scene.time
     run = Run(built.mechanism, built.steps, scene.span)
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
-    return recorded(run, scene.span, cycles), built.parts
+    record = CycleRecord(run, cycles)
+    for _ in islice(record.follow(run.until(scene.span) if cycles is None else cycles), steps):
+        pass
+    return record, built.parts
