@@ -14,7 +14,6 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
 
-
 #: Past points that a formula reaches back to, at most.
 REACH = 5
 

@@ -143,7 +143,7 @@ class Run:
 
 
 def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
-    """x and its rate before the first step of a mechanism, assembled from its rough pose.
+    """State and its rate before the first step of a mechanism, assembled from its rough pose.
 
     Raises
     ------

@@ -181,8 +181,9 @@ class Derivatives:
 
 
 def figure_of(name: str, curves: Curves) -> Figure:
-    """The figure of a name, ``big_end.min_film_thickness``, its unit and, of one joint, the joint
-    left out or not.
+    """The figure of a name, ``big_end.min_film_thickness``.
+
+    Its unit may stand behind, and the joint be left out where there is one.
 
     Raises
     ------
@@ -195,7 +196,8 @@ def figure_of(name: str, curves: Curves) -> Figure:
         for column in columns
         for figure in _figures(joint, column)
     }
-    full = name if name.partition(".")[0] in curves else f"{next(iter(curves), '')}.{name}"
+    alone = len(curves) == 1 and name.partition(".")[0] not in curves
+    full = f"{next(iter(curves))}.{name}" if alone else name
     found = [key for key in known if full in (key, _without_unit(key))]
     if len(found) == 1:
         return known[found[0]]

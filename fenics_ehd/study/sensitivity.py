@@ -181,7 +181,8 @@ def scene_sensitivity(scene: Scene, of: Sequence[str], to: Sequence[str]) -> Sce
         From runs and derivatives.
     """
     numbers = [number_of(scene, name) for name in dict.fromkeys(to)]
-    seconds, clock = {}, process_time()
+    seconds: dict[str, float] = {}
+    clock = process_time()
     first, bodies = _run(scene, None, steps=1)
     curves = curves_of(first)
     figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
@@ -199,7 +200,8 @@ def scene_sensitivity(scene: Scene, of: Sequence[str], to: Sequence[str]) -> Sce
     found = derivatives.of(figures)
     seconds["through the steps"] = process_time() - clock
     through = {way.name for way in ways} - {*derivatives.refused}
-    slopes, clock = {}, process_time()
+    slopes: dict[tuple[Figure, str], float] = {}
+    clock = process_time()
     for number in numbers:
         if number.key in through:
             own = {figure: found.derivatives[figure][number.key] for figure in figures}
