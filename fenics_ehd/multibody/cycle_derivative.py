@@ -238,5 +238,6 @@ def curves_of(record: CycleRecord) -> Curves:
     for step in record.steps:
         asked, own = step.equations_of(equations), step.unknowns(equations)
         equations.begin(asked)
-        rows.append(view.columns(asked, equations.evaluate(own.films, own.rest, own.voids)))
+        point = equations.evaluate(own.films, own.rest, own.voids)
+        rows.append(view.columns(asked, point, view.full(point)))
     return _stacked(rows)

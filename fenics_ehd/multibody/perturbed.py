@@ -15,6 +15,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SensitivityError
 from fenics_ehd.film import FilmState
+from fenics_ehd.film.shear import in_full_film
 from fenics_ehd.multibody.bdf import Step
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.cycle_record import Unknowns, implicit_step
@@ -31,10 +32,13 @@ from fenics_ehd.multibody.system import System
 #: Columns of a history at one step, by joint and name.
 Columns = dict[str, dict[str, float]]
 
-#: No nodes are to count as full.
-NONE_FILLING: Mapping[int, np.ndarray] = MappingProxyType({})
+#: Points of some films, by the film's number.
+Masks = Mapping[int, np.ndarray]
 
-#: Pressure of a node that is to count as full, over the largest: above `shear.PRESSURE_FLOOR`.
+#: Of no film.
+NONE: Masks = MappingProxyType({})
+
+#: Pressure of a node that is filled, over the largest: above `shear.PRESSURE_FLOOR`.
 TRACE = 1e-9
 
 
@@ -63,25 +67,32 @@ class StepView:
         places = enumerate(self.equations.system.films)
         return [i for i, own in places if own.film.friction or own.joint.heat is not None]
 
-    def columns(
-        self, asked: ImplicitStep, point: Point, filling: Mapping[int, np.ndarray] = NONE_FILLING
-    ) -> Columns:
+    def full(self, point: Point, filled: Masks = NONE) -> Masks:
+        """Gauss points in full film of the films in `sheared`; some more nodes may be filled."""
+        found = {}
+        for i in self.sheared:
+            film, nodal = self.equations.system.films[i].film.film, point.films[i].nodal
+            if i in filled:
+                nodal = nodal.copy()
+                nodal[filled[i]] = TRACE * nodal.max()
+            found[i] = in_full_film(film.assembly.at_points(nodal)[0])
+        return found
+
+    def columns(self, asked: ImplicitStep, point: Point, full: Masks) -> Columns:
         """Columns of every lubricated joint at the end of a step, by the joint's name.
 
         Parameters
         ----------
         asked, point
             The step, and its equations.
-        filling
-            Nodes of some films, by the film's number, that are to count as full.
+        full
+            See there: the oil that is sheared jumps where a point fills.
         """
         equations = self.equations
         x, rate = equations.state(point)
         films = self._films(point)
-        for i, nodes in filling.items():
-            pressure = films[i].pressure.copy()
-            pressure[nodes] = TRACE * pressure.max()
-            films[i] = replace(films[i], pressure=pressure)
+        for i, mask in full.items():
+            films[i] = replace(films[i], full=mask)
         step: MechanismStep = Step(
             asked.time,
             x,
@@ -199,9 +210,9 @@ class Perturbed(StepView):
         films = [scale * own for scale, own in zip(self._scales, there.films, strict=True)]
         return self.equations.evaluate(films, there.rest, there.voids)
 
-    def columns_at(self, point: Point) -> Columns:
+    def columns_at(self, point: Point, full: Masks) -> Columns:
         """See `StepView.columns`."""
-        return self.columns(self._asked, point)
+        return self.columns(self._asked, point, full)
 
 
 def _structure(equations: StepEquations) -> tuple:

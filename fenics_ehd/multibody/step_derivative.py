@@ -28,7 +28,7 @@ from fenics_ehd.multibody.step_solver import DENSE_LIMIT, ZERO_PRESSURE
 TOLERANCE, MAX_CORRECTIONS = 1e-4, 12
 
 #: Share of a number's scale by which it is changed to see which nodes fill.
-JUMPS = 0.02
+JUMPS = 0.01
 
 #: Steps after which it is looked at again what a correction leaves.
 LOOK_AGAIN = 8
@@ -84,7 +84,10 @@ class StepDerivatives:
         self._full = [np.flatnonzero(own > ZERO_PRESSURE) for own in self._unknowns.films]
         self._factors.begin(self.view.norm, step.patterns)
         self._factors.factorise(self._point, self._full)
-        self.columns = self.view.columns(self._asked, self._point) if columns else {}
+        self.columns: Columns = {}
+        if columns:
+            self._masks = self.view.full(self._point)
+            self.columns = self.view.columns(self._asked, self._point, self._masks)
 
     def _evaluate(self) -> Point:
         own = self._unknowns
@@ -145,13 +148,14 @@ class StepDerivatives:
         """Derivatives of the history's columns, if they are wanted."""
         if not self.columns:
             return {}
-        found = _slope(perturbed.columns_at(point), self.columns, perturbed.amount)
+        found = _slope(perturbed.columns_at(point, self._masks), self.columns, perturbed.amount)
         if not self.view.sheared:
             return found
         # Where a node fills, the sheared share jumps: what the jumps make on average.
+        here = self._point
         forth, back = (
-            self.view.columns(self._asked, self._point, self._filling(point, perturbed, share))
-            for share in (JUMPS, -JUMPS)
+            self.view.columns(self._asked, here, self.view.full(here, filled))
+            for filled in (self._filling(point, perturbed, s) for s in (JUMPS, -JUMPS))
         )
         jumps = _slope(forth, back, JUMPS)
         return {

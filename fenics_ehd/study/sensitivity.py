@@ -132,7 +132,7 @@ def number_of(scene: Scene, name: str) -> Along:
             "joints, drives, forces or lubricants"
         )
     pair = isinstance(value, (tuple, list)) and len(value) == len(COMPONENTS)
-    if pair and np.ndim(value) == 1:
+    if pair and all(isinstance(own, float) for own in value):
         if component is None:
             raise SensitivityError(f"{key} = {list(value)} is a pair: ask along {key}.x or {key}.y")
         scale = float(np.hypot(*value))
