@@ -24,6 +24,7 @@ from fenics_ehd.study.sensitivity import (
 JOURNAL = {"joints.bearing.cells": [16, 3], "time.tolerance": 3e-4, "time.largest_step": 0.1}
 FILM, PRESSURE = "bearing.min_film_thickness", "bearing.max_pressure"
 CLEARANCE, VISCOSITY, LOAD = "joints.bearing.clearance", "lubricants.oil.viscosity", "load.scale"
+CLEARANCE_OF_ROD = "joints.big_end.clearance"
 
 
 def scene(name, *changes):
@@ -82,9 +83,7 @@ def test_derivatives_are_those_of_runs_and_the_error_falls_with_the_tolerance(fi
         if not errors:
             expected = differences(fine, viscosity, found.figures, 0.01)
         errors.append(
-            max(
-                abs(found.derivatives[f, VISCOSITY] / expected[f] - 1) for f in found.figures
-            )
+            max(abs(found.derivatives[f, VISCOSITY] / expected[f] - 1) for f in found.figures)
         )
     assert errors[1] < 0.3 * errors[0]
     name = "derivatives along the viscosity against runs, loaded journal"
@@ -187,9 +186,7 @@ def test_the_command_prints_a_table_and_json(tmp_path, capfd):
     along = found["along"][CLEARANCE]
     assert not status
     assert along["method"] == THROUGH
-    assert along["elasticity"] == pytest.approx(
-        along["derivative"] * along["at"] / found["value"]
-    )
+    assert along["elasticity"] == pytest.approx(along["derivative"] * along["at"] / found["value"])
     assert call(*asked) == 0
     assert f"{along['elasticity']:.4f}  {THROUGH}" in capfd.readouterr().out
 
@@ -239,7 +236,7 @@ def test_a_slider_crank_with_an_elastic_rod(figure):
             "bodies.rod.reduction.estimate_error": False,
         },
     )
-    keys = ["joints.big_end.clearance", VISCOSITY, "bodies.piston.mass", "drives.crank.speed"]
+    keys = [CLEARANCE_OF_ROD, VISCOSITY, "bodies.piston.mass", "drives.crank.speed"]
     found = scene_sensitivity(machine, ["min_film_thickness", "max_pressure"], keys)
     worst = 0.0
     for number in found.numbers:
@@ -265,3 +262,39 @@ def test_geometry_goes_by_differences():
     )
     assert list(found.methods.values()) == [DIFFERENCES, THROUGH]
     assert all(np.isfinite(slope) for slope in found.derivatives.values())
+
+
+@pytest.mark.slow
+def test_a_film_whose_heat_is_balanced_takes_its_temperature_along():
+    heated = scene(
+        "loaded-journal",
+        JOURNAL,
+        {
+            "lubricants.oil": {"grade": "ISO VG 46"},
+            "joints.bearing.heat": {"supply_temperature": 60.0, "tolerance": 1e-3},
+            "time.tolerance": 1e-4,
+        },
+    )
+    # At one temperature the film's is -0.3: the wider bearing is the cooler one.
+    found = scene_sensitivity(heated, ["min_film_thickness"], [CLEARANCE])
+    clearance, own = found.numbers[0], found.figures[0]
+    expected = differences(heated, clearance, [own])[own] * clearance.value / found.values[own]
+    assert expected > 0.1
+    assert found.elasticity(own, clearance) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.slow
+def test_friction_of_an_elastic_rod_counts_what_fills():
+    rubbing = scene(
+        "slider-crank",
+        {
+            "joints.big_end.friction": True,
+            "joints.big_end.cells": [20, 5],
+            "time.tolerance": 3e-5,
+            "bodies.rod.reduction.estimate_error": False,
+        },
+    )
+    found = scene_sensitivity(rubbing, ["mean_friction_power"], [CLEARANCE_OF_ROD, "piston.mass"])
+    for number in found.numbers:
+        for own, slope in differences(rubbing, number, found.figures).items():
+            assert found.derivatives[own, number.key] == pytest.approx(slope, rel=0.02)

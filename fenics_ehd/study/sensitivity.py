@@ -161,7 +161,13 @@ def goes_through(scene: Scene, number: Along) -> bool:
     return not elastic or setting in MOVING
 
 
-def scene_sensitivity(scene: Scene, of: Sequence[str], to: Sequence[str]) -> SceneSensitivity:
+def scene_sensitivity(
+    scene: Scene,
+    of: Sequence[str],
+    to: Sequence[str],
+    *,
+    bodies: Mapping[str, ReducedBody] | None = None,
+) -> SceneSensitivity:
     """Run a scene, and find derivatives of its figures; serial.
 
     Parameters
@@ -172,6 +178,8 @@ def scene_sensitivity(scene: Scene, of: Sequence[str], to: Sequence[str]) -> Sce
         Figures: ``big_end.min_film_thickness``.
     to
         Keys.
+    bodies
+        Reduced bodies of the scene that are there already.
 
     Raises
     ------
@@ -183,7 +191,7 @@ def scene_sensitivity(scene: Scene, of: Sequence[str], to: Sequence[str]) -> Sce
     numbers = [number_of(scene, name) for name in dict.fromkeys(to)]
     seconds: dict[str, float] = {}
     clock = process_time()
-    first, bodies = _run(scene, None, steps=1)
+    first, bodies = _run(scene, bodies, steps=1)
     curves = curves_of(first)
     figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
     record, _ = _run(scene, bodies)
