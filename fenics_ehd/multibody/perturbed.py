@@ -99,18 +99,18 @@ class StepView:
             rate,
             asked.acceleration(rate),
             self.norm.observe(x),
-            CoupledState(films, point.motion),
+            CoupledState(films, point.motion, equations.integrals(films)),
             0,
         )
         gaps = self.norm.film_gaps(step.observed)
         found = {}
-        for place, film, gap in zip(equations.system.films, films, gaps, strict=True):
-            record, contact = self._contacts.get(place.name), None
-            columns = joint_columns(place, step, film, gap)
-            if record is not None:
-                contact = record.contact
-                columns |= record.add(asked.time, asked.time, film.gap)
-            found[place.name] = columns | joint_rates(place, step, film, contact)
+        for place, own, gap in zip(
+            equations.system.films, step.solution.integrals, gaps, strict=True
+        ):
+            columns = joint_columns(place, step, own.state, gap)
+            if place.name in self._contacts:
+                columns |= self._contacts[place.name].add(asked.time, asked.time, own)
+            found[place.name] = columns | joint_rates(place, step, own)
         return found
 
     def _films(self, point: Point) -> list[FilmState]:

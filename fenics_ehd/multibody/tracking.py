@@ -18,8 +18,9 @@ from fenics_ehd.film.thickening import steepest_thickening
 from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.joint_columns import joint_columns
 from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_rates import joint_rates
@@ -79,7 +80,7 @@ class Tracker:
             if place.film.bore
         }
         self.balance: EnergyBalance | None = None
-        self.rates: dict[str, Integrals] = {}
+        self.rates = JointIntegrals()
         self.contacts = ContactRecord.of_all(equations)
         self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
@@ -99,8 +100,7 @@ class Tracker:
         self.balance = None
         for estimate in self.estimates.values():
             estimate.largest *= 0.0  # what is not known stays so
-        for rates in self.rates.values():
-            rates.restart()
+        self.rates.restart()
         for contact in self.contacts.values():
             contact.restart()
         self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
@@ -128,13 +128,13 @@ class Tracker:
             stored["quasi_static"] = step.x[system.n : system.n + patterns]
         loads = self._loads(state.films)
         gaps = self._norm.film_gaps(step.observed)
-        for place, film, gap in zip(system.films, state.films, gaps, strict=True):
-            prefix = self.prefix(place.name)
-            figures = self._joint(place, step, film, gap)
+        for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
+            prefix, film = self.prefix(place.name), own.state
+            figures = self._joint(place, step, own, gap)
             if place.name in self.estimates:
-                own = self._equations.responses.of_body(place.bore_body)
+                amplitudes = self._equations.responses.of_body(place.bore_body)
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
-                    size, loads[place.bore_body], step.acceleration[own]
+                    size, loads[place.bore_body], step.acceleration[amplitudes]
                 )
             row |= {f"{prefix}{name}": value for name, value in figures.items()}
             stored[f"{prefix}pressure_Pa"] = film.pressure
@@ -160,9 +160,10 @@ class Tracker:
         return f"{joint}." if self._several else ""
 
     def _joint(
-        self, place: FilmPlace, step: MechanismStep, film: FilmState, gap: np.ndarray
+        self, place: FilmPlace, step: MechanismStep, own: FilmIntegrals, gap: np.ndarray
     ) -> dict[str, float]:
         """Columns of one lubricated joint."""
+        film = own.state
         figures = joint_columns(place, step, film, gap)
         extremes = self.extremes[place.name]
         extremes.add(
@@ -171,22 +172,14 @@ class Tracker:
         if not place.film.film.parameters.lubricant.viscosity_law.constant:
             steepest = steepest_thickening(place.film.film, film.pressure)
             extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
-        record, contact = self.contacts.get(place.name), None
-        if record is not None:
-            contact = record.contact
-            figures |= record.add(step.time, step.time - self._start, film.gap)
-        rates = joint_rates(place, step, film, contact)
-        return figures | self._integrate(place.name, step.time, rates)
-
-    def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
-        """Account for a joint's rates; they are returned."""
-        if joint in self.rates:
-            self.rates[joint].add(time, rates)
-        elif rates:
-            self.rates[joint] = Integrals(time, rates)
-        if account := OilAccount.follow(self.oil.get(joint), rates):
-            self.oil[joint] = account
-        return rates
+        if place.name in self.contacts:
+            record = self.contacts[place.name]
+            figures |= record.add(step.time, step.time - self._start, own)
+        rates = joint_rates(place, step, own)
+        self.rates.follow(place.name, step.time, rates)
+        if account := OilAccount.follow(self.oil.get(place.name), rates):
+            self.oil[place.name] = account
+        return figures | rates
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
@@ -280,10 +273,7 @@ class Tracker:
             "extremes": {name: asdict(found) for name, found in self.extremes.items()},
             "estimates": {name: found.stored_state() for name, found in self.estimates.items()},
             "balance": {} if self.balance is None else self.balance.stored_state(),
-            "rates": {
-                name: {"names": tuple(rates.totals), **rates.stored_state()}
-                for name, rates in self.rates.items()
-            },
+            "rates": self.rates.stored_state(),
             "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
         }
@@ -317,10 +307,7 @@ class Tracker:
         for joint, found in stored["estimates"].items():
             self.estimates[joint].load_state(found)
         self.balance = EnergyBalance.of(stored["balance"]) if stored["balance"] else None
-        self.rates = {
-            joint: Integrals.of(tuple(found["names"]), found)
-            for joint, found in stored["rates"].items()
-        }
+        self.rates.load_state(stored["rates"])
         for joint, found in stored["contacts"].items():
             self.contacts[joint].load_state(found)
         self.oil = {
