@@ -45,7 +45,9 @@ def elasticities(found):
 def journal():
     """Derivatives of the loaded journal along what its Sommerfeld number consists of."""
     return scene_sensitivity(
-        scene("loaded-journal", JOURNAL), [FILM, PRESSURE], [CLEARANCE, VISCOSITY, LOAD]
+        scene("loaded-journal", JOURNAL, {"joints.bearing.cells": [12, 2], "time.tolerance": 1e-3}),
+        [FILM, PRESSURE],
+        [CLEARANCE, VISCOSITY, LOAD],
     )
 
 
@@ -179,7 +181,8 @@ def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
 
 
 def test_the_command_prints_a_table_and_json(tmp_path, capfd):
-    path = write_scene(tmp_path / "s.toml", "loaded-journal", JOURNAL, {"time.tolerance": 1e-3})
+    once = {"time.periodic": False, "time.revolutions": 0.1, "time.tolerance": 1e-3}
+    path = write_scene(tmp_path / "s.toml", "loaded-journal", JOURNAL, once)
     asked = ("sensitivity", path, "--of", "min_film_thickness", "--to", "clearance")
     status, out, _ = exit_of(capfd, *asked, "--json")
     found = json.loads(out)["quantities"]["bearing.min_film_thickness_m"]
