@@ -134,12 +134,20 @@ class Derivatives:
 
     Raises
     ------
+    SensitivityError
+        An oil is compressible.
     PeriodicityError, SolverError
         From `CycleDerivatives`.
     """
 
     def __init__(self, record: CycleRecord, numbers: Sequence[Number]):
         equations = record.run.equations
+        if equations.densities:
+            name = equations.system.films[next(iter(equations.densities))].name
+            raise SensitivityError(
+                f"joints.{name}: the oil is denser under pressure, and derivatives of its density "
+                "are not known: take an oil of constant density, or differences of runs"
+            )
         balances = Balances(equations.system, AMOUNT) if equations.system.heated else None
         temperatures = {} if balances is None else balances.temperatures
         self.refused, perturbed = [], []
