@@ -27,6 +27,7 @@ with ending_signals_raise():
     from fenics_ehd.cli.paraview import paraview
     from fenics_ehd.cli.part import part
     from fenics_ehd.cli.report import report
+    from fenics_ehd.cli.sensitivity import sensitivity
     from fenics_ehd.cli.stress import stress
     from fenics_ehd.cli.study import study
     from fenics_ehd.cli.sweep import sweep
@@ -210,6 +211,7 @@ cli.add_command(info)
 cli.add_command(paraview)
 cli.add_command(part)
 cli.add_command(report)
+cli.add_command(sensitivity)
 cli.add_command(stress)
 cli.add_command(sweep)
 cli.add_command(study)

@@ -23,6 +23,7 @@ from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import JointIntegrals
+from fenics_ehd.multibody.joint_columns import joint_columns
 from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_places import JointPlaces
 from fenics_ehd.multibody.joint_rates import joint_rates
@@ -185,25 +186,15 @@ class Tracker:
     ) -> dict[str, float]:
         """Columns of one lubricated joint."""
         film = own.state
-        peak = int(np.argmax(film.pressure))
-        angle, _ = place.film.film.parameters.grid.node_positions[peak]
-        thickness, pressure = float(gap.min()), float(film.pressure[peak])
+        figures = joint_columns(place, step, film, gap)
         extremes = self.extremes[place.name]
-        extremes.add(step.time - self._start, pressure, thickness)
+        extremes.add(
+            step.time - self._start, figures["max_pressure_Pa"], figures["min_film_thickness_m"]
+        )
         if not place.film.film.parameters.lubricant.viscosity_law.constant:
             steepest = steepest_thickening(place.film.film, film.pressure)
             extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
-        force = step.solution.motion.multipliers[place.rows]
-        figures = {
-            "max_pressure_Pa": pressure,
-            "min_film_thickness_m": thickness,
-            "max_pressure_angle_deg": np.degrees(np.mod(angle + np.pi, 2 * np.pi) - np.pi),
-            "eccentricity_x_m": step.x[place.xi[0]],
-            "eccentricity_y_m": step.x[place.xi[1]],
-            "force_x_N": force[0],
-            "force_y_N": force[1],
-            **self._places[place.name].columns(step, film.pressure, gap),
-        }
+        figures |= self._places[place.name].columns(step, film.pressure, gap)
         if place.name in self.contacts:
             record = self.contacts[place.name]
             figures |= record.add(step.time, step.time - self._start, own)
