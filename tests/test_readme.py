@@ -39,6 +39,8 @@ SLOW = {
     ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
     ("docs/mechanisms.md", "As a scene file"),
     ("docs/mechanisms.md", "Pictures of a run"),
+    ("docs/pictures.md", "Pictures"),
+    ("docs/pictures.md", "Two runs"),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -69,7 +71,13 @@ def sections(document):
     return [Section(document, title, tuple(found)) for title, found in blocks.items()]
 
 
-DOCUMENTS = ("README.md", "docs/tutorial.md", "docs/own-scene.md", "docs/mechanisms.md")
+DOCUMENTS = (
+    "README.md",
+    "docs/tutorial.md",
+    "docs/own-scene.md",
+    "docs/mechanisms.md",
+    "docs/pictures.md",
+)
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]
 

@@ -118,9 +118,9 @@ def _finish(
     bar = progress_bar(scene.span)
     summary = run_scene(scene, built, folder.path, bar, interval=interval, former=former)
     if plots and scene.output.plots:
-        from fenics_ehd.plotting.history import plot_joints
+        from fenics_ehd.plotting.pictures import plot_run
 
-        plot_joints(scene.name, folder.path)
+        plot_run(folder.path)
     if parts:
         from fenics_ehd.results.paraview import write_bodies
 

@@ -30,6 +30,26 @@ SCENE_NAME, BODY_NAME = "scene.toml", "body.h5"
 #: Held by the process that works in the folder.
 LOCK = ".lock"
 
+#: Names of pictures, which joints and ``-difference`` may follow.
+PICTURES = (
+    "max_pressure",
+    "min_film_thickness",
+    "orbit",
+    "force",
+    "eccentricity",
+    "places",
+    "friction",
+    "flow",
+    "contact",
+    "oil_content",
+    "basis_error",
+    "pressure_map",
+    "film_map",
+    "contact_map",
+    "bore",
+    "energy",
+)
+
 #: What a run leaves, and what is made of it: stale as soon as there is another one. The summary,
 #: which says that all else is there, goes first and comes last.
 RESULTS = (
@@ -41,15 +61,10 @@ RESULTS = (
     BODY_NAME,
     "body-*.h5",
     FAILED_FILM,
-    "max_pressure.*",
-    "min_film_thickness.*",
-    "friction_torque.*",
-    "energy.*",
-    "basis_error.*",
-    "orbit.*",
     "animation.*",
     "vtk/*.pvd",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
+    *(f"{name}{ending}" for name in PICTURES for ending in (".*", "-*.png", "-*.svg")),
 )
 
 
