@@ -4,12 +4,12 @@ import re
 import tomllib
 from types import SimpleNamespace
 
+from csv_history import read_history
 from mpi4py import MPI
 
 from fenics_ehd.plotting.animation_shape import shape_of_basis
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import BasisFile, save_basis
-from fenics_ehd.results.history_file import read_history
 from fenics_ehd.results.paraview import gather_part
 from fenics_ehd.results.progress import progress_bar
 from fenics_ehd.scenes.build import build_mechanism

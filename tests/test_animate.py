@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -12,6 +13,7 @@ from matplotlib.patches import Polygon
 from PIL import Image
 from recorded_runs import BASIS, short_run
 
+from fenics_ehd import load_results
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.cli.main import main
 from fenics_ehd.fem.models import model_path
@@ -26,7 +28,6 @@ from fenics_ehd.plotting.animation_shape import shape_of_basis, shape_of_bores
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import BasisFile, load_body, save_body
 from fenics_ehd.reduction.distributed import multiply
-from fenics_ehd.results.motion import joint_histories
 from fenics_ehd.results.paraview import write_bodies
 from fenics_ehd.results.replay import Replay
 
@@ -221,9 +222,9 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
 
 def test_the_drawn_film_is_the_recorded_one(machine):
     _, bearings = drawn(machine, 100.0)
-    columns = joint_histories(machine.directory)
+    joints = load_results(machine.directory).joints
     for name, bearing in bearings.items():
-        history = columns.get(name) or columns[""]
+        history = joints[name].columns
         # The run also watches Gauss points, and the raster has no node of its own.
         thinnest = bearing.gap.min(axis=(1, 2))
         np.testing.assert_allclose(thinnest, history["min_film_thickness_m"], rtol=1e-2)
@@ -233,11 +234,9 @@ def test_the_drawn_film_is_the_recorded_one(machine):
 
 def test_in_a_rigid_bore_the_orbit_is_the_journals_eccentricity(bearings, four_bar, crank):
     for given in (bearings, four_bar):
-        columns = joint_histories(given.directory)
+        joints = load_results(given.directory).joints
         for name, orbit in given.run.orbits.items():
-            found = columns.get(name) or columns[""]
-            recorded_ = np.column_stack([found[f"eccentricity_{axis}_m"] for axis in "xy"])
-            np.testing.assert_allclose(orbit, recorded_, atol=1e-12)
+            np.testing.assert_allclose(orbit, joints[name].eccentricity, atol=1e-12)
     # A bore that moves as a whole takes the orbit with it, one that stretches does not.
     place, run = crank.run.system.films[0], crank.run
     own = run.motion.coordinates[:, place.xi[:2]]
@@ -340,7 +339,8 @@ def test_a_body_alone_gives_its_bore(crank):
 
 def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
     run = bearings.run
-    columns = joint_histories(bearings.directory)["left"]
+    result = load_results(bearings.directory)
+    columns = result.joints["left"].columns | {"time_s": result.time}
     frames = Replay(run.system.mechanism, run.motion.nearest(3))
     figure, show = draw(run, columns, frames, {}, "left", None)
     show(2)
@@ -423,8 +423,8 @@ def stopped(crank, tmp_path):
     """A folder as kill -9 leaves it."""
     for name in ("history.h5", "scene.toml", "body-rod.h5"):
         shutil.copy(crank.directory / name, tmp_path / name)
-    lines = (crank.directory / "history.csv").read_text().splitlines(keepends=True)
-    (tmp_path / "history.csv").write_text("".join(lines[:9]) + lines[9][:20])
+    with h5py.File(tmp_path / "history.h5", "r+") as file:
+        file["time"].resize(9, axis=0)
     return tmp_path
 
 
@@ -469,7 +469,6 @@ def test_mp4_is_written_or_the_missing_program_is_named(four_bar, tmp_path, caps
 def test_bad_requests_end_with_one_line(crank, stopped, tmp_path, capsys):
     empty = tmp_path / "empty"
     empty.mkdir()
-    one_step = (stopped / "history.csv").read_text().splitlines(keepends=True)[:2]
     cases = [
         ((crank.directory, "-o", "run.avi"), ".gif, .mp4"),
         ((empty,), "not the folder of a run"),
@@ -486,7 +485,8 @@ def test_bad_requests_end_with_one_line(crank, stopped, tmp_path, capsys):
     refused = call("animate", stopped, capsys=capsys)
     assert (refused.status, "history.h5" in refused.err) == (2, True), refused.err
     shutil.copy(crank.directory / "body-rod.h5", stopped)
-    (stopped / "history.csv").write_text("".join(one_step))
+    with h5py.File(stopped / "history.h5", "r+") as file:
+        file["time"].resize(1, axis=0)
     refused = call("animate", stopped, capsys=capsys)
     assert (refused.status, "needs 2" in refused.err) == (2, True), refused.err
 
@@ -498,8 +498,7 @@ def test_paraview_series_has_times_and_the_whole_displacement(crank, tmp_path):
     import xml.etree.ElementTree as ElementTree
 
     meshio = pytest.importorskip("meshio")
-    for name in ("history.csv", "history.h5"):
-        shutil.copy(crank.directory / name, tmp_path / name)
+    shutil.copy(crank.directory / "history.h5", tmp_path)
     motion, part = crank.run.motion, crank.parts["rod"]
     (path,) = write_bodies(crank.built.mechanism, crank.parts, tmp_path, 3)
     entries = list(ElementTree.parse(path).iter("DataSet"))
@@ -525,8 +524,7 @@ def test_paraview_series_has_times_and_the_whole_displacement(crank, tmp_path):
 @pytest.mark.slow
 def test_paraview_series_has_the_films_of_both_ends(both_ends, tmp_path):
     meshio = pytest.importorskip("meshio")
-    for name in ("history.csv", "history.h5"):
-        shutil.copy(both_ends.directory / name, tmp_path / name)
+    shutil.copy(both_ends.directory / "history.h5", tmp_path)
     write_bodies(both_ends.built.mechanism, both_ends.parts, tmp_path, 2)
     mesh = meshio.read(tmp_path / "vtk" / "rod_0001.vtu")
     nodes, pressure = both_ends.parts["rod"].nodes, mesh.point_data["pressure_Pa"]
@@ -538,8 +536,7 @@ def test_paraview_series_has_the_films_of_both_ends(both_ends, tmp_path):
 
 def test_paraview_series_of_a_housing_rests_and_deforms(rotor, tmp_path):
     meshio = pytest.importorskip("meshio")
-    for name in ("history.csv", "history.h5"):
-        shutil.copy(rotor.directory / name, tmp_path / name)
+    shutil.copy(rotor.directory / "history.h5", tmp_path)
     (path,) = write_bodies(rotor.built.mechanism, rotor.parts, tmp_path, 2)
     assert path.name == "housing.pvd"
     mesh = meshio.read(path.parent / "housing_0001.vtu")

@@ -27,8 +27,7 @@ from fenics_ehd.reduction.craig_bampton import centre_constraints
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.projection import Basis, gram_matrices, project
 from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.results.history_file import HistoryWriter
-from fenics_ehd.results.recorded_run import RecordedRun, _constants
+from fenics_ehd.results.recorded_run import RecordedRun, history_of
 from fenics_ehd.scenes.part import reduce_structure
 from fenics_ehd.scenes.part_settings import ReductionSettings
 
@@ -149,7 +148,7 @@ def recorded(mechanism, end, folder):
     going = Run(mechanism, Steps(), end)
     recorded = RecordedRun(going, Tracker(going.equations, going.norm), end, None)
     bore = going.equations.system.films[0].film.bore
-    with HistoryWriter(folder, _constants(going)) as history:
+    with history_of(recorded, folder) as history:
         steps = [step.solution.films[0].pressure for step in recorded.steps(history)]
     return np.column_stack([bore.structure_pressure(pressure) for pressure in steps])
 

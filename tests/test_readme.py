@@ -41,6 +41,7 @@ SLOW = {
     ("docs/mechanisms.md", "Pictures of a run"),
     ("docs/pictures.md", "Pictures"),
     ("docs/pictures.md", "Two runs"),
+    ("docs/results.md", "Results of a run"),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -73,10 +74,7 @@ def sections(document):
 
 DOCUMENTS = (
     "README.md",
-    "docs/tutorial.md",
-    "docs/own-scene.md",
-    "docs/mechanisms.md",
-    "docs/pictures.md",
+    *(f"docs/{page}.md" for page in ("tutorial", "own-scene", "mechanisms", "pictures", "results")),
 )
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]

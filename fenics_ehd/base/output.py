@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from importlib import import_module, metadata
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from fenics_ehd.base.whole_file import naming, whole_hdf5, write_whole
 
 __all__ = [
     "FAILED_FILM",
+    "SCENE_NAME",
     "SUMMARY",
+    "complete_result",
     "keeping_failed_film",
     "require_writable",
     "to_json",
@@ -35,6 +38,9 @@ FAILED_FILM = "failed_film.h5"
 
 #: Figures of a run and how it ended, written last.
 SUMMARY = "summary.json"
+
+#: Scene of a run, beside its history.
+SCENE_NAME = "scene.toml"
 
 
 def require_writable(path: str | Path) -> None:
@@ -65,6 +71,15 @@ def require_writable(path: str | Path) -> None:
                 pass
         except OSError as error:
             raise InputError(f"output {path}: {existing}: {error.strerror}") from None
+
+
+def complete_result(directory: Path) -> dict[str, Any] | None:
+    """Summary of the complete result in a folder, None where there is none."""
+    try:
+        summary = json.loads((directory / SUMMARY).read_text())
+        return summary if summary["status"] == "complete" else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:

@@ -77,24 +77,25 @@ def animate(
     from fenics_ehd.plotting.animation import require_animation_format, save_animation
     from fenics_ehd.plotting.animation_figure import draw
     from fenics_ehd.plotting.recorded import recorded
-    from fenics_ehd.results.motion import joint_histories
+    from fenics_ehd.results.load import load_results, run_within
     from fenics_ehd.results.replay import Replay
 
     path = Path(target or Path(directory) / DEFAULT_NAME)
     require_animation_format(path)
-    run = recorded(directory)
+    result = load_results(directory).last_cycle()
+    run = recorded(directory, result)
     motion = run.motion
     if len(motion.time) < 2:
         raise InputError(f"{directory}: 1 step on the disk, an animation needs 2: let it run on")
     name = _chosen(run, joint)
-    columns = joint_histories(directory)
+    columns = result.joints[name].columns if name else {}
     instants = motion.at(np.linspace(motion.time[0], motion.time[-1], frames))
     shown = Replay(run.system.mechanism, instants)
     figure, show = draw(
         run,
-        columns.get(name, columns.get("", {})),
+        columns | {"time_s": np.asarray(result.time)},
         shown,
-        _shapes(run, Path(directory), bases),
+        _shapes(run, run_within(Path(directory)), bases),
         name,
         scale,
     )

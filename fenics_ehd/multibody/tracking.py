@@ -65,9 +65,16 @@ class Tracker:
     ----------
     equations, norm
         Of the mechanism.
+
+    Attributes
+    ----------
+    places
+        Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``, once
+        there is a step.
     """
 
     def __init__(self, equations: StepEquations, norm: StepNorm):
+        self.places: dict[str, str] = {}
         self._equations, self._norm = equations, norm
         films = equations.system.films
         self._several = len(films) > 1
@@ -122,9 +129,9 @@ class Tracker:
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
         size, self.time = step.time - self.time, step.time
         row = {"time_s": step.time}
-        stored = {"coordinates": step.x[: system.n], "rates": step.rate[: system.n]}
+        stored = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
         if patterns := self._equations.responses.size:
-            stored["quasi_static"] = step.x[system.n : system.n + patterns]
+            stored["state/quasi_static"] = step.x[system.n : system.n + patterns]
         loads = self._loads(state.films)
         gaps = self._norm.film_gaps(step.observed)
         for place, film, gap in zip(system.films, state.films, gaps, strict=True):
@@ -135,13 +142,22 @@ class Tracker:
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
                     size, loads[place.bore_body], step.acceleration[own]
                 )
-            row |= {f"{prefix}{name}": value for name, value in figures.items()}
-            stored[f"{prefix}pressure_Pa"] = film.pressure
+            row |= self._placed(prefix, f"joints/{place.name}", figures)
+            path = f"joints/{place.name}/film"
+            stored[f"{path}/pressure"] = film.pressure
+            stored[f"{path}/gap"] = gap[-len(film.pressure) :]
             if film.fluid_fraction is not None:
-                stored[f"{prefix}fluid_fraction"] = film.fluid_fraction
+                stored[f"{path}/fluid_fraction"] = film.fluid_fraction
         row |= self._bodies(step) | self._energy(step)
         row |= {"step_s": size, "newton_iterations": step.newton_iterations}
         return row | {"rejected_steps": rejected}, stored
+
+    def _placed(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
+        """Columns of a joint or body, whose places are kept."""
+        found = {f"{prefix}{name}": value for name, value in figures.items()}
+        if found.keys() - self.places.keys():
+            self.places |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
+        return found
 
     def _loads(self, films: list[FilmState]) -> dict[str, np.ndarray]:
         """Pressures on the pressure nodes of all bores of a body, by the body's name."""
@@ -199,14 +215,15 @@ class Tracker:
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
-        system, row = self._equations.system, {}
+        system = self._equations.system
+        row: dict[str, float] = {}
         for name, body in system.each_name():
             first = system.bodies[name].start
             if body.angle is None:
                 continue
-            for place, column in zip(range(body.angle + 1), FRAME[2 - body.angle :], strict=True):
-                row[f"{name}.{column}"] = step.x[first + place]
-            row[f"{name}.speed_rad_per_s"] = step.rate[first + body.angle]
+            frame = dict(zip(FRAME[2 - body.angle :], step.x[first:], strict=False))
+            frame["speed_rad_per_s"] = step.rate[first + body.angle]
+            row |= self._placed(f"{name}.", f"bodies/{name}", frame)
         return row
 
     def _energy(self, step: MechanismStep) -> dict[str, float]:

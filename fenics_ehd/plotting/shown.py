@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,23 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.errors import EhdError
-from fenics_ehd.base.output import SUMMARY
 from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.film.shear import in_supply
 from fenics_ehd.multibody.joint_contact import joint_contact
+from fenics_ehd.multibody.result import FilmResult, Result
 from fenics_ehd.plotting.recorded import recorded
-from fenics_ehd.results.history_file import read_history
-from fenics_ehd.results.motion import joint_histories
-from fenics_ehd.results.replay import Replay
-from fenics_ehd.results.run_folder import SCENE_NAME
-from fenics_ehd.scenes.scene import lubricated_joints
-from fenics_ehd.scenes.scene_text import as_stored
+from fenics_ehd.results.load import load_results
 
 #: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.
 ANGLE, TIME = "crank_angle_deg", "time_s"
 
 #: Column of kinetic and strain energy, less those at the start.
 STORED = "stored_energy_J"
+
+#: Rounding of a turn.
+WHOLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +51,7 @@ class ShownFilm:
 
 
 class ShownRun:
-    """A run as drawn.
+    """The last cycle of a run, from its start on.
 
     Parameters
     ----------
@@ -66,8 +62,14 @@ class ShownRun:
 
     Attributes
     ----------
-    columns
-        Of its history, and the time of the cycle.
+    cycle
+        Its steps, and one at the start of the cycle if it is not that of the run.
+    time, angle
+        Of its steps [s], and of the crank [degrees], 0 where nothing turns.
+    starts
+        Whether it is that of an initial value problem from its start on.
+    told
+        What is to be said of a cycle that is not a full one, else nothing.
 
     Raises
     ------
@@ -77,38 +79,74 @@ class ShownRun:
 
     def __init__(self, name: str, directory: str | Path):
         self.name, self.directory = name, Path(directory)
-        self.told, self.starts, self.figures = "", False, dict[str, dict[str, float]]()
-        history = read_history(directory)
-        self.columns = history | {TIME: history.get("cycle_time_s", history[TIME])}
+        result = load_results(directory)
+        self.figures: Mapping[str, Mapping[str, Any]] = result.figures
+        used = str(result.summary.get("cycle_used", ""))
+        self.told = "" if used.startswith("last") else used
+        start = float(result.summary.get("cycle_start_s", 0.0))
+        self.starts = "cycle" not in result.run and start <= 0.0
+        if "cycle" in result.run:
+            self._close(result.last_cycle())
+        else:
+            self._from(result, start)
+
+    def _close(self, result: Result) -> None:
+        """A cycle begins as it ends."""
+        turned = _crank_angle(result)
+        turns = round((turned[-1] - turned[0]) / 360.0)
+        self._steps = result
+        self.cycle = result.each(lambda values: np.concatenate([values[-1:], values]))
+        self.time = np.append(0.0, result.time)
+        self.angle = np.append(turned[-1] - 360.0 * turns, turned)
+
+    def _from(self, result: Result, start: float) -> None:
+        """Begin at a time between two steps [s]."""
+        time = np.asarray(result.time)
+        first = int(np.searchsorted(time, start, side="right"))
+        share = (start - time[first - 1]) / (time[first] - time[first - 1]) if first else 0.0
+
+        def cut(values: np.ndarray) -> np.ndarray:
+            if not first:
+                return values
+            between = (1 - share) * values[first - 1] + share * values[first]
+            return np.concatenate([between[None], values[first:]])
+
+        self._steps = self.cycle = result.each(cut)
+        self.time = np.asarray(self.cycle.time) - start
+        angle = _crank_angle(self.cycle)
+        self.angle = angle - 360.0 * np.floor(angle.min() / 360.0 + WHOLE)
 
     @cached_property
     def joints(self) -> dict[str, ShownJoint]:
         """Its lubricated joints by name."""
-        shared = {ANGLE: self.columns[ANGLE]} if ANGLE in self.columns else {}
         return {
-            name: ShownJoint(self, name, own | shared)
-            for name, own in named_histories(self.directory).items()
+            name: ShownJoint(self, name, joint.columns | self._cycle_columns(self.cycle))
+            for name, joint in self.cycle.joints.items()
         }
 
     @property
     def whole(self) -> ShownJoint:
-        """Itself, its energies too."""
-        stored = self.columns["kinetic_energy_J"] + self.columns["strain_energy_J"]
-        return ShownJoint(self, "", self.columns | {STORED: stored - stored[0]})
+        """Itself, its energies too: works since the first step."""
+        columns = self._steps.run.columns
+        stored = columns["kinetic_energy_J"] + columns["strain_energy_J"]
+        over = self._cycle_columns(self._steps)
+        return ShownJoint(self, "", columns | over | {STORED: stored - stored[0]})
 
-    @cached_property
-    def replay(self) -> Replay | None:
-        """The mechanism over the cycle, None without scene, bodies or fields of it."""
-        with suppress(EhdError):
-            return recorded(self.directory)
-        return None
+    def _cycle_columns(self, steps: Result) -> dict[str, np.ndarray]:
+        """What curves over some of the last steps are drawn over."""
+        found = {TIME: self.time[-len(steps) :]}
+        return found | ({ANGLE: self.angle[-len(steps) :]} if np.ptp(self.angle) else {})
 
-    @cached_property
-    def summary(self) -> Mapping[str, Any]:
-        """Its figures, none of a run that was killed."""
-        with suppress(OSError, ValueError):
-            return json.loads((self.directory / SUMMARY).read_text())
-        return {}
+    def contact_pressure(self, joint: str, gap: np.ndarray) -> np.ndarray | None:
+        """Of nominal gaps at the nodes of a film, None between smooth surfaces [Pa]."""
+        if "contact_force" not in self.cycle.joints[joint]:
+            return None
+        films = recorded(self.directory, self._steps).system.films
+        place = next(place for place in films if place.name == joint)
+        contact = joint_contact(place)
+        assert contact is not None
+        deep = in_supply(place.film.film, *place.film.film.parameters.grid.node_positions.T)
+        return np.where(deep, 0.0, contact.surfaces.asperities.touch(gap).pressure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +158,7 @@ class ShownJoint:
     run, name
         Which.
     columns
-        Of the history.
+        Of its history over the cycle.
     """
 
     run: ShownRun
@@ -128,30 +166,27 @@ class ShownJoint:
     columns: Mapping[str, np.ndarray]
 
     @cached_property
-    def film(self) -> ShownFilm | None:
-        """Fields of its film, None where they are not to be had."""
-        replay = self.run.replay
-        place = (
-            next((p for p in replay.system.films if p.name == self.name), None) if replay else None
-        )
-        if replay is None or place is None:
-            return None
-        gap, contact = replay.gaps[self.name], joint_contact(place)
-        parameters = place.film.film.parameters
+    def film(self) -> ShownFilm:
+        """Fields of its film."""
+        film = self.run.cycle.joints[self.name].film
+        gap = np.asarray(film.gap)
         return ShownFilm(
-            parameters.grid,
-            parameters.clearance,
-            replay.motion.pressures[self.name],
+            _grid(film),
+            film.clearance,
+            np.asarray(film.pressure),
             gap,
-            None if contact is None else contact.surfaces.asperities.touch(gap).pressure,
+            self.run.contact_pressure(self.name, gap),
         )
 
 
-def named_histories(directory: Path) -> dict[str, dict[str, np.ndarray]]:
-    """As `joint_histories`, the only joint with its name too, if the folder has its scene."""
-    found = joint_histories(directory)
-    if list(found) == [""]:
-        with suppress(EhdError):
-            (name,) = lubricated_joints(as_stored(directory / SCENE_NAME))
-            return {name: found[""]}
-    return found
+def _crank_angle(result: Result) -> np.ndarray:
+    """At all steps [degrees]."""
+    return np.asarray(result.run.get("crank_angle", np.zeros(len(result))))
+
+
+def _grid(film: FilmResult) -> FilmGrid:
+    """The mesh, whose cells begin with their corner of the first angle and height."""
+    corners = film.cells[:, :4]
+    angles = np.unique(np.asarray(film.angle)[corners[:, 0]])
+    heights = np.unique(np.asarray(film.height)[corners])
+    return FilmGrid(film.radius, np.append(angles, angles[0] + 2 * np.pi), heights, film.family)

@@ -1,20 +1,14 @@
-"""What the folder of a run says of its mechanism's motion, at any instants."""
+"""What a run says of its mechanism's motion, at any instants."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, interp1d
 
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.results.history_file import read_fields, read_history
-
-#: What the columns and fields of a lubricated joint end with.
-PEAK, PRESSURE = "max_pressure_Pa", "pressure_Pa"
+from fenics_ehd.multibody.result import Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +32,17 @@ class RecordedMotion:
     rates: np.ndarray
     quasi_static: np.ndarray
     pressures: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of(cls, result: Result) -> RecordedMotion:
+        """All steps of a run whose films were read, over the time since its start."""
+        return cls(
+            np.asarray(result.run.time),
+            result.coordinates,
+            result.rates,
+            result.quasi_static,
+            {name: np.asarray(joint.film.pressure) for name, joint in result.joints.items()},
+        )
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> RecordedMotion:
         """Its values with their first axis changed."""
@@ -64,50 +69,3 @@ class RecordedMotion:
         cubics = CubicHermiteSpline(self.time, self.coordinates, self.rates)
         straight = self.each(lambda values: interp1d(self.time, values, axis=0)(time))
         return replace(straight, coordinates=cubics(time))
-
-
-def read_motion(directory: str | Path, mechanism: Mechanism) -> RecordedMotion:
-    """Steps of a run, also of one that goes on or was killed.
-
-    Parameters
-    ----------
-    directory
-        Of the run.
-    mechanism
-        That it was of.
-
-    Raises
-    ------
-    InputError
-        The folder holds no history of at least one step with its fields.
-    """
-    joints = [n for n, joint in mechanism.joints.items() if isinstance(joint, LubricatedJoint)]
-    named = {f"{name}.{PRESSURE}" if len(joints) > 1 else PRESSURE: name for name in joints}
-    fields = read_fields(directory, ("coordinates", "rates", *named))
-    fields |= read_fields(directory, ("quasi_static",), optional=True)
-    time = read_history(directory)["time_s"]
-    # Rows of the CSV reach the disk one by one, those of the fields in blocks.
-    steps = min(len(time), *(len(values) for values in fields.values()))
-    patterns = fields.get("quasi_static", np.zeros((steps, 0)))
-    pressures = {name: fields[field] for field, name in named.items()}
-    motion = RecordedMotion(time, fields["coordinates"], fields["rates"], patterns, pressures)
-    return motion.each(lambda values: values[:steps])
-
-
-def joint_histories(directory: str | Path) -> dict[str, dict[str, np.ndarray]]:
-    """Columns of every lubricated joint by its name, that of a run's only one empty.
-
-    Their ``time_s`` is that of the cycle where the run is periodic.
-
-    Raises
-    ------
-    InputError
-        See `read_history`.
-    """
-    history = read_history(directory)
-    time = history.get("cycle_time_s", history["time_s"])
-    found = {}
-    for prefix in (name.removesuffix(PEAK) for name in history if name.endswith(PEAK)):
-        own = {n.removeprefix(prefix): v for n, v in history.items() if n.startswith(prefix)}
-        found[prefix.removesuffix(".")] = own | {"time_s": time}
-    return found

@@ -14,7 +14,8 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction import ReducedBody, Structure
 from fenics_ehd.reduction.residual_flexibility import pattern_fields
-from fenics_ehd.results.motion import read_motion
+from fenics_ehd.results.load import load_results
+from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.replay import Replay
 
 #: meshio's names of quadratic cells, by their number of nodes.
@@ -103,7 +104,7 @@ def write_bodies(
     InputError
         The folder holds no history.
     """
-    replay = Replay(mechanism, read_motion(directory, mechanism).nearest(frames))
+    replay = Replay(mechanism, RecordedMotion.of(load_results(directory)).nearest(frames))
     return [
         write_series(
             directory / "vtk",

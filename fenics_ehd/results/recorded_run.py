@@ -10,7 +10,6 @@ from pathlib import Path
 from time import monotonic, perf_counter, process_time
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from fenics_ehd.base.errors import EhdError, InputError, OutputError
@@ -18,6 +17,7 @@ from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.base.output import keeping_failed_film, write_summary
 from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.recorder import Fixed, cycle_columns, cycle_figures
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.tracking import Tracker
@@ -90,20 +90,13 @@ class RecordedRun:
             if self.tracker.begins(self.cycles):
                 self.first_row = history.rows
             row, fields = self.tracker.add(step)
-            if self.cycles is not None:
-                into = step.time - self.cycles.start
-                row |= {"cycle": self.cycles.number, "cycle_time_s": into}
-            history.add(row, fields)
+            history.add(row | cycle_columns(self.cycles, step.time), fields)
             self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
             yield step
 
     def figures(self) -> dict[str, Any]:
         """What ``summary.json`` has of it."""
-        found = self.tracker.figures()
-        if self.cycles is not None:
-            found["cycles"] = self.cycles.number
-            found["periodicity_defect"] = self.cycles.defect
-        return found
+        return self.tracker.figures() | cycle_figures(self.cycles)
 
 
 class Checkpoints:
@@ -188,7 +181,7 @@ def record_run(
         rows = int(former["rows"])
         seconds = float(former["reduction_seconds"])
         about = {**about, "reduction_time_s": seconds, "scene": former["name"]}
-    history = HistoryWriter(directory, _constants(recorded.run), resumed=rows)
+    history = history_of(recorded, directory, rows)
     stored = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
     checkpoints = Checkpoints(history, interval, {**stored, "scene": fingerprints})
 
@@ -245,15 +238,11 @@ def _show(bar: tqdm, recorded: RecordedRun, step: MechanismStep) -> None:
     bar.update(min(into, bar.total) - bar.n)
 
 
-def _constants(run: Run) -> dict[str, np.ndarray]:
-    """What a history holds once: nodes of every film, angle [rad] and height [m]."""
-    films = run.equations.system.films
-    return {
-        f"{place.name}.film_nodes" if len(films) > 1 else "film_nodes": (
-            place.film.film.parameters.grid.node_positions
-        )
-        for place in films
-    }
+def history_of(recorded: RecordedRun, directory: Path, resumed: int | None = None) -> HistoryWriter:
+    """Writer of a run's history, which goes on after `resumed` rows."""
+    fixed = Fixed.of(recorded.run.equations.system)
+    places = recorded.tracker.places
+    return HistoryWriter(directory, fixed.arrays, fixed.attributes(), places, resumed=resumed)
 
 
 def require_same_scene(

@@ -7,25 +7,29 @@ is put in order by whoever opens it next: it holds nothing, or a run to go on wi
 
 from __future__ import annotations
 
-import json
 import shutil
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from secrets import token_hex
 from types import TracebackType
-from typing import Any
 
 import click
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import EhdError, InputError, OutputError
 from fenics_ehd.base.lock import locked
-from fenics_ehd.base.output import FAILED_FILM, SUMMARY, require_writable
+from fenics_ehd.base.output import (
+    FAILED_FILM,
+    SCENE_NAME,
+    SUMMARY,
+    complete_result,
+    require_writable,
+)
 from fenics_ehd.results.checkpoint import CHECKPOINT
 from fenics_ehd.results.history_file import CSV_NAME, FIELDS_NAME
 
-#: Scene and body of a run, beside its history, to go on with.
-SCENE_NAME, BODY_NAME = "scene.toml", "body.h5"
+#: Body of a run, beside its history, to go on with.
+BODY_NAME = "body.h5"
 
 #: Held by the process that works in the folder.
 LOCK = ".lock"
@@ -80,15 +84,6 @@ def require_no_result(directory: Path) -> None:
         raise InputError(
             f"{directory}: holds a complete result, choose another folder or --overwrite"
         )
-
-
-def complete_result(directory: Path) -> dict[str, Any] | None:
-    """Summary of the complete result in a folder, None where there is none."""
-    try:
-        summary = json.loads((directory / SUMMARY).read_text())
-        return summary if summary["status"] == "complete" else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
 
 
 def first_rank_folder(directory: Path, overwrite: bool) -> RunFolder | AbstractContextManager[None]:
