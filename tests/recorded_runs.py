@@ -10,7 +10,7 @@ from mpi4py import MPI
 from fenics_ehd.plotting.animation_shape import shape_of_basis
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import BasisFile, save_basis
-from fenics_ehd.results.paraview import gather_part
+from fenics_ehd.results.part_fields import gather_part
 from fenics_ehd.results.progress import progress_bar
 from fenics_ehd.scenes.build import build_mechanism
 from fenics_ehd.scenes.given import with_method

@@ -120,8 +120,8 @@ def test_run_from_body_file_equals_run_from_mesh(body, tmp_path):
     assert a["min_film_thickness_m"] == b["min_film_thickness_m"]
     assert not (tmp_path / "a" / "max_pressure.png").exists()
     meshio = pytest.importorskip("meshio")
-    assert len(list((tmp_path / "a" / "vtk").glob("*.vtu"))) == 3
-    mesh = meshio.read(tmp_path / "a" / "vtk" / "rod_0002.vtu")
+    assert len(list((tmp_path / "a" / "vtk").glob("*.vtm"))) == 3
+    mesh = meshio.read(tmp_path / "a" / "vtk" / "bodies-rod_0002.vtu")
     with h5py.File(tmp_path / "a" / "history.h5") as file:
         peak = file["joints/big_end/film/pressure"][-1].max()
     # The 20-node rod lacks the film's cell centres, so the peak may lie between its nodes.

@@ -63,7 +63,7 @@ def cli() -> None:
 @click.option(
     "--vtk",
     is_flag=True,
-    help="Write a ParaView series: the flexible bodies as they move, their elastic "
+    help="Write a ParaView series, vtk/run.pvd: bodies and films as they move, their elastic "
     "displacement to warp by, the pressure.",
 )
 @click.option(

@@ -22,11 +22,11 @@ from fenics_ehd.results.run_folder import RunFolder, complete_result, first_rank
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.given import with_body, with_method
 from fenics_ehd.scenes.run import run_scene, stored_scene
-from fenics_ehd.scenes.scene import Scene, meshed
+from fenics_ehd.scenes.scene import Scene
 from fenics_ehd.scenes.scene_text import as_stored
 
 if TYPE_CHECKING:  # slow to import, for ParaView series only
-    from fenics_ehd.results.paraview import PartFields
+    from fenics_ehd.results.part_fields import PartFields
 
 
 #: Basis error estimate over the thinnest film above which it is said to be large.
@@ -59,11 +59,6 @@ def run(
         scene = replace(scene, output=attrs.evolve(scene.output, paraview=True, frames=frames))
     warn_of(scene.warnings)
     require_writable(directory)
-    if scene.output.paraview and not meshed(scene):
-        raise SettingsError(
-            f"--vtk, output.paraview: scene {scene.name} has no flexible body with a mesh, which "
-            "a file of a reduced body does not hold"
-        )
     with first_rank_folder(directory, overwrite) as folder:
         built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
         parts = _whole_parts(built) if scene.output.paraview else {}
@@ -74,7 +69,7 @@ def run(
 
 def _whole_parts(built: Built) -> dict[str, PartFields]:
     """Bodies reduced here, for a ParaView series; collective."""
-    from fenics_ehd.results.paraview import gather_part
+    from fenics_ehd.results.part_fields import gather_part
 
     parts = {
         name: gather_part(part.structure, part.body, part.columns)
@@ -93,8 +88,6 @@ def resume(directory: Path, plots: bool, interval: float, as_json: bool) -> None
             return
         former = load_run_state(folder.path)
         scene, built = stored_scene(folder.path)
-        if scene.output.paraview:
-            warn_of(["no ParaView series of a run that goes on: the mesh is not in its folder"])
         _finish(scene, built, folder, interval, plots, as_json, former)
 
 
@@ -121,13 +114,25 @@ def _finish(
         from fenics_ehd.plotting.pictures import plot_run
 
         plot_run(folder.path)
-    if parts:
-        from fenics_ehd.results.paraview import write_bodies
-
-        write_bodies(built.mechanism, parts, folder.path, scene.output.frames)
+    if scene.output.paraview:
+        _write_series(scene, built, folder.path, parts or {})
     click.echo(to_json(summary) if as_json else report(summary, folder.directory))
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
+
+
+def _write_series(
+    scene: Scene, built: Built, directory: Path, parts: Mapping[str, PartFields]
+) -> None:
+    """The run for ParaView; bodies from files, and all of a run that goes on, have no mesh."""
+    from fenics_ehd.results.load import load_results
+    from fenics_ehd.results.paraview import write_run
+
+    if without := sorted(built.parts.keys() - parts.keys()):
+        named = ", ".join(without)
+        warn_of([f"{named}: no mesh is in a reduced body's file, ParaView has lines and films"])
+    frames = scene.output.frames
+    write_run(built.mechanism, load_results(directory), parts, directory / "vtk", frames)
 
 
 def report(summary: Mapping[str, Any], directory: Path) -> str:

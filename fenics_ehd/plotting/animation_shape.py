@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from fenics_ehd.plotting.animation_part import front_faces
 from fenics_ehd.reduction import BasisFile, ReducedBody
+from fenics_ehd.reduction.body import bore_fields
 
 #: Largest difference of bore rows from the body's, relative to the largest of these.
 AGREEMENT = 1e-6
@@ -38,13 +39,6 @@ class PartShape:
     faces: np.ndarray
     fields: np.ndarray
     mesh: bool = True
-
-
-def bore_fields(body: ReducedBody) -> np.ndarray:
-    """Displacement of all bores' nodes, of coordinates and patterns, shape (m, 3, n + r)."""
-    if body.residual is None:
-        return body.bore_basis
-    return np.concatenate([body.bore_basis, body.residual.displacement], axis=2)
 
 
 def shape_of_basis(file: BasisFile, body: ReducedBody) -> PartShape | None:

@@ -56,8 +56,7 @@ class RecordedMotion:
 
     def nearest(self, count: int) -> RecordedMotion:
         """At most `count` recorded steps, spread as evenly as they lie."""
-        wanted = np.linspace(self.time[0], self.time[-1], count)
-        chosen = np.unique(np.abs(self.time[:, None] - wanted).argmin(axis=0))
+        chosen = nearest_steps(self.time, count)
         return self.each(lambda values: values[chosen])
 
     def at(self, time: np.ndarray) -> RecordedMotion:
@@ -69,3 +68,9 @@ class RecordedMotion:
         cubics = CubicHermiteSpline(self.time, self.coordinates, self.rates)
         straight = self.each(lambda values: interp1d(self.time, values, axis=0)(time))
         return replace(straight, coordinates=cubics(time))
+
+
+def nearest_steps(time: np.ndarray, count: int) -> np.ndarray:
+    """At most `count` steps, spread as evenly as they lie, by their number."""
+    wanted = np.linspace(time[0], time[-1], count)
+    return np.unique(np.abs(time[:, None] - wanted).argmin(axis=0))

@@ -67,6 +67,7 @@ RESULTS = (
     FAILED_FILM,
     "animation.*",
     "vtk/*.pvd",
+    "vtk/*_[0-9][0-9][0-9][0-9].vtm",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
     *(f"{name}{ending}" for name in PICTURES for ending in (".*", "-*.png", "-*.svg")),
 )
