@@ -46,6 +46,8 @@ class Panel:
         Whether means over time are drawn and told.
     scale
         ``"zero"``: linear from zero on; ``"linear"``; ``"log"``; ``"angle"``: once around.
+    unchanged
+        Whether columns that are all zero are drawn.
     """
 
     label: str
@@ -54,13 +56,14 @@ class Panel:
     extreme: Callable[[np.ndarray], np.intp] | None = None
     mean: bool = False
     scale: str = "zero"
+    unchanged: bool = False
 
     def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
         """What those that a history has, known and not all zero, are called."""
         shown = {}
         for pattern, called in self.columns.items():
             for name, values in columns.items():
-                if fnmatchcase(name, pattern) and _told(values):
+                if fnmatchcase(name, pattern) and (self.unchanged or _told(values)):
                     star = name.removesuffix(pattern.removeprefix("*")).strip("_.")
                     shown[name] = called or star.replace("_", " ")
         return shown
@@ -117,8 +120,11 @@ class Curves:
 
     def difference(self, rows: Rows) -> Figure:
         """The figure of the second run of every row less the first."""
-        panels = tuple(replace(panel, scale="linear", extreme=_largest) for panel in self.panels)
         less = {title: [subtracted(*joints)] for title, joints in rows.items()}
+        panels = tuple(
+            replace(panel, scale="linear", extreme=_largest, mean=False, unchanged=True)
+            for panel in self.panels
+        )
         figure = replace(self, panels=panels).draw(less)
         for axes in figure.axes:
             axes.axhline(0.0, color="0.3", linewidth=0.8, zorder=1)
