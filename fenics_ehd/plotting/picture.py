@@ -7,6 +7,7 @@ in grey; dashes say once more which curve is which.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -89,6 +90,14 @@ def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
         told = {"Date": None} if path.suffix == ".svg" else {}
         with plt.rc_context({"svg.hashsalt": SETTINGS["svg.hashsalt"]}):
             figure.savefig(picture, format=path.suffix[1:], dpi=150, metadata=told)
-        write_whole(path, picture.getbuffer())
+        content = picture.getvalue()
+        write_whole(path, _numbered_clips(content) if path.suffix == ".svg" else content)
     plt.close(figure)
     return written
+
+
+def _numbered_clips(svg: bytes) -> bytes:
+    """With names of clip paths in their order: matplotlib makes them of addresses in memory."""
+    for number, name in enumerate(re.findall(rb'<clipPath id="(\w+)"', svg)):
+        svg = svg.replace(name, b"clip%d" % number)
+    return svg
