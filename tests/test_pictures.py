@@ -85,6 +85,24 @@ def test_a_curve_is_its_column_over_the_crank_angle(quantity, column, factor, to
     assert axes.get_ylim()[0] == 0.0
 
 
+@pytest.mark.parametrize("quantity", ["max_pressure", "min_film_thickness"])
+def test_the_band_is_the_error_that_the_run_states(quantity):
+    budget = {quantity: {"total": 0.02}, "largest_over_cycle": {quantity: {"total": 0.05}}}
+    one = joint(figures={"big_end": {"error_budget": budget}})
+    (axes,) = drawn(quantity, one)
+    (line,) = curves(axes)
+    y = line.get_ydata()
+    half = 0.05 * (y.max() if quantity == "max_pressure" else y)
+    (band,) = axes.collections
+    lower, upper = (band.get_paths()[0].vertices[:, 1][s] for s in (slice(1, 41), slice(42, 82)))
+    np.testing.assert_allclose(lower, y - half)
+    np.testing.assert_allclose(upper, (y + half)[::-1])
+    assert axes.get_legend().get_texts()[0].get_text().endswith("± 2 %")
+    budget[quantity]["total"] = "not estimated"
+    (axes,) = drawn(quantity, one)
+    assert not axes.collections
+
+
 def test_equal_curves_of_two_runs_are_both_seen():
     (axes,) = drawn("max_pressure", joint(run="one"), joint(run="two"))
     one, two = curves(axes)

@@ -46,6 +46,8 @@ class Panel:
         Whether means over time are drawn and told.
     scale
         ``"zero"``: linear from zero on; ``"linear"``; ``"log"``; ``"angle"``: once around.
+    budget
+        What the run's error budget calls it, whose total is drawn as a band; empty: it does not.
     unchanged
         Whether columns that are all zero are drawn.
     """
@@ -56,6 +58,7 @@ class Panel:
     extreme: Callable[[np.ndarray], np.intp] | None = None
     mean: bool = False
     scale: str = "zero"
+    budget: str = ""
     unchanged: bool = False
 
     def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
@@ -122,7 +125,7 @@ class Curves:
         """The figure of the second run of every row less the first."""
         less = {title: [subtracted(*joints)] for title, joints in rows.items()}
         panels = tuple(
-            replace(panel, scale="linear", extreme=_largest, mean=False, unchanged=True)
+            replace(panel, scale="linear", extreme=_largest, mean=False, budget="", unchanged=True)
             for panel in self.panels
         )
         figure = replace(self, panels=panels).draw(less)
@@ -152,6 +155,12 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             place = panel.extreme(y)
             axes.plot(x[place], y[place], "o", color=look["color"], markersize=5, zorder=4)
             figures.append(f"{panel.figure(y[place])} at {said(x[place], over)}")
+        if (worth := _worth(joint, panel.budget)) is not None:
+            extreme, largest = worth
+            # Pressures are judged over their peak, films place by place.
+            half = largest * (y.max() if panel.extreme is np.argmax else y)
+            axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
+            figures[-1] += f" ± {100 * extreme:.2g} %"
         if panel.mean:
             average = panel.factor * _average(joint, column)
             axes.axhline(average, color=look["color"], linewidth=0.8, alpha=0.7, zorder=1)
@@ -162,6 +171,15 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             y = np.where(np.abs(np.diff(y, append=y[-1])) > 180.0, np.nan, y)  # once around
         axes.plot(x, y, label=label or None, **look)
     _lay_out(axes, joints, panel, over)
+
+
+def _worth(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
+    """Estimated relative errors of an extreme and over the cycle, None where there are none."""
+    budget = joint.run.figures.get(joint.name, {}).get("error_budget", {})
+    if quantity not in budget:
+        return None
+    errors = budget[quantity]["total"], budget["largest_over_cycle"][quantity]["total"]
+    return None if any(isinstance(error, str) for error in errors) else errors
 
 
 def _average(joint: ShownJoint, column: str) -> float:

@@ -41,11 +41,27 @@ class Subtractable(Protocol):
 _ALL: tuple[Quantity, ...] = (
     Curves(
         "max_pressure",
-        (Panel("maximum pressure [MPa]", {"max_pressure_Pa": ""}, 1e-6, np.argmax),),
+        (
+            Panel(
+                "maximum pressure [MPa]",
+                {"max_pressure_Pa": ""},
+                1e-6,
+                np.argmax,
+                budget="max_pressure",
+            ),
+        ),
     ),
     Curves(
         "min_film_thickness",
-        (Panel("minimum film thickness [µm]", {"min_film_thickness_m": ""}, 1e6, np.argmin),),
+        (
+            Panel(
+                "minimum film thickness [µm]",
+                {"min_film_thickness_m": ""},
+                1e6,
+                np.argmin,
+                budget="min_film_thickness",
+            ),
+        ),
     ),
     Paths(
         "orbit",
