@@ -205,7 +205,17 @@ def filmed(width=0.02, cells=(8, 2), peak=0.0, run="one", **columns):
     along = 1.0 - (2 * height / width) ** 2
     gap = CLEARANCE * (1 - 0.6 * np.cos(angle - time) + 0.1 * np.cos(2 * angle))
     pressure = 1e6 * (20 + peak) * np.maximum(np.cos(angle - time), 0.0) * along
-    one = joint(run=run, **columns)
+    peak, thin = (x.argmax(axis=1) for x in (pressure, -gap))
+    rows = np.arange(len(TURN))
+    places = {
+        "max_pressure_Pa": pressure[rows, peak],
+        "max_pressure_angle_deg": np.degrees(angle[peak]),
+        "max_pressure_height_m": height[peak],
+        "min_film_thickness_m": gap[rows, thin],
+        "min_film_angle_deg": np.degrees(angle[thin]),
+        "min_film_height_m": height[thin],
+    }
+    one = joint(run=run, **places | columns)
     one.__dict__["film"] = ShownFilm(grid, CLEARANCE, pressure, gap, None)
     return one
 

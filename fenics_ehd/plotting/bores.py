@@ -38,7 +38,7 @@ class Bores:
 
     def has(self, joint: ShownJoint) -> bool:
         """Whether there is anything to draw."""
-        return joint.film is not None
+        return bool(joint.name)
 
     def draw(self, rows: Rows) -> Figure:
         """The figure: two instants beside each other, every joint and run below the other."""
@@ -48,18 +48,16 @@ class Bores:
             squeeze=False,
         )  # fmt: skip
         for places, (title, joint, joints) in zip(panels, cells, strict=True):
-            film = joint.film
-            assert film is not None
             name = ", ".join(filter(None, (title, joint.run.name if len(joints) > 1 else "")))
             steps = {
-                "peak pressure": int(film.pressure.max(axis=1).argmax()),
-                "minimum film": int(film.gap.min(axis=1).argmin()),
+                "peak pressure": int(joint.columns["max_pressure_Pa"].argmax()),
+                "minimum film": int(joint.columns["min_film_thickness_m"].argmin()),
             }
-            scale = _scale(film, list(steps.values()))
+            scale = _scale(joint.film, list(steps.values()))
             for axes, (instant, step) in zip(places, steps.items(), strict=True):
                 over = common_axis([joint])
                 now = joint.columns[over][step] * (1.0 if over == ANGLE else 1e3)
-                _draw(axes, film, step, scale)
+                _draw(axes, joint, step, scale)
                 told = f"{instant}, {said(now, over)}\nclearance and deformation × {scale:g}"
                 axes.set_title(f"{name}: {told}" if name else told)
         return figure
@@ -105,7 +103,8 @@ def _scale(film: ShownFilm, steps: list[int]) -> float:
     return float(np.floor(scale / digits) * digits)
 
 
-def _draw(axes: Axes, film: ShownFilm, step: int, scale: float) -> None:
+def _draw(axes: Axes, joint: ShownJoint, step: int, scale: float) -> None:
+    film, now = joint.film, {name: values[step] for name, values in joint.columns.items()}
     angle = np.linspace(-np.pi, np.pi, AROUND)
     gap, pressure, place = profile(film, step)
     radius = film.grid.radius
@@ -114,7 +113,7 @@ def _draw(axes: Axes, film: ShownFilm, step: int, scale: float) -> None:
     highest = film.pressure.max()
     tip = bore + FAN * (pressure / highest if highest > 0 else pressure)
     fan = np.hstack([bore * round_about, (tip * round_about)[:, ::-1]])
-    told = f"pressure, up to {1e-6 * pressure.max():.4g} MPa"
+    told = f"pressure, up to {1e-6 * now['max_pressure_Pa']:.4g} MPa"
     axes.fill(*fan, color=RED, alpha=0.35, linewidth=0, clip_on=False, label=told)
     axes.plot(*round_about, color="0.4", linewidth=1.0, linestyle=":", label="round bore")
     centre = scale / radius * place
@@ -124,7 +123,7 @@ def _draw(axes: Axes, film: ShownFilm, step: int, scale: float) -> None:
     axes.plot(*centre, "+", color="0.35")
     thin = int(gap.argmin())
     axes.plot(*(bore[thin] * round_about[:, thin]), "o", color="white", markeredgecolor="black",
-              label=f"thinnest, {1e6 * gap[thin]:.3g} µm")  # fmt: skip
+              label=f"thinnest, {1e6 * now['min_film_thickness_m']:.4g} µm")  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH))
     axes.axis("off")

@@ -23,12 +23,13 @@ HEIGHT = 2.5
 
 
 class Raster(NamedTuple):
-    """Values over angle [degrees] and height [mm], shape (b, a), (a,), (b,)."""
+    """Values over angle [degrees] and height [mm], shape (b, a), (a,), (b,); what is marked."""
 
     values: np.ndarray
     angle: np.ndarray
     height: np.ndarray
     title: str
+    mark: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,9 @@ class Map:
         To that unit.
     colours
         Their name.
-    extreme
-        Place that is marked, `numpy.argmax` or `numpy.argmin`.
+    marked
+        Columns of the extreme that is marked, of its angle [degrees] and height [m]: what is seen
+        between the nodes counts too. Empty: the largest value at them.
     """
 
     name: str
@@ -59,11 +61,11 @@ class Map:
     nodal: Callable[[np.ndarray, np.ndarray], np.ndarray]
     factor: float
     colours: str
-    extreme: Callable[[np.ndarray], np.intp]
+    marked: tuple[str, ...] = ()
 
     def has(self, joint: ShownJoint) -> bool:
         """Whether there is anything to draw."""
-        return joint.film is not None and getattr(joint.film, self.fields) is not None
+        return getattr(joint.film, self.fields) is not None
 
     def draw(self, rows: Rows) -> Figure:
         """The figure, all runs of a joint in the same colours."""
@@ -73,7 +75,7 @@ class Map:
             low = min(r.values.min() for r in found) if self.fields == "gap" else 0.0
             levels = _levels(low, max(r.values.max() for r in found))
             panels += [(raster, levels) for raster in found]
-        return self._figure(panels, self.colours, self.extreme)
+        return self._figure(panels, self.colours)
 
     def difference(self, rows: Rows) -> Figure:
         """The figure of the second run of every row less the first."""
@@ -82,8 +84,9 @@ class Map:
             one = self.raster(first, title)
             values = self.raster(second, title, one).values - one.values
             largest = float(np.abs(values).max())
-            panels.append((one._replace(values=values), _levels(-largest, largest)))
-        return self._figure(panels, DIFFERENCES, lambda values: np.argmax(np.abs(values)))
+            less = one._replace(values=values, mark=_largest(values, one.angle, one.height))
+            panels.append((less, _levels(-largest, largest)))
+        return self._figure(panels, DIFFERENCES)
 
     def raster(self, joint: ShownJoint, title: str, like: Raster | None = None) -> Raster:
         """Of one joint, at the lines of its mesh or at those of another.
@@ -94,7 +97,6 @@ class Map:
             The other one is of a bore of another width.
         """
         film = joint.film
-        assert film is not None
         values = getattr(film, self.fields)
         nodal = self.factor * self.nodal(values, joint.columns[TIME][: len(values)])
         angle, height = (np.unique(x.round(9)) for x in film.grid.node_positions.T)
@@ -108,28 +110,32 @@ class Map:
                 )
             angle, height = like.angle, like.height
         around, along = (x.ravel() for x in np.meshgrid(np.radians(angle), 1e-3 * height))
-        found = film.grid.interpolation(around, along) @ nodal
-        return Raster(found.reshape(len(height), len(angle)), angle, height, title)
+        found = (film.grid.interpolation(around, along) @ nodal).reshape(len(height), len(angle))
+        return Raster(found, angle, height, title, self._mark(joint, found, angle, height))
 
-    def _figure(
-        self,
-        panels: list[tuple[Raster, np.ndarray]],
-        colours: str,
-        extreme: Callable[[np.ndarray], np.intp],
-    ) -> Figure:
+    def _mark(
+        self, joint: ShownJoint, values: np.ndarray, angle: np.ndarray, height: np.ndarray
+    ) -> tuple[float, float, float]:
+        """Value, angle and height of what is marked."""
+        if not self.marked:
+            return _largest(values, angle, height)
+        column, *place = (joint.columns[name] for name in self.marked)
+        step = column.argmin() if self.fields == "gap" else column.argmax()
+        return self.factor * column[step], place[0][step], 1e3 * place[1][step]
+
+    def _figure(self, panels: list[tuple[Raster, np.ndarray]], colours: str) -> Figure:
         figure, places = plt.subplots(
             len(panels), figsize=(WIDTH, HEIGHT * len(panels) + 0.5), layout="constrained",
             sharex=True, squeeze=False,
         )  # fmt: skip
         for axes, (raster, levels) in zip(places.flat, panels, strict=True):
-            values, angle, height, title = raster
+            values, angle, height, title, (value, where, z) = raster
             image = axes.contourf(angle, height, values, levels, cmap=colours)
             axes.contour(angle, height, values, levels, colors="0.2", linewidths=0.4)
-            row, column = np.unravel_index(extreme(values), values.shape)
-            axes.plot(angle[column], height[row], "o", markerfacecolor="white",
-                      markeredgecolor="black", clip_on=False)  # fmt: skip
-            place = f"at {angle[column]:.0f}°, z = {height[row]:.3g} mm"
-            axes.set_title(f"{with_unit(values[row, column], self.label)} {place}", loc="right")
+            axes.plot(where, z, "o", markerfacecolor="white", markeredgecolor="black",
+                      clip_on=False)  # fmt: skip
+            place = f"at {where:.0f}°, z = {z + 0.0:.3g} mm"
+            axes.set_title(f"{with_unit(value, self.label)} {place}", loc="right")
             axes.set_title(title, loc="left", fontweight="bold")
             axes.set(ylabel="z [mm]", xticks=np.arange(-180, 181, 45))
             axes.grid(False)
@@ -141,6 +147,13 @@ class Map:
 def _levels(low: float, high: float) -> np.ndarray:
     """Values between two colours."""
     return MaxNLocator(LEVELS).tick_values(low, high if high > low else low + 1.0)
+
+
+def _largest(
+    values: np.ndarray, angle: np.ndarray, height: np.ndarray
+) -> tuple[float, float, float]:
+    row, column = np.unravel_index(np.argmax(np.abs(values)), values.shape)
+    return values[row, column], angle[column], height[row]
 
 
 def _title(title: str, joint: ShownJoint, runs: int) -> str:
