@@ -1,6 +1,8 @@
 """Pictures of runs: which there are, and that they show what the history holds."""
 
+import json
 from fnmatch import fnmatch
+from pathlib import Path
 from shutil import copytree
 from types import SimpleNamespace
 
@@ -16,7 +18,7 @@ from fenics_ehd.plotting import bores
 from fenics_ehd.plotting.picture import COLOURS, plt
 from fenics_ehd.plotting.pictures import Pictures, plot_run
 from fenics_ehd.plotting.quantities import OF_EVERY_RUN, QUANTITIES
-from fenics_ehd.plotting.shown import ShownFilm, ShownJoint
+from fenics_ehd.plotting.shown import ShownFilm, ShownJoint, ShownRun
 from fenics_ehd.results.run_folder import RESULTS
 
 #: Steps of a cycle, short and long ones.
@@ -293,6 +295,15 @@ def test_pictures_of_a_former_run_go_with_it():
             assert any(fnmatch(file, pattern) for pattern in RESULTS), file
 
 
+def test_the_command_and_its_page_name_every_quantity(capsys):
+    assert plot("--help") == 0
+    told = capsys.readouterr().out
+    page = (Path(__file__).parents[1] / "docs" / "pictures.md").read_text()
+    for name in QUANTITIES:
+        assert name in told
+        assert f"`{name}`" in page
+
+
 @pytest.fixture(scope="module")
 def bearings(tmp_path_factory):
     """Two bearings of one shaft, which are equal."""
@@ -341,6 +352,29 @@ def test_what_is_not_there_is_named_with_what_there_is(arguments, told, bearings
     (line,) = capsys.readouterr().err.splitlines()
     assert told in line
     assert not (tmp_path / "none").exists()
+
+
+def test_the_error_budget_is_drawn_by_component(bearings, tmp_path):
+    run = copytree(bearings.directory, tmp_path / "run")
+    assert "error_budget" not in Pictures({"": run}).names
+    time = [0.0, 1e-3, 2e-3]
+    over = {
+        "time_s": time, "max_pressure_Pa": [1e6, 4e6, 2e6], "min_film_thickness_m": [4e-6] * 3,
+        "more_max_pressure_Pa": [0.0, 4e4, 0.0], "more_min_film_thickness_m": [1e-8] * 3,
+    }  # fmt: skip
+    (run / "error_budget.json").write_text(json.dumps({"left": {"film_mesh": over}}))
+    shown = ShownRun("", run).joints
+    assert QUANTITIES["error_budget"].has(shown["left"])
+    assert not QUANTITIES["error_budget"].has(shown["right"])
+    pressure, film = drawn("error_budget", shown["left"])
+    (line,) = curves(pressure)
+    assert line.get_label() == "film mesh"
+    expected = np.interp(shown["left"].columns["time_s"], time, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(line.get_ydata(), expected, atol=1e-12)
+    np.testing.assert_allclose(curves(film)[0].get_ydata(), 0.25)
+    (run / "error_budget.json").write_text("[]")
+    with pytest.raises(InputError, match="not the error budget"):
+        Pictures({"": run}).draw("error_budget", tmp_path)
 
 
 def test_two_runs_share_their_panels(bearings, tmp_path, capsys):

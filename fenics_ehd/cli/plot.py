@@ -17,8 +17,8 @@ from fenics_ehd.cli.options import output_option
     "quantities",
     multiple=True,
     help="What to draw: max_pressure, min_film_thickness, orbit, force, eccentricity, places, "
-    "friction, flow, contact, oil_content, basis_error, pressure_map, film_map, contact_map, "
-    "bore, energy [default: all that the runs have].",
+    "friction, flow, contact, oil_content, basis_error, error_budget, pressure_map, film_map, "
+    "contact_map, bore, energy [default: all that the runs have].",
 )
 @click.option("--difference", is_flag=True, help="Draw the second of two runs less the first.")
 @output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")

@@ -141,6 +141,15 @@ _ALL: tuple[Quantity, ...] = (
         ),
         needed="basis_error_estimate_m",
     ),
+    Curves(
+        "error_budget",
+        (
+            Panel(
+                "pressure error [% of the peak]", {"*.pressure_error": ""}, 100.0, scale="linear"
+            ),
+            Panel("film error [%]", {"*.film_error": ""}, 100.0, scale="linear"),
+        ),
+    ),
     Map(
         "pressure_map",
         "largest pressure [MPa]",

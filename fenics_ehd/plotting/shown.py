@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,18 +11,30 @@ from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.shear import in_supply
 from fenics_ehd.multibody.joint_contact import joint_contact
 from fenics_ehd.multibody.result import FilmResult, Result
 from fenics_ehd.plotting.recorded import recorded
-from fenics_ehd.results.load import load_results
+from fenics_ehd.results.load import load_results, run_within
 
 #: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.
 ANGLE, TIME = "crank_angle_deg", "time_s"
 
 #: Column of kinetic and strain energy, less those at the start.
 STORED = "stored_energy_J"
+
+#: Errors over the cycle in the folder of a run, and what it has of each component.
+BUDGET_NAME = "error_budget.json"
+BUDGET = (
+    "time_s",
+    "max_pressure_Pa",
+    "min_film_thickness_m",
+    "more_max_pressure_Pa",
+    "more_min_film_thickness_m",
+)
 
 #: Rounding of a turn.
 WHOLE = 1e-6
@@ -120,7 +133,9 @@ class ShownRun:
     def joints(self) -> dict[str, ShownJoint]:
         """Its lubricated joints by name."""
         return {
-            name: ShownJoint(self, name, joint.columns | self._cycle_columns(self.cycle))
+            name: ShownJoint(
+                self, name, joint.columns | self._cycle_columns(self.cycle) | self._errors(name)
+            )
             for name, joint in self.cycle.joints.items()
         }
 
@@ -136,6 +151,22 @@ class ShownRun:
         """What curves over some of the last steps are drawn over."""
         found = {TIME: self.time[-len(steps) :]}
         return found | ({ANGLE: self.angle[-len(steps) :]} if np.ptp(self.angle) else {})
+
+    def _errors(self, joint: str) -> dict[str, np.ndarray]:
+        """Relative errors by component of the run's error budget, empty without it."""
+        path = run_within(self.directory) / BUDGET_NAME
+        if not path.is_file():
+            return {}
+        found = {}
+        with named(InputError, f"{path}: not the error budget of a run"):
+            for component, over in json.loads(path.read_text()).get(joint, {}).items():
+                time, pressure, film, more_pressure, more_film = (np.array(over[k]) for k in BUDGET)
+                for name, error in (
+                    ("pressure_error", more_pressure / pressure.max()),
+                    ("film_error", more_film / film),
+                ):
+                    found[f"{component}.{name}"] = np.interp(self.time, time, error, left=np.nan)
+        return found
 
     def contact_pressure(self, joint: str, gap: np.ndarray) -> np.ndarray | None:
         """Of nominal gaps at the nodes of a film, None between smooth surfaces [Pa]."""

@@ -47,6 +47,7 @@ PICTURES = (
     "contact",
     "oil_content",
     "basis_error",
+    "error_budget",
     "pressure_map",
     "film_map",
     "contact_map",
