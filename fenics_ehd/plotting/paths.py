@@ -23,8 +23,8 @@ RINGS, INSTANTS = 5, 8
 #: Smallest distance of two labels, over the radius of the diagram.
 APART = 0.16
 
-#: Beyond this share of that radius labels go inwards.
-INWARDS = 0.8
+#: Distance of a label from its dot; beyond the second share of that radius it lies inwards.
+BESIDE, INWARDS = 0.07, 0.8
 
 
 @dataclass(frozen=True)
@@ -87,17 +87,18 @@ class Paths:
         over, largest = common_axis(joints), float(bool(self.bound))
         found = [over_cycle(joint, self.vector(joint.columns), over) for joint in joints]
         largest = max([largest, *(np.abs(vector).max() for _, vector in found)])
+        taken = [vector for _, vector in found]
         for number, (joint, (x, vector)) in enumerate(zip(joints, found, strict=True)):
             label = joint.run.name if len(joints) > 1 else None
             axes.plot(np.unwrap(np.angle(vector)), np.abs(vector), label=label, **style(number))
-            _mark(axes, x, vector, number, span(over, joints), largest)
+            taken.append(_mark(axes, x, vector, number, span(over, joints), largest))
         if self.bound:
             around = np.linspace(0, 2 * np.pi, 361)
             axes.plot(around, np.ones(361), color="0.2", linewidth=1.6, label=self.bound)
         axes.set_ylim(0, largest * (1.03 if largest > 1.0 or not self.bound else 1.0))
         axes.set_xticks(np.radians(np.arange(0, 360, 45)))
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
-        axes.set_rlabel_position(_free_direction([vector for _, vector in found], largest))
+        axes.set_rlabel_position(_free_direction(taken, largest))
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
         axes.set_xlabel(f"{self.label},\nangles from the x axis of the bore's body")
         legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2, frameon=False)
@@ -116,30 +117,39 @@ def load(columns: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def _mark(
     axes: Axes, x: np.ndarray, vector: np.ndarray, number: int, apart: float, largest: float
-) -> None:
-    """Dots at some instants, those of the first curve labelled where there is room."""
+) -> np.ndarray:
+    """Dots at some instants, those of the first curve labelled where there is room.
+
+    Returns
+    -------
+    numpy.ndarray
+        Places of the labels.
+    """
     instants = np.arange(np.ceil(x[0] / apart - 1e-6), np.floor(x[-1] / apart + 1e-6) + 1) * apart
     places = np.interp(instants, x, vector.real) + 1j * np.interp(instants, x, vector.imag)
     colour = style(number)["color"]
     axes.plot(np.angle(places), np.abs(places), "o", color=colour, markersize=3.5)
     told: list[complex] = []
+    labels: list[complex] = []
     for instant, place in zip(instants, places, strict=True):
         if number or any(abs(place - other) < APART * largest for other in told):
             continue
         told.append(place)
         away = np.exp(1j * np.angle(place)) * (-1 if abs(place) > INWARDS * largest else 1)
+        labels.append(place + BESIDE * largest * away)
         axes.annotate(
             f"{instant + 0.0:g}", (np.angle(place), abs(place)), (9 * away.real, 8 * away.imag),
             textcoords="offset points", ha="center", va="center", fontsize=7.5, color=colour,
         )  # fmt: skip
+    return np.array(labels)
 
 
-def _free_direction(vectors: Sequence[np.ndarray], largest: float) -> float:
+def _free_direction(taken: Sequence[np.ndarray], largest: float) -> float:
     """Direction in which the figures of the circles hide least [degrees]."""
     directions = np.setdiff1d(np.arange(0.0, 360.0, 7.5), np.arange(0.0, 361.0, 45.0))
     rings = largest * np.linspace(0.2, 1.0, 9)
     figures = np.exp(1j * np.radians(directions))[:, None] * rings
-    near = [np.abs(figures[..., None] - vector).min(axis=-1) for vector in vectors]
+    near = [np.abs(figures[..., None] - own).min(axis=-1) for own in taken if len(own)]
     return float(directions[np.argmax(np.min(near, axis=0).min(axis=1))])
 
 
