@@ -98,7 +98,7 @@ class Paths:
         axes.set_ylim(0, largest * (1.03 if largest > 1.0 or not self.bound else 1.0))
         axes.set_xticks(np.radians(np.arange(0, 360, 45)))
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
-        axes.set_rlabel_position(_free_direction(taken, largest))
+        axes.set_rlabel_position(_free_direction(taken, axes.get_yticks()))
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
         axes.set_xlabel(f"{self.label},\nangles from the x axis of the bore's body")
         legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2, frameon=False)
@@ -144,10 +144,9 @@ def _mark(
     return np.array(labels)
 
 
-def _free_direction(taken: Sequence[np.ndarray], largest: float) -> float:
+def _free_direction(taken: Sequence[np.ndarray], rings: np.ndarray) -> float:
     """Direction in which the figures of the circles hide least [degrees]."""
     directions = np.setdiff1d(np.arange(0.0, 360.0, 7.5), np.arange(0.0, 361.0, 45.0))
-    rings = largest * np.linspace(0.2, 1.0, 9)
     figures = np.exp(1j * np.radians(directions))[:, None] * rings
     near = [np.abs(figures[..., None] - own).min(axis=-1) for own in taken if len(own)]
     return float(directions[np.argmax(np.min(near, axis=0).min(axis=1))])
