@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 from scipy.integrate import trapezoid
+from scipy.interpolate import PchipInterpolator
 
 from fenics_ehd.plotting.picture import WIDTH, legend, plt, style, with_unit
 from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
@@ -263,8 +264,11 @@ def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
 
 
 def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.ndarray:
-    order = np.argsort(joint.columns[over], kind="stable")
+    """Along cubics that do not overshoot: straight lines would leave a saw of their own errors."""
+    x, order = np.unique(joint.columns[over], return_index=True)
     values = joint.columns[column][order]
     if column.endswith(AROUND):
         values = np.unwrap(values, period=360.0)
-    return np.interp(places, joint.columns[over][order], values)
+    if len(x) < 2 or not np.isfinite(values).all():
+        return np.interp(places, x, values)
+    return PchipInterpolator(x, values)(places)

@@ -94,9 +94,11 @@ class Pictures:
     def _having(self, name: str) -> Rows:
         """Joints, or runs as a whole, of which a quantity can be drawn."""
         quantity, rows = QUANTITIES[name], self._rows
-        if self._difference and not isinstance(quantity, Subtractable):
+        whole = isinstance(quantity, Curves) and quantity.whole
+        # Works of two runs do not begin at the same instant.
+        if self._difference and (whole or not isinstance(quantity, Subtractable)):
             return {}
-        if isinstance(quantity, Curves) and quantity.whole:
+        if whole:
             rows = {"": [run.whole for run in self._runs]}
         found = {title: [j for j in joints if quantity.has(j)] for title, joints in rows.items()}
         least = 2 if self._difference else 1
