@@ -12,9 +12,11 @@ from matplotlib.colors import to_rgb
 from recorded_runs import short_run
 
 from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.base.units import Quantity
 from fenics_ehd.cli.main import main
 from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.plotting import bores
+from fenics_ehd.multibody.result import assemble_result
+from fenics_ehd.plotting import bores, shown
 from fenics_ehd.plotting.picture import COLOURS, plt
 from fenics_ehd.plotting.pictures import Pictures, plot_run
 from fenics_ehd.plotting.quantities import OF_EVERY_RUN, QUANTITIES
@@ -304,6 +306,70 @@ def test_the_command_and_its_page_name_every_quantity(capsys):
         assert f"`{name}`" in page
 
 
+def shown_run(monkeypatch, time, angle, cycle=None, **summary):
+    """A run in memory whose peak pressure is its step's number [MPa]."""
+    steps = np.arange(len(time))
+    units = {
+        "time": "s", "run/time": "s", "run/crank_angle": "deg", "joints/a/max_pressure": "Pa",
+        "run/cycle": "1", "run/cycle_time": "s", "state/coordinates": "m", "state/rates": "m/s",
+    }  # fmt: skip
+    values = {"time": time, "run/time": time, "run/crank_angle": angle}
+    values |= {"joints/a/max_pressure": 1e6 * steps}
+    values |= {f"state/{name}": np.zeros((len(time), 1)) for name in ("coordinates", "rates")}
+    if cycle is not None:
+        start = np.array([time[cycle < number].max(initial=0.0) for number in cycle])
+        values |= {"run/cycle": cycle, "run/cycle_time": time - start}
+    found = {path: Quantity(np.asarray(v, float), units[path]) for path, v in values.items()}
+    result = assemble_result(found, ["joints/a/eccentricity_x"], {}, {"joint": "a", **summary})
+    monkeypatch.setattr(shown, "load_results", lambda _: result)
+    run = ShownRun("", "folder")
+    return run, run.joints["a"].columns
+
+
+def test_a_periodic_cycle_begins_as_it_ends(monkeypatch):
+    time = np.array([2.1, 2.5, 4.0])
+    angle = np.array([40.0, 200.0, 760.0])
+    run, columns = shown_run(monkeypatch, time, angle, np.full(3, 2), cycle_used="last of 2")
+    # The cycle before is not in the folder: the time since its end is.
+    assert columns["max_pressure_Pa"].tolist() == [2e6, 0.0, 1e6, 2e6]
+    assert columns["crank_angle_deg"].tolist() == [40.0, 40.0, 200.0, 760.0]
+    assert columns["time_s"][0] == 0.0
+    assert not run.starts
+    assert run.told == ""
+
+
+def test_a_search_that_was_stopped_shows_its_last_whole_cycle(monkeypatch):
+    time = np.array([0.5, 1.0, 1.5, 2.0, 2.5])
+    cycle = np.array([1, 1, 2, 2, 3])
+    run, columns = shown_run(
+        monkeypatch, time, 360.0 * time, cycle, cycle_used="cycle 3, not complete"
+    )
+    assert columns["time_s"].tolist() == [0.0, 0.5, 1.0]
+    assert columns["max_pressure_Pa"].tolist() == [3e6, 2e6, 3e6]
+    assert run.told == ""
+
+
+def test_another_run_shows_its_last_full_cycle_from_its_start(monkeypatch):
+    time = np.array([1.0, 2.0, 3.0, 4.0])
+    angle = 360.0 + 180.0 * time
+    run, columns = shown_run(
+        monkeypatch, time, angle, cycle_used="last of 2", cycle_start_s=2.5, cycle_end_s=4.0
+    )
+    assert columns["time_s"].tolist() == [0.0, 0.5, 1.5]
+    assert columns["max_pressure_Pa"].tolist() == [1.5e6, 2e6, 3e6]
+    assert columns["crank_angle_deg"].tolist() == [90.0, 180.0, 360.0]
+    assert not run.starts
+
+
+def test_a_run_without_a_full_cycle_says_so_on_its_axis(monkeypatch):
+    told = "whole run: no full cycle"
+    run, columns = shown_run(monkeypatch, np.array([1.0, 2.0, 3.0]), np.zeros(3), cycle_used=told)
+    assert run.starts
+    assert "crank_angle_deg" not in columns
+    (axes,) = drawn("max_pressure", run.joints["a"])
+    assert axes.get_xlabel() == f"time [ms], {told}"
+
+
 @pytest.fixture(scope="module")
 def bearings(tmp_path_factory):
     """Two bearings of one shaft, which are equal."""
@@ -363,13 +429,13 @@ def test_the_error_budget_is_drawn_by_component(bearings, tmp_path):
         "more_max_pressure_Pa": [0.0, 4e4, 0.0], "more_min_film_thickness_m": [1e-8] * 3,
     }  # fmt: skip
     (run / "error_budget.json").write_text(json.dumps({"left": {"film_mesh": over}}))
-    shown = ShownRun("", run).joints
-    assert QUANTITIES["error_budget"].has(shown["left"])
-    assert not QUANTITIES["error_budget"].has(shown["right"])
-    pressure, film = drawn("error_budget", shown["left"])
+    joints = ShownRun("", run).joints
+    assert QUANTITIES["error_budget"].has(joints["left"])
+    assert not QUANTITIES["error_budget"].has(joints["right"])
+    pressure, film = drawn("error_budget", joints["left"])
     (line,) = curves(pressure)
     assert line.get_label() == "film mesh"
-    expected = np.interp(shown["left"].columns["time_s"], time, [0.0, 1.0, 0.0])
+    expected = np.interp(joints["left"].columns["time_s"], time, [0.0, 1.0, 0.0])
     np.testing.assert_allclose(line.get_ydata(), expected, atol=1e-12)
     np.testing.assert_allclose(curves(film)[0].get_ydata(), 0.25)
     (run / "error_budget.json").write_text("[]")

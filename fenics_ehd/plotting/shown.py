@@ -95,10 +95,13 @@ class ShownRun:
         result = load_results(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
         used = str(result.summary.get("cycle_used", ""))
-        self.told = "" if used.startswith("last") else used
-        start = float(result.summary.get("cycle_start_s", 0.0))
-        self.starts = "cycle" not in result.run and start <= 0.0
-        if "cycle" in result.run:
+        cycles = result.run.get("cycle")
+        # Of a search that was stopped the last whole cycle, if there is one.
+        whole = used.startswith("last") or (cycles is not None and cycles[0] != cycles[-1])
+        self.told = "" if whole else used
+        start = 0.0 if cycles is not None else float(result.summary.get("cycle_start_s", 0.0))
+        self.starts = start <= 0.0 and not (whole and cycles is not None)
+        if whole and cycles is not None:
             self._close(result.last_cycle())
         else:
             self._from(result, start)
