@@ -16,7 +16,7 @@ from fenics_ehd.plotting.picture import FILMS, PRESSURES
 from fenics_ehd.plotting.shown import STORED, ShownJoint
 
 
-class Quantity(Protocol):
+class Picture(Protocol):
     """One picture of one or more runs."""
 
     @property
@@ -38,7 +38,7 @@ class Subtractable(Protocol):
         """Of joints by name, the second run less the first."""
 
 
-_ALL: tuple[Quantity, ...] = (
+_ALL: tuple[Picture, ...] = (
     Curves(
         "max_pressure",
         (
