@@ -8,7 +8,7 @@ import numpy as np
 from foreign_parts import ring
 
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.multibody.recorder import FIELD_UNITS
+from fenics_ehd.multibody.history_layout import FIELD_UNITS
 from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility, save_body
 from fenics_ehd.results.history_file import HistoryWriter
 from fenics_ehd.study.errors_file import errors_path

@@ -143,14 +143,17 @@ def test_settings_name_every_method(rod_structure):
 
 
 def recorded(mechanism, end, folder):
-    """Leave the history of a run; its pressures on the nodes of the bore, shape (k, steps)."""
+    """Leave the history of a run; its pressures on the nodes of the bore, shape (k, steps).
+
+    As they are stored, in single precision.
+    """
     folder.mkdir()
     going = Run(mechanism, Steps(), end)
     recorded = RecordedRun(going, Tracker(going.equations, going.norm), end, None)
     bore = going.equations.system.films[0].film.bore
     with history_of(recorded, folder) as history:
-        steps = [step.solution.films[0].pressure for step in recorded.steps(history)]
-    return np.column_stack([bore.structure_pressure(pressure) for pressure in steps])
+        steps = [np.float32(step.solution.films[0].pressure) for step in recorded.steps(history)]
+    return np.column_stack([bore.structure_pressure(p.astype(float)) for p in steps])
 
 
 @pytest.mark.slow

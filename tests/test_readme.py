@@ -42,6 +42,17 @@ SLOW = {
     ("docs/pictures.md", "Pictures"),
     ("docs/pictures.md", "Two runs"),
     ("docs/results.md", "Results of a run"),
+    ("docs/results.md", "In ParaView"),
+    *(
+        ("docs/own-part.md", title)
+        for title in (
+            "Your own part",
+            "A drawing",
+            "A bore with chamfers and an oil hole",
+            "A mesh",
+            "Hexahedra",
+        )
+    ),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -74,7 +85,10 @@ def sections(document):
 
 DOCUMENTS = (
     "README.md",
-    *(f"docs/{page}.md" for page in ("tutorial", "own-scene", "mechanisms", "pictures", "results")),
+    *(
+        f"docs/{page}.md"
+        for page in ("tutorial", "own-scene", "own-part", "mechanisms", "pictures", "results")
+    ),
 )
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]
@@ -95,8 +109,11 @@ def cases():
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """One folder for each document."""
-    return {part.document: tmp_path_factory.mktemp("reader") for part in ALL}
+    """One folder for each document, with the demos in it as a checkout has them."""
+    found = {part.document: tmp_path_factory.mktemp("reader") for part in ALL}
+    for folder in found.values():
+        (folder / "demos").symlink_to(ROOT / "demos")
+    return found
 
 
 @pytest.mark.parametrize("part", cases())

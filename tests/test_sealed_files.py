@@ -245,7 +245,7 @@ def test_a_massless_rod_without_modes_is_named(tmp_path):
     [
         (np.full((3, 2), np.nan), "x holds a value that is not finite"),
         ("text", "x holds object, not numbers"),
-        (1.0, "x holds a value that is not finite, or no rows"),
+        (1.0, "x holds no rows"),
     ],
 )
 def test_a_history_of_other_contents_is_named(value, message, tmp_path):

@@ -26,6 +26,7 @@ __all__ = [
     "SUMMARY",
     "complete_result",
     "keeping_failed_film",
+    "require_complete",
     "require_writable",
     "to_json",
     "versions",
@@ -75,10 +76,33 @@ def require_writable(path: str | Path) -> None:
 
 def complete_result(directory: Path) -> dict[str, Any] | None:
     """Summary of the complete result in a folder, None where there is none."""
+    summary = _summary(directory)
+    return summary if summary and summary["status"] == "complete" else None
+
+
+def require_complete(directory: Path) -> dict[str, Any]:
+    """Summary of the complete result in a folder.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, no result in it, or one that is not complete.
+    """
+    summary = _summary(directory)
+    if summary is None:
+        missing = f"no run that came to an end, it has no {SUMMARY} of one"
+        raise InputError(f"{directory}: {missing if directory.is_dir() else 'no such folder'}")
+    if summary["status"] != "complete":
+        raise InputError(f"{directory}: its run is not complete: {summary['status']}")
+    return summary
+
+
+def _summary(directory: Path) -> dict[str, Any] | None:
+    """What a summary says that has a status."""
     try:
         summary = json.loads((directory / SUMMARY).read_text())
-        return summary if summary["status"] == "complete" else None
-    except (OSError, ValueError, KeyError, TypeError):
+        return summary if "status" in summary else None
+    except (OSError, ValueError, TypeError):
         return None
 
 

@@ -122,20 +122,14 @@ def _shapes(run: Replay, directory: Path, bases: tuple[str, ...]) -> dict[str, P
         A basis given is that of no body.
     """
     from fenics_ehd.multibody.flexible_body import FlexibleBody
-    from fenics_ehd.plotting.animation_shape import shape_of_basis, shape_of_bores
-    from fenics_ehd.reduction import BasisFile
+    from fenics_ehd.plotting.animation_shape import shape_of_bores, shape_of_part
+    from fenics_ehd.results.part_fields import parts_of_bases
     from fenics_ehd.results.run_folder import SCENE_NAME
 
     parts = {n: b.reduced for n, b in run.bodies.items() if isinstance(b, FlexibleBody)}
     shapes = {name: shape_of_bores(part) for name, part in parts.items()}
-    for path in bases:
-        with BasisFile(path) as file:
-            found = {name: shape_of_basis(file, part) for name, part in parts.items()}
-        fitting = {name: shape for name, shape in found.items() if shape is not None}
-        if not fitting:
-            sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in parts.items())
-            raise SettingsError(f"--basis {path}: not that of a flexible body ({sizes or 'none'})")
-        shapes |= fitting
+    whole = parts_of_bases(run.bodies, bases)
+    shapes |= {name: shape_of_part(part) for name, part in whole.items()}
     for name in (name for name, shape in shapes.items() if not shape.mesh):
         click.echo(
             f"of {name} only the bores are drawn; all of it with --basis part.h5, made by "

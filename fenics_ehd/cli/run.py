@@ -13,12 +13,12 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.output import require_writable, to_json
+from fenics_ehd.base.output import complete_result, require_writable, to_json
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.notices import say_reducing, warn_of
 from fenics_ehd.results.checkpoint import CHECKPOINT, load_run_state
 from fenics_ehd.results.progress import progress_bar
-from fenics_ehd.results.run_folder import RunFolder, complete_result, first_rank_folder
+from fenics_ehd.results.run_folder import RunFolder, first_rank_folder
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.given import with_body, with_method
 from fenics_ehd.scenes.run import run_scene, stored_scene

@@ -8,9 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.units import DIMENSIONLESS, Quantity, split_unit
+from fenics_ehd.base.units import Quantity, split_unit
+from fenics_ehd.multibody.history_layout import (
+    FIELD_UNITS,
+    assemble_result,
+    field_unit,
+    path_of,
+)
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.result import Result, assemble_result, place_of
+from fenics_ehd.multibody.result import Result
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import System
@@ -21,22 +27,6 @@ JOURNAL = ("eccentricity_x_m", "eccentricity_y_m", "tilt_x_rad", "tilt_y_rad")
 
 #: Unit of the amplitude of an elastic mode: as its basis is scaled.
 MODAL = "modal"
-
-#: Units of fields by the last part of their path; the state has one for each coordinate.
-FIELD_UNITS = {
-    "pressure": "Pa",
-    "gap": "m",
-    "fluid_fraction": DIMENSIONLESS,
-    "quasi_static": "Pa",
-    "angle": "rad",
-    "height": "m",
-    "cells": DIMENSIONLESS,
-}
-
-
-def field_unit(path: str) -> str:
-    """Unit of a field by its path."""
-    return FIELD_UNITS.get(path.rpartition("/")[2], DIMENSIONLESS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +135,7 @@ class Recorder:
         """Of the steps so far, or of the last cycle of a search."""
         values = {}
         for column in self._rows[0]:
-            path, unit = place_of(column, self._tracker.places)
+            path, unit = path_of(column, self._tracker.groups)
             values[path] = Quantity(np.array([row[column] for row in self._rows], float), unit)
         fixed = self._fixed.arrays
         stored = {p: np.array([fields[p] for fields in self._fields]) for p in self._fields[0]}

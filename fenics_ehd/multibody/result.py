@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.units import DIMENSIONLESS, Quantity, split_unit, with_unit
+from fenics_ehd.base.units import DIMENSIONLESS, Quantity, with_unit
 
 if TYPE_CHECKING:  # not there for everyone
     from pandas import DataFrame
@@ -18,9 +18,6 @@ if TYPE_CHECKING:  # not there for everyone
 Change = Callable[[np.ndarray], np.ndarray]
 
 NAN = float("nan")
-
-#: Column of the time, and its place.
-TIME = "time_s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +187,7 @@ class Result:
     joints
         Lubricated joints by name.
     bodies
-        By name, the ground too.
+        By name, those that can move.
     run
         Of all: energies, works, steps.
     coordinates, rates
@@ -314,74 +311,3 @@ class Result:
         chosen = np.flatnonzero(numbers == numbers[-1] - 1)
         part = self.each(lambda values: values[chosen])
         return replace(part, time=part.run["cycle_time"])
-
-
-def place_of(column: str, places: Mapping[str, str]) -> tuple[str, str]:
-    """Path and unit of a column of a history: ``joints/big_end/force_x``, ``N``.
-
-    Parameters
-    ----------
-    column
-        With its unit, ``big_end.force_x_N``.
-    places
-        Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``.
-    """
-    return split_unit(places.get(column, TIME if column == TIME else f"run/{column}"))
-
-
-def assemble_result(
-    values: Mapping[str, Quantity],
-    names: Sequence[str],
-    films: Mapping[str, Mapping[str, Any]],
-    summary: Mapping[str, Any],
-    scene: Mapping[str, Any] | None = None,
-) -> Result:
-    """A result of what a run records, in memory or on disk.
-
-    Parameters
-    ----------
-    values
-        Arrays by path: ``time``, ``run/*``, ``bodies/NAME/*``, ``joints/NAME/*``,
-        ``joints/NAME/film/*``, ``state/*``.
-    names
-        Of the mechanism's coordinates, ``bodies/rod/x``.
-    films
-        Family, radius and clearance of films by joint; empty: they were not read.
-    summary, scene
-        See `Result`.
-    """
-    tree: dict[str, dict[str, dict[str, Quantity]]] = {"joints": {}, "bodies": {}}
-    run, nodal = {"time": values["time"]}, {name: dict(film) for name, film in films.items()}
-    for path, found in values.items():
-        match path.split("/"):
-            case ["run", name]:
-                run[name] = found
-            case ["joints" | "bodies" as kind, owner, name]:
-                tree[kind].setdefault(owner, {})[name] = found
-            case ["joints", owner, "film", name]:
-                nodal[owner][name] = found
-    z, rates = (np.asarray(values[f"state/{name}"]) for name in ("coordinates", "rates"))
-    owners = np.array([name.rpartition("/")[0] for name in names])
-    bodies = {}
-    for name in dict.fromkeys([*tree["bodies"], *_names(owners)]):
-        own = owners == f"bodies/{name}"
-        bodies[name] = BodyResult(tree["bodies"].get(name, {}), z[:, own], rates[:, own])
-    joints = {
-        name: JointResult(found, FilmResult(**nodal[name]) if nodal else None)
-        for name, found in tree["joints"].items()
-    }
-    patterns = np.asarray(values.get("state/quasi_static", np.zeros((len(z), 0))))
-    every = Quantities(run)
-    return Result(_time(every), joints, bodies, every, z, rates, patterns, summary, scene or {})
-
-
-def _names(owners: np.ndarray) -> list[str]:
-    """Of bodies that have coordinates."""
-    return [owner.partition("/")[2] for owner in owners if owner.startswith("bodies/")]
-
-
-def _time(run: Quantities) -> Quantity:
-    """That of the cycle where all steps are of one."""
-    numbers = run.get("cycle")
-    one = numbers is not None and len(numbers) and numbers[0] == numbers[-1]
-    return run["cycle_time" if one else "time"]

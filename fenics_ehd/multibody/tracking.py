@@ -18,8 +18,9 @@ from fenics_ehd.film.thickening import steepest_thickening
 from fenics_ehd.multibody.basis_error import estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_rates import joint_rates
 from fenics_ehd.multibody.oil_account import OilAccount
@@ -68,13 +69,13 @@ class Tracker:
 
     Attributes
     ----------
-    places
+    groups
         Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``, once
         there is a step.
     """
 
     def __init__(self, equations: StepEquations, norm: StepNorm):
-        self.places: dict[str, str] = {}
+        self.groups: dict[str, str] = {}
         self._equations, self._norm = equations, norm
         films = equations.system.films
         self._several = len(films) > 1
@@ -85,7 +86,7 @@ class Tracker:
             if place.film.bore
         }
         self.balance: EnergyBalance | None = None
-        self.rates: dict[str, Integrals] = {}
+        self.rates = JointIntegrals()
         self.contacts = ContactRecord.of_all(equations)
         self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
@@ -105,8 +106,7 @@ class Tracker:
         self.balance = None
         for estimate in self.estimates.values():
             estimate.largest *= 0.0  # what is not known stays so
-        for rates in self.rates.values():
-            rates.restart()
+        self.rates.restart()
         for contact in self.contacts.values():
             contact.restart()
         self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
@@ -134,15 +134,15 @@ class Tracker:
             stored["state/quasi_static"] = step.x[system.n : system.n + patterns]
         loads = self._loads(state.films)
         gaps = self._norm.film_gaps(step.observed)
-        for place, film, gap in zip(system.films, state.films, gaps, strict=True):
-            prefix = self.prefix(place.name)
-            figures = self._joint(place, step, film, gap)
+        for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
+            prefix, film = self.prefix(place.name), own.state
+            figures = self._joint(place, step, own, gap)
             if place.name in self.estimates:
-                own = self._equations.responses.of_body(place.bore_body)
+                amplitudes = self._equations.responses.of_body(place.bore_body)
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
-                    size, loads[place.bore_body], step.acceleration[own]
+                    size, loads[place.bore_body], step.acceleration[amplitudes]
                 )
-            row |= self._placed(prefix, f"joints/{place.name}", figures)
+            row |= self._grouped(prefix, f"joints/{place.name}", figures)
             path = f"joints/{place.name}/film"
             stored[f"{path}/pressure"] = film.pressure
             stored[f"{path}/gap"] = gap[-len(film.pressure) :]
@@ -152,11 +152,11 @@ class Tracker:
         row |= {"step_s": size, "newton_iterations": step.newton_iterations}
         return row | {"rejected_steps": rejected}, stored
 
-    def _placed(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
-        """Columns of a joint or body, whose places are kept."""
+    def _grouped(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
+        """Columns of a joint or body, whose groups are kept."""
         found = {f"{prefix}{name}": value for name, value in figures.items()}
-        if found.keys() - self.places.keys():
-            self.places |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
+        if found.keys() - self.groups.keys():
+            self.groups |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
         return found
 
     def _loads(self, films: list[FilmState]) -> dict[str, np.ndarray]:
@@ -175,9 +175,10 @@ class Tracker:
         return f"{joint}." if self._several else ""
 
     def _joint(
-        self, place: FilmPlace, step: MechanismStep, film: FilmState, gap: np.ndarray
+        self, place: FilmPlace, step: MechanismStep, own: FilmIntegrals, gap: np.ndarray
     ) -> dict[str, float]:
         """Columns of one lubricated joint."""
+        film = own.state
         peak = int(np.argmax(film.pressure))
         angle, _ = place.film.film.parameters.grid.node_positions[peak]
         thickness, pressure = float(gap.min()), float(film.pressure[peak])
@@ -196,22 +197,14 @@ class Tracker:
             "force_x_N": force[0],
             "force_y_N": force[1],
         }
-        record, contact = self.contacts.get(place.name), None
-        if record is not None:
-            contact = record.contact
-            figures |= record.add(step.time, step.time - self._start, film.gap)
-        rates = joint_rates(place, step, film, contact)
-        return figures | self._integrate(place.name, step.time, rates)
-
-    def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
-        """Account for a joint's rates; they are returned."""
-        if joint in self.rates:
-            self.rates[joint].add(time, rates)
-        elif rates:
-            self.rates[joint] = Integrals(time, rates)
-        if account := OilAccount.follow(self.oil.get(joint), rates):
-            self.oil[joint] = account
-        return rates
+        if place.name in self.contacts:
+            record = self.contacts[place.name]
+            figures |= record.add(step.time, step.time - self._start, own)
+        rates = joint_rates(place, step, own)
+        self.rates.follow(place.name, step.time, rates)
+        if account := OilAccount.follow(self.oil.get(place.name), rates):
+            self.oil[place.name] = account
+        return figures | rates
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
@@ -223,7 +216,7 @@ class Tracker:
                 continue
             frame = dict(zip(FRAME[2 - body.angle :], step.x[first:], strict=False))
             frame["speed_rad_per_s"] = step.rate[first + body.angle]
-            row |= self._placed(f"{name}.", f"bodies/{name}", frame)
+            row |= self._grouped(f"{name}.", f"bodies/{name}", frame)
         return row
 
     def _energy(self, step: MechanismStep) -> dict[str, float]:
@@ -306,10 +299,7 @@ class Tracker:
             "extremes": {name: asdict(found) for name, found in self.extremes.items()},
             "estimates": {name: found.stored_state() for name, found in self.estimates.items()},
             "balance": {} if self.balance is None else self.balance.stored_state(),
-            "rates": {
-                name: {"names": tuple(rates.totals), **rates.stored_state()}
-                for name, rates in self.rates.items()
-            },
+            "rates": self.rates.stored_state(),
             "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
         }
@@ -343,10 +333,7 @@ class Tracker:
         for joint, found in stored["estimates"].items():
             self.estimates[joint].load_state(found)
         self.balance = EnergyBalance.of(stored["balance"]) if stored["balance"] else None
-        self.rates = {
-            joint: Integrals.of(tuple(found["names"]), found)
-            for joint, found in stored["rates"].items()
-        }
+        self.rates.load_state(stored["rates"])
         for joint, found in stored["contacts"].items():
             self.contacts[joint].load_state(found)
         self.oil = {

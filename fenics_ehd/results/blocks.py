@@ -15,14 +15,13 @@ from fenics_ehd.multibody.result import FilmResult
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.multibody.system import FilmPlace
 from fenics_ehd.reduction.body import bore_fields
-from fenics_ehd.results.part_fields import PartFields
+from fenics_ehd.results.part_fields import CELL_NAMES, PartFields
 from fenics_ehd.results.replay import Replay
 
 #: Names of fields in a file, which ParaView shows at first.
 DISPLACEMENT, PRESSURE = "displacement_m", "pressure_Pa"
 
-#: meshio's names of cells: of parts, and of films with what takes their nodes to VTK's order.
-PART_CELLS = {20: "hexahedron20", 10: "tetra10"}
+#: meshio's names of a film's cells by family, with what takes their nodes to VTK's order.
 FILM_CELLS = {
     "bilinear": ("quad", [0, 1, 3, 2]),
     "serendipity": ("quad8", [0, 1, 3, 2, 4, 6, 7, 5]),
@@ -91,7 +90,7 @@ def part_block(replay: Replay, name: str, part: PartFields) -> Block:
         pressure = np.where(on_bore, pressures[i][nearest], 0.0)
         return origin + part.nodes @ turn.T, moved @ turn.T, {PRESSURE: pressure}
 
-    return Block("bodies", name, PART_CELLS[part.cells.shape[1]], part.cells, at)
+    return Block("bodies", name, CELL_NAMES[part.cells.shape[1]], part.cells, at)
 
 
 def line_block(replay: Replay, name: str) -> Block:

@@ -10,8 +10,6 @@ What ``history.h5`` holds, and where, is in ``docs/results.md``.
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -27,7 +25,8 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_file, require_numbers
 from fenics_ehd.base.units import DIMENSIONLESS
 from fenics_ehd.base.whole_file import BOOKKEEPING, naming, sync_path, whole_hdf5, write_whole
-from fenics_ehd.multibody.result import place_of
+from fenics_ehd.multibody.history_layout import path_of
+from fenics_ehd.results.csv_file import CSV_NAME, CsvFile
 
 #: Steps of the HDF5 datasets written at a time, unless a checkpoint asks for them before.
 FLUSH_EVERY = 50
@@ -35,7 +34,7 @@ FLUSH_EVERY = 50
 #: Rows of a chunk of these datasets.
 CHUNK = 64
 
-CSV_NAME, FIELDS_NAME = "history.csv", "history.h5"
+FIELDS_NAME = "history.h5"
 
 FORMAT = "fenics_ehd history"
 
@@ -62,8 +61,8 @@ class HistoryWriter:
         Arrays stored once, by path.
     attributes
         Of groups and datasets by path, units among them; what has none is dimensionless.
-    places
-        See `place_of`; asked at every step.
+    groups
+        See `path_of`; asked at every step.
     resumed
         Rows of a former run to go on after; None: a new run.
 
@@ -83,16 +82,16 @@ class HistoryWriter:
         directory: str | Path,
         constants: Mapping[str, np.ndarray],
         attributes: Mapping[str, Mapping[str, Any]] | None = None,
-        places: Mapping[str, str] | None = None,
+        groups: Mapping[str, str] | None = None,
         *,
         resumed: int | None = None,
     ):
         self.directory = Path(directory)
         self._constants = constants
-        self._attributes, self._places = attributes or {}, {} if places is None else places
+        self._attributes, self._groups = attributes or {}, {} if groups is None else groups
         self._resumed = resumed
         self.rows = resumed or 0
-        self._csv: _CsvFile | None = None
+        self._csv: CsvFile | None = None
         self._file: h5py.File | None = None
         # Rows that wait for the HDF5 file, by path, and how much room they need there.
         self._waiting: dict[str, list[Any]] = {}
@@ -103,7 +102,7 @@ class HistoryWriter:
         values: dict[str, Any] = {}
         units: dict[str, str] = {}
         for column, value in row.items():
-            path, units[path] = place_of(column, self._places)
+            path, units[path] = path_of(column, self._groups)
             values[path] = value
         values |= fields
         if self._csv is None:
@@ -158,7 +157,7 @@ class HistoryWriter:
         }
         if self._resumed is not None:
             with opened_history(self.directory) as file:
-                former = {path: file[path][()] for path in shapes}
+                former = {path: numbers(file[path]) for path in shapes}
             short = min(len(values) for values in former.values())
             if short < self.rows:
                 raise InputError(
@@ -176,7 +175,7 @@ class HistoryWriter:
                 data = file.create_dataset(path, data=data, maxshape=maximum, chunks=chunks)
                 self._chunks += data.dtype.itemsize * int(np.prod(chunks))
             _describe(file, self._attributes, units)
-        self._csv = _CsvFile(self.directory / CSV_NAME, names, self._resumed)
+        self._csv = CsvFile(self.directory / CSV_NAME, names, self._resumed)
         with naming(self._path):
             self._file = h5py.File(self._path, "r+", libver="latest")
         self._file.swmr_mode = True
@@ -209,90 +208,23 @@ def _describe(
     file: h5py.File, attributes: Mapping[str, Mapping[str, Any]], units: Mapping[str, str]
 ) -> None:
     """Say what a file is, and the unit of every dataset."""
-    file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, fenics_ehd=__version__)
+    file.attrs.update(
+        format=_text(FORMAT), format_version=FORMAT_VERSION, fenics_ehd=_text(__version__)
+    )
 
     def describe(path: str, item: Any) -> None:
         given = attributes.get(path, {})
         for name, value in given.items():
-            text = isinstance(value, list)
-            item.attrs[name] = np.array(value, dtype=h5py.string_dtype()) if text else value
+            item.attrs[name] = _text(value) if isinstance(value, str | list) else value
         if isinstance(item, h5py.Dataset) and "units" not in given:
-            item.attrs["units"] = units.get(path, DIMENSIONLESS)
+            item.attrs["units"] = _text(units.get(path, DIMENSIONLESS))
 
     file.visititems(describe)
 
 
-class _CsvFile:
-    """Append-only rows; those of a former run are compared with, not written again."""
-
-    def __init__(self, path: Path, names: list[str], resumed: int | None):
-        self._path = path
-        whole = [_line(names)]
-        if resumed is not None:
-            lines = path.read_bytes().splitlines(keepends=True)
-            # A killed writer may have left its last row unfinished.
-            whole = [line for line in lines if line.endswith(b"\n")]
-            if len(whole) < 1 + resumed or whole[0] != _line(names):
-                raise InputError(f"{path}: not the history of the run to go on with: start anew")
-        self._begin(whole)
-
-    def _begin(self, lines: list[bytes]) -> None:
-        write_whole(self._path, b"".join(lines))
-        self._header, *self._former = lines
-        # Without a buffer, which would be written once more when there is no room for it.
-        self._file = open(self._path, "ab", buffering=0)
-
-    def write(self, index: int, values: list[str]) -> None:
-        """Row number `index`."""
-        line = _line(values)
-        if index < len(self._former):
-            if self._former[index] == line:
-                return
-            # Another machine rounds differently: its rows stand from here on.
-            self.close()
-            self._begin([self._header, *self._former[:index]])
-            self._former = []
-        with naming(self._path):
-            while line:
-                line = line[self._file.write(line) :]
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-
-def _line(values: list[str]) -> bytes:
-    buffer = io.StringIO()
-    csv.writer(buffer).writerow(values)
-    return buffer.getvalue().encode()
-
-
-def read_history(directory: str | Path) -> dict[str, np.ndarray]:
-    """Columns of ``history.csv`` by name.
-
-    Raises
-    ------
-    InputError
-        The directory holds no history of at least one step.
-    """
-    path = Path(directory) / CSV_NAME
-    try:
-        require_file(path)
-        with open(path, newline="") as file:
-            header, *rows = list(csv.reader(file))
-        # A run that was killed may have left its last row unfinished.
-        whole = [row for row in rows if len(row) == len(header)]
-        columns = np.array(whole, dtype=float).T
-        if not len(whole):
-            raise ValueError("no steps")
-        if header[:1] != ["time_s"]:
-            raise ValueError("not its columns")
-    except FileNotFoundError:
-        raise InputError(_no_results(path)) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: not a history of a run ({reason})") from None
-    return dict(zip(header, columns, strict=True))
+def _text(value: str | list[str]) -> np.ndarray:
+    """Of fixed length: text of any length lies where HDF5 has no checksums, and crashes it."""
+    return np.char.encode(np.array(value, dtype=str), "utf-8")
 
 
 def keep_last_rows(directory: str | Path, first: int) -> None:
@@ -375,16 +307,29 @@ def _opened(path: Path) -> h5py.File:
     return h5py.File(path, "r", libver="latest", swmr=marked)
 
 
+def numbers(dataset: h5py.Dataset) -> np.ndarray:
+    """Its numbers.
+
+    Raises
+    ------
+    ValueError
+        It holds something else, or no rows.
+    """
+    require_numbers(dataset)
+    if not dataset.ndim:
+        raise ValueError(f"{dataset.name} holds no rows")
+    return np.array(dataset)
+
+
 def finite(dataset: h5py.Dataset) -> np.ndarray:
     """Its numbers, all of which must be ones.
 
     Raises
     ------
     ValueError
-        It holds something else.
+        One is not.
     """
-    require_numbers(dataset)
-    values = np.array(dataset)
-    if not values.ndim or not np.isfinite(values).all():
-        raise ValueError(f"{dataset.name} holds a value that is not finite, or no rows")
+    values = numbers(dataset)
+    if not np.isfinite(values).all():
+        raise ValueError(f"{dataset.name} holds a value that is not finite")
     return values

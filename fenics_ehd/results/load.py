@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.output import SCENE_NAME, SUMMARY, complete_result
-from fenics_ehd.base.sealed_file import named, require_file, require_numbers
+from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.base.units import Quantity
-from fenics_ehd.multibody.result import Result, assemble_result
-from fenics_ehd.results.history_file import FIELDS_NAME, finite, opened_history
+from fenics_ehd.multibody.history_layout import assemble_result
+from fenics_ehd.multibody.result import Result
+from fenics_ehd.results.history_file import FIELDS_NAME, finite, numbers, opened_history
 
 #: What a film has once.
 MESH = ("angle", "height", "cells")
@@ -53,7 +53,7 @@ def load_results(directory: str | Path, *, films: bool = True) -> Result:
         if summary and len(steps) > 1:
             raise ValueError(f"its arrays have {min(steps)} to {max(steps)} steps")
         values = _cut(values, min(steps))
-        names = [str(name) for name in file["state/coordinates"].attrs["names"]]
+        names = [name.decode() for name in file["state/coordinates"].attrs["names"]]
         return assemble_result(
             values, names, _films(file) if films else {}, summary, _scene(folder)
         )
@@ -85,14 +85,13 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
 
 
 def _quantity(path: str, data: h5py.Dataset) -> Quantity:
-    require_numbers(data)
     # Of quantities, one that was not computed is nan.
     strict = path == "time" or path.startswith("state/") or _of_film(path)
-    values = finite(data) if strict else np.array(data)
+    values = finite(data) if strict else numbers(data)
     if values.dtype.kind == "f":
         values = values.astype(float, copy=False)
     units = data.attrs["units"]
-    return Quantity(values, units if isinstance(units, str) else MIXED)
+    return Quantity(values, units.decode() if isinstance(units, bytes) else MIXED)
 
 
 def _films(file: h5py.File) -> dict[str, dict[str, Any]]:
@@ -101,7 +100,7 @@ def _films(file: h5py.File) -> dict[str, dict[str, Any]]:
     for joint in file.get("joints", ()):
         told = file[f"joints/{joint}/film"].attrs
         sizes = {name: float(told[name]) for name in ("radius", "clearance")}
-        found[joint] = {"family": str(told["family"]), **sizes}
+        found[joint] = {"family": told["family"].decode(), **sizes}
     return found
 
 

@@ -54,11 +54,6 @@ class RecordedMotion:
             {name: change(values) for name, values in self.pressures.items()},
         )
 
-    def nearest(self, count: int) -> RecordedMotion:
-        """At most `count` recorded steps, spread as evenly as they lie."""
-        chosen = nearest_steps(self.time, count)
-        return self.each(lambda values: values[chosen])
-
     def at(self, time: np.ndarray) -> RecordedMotion:
         """Instants [s] within the recorded ones.
 

@@ -241,8 +241,8 @@ def _show(bar: tqdm, recorded: RecordedRun, step: MechanismStep) -> None:
 def history_of(recorded: RecordedRun, directory: Path, resumed: int | None = None) -> HistoryWriter:
     """Writer of a run's history, which goes on after `resumed` rows."""
     fixed = Fixed.of(recorded.run.equations.system)
-    places = recorded.tracker.places
-    return HistoryWriter(directory, fixed.arrays, fixed.attributes(), places, resumed=resumed)
+    groups = recorded.tracker.groups
+    return HistoryWriter(directory, fixed.arrays, fixed.attributes(), groups, resumed=resumed)
 
 
 def require_same_scene(

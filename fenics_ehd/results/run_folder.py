@@ -26,10 +26,14 @@ from fenics_ehd.base.output import (
     require_writable,
 )
 from fenics_ehd.results.checkpoint import CHECKPOINT
-from fenics_ehd.results.history_file import CSV_NAME, FIELDS_NAME
+from fenics_ehd.results.csv_file import CSV_NAME
+from fenics_ehd.results.history_file import FIELDS_NAME
 
 #: Body of a run, beside its history, to go on with.
 BODY_NAME = "body.h5"
+
+#: Stresses over the cycle, made of a run's result.
+STRESS = "stress.json"
 
 #: Held by the process that works in the folder.
 LOCK = ".lock"
@@ -70,6 +74,8 @@ RESULTS = (
     "vtk/*.pvd",
     "vtk/*_[0-9][0-9][0-9][0-9].vtm",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
+    STRESS,
+    "vtk/*_stress.vtu",
     *(f"{name}{ending}" for name in PICTURES for ending in (".*", "-*.png", "-*.svg")),
 )
 
