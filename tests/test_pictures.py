@@ -15,7 +15,7 @@ from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.units import Quantity
 from fenics_ehd.cli.main import main
 from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.result import assemble_result
+from fenics_ehd.multibody.history_layout import assemble_result
 from fenics_ehd.plotting import bores, shown
 from fenics_ehd.plotting.picture import COLOURS, plt
 from fenics_ehd.plotting.pictures import Pictures, plot_run
