@@ -384,10 +384,11 @@ def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
     (x0, y0), (x1, y1) = line.get_xydata()
     for x, y in (tip, (0.3, 0.2)):
         assert (x - x0) * (y1 - y0) - (y - y0) * (x1 - x0) == pytest.approx(0.0, abs=1e-10)
-    # There is no film: the mechanism alone, and no curves of joints.
+    # There is no film: the mechanism alone, and its energies.
     done = call("animate", tmp_path / "out", "--frames", 2, capsys=capsys)
     assert done.status == 0, done.err
-    assert call("plot", tmp_path / "out", capsys=capsys).out == ""
+    drawn = call("plot", tmp_path / "out", capsys=capsys).out.split()
+    assert drawn == [str(tmp_path / "out" / f"energy.{suffix}") for suffix in ("png", "svg")]
 
 
 def gif(path):

@@ -39,6 +39,8 @@ SLOW = {
     ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
     ("docs/mechanisms.md", "As a scene file"),
     ("docs/mechanisms.md", "Pictures of a run"),
+    ("docs/pictures.md", "Pictures"),
+    ("docs/pictures.md", "Two runs"),
     ("docs/results.md", "Results of a run"),
     ("docs/results.md", "In ParaView"),
     ("docs/tutorial-motorcycle.md", "The answer"),
@@ -93,6 +95,7 @@ DOCUMENTS = (
             "own-scene",
             "own-part",
             "mechanisms",
+            "pictures",
             "results",
         )
     ),

@@ -26,6 +26,7 @@ with ending_signals_raise():
     from fenics_ehd.cli.options import json_option, output_option
     from fenics_ehd.cli.paraview import paraview
     from fenics_ehd.cli.part import part
+    from fenics_ehd.cli.plot import plot
     from fenics_ehd.cli.report import report
     from fenics_ehd.cli.sensitivity import sensitivity
     from fenics_ehd.cli.stress import stress
@@ -187,29 +188,13 @@ def init(scene: str | None) -> None:
     click.echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
 
 
-@cli.command()
-@click.argument("directories", nargs=-1, required=True, type=click.Path(file_okay=False))
-@output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")
-def plot(directories: tuple[str, ...], target: str | None) -> None:
-    """Draw peak pressure, film thickness and orbits of the joints of one or more runs."""
-    from fenics_ehd.base.output import require_writable
-    from fenics_ehd.plotting.history import plot_runs
-
-    runs = {Path(d).name or str(d): Path(d) for d in directories}
-    if len(runs) < len(directories):
-        runs = {str(d): Path(d) for d in directories}
-    folder = Path(target or directories[0])
-    require_writable(folder)
-    for path in plot_runs(runs, folder):
-        click.echo(path)
-
-
 cli.add_command(animate)
 cli.add_command(bearing)
 cli.add_command(check)
 cli.add_command(info)
 cli.add_command(paraview)
 cli.add_command(part)
+cli.add_command(plot)
 cli.add_command(report)
 cli.add_command(sensitivity)
 cli.add_command(stress)

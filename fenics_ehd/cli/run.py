@@ -124,9 +124,9 @@ def _finish(
         scene, built, folder.path, bar, interval=interval, former=former, multiplier=multiplier
     )
     if plots and scene.output.plots:
-        from fenics_ehd.plotting.history import plot_joints
+        from fenics_ehd.plotting.pictures import plot_run
 
-        plot_joints(scene.name, folder.path)
+        plot_run(folder.path)
     if scene.output.paraview:
         _write_series(scene, built, folder.path, parts or {})
     click.echo(to_json(summary) if as_json else report(summary, folder.directory))

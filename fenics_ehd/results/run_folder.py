@@ -38,6 +38,27 @@ STRESS = "stress.json"
 #: Held by the process that works in the folder.
 LOCK = ".lock"
 
+#: Names of pictures, which joints and ``-difference`` may follow.
+PICTURES = (
+    "max_pressure",
+    "min_film_thickness",
+    "orbit",
+    "force",
+    "eccentricity",
+    "places",
+    "friction",
+    "flow",
+    "contact",
+    "oil_content",
+    "basis_error",
+    "error_budget",
+    "pressure_map",
+    "film_map",
+    "contact_map",
+    "bore",
+    "energy",
+)
+
 #: What a run leaves, and what is made of it: stale as soon as there is another one. The summary,
 #: which says that all else is there, goes first and comes last.
 RESULTS = (
@@ -49,18 +70,13 @@ RESULTS = (
     BODY_NAME,
     "body-*.h5",
     FAILED_FILM,
-    "max_pressure.*",
-    "min_film_thickness.*",
-    "friction_torque.*",
-    "energy.*",
-    "basis_error.*",
-    "orbit.*",
     "animation.*",
     "vtk/*.pvd",
     "vtk/*_[0-9][0-9][0-9][0-9].vtm",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
     STRESS,
     "vtk/*_stress.vtu",
+    *(f"{name}{ending}" for name in PICTURES for ending in (".*", "-*.png", "-*.svg")),
 )
 
 
