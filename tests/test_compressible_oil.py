@@ -172,7 +172,7 @@ def test_derivatives_of_conserved_oil_equal_central_differences(residual, rough,
 
 
 def test_a_run_goes_on_to_the_last_bit():
-    film, end = oil_film((16, 3), family="lagrange", oil=DENSE), 0.05 * REVOLUTION
+    film, end = oil_film((16, 3), oil=DENSE), 0.05 * REVOLUTION
     steps, mechanism = Steps(tolerance=1e-3), rigid_slider_crank(film)
     whole, stopped, other = (Run(mechanism, steps, end) for _ in range(3))
     for _ in whole.until(end):
@@ -207,7 +207,7 @@ def test_nothing_of_it_is_computed_without_it(monkeypatch):
 def test_what_it_changes_in_the_machine(figure):
     found = {}
     for name, oil in (("stiff", Lubricant(ETA)), ("dense", DENSE)):
-        film = oil_film((32, 6), family="lagrange", oil=oil)
+        film = oil_film((32, 6), oil=oil)
         result = simulate(rigid_slider_crank(film), REVOLUTION, tolerance=1e-4, order=2)
         late = result.time > 0.1 * REVOLUTION
         found[name] = result.columns["min_film_thickness_m"][late].min()
@@ -224,3 +224,8 @@ def test_coefficients_of_a_bearing_do_not_know_it():
     assert 1.001 < pressures[0] / pressures[1] < 1.1
     with pytest.raises(SettingsError, match="coefficients need density_law = 'constant'"):
         solve_bearing(dense, eccentricity=0.8, with_coefficients=True)
+
+
+def test_other_cells_are_refused():
+    with pytest.raises(SettingsError, match="element = 'lagrange' of crank.pin in rod finds no"):
+        rigid_slider_crank(oil_film((12, 3), family="lagrange", oil=DENSE))

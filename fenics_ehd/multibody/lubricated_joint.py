@@ -120,6 +120,14 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
+        parameters = self.film.parameters
+        if not parameters.lubricant.density_law.constant and parameters.grid.family != "bilinear":
+            # Storage of short steps is a mass matrix: active sets of 9 nodes follow each other.
+            raise SettingsError(
+                f"element = '{parameters.grid.family}' of {self.journal} in {self.bore} finds no "
+                "first step with oil that pressure makes denser: take element = 'bilinear', or "
+                "density_law = 'constant'"
+            )
         if self.oil is not None:
             require_monotone(self.film.parameters.grid.family)
 
