@@ -75,6 +75,12 @@ def cli() -> None:
     help="Frames of the series.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
+@click.option(
+    "--multiplier",
+    is_flag=True,
+    help="Also find the largest multiplier of a periodic solution, its margin of stability, which "
+    "takes 4 to 14 cycles more.",
+)
 @json_option
 def run(
     scene: str | None,
@@ -87,6 +93,7 @@ def run(
     vtk: bool,
     frames: int,
     overwrite: bool,
+    multiplier: bool,
     as_json: bool,
 ) -> None:
     """Simulate SCENE: a name that 'init' lists, or a TOML file made by it."""
@@ -97,12 +104,14 @@ def run(
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
         wanted = frames if vtk else None
-        run.run(scene, body, method, target, plots, wanted, interval, as_json, overwrite)
+        run.run(
+            scene, body, method, target, plots, wanted, interval, as_json, overwrite, multiplier
+        )
         return
     if body or method or directory or vtk or overwrite:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
-    run.resume(Path(resume), plots, interval, as_json)
+    run.resume(Path(resume), plots, interval, as_json, multiplier)
 
 
 @cli.command()

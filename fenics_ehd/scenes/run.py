@@ -34,6 +34,7 @@ def run_scene(
     *,
     interval: float = CHECKPOINT_EVERY,
     former: Mapping[str, Any] | None = None,
+    multiplier: bool = False,
 ) -> dict[str, Any]:
     """Integrate a scene, serially, and leave its results in a folder.
 
@@ -49,6 +50,8 @@ def run_scene(
         Between two checkpoints [s].
     former
         Checkpoint of a run in this folder to go on from.
+    multiplier
+        Whether the largest multiplier of a periodic solution is found, too.
 
     Returns
     -------
@@ -67,7 +70,7 @@ def run_scene(
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     return record_run(
-        RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles),
+        RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles, multiplier),
         directory,
         {
             "warnings": list(scene.warnings),
