@@ -120,13 +120,11 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
-        parameters = self.film.parameters
-        if not parameters.lubricant.density_law.constant and parameters.grid.family != "bilinear":
-            # Storage of short steps is a mass matrix: active sets of 9 nodes follow each other.
+        if self.oil is None and not self.film.parameters.lubricant.density_law.constant:
+            # Storage of the first steps is a mass matrix: active sets follow each other for ever.
             raise SettingsError(
-                f"element = '{parameters.grid.family}' of {self.journal} in {self.bore} finds no "
-                "first step with oil that pressure makes denser: take element = 'bilinear', or "
-                "density_law = 'constant'"
+                f"the oil between {self.journal} and {self.bore} is denser under pressure: "
+                "density_law = 'dowson-higginson' needs cavitation = 'mass-conserving'"
             )
         if self.oil is not None:
             require_monotone(self.film.parameters.grid.family)
