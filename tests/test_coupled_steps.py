@@ -22,7 +22,7 @@ from oracle_quasi_static import massless_coordinates
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.feed_region import FeedGroove, FeedHole
-from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
+from fenics_ehd.film.lubricant import Barus, Roelands
 from fenics_ehd.film.thinning import Cross
 from fenics_ehd.multibody import step_solver
 from fenics_ehd.multibody.assembly import assemble
@@ -49,7 +49,6 @@ OILS = {
     "Roelands": Lubricant(0.01, Roelands(0.01)),
     "Cross": Lubricant(0.01, shear_law=Cross(3e5, 0.8, 0.4)),
     "Barus and Cross": Lubricant(0.01, Barus(2e-8), shear_law=Cross(3e5, 0.8, 0.4)),
-    "compressible": Lubricant(0.01, density_law=DowsonHigginson()),
 }
 
 
@@ -90,10 +89,6 @@ def some_step(equations, shift=2e3, seed=0):
         np.concatenate([rate - shift * z, y_past]),
         np.concatenate([acceleration - shift * rate, y_past]),
     ]
-    if equations.densities:
-        # Up to 1 % denser than at ambient pressure a moment ago.
-        points = sum(d.values.stop - d.values.start for d in equations.densities.values())
-        past[0] = np.append(past[0], -0.01 * shift * np.linspace(0, 1, points))
     start, nothing = np.concatenate([z, y]), (np.ones(1), np.ones(1))
     equations.begin(ImplicitStep(1.3e-3, shift, *past, start, start, nothing, 1e-7))
     film = system.films[0].film.film

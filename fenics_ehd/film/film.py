@@ -226,7 +226,7 @@ class Film:
         """Oil of a solved film at the Gauss points, dimensionless."""
         equation = self.equation
         nodal = state.pressure / self.parameters.pressure_scale
-        return equation.oil(nodal, equation.thinning(state.gap), state.density_rate)
+        return equation.oil(nodal, equation.thinning(state.gap))
 
     def powers(self, state: FilmState) -> tuple[float, float]:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
@@ -249,7 +249,7 @@ class Film:
             loss += np.sum(area * q.density * pressure * (change - nominal))
             if not constant:
                 denser = (q.density - self.equation.factors[1]) * nominal
-                loss += np.sum(area * pressure * (denser + thickness * q.expansion))
+                loss += np.sum(area * pressure * denser)
         # Integrals in units of p_s c Omega R^2.
         scale = p.pressure_scale * p.clearance * p.rate * p.grid.radius**2
         return float(scale * loss), float(scale * drag)

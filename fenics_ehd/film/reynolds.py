@@ -338,18 +338,14 @@ class ReynoldsEquation:
         return sliding.reshape(shape) / (p.rate * p.grid.radius)
 
     def gap_derivatives(
-        self,
-        gap: Gap,
-        pressure: np.ndarray,
-        rate_shift: float,
-        density_rate: DensityRate | None = None,
+        self, gap: Gap, pressure: np.ndarray, rate_shift: float
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Sparse derivatives of the residual, for what moves many directions at once.
 
         Parameters
         ----------
-        gap, pressure, density_rate
-            A gap and dimensionless nodal pressures, shape (nodes,).
+        gap, pressure
+            A gap and dimensionless nodal pressures, shape (nodes,); density constant in time.
         rate_shift
             ``d h' / d h`` [1/s].
 
@@ -362,11 +358,9 @@ class ReynoldsEquation:
         """
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
-        oil = self.oil(pressure, self.thinning(gap), density_rate)
+        oil = self.oil(pressure, self.thinning(gap))
         along_h, along_v = flux_derivatives(self.assembly, oil, thickness, velocity)
         along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
-        if density_rate is not None:
-            along_h += self.assembly.source_elements(oil.expansion)
         feed = self.fed(gap)
         if feed is not None:
             slope = feed.change(feed.along_thickness, self.assembly.at_points(pressure)[0])

@@ -9,7 +9,6 @@ import numpy as np
 from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.film.reynolds import DensityRate
 from fenics_ehd.multibody.border import FilmBorder
 from fenics_ehd.multibody.conserved_oil import ConservedOil, OilPoint
 from fenics_ehd.multibody.joint_shape import Turned
@@ -34,8 +33,6 @@ class FilmPoint:
         Of a joint's shape that turns, else None.
     oil
         Where it is conserved.
-    density_rate
-        Where it is compressible, and not conserved.
     """
 
     nodal: np.ndarray
@@ -45,7 +42,6 @@ class FilmPoint:
     touch: Touch | None = None
     turned: Turned | None = None
     oil: OilPoint | None = None
-    density_rate: DensityRate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +145,7 @@ class FilmColumns:
         place = self.place
         film, n = place.film.film, place.film.size
         if self.oil is None:
-            derivatives = film.equation.gap_derivatives(
-                point.gap, point.nodal, shift, point.density_rate
-            )
+            derivatives = film.equation.gap_derivatives(point.gap, point.nodal, shift)
         else:
             assert point.oil is not None
             derivatives = self.oil.gap_derivatives(point.nodal, point.oil)

@@ -120,6 +120,12 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
+        if self.oil is None and not self.film.parameters.lubricant.density_law.constant:
+            # Storage of the first steps is a mass matrix: active sets follow each other for ever.
+            raise SettingsError(
+                f"the oil between {self.journal} and {self.bore} is denser under pressure: "
+                "density_law = 'dowson-higginson' needs cavitation = 'mass-conserving'"
+            )
         if self.oil is not None:
             require_monotone(self.film.parameters.grid.family)
 

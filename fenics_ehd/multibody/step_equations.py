@@ -34,7 +34,6 @@ from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
-from fenics_ehd.multibody.oil_densities import oil_densities
 from fenics_ehd.multibody.system import FilmPlace, System, consecutive
 from fenics_ehd.multibody.turning import turned_border, twist
 
@@ -104,8 +103,6 @@ class StepEquations:
         Of joints with rough surfaces, None where all are smooth.
     filled
         Sheared share of films with friction that is kept for this step, by the joint's name.
-    densities
-        Of films whose oil is compressible under Reynolds' condition, by their numbers.
     """
 
     def __init__(self, system: System, *, dense_limit: int):
@@ -122,8 +119,6 @@ class StepEquations:
         ]
         self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
         self.contacts = Contacts.of(system, self.responses)
-        behind = sum(self.oil(i).balance.assembly.size for i in self.voids)
-        self.densities = oil_densities(system.films, system.n + self.responses.size + behind)
         self.lead(0)
 
     def lead(self, count: int) -> None:
@@ -152,8 +147,7 @@ class StepEquations:
     def resting(self, z: np.ndarray) -> np.ndarray:
         """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
         volumes = [self.oil(i).volumes_at(z) for i in self.voids]
-        ambient = [np.zeros(own.values.stop - own.values.start) for own in self.densities.values()]
-        return np.concatenate([np.zeros(self.responses.size), *volumes, *ambient])
+        return np.concatenate([np.zeros(self.responses.size), *volumes])
 
     def begin(self, step: ImplicitStep) -> None:
         """Take the equations of another step."""
@@ -165,8 +159,6 @@ class StepEquations:
         self.responses.begin(step)
         if self.contacts is not None:
             self.contacts.begin()
-        for density in self.densities.values():
-            density.begin(step)
         for i in self.voids:
             oil, xi = self.oil(i), self.system.films[i].xi
             # What is constant in the gap is part of its past, too.
@@ -258,13 +250,13 @@ class StepEquations:
             if len(self.scales) <= i:
                 self.scales.append(1.0)
             return FilmPoint(oil.balance.nodal(pressure), gap, problem, defect, oil=oil_point)
-        rate = self.densities[i].rate if i in self.densities else None
-        problem = film.equation.problem(gap, rate)
+        problem = film.equation.problem(gap)
         if len(self.scales) <= i:
             self.scales.append(problem.scale)
         nodal = film.equation.nodal(pressure)
-        defect = film.cavitation.defect(problem, pressure) / self.scales[i]
-        return FilmPoint(nodal, gap, problem, defect, density_rate=rate)
+        return FilmPoint(
+            nodal, gap, problem, film.cavitation.defect(problem, pressure) / self.scales[i]
+        )
 
     def hold_filled(self, filled: Mapping[str, np.ndarray] = MappingProxyType({})) -> None:
         """Keep the sheared share of every film as the next evaluation has it, for this step.
@@ -298,7 +290,7 @@ class StepEquations:
         result = CavitationResult(free, point.defect, np.flatnonzero(free > 0.0), 0)
         pressure = film.parameters.pressure_scale * point.nodal
         fraction = None if point.oil is None else 1.0 - point.oil.nodal_void
-        return FilmState(pressure, point.gap, result, point.problem, fraction, point.density_rate)
+        return FilmState(pressure, point.gap, result, point.problem, fraction)
 
     def integrals(self, states: Sequence[FilmState]) -> list[FilmIntegrals]:
         """Of every film in a state."""
@@ -397,7 +389,7 @@ class StepEquations:
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """``(z, y)``, void volumes, densities, and their rates at a point."""
+        """``(z, y)``, void volumes, and their rates at a point."""
         pressures = [
             place.film.film.parameters.pressure_scale * film.nodal
             for place, film in zip(self.system.films, point.films, strict=True)
@@ -410,9 +402,6 @@ class StepEquations:
             assert oil_point is not None
             volumes, change = self.oil(i).volume_rates(oil_point, point.z)
             values, rates = [*values, volumes], [*rates, change]
-        for i, density in self.densities.items():
-            denser, change = density.state(point.films[i].nodal)
-            values, rates = [*values, denser], [*rates, change]
         return np.concatenate([point.z, *values]), np.concatenate([point.rates, *rates])
 
 

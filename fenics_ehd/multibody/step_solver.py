@@ -310,6 +310,5 @@ class CoupledSteps:
             verify_complementarity(free, flux, scale, 10 * self._tolerance)
             result = CavitationResult(free, flux, self._full[i].astype(np.int32), self._iterations)
             pressure = place.film.film.parameters.pressure_scale * film.nodal
-            rate = film.density_rate
-            films.append(FilmState(pressure, film.gap, result, film.problem, density_rate=rate))
+            films.append(FilmState(pressure, film.gap, result, film.problem))
         return CoupledState(films, point.motion, self.equations.integrals(films))

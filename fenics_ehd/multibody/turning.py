@@ -42,8 +42,7 @@ def turned_border(
         np.stack([still, still], axis=-1),
     )
     if columns.oil is None:
-        inputs = film.equation.change(point.gap, point.nodal, changes, point.density_rate)
-        inputs = inputs / scale
+        inputs = film.equation.change(point.gap, point.nodal, changes) / scale
     else:
         assert point.oil is not None
         inputs = columns.oil.change(point.nodal, point.oil, changes)
