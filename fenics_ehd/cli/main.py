@@ -72,6 +72,11 @@ def cli() -> None:
     show_default=True,
     help="Frames of the series.",
 )
+@click.option(
+    "--error-budget/--no-error-budget",
+    default=None,
+    help="Estimate what the figures are worth, see output.error_budget.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
 @json_option
 def run(
@@ -84,6 +89,7 @@ def run(
     plots: bool,
     vtk: bool,
     frames: int,
+    error_budget: bool | None,
     overwrite: bool,
     as_json: bool,
 ) -> None:
@@ -95,9 +101,20 @@ def run(
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
         wanted = frames if vtk else None
-        run.run(scene, body, method, target, plots, wanted, interval, as_json, overwrite)
+        run.run(
+            scene,
+            body,
+            method,
+            target,
+            plots,
+            wanted,
+            interval,
+            as_json,
+            overwrite,
+            error_budget=error_budget,
+        )
         return
-    if body or method or directory or vtk or overwrite:
+    if body or method or directory or vtk or overwrite or error_budget is not None:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     run.resume(Path(resume), plots, interval, as_json)

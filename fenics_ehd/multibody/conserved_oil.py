@@ -159,6 +159,19 @@ class ConservedOil:
         full = self.balance.volume_scale * self._full(self._inside(observed)).sum()
         return float(full - self.void_volumes(state).sum())
 
+    def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """Void fractions of all nodes in a state of a gap, where it is observed."""
+        shares = np.zeros(self.balance.assembly.size)
+        full = self.balance.volume_scale * self._full(self._inside(observed))[self.nodes]
+        shares[self.nodes] = np.clip(self.void_volumes(state) / full, 0.0, 1.0)
+        return shares
+
+    def volumes_with(self, shares: np.ndarray, z: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """The state's volumes of such void fractions [m^3]."""
+        void = np.zeros(self.balance.assembly.size)
+        void[self.nodes] = (self._full(self._inside(observed)) * shares)[self.nodes]
+        return self.balance.volume_scale * (void + self._taken(z))
+
     def _inside(self, observed: np.ndarray) -> np.ndarray:
         """Gap at the Gauss points, which come first."""
         return observed[: self._place.film.film.assembly.area.size]

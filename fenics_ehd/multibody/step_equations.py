@@ -28,6 +28,7 @@ from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
 from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.contact_columns import ContactColumns
 from fenics_ehd.multibody.contacts import Contacts
+from fenics_ehd.multibody.disturbance import GapChanges, disturb
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
@@ -99,6 +100,8 @@ class StepEquations:
         Residual patterns of the bodies with films that have any.
     contacts
         Of joints with rough surfaces, None where all are smooth.
+    disturbance
+        Given changes of the gaps, None in a run.
     """
 
     def __init__(self, system: System, *, dense_limit: int):
@@ -115,6 +118,7 @@ class StepEquations:
         ]
         self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
         self.contacts = Contacts.of(system, self.responses)
+        self.disturbance: GapChanges | None = None
         self.lead(0)
 
     def lead(self, count: int) -> None:
@@ -215,6 +219,8 @@ class StepEquations:
             for place in system.films
         ]
         self.responses.add(self.pressures(pressures), gaps)
+        if self.disturbance is not None:
+            disturb(gaps, self.disturbance)
         for i, place in enumerate(system.films):
             if place.film.film.parameters.feeds:
                 gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
@@ -17,15 +17,19 @@ from fenics_ehd.base.errors import EhdError, InputError, OutputError
 from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.base.output import keeping_failed_film, write_summary
 from fenics_ehd.base.sealed_file import named, require_like
+from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.solver_state import MechanismStep
+from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
 from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
+
+#: What else a summary says of a complete run, whose history is in a folder.
+Judge = Callable[["RecordedRun", Path], Mapping[str, Any]]
 
 
 @dataclass
@@ -53,6 +57,14 @@ class RecordedRun:
     first_row: int = 0
     wall_time: float = 0.0
     processor_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._start = self.run.state
+
+    @property
+    def began(self) -> IntegratorState[SolverState]:
+        """State at the start of the run, or of the cycle under way."""
+        return self._start if self.cycles is None else self.cycles.began
 
     def stored_state(self) -> dict[str, Any]:
         """As nested dictionaries of arrays and numbers, for `load_state`."""
@@ -154,6 +166,7 @@ def record_run(
     interval: float,
     bar: tqdm,
     former: Mapping[str, Any] | None = None,
+    judge: Judge | None = None,
 ) -> dict[str, Any]:
     """Integrate to the end, or until the films repeat, and return the summary.
 
@@ -173,6 +186,8 @@ def record_run(
         Shows the progress.
     former
         Checkpoint to go on from.
+    judge
+        Says what the figures of the complete run are worth; None: nobody asks.
 
     Raises
     ------
@@ -192,10 +207,12 @@ def record_run(
     stored = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
     checkpoints = Checkpoints(history, interval, {**stored, "scene": fingerprints})
 
+    worth: dict[str, Any] = {}
+
     def leave(status: str) -> dict[str, Any]:
         times = {name: getattr(recorded, name) for name in ("wall_time", "processor_time")}
         seconds = {f"{name}_s": value for name, value in times.items()}
-        summary = {"status": status, **about, **recorded.figures(), **seconds}
+        summary = {"status": status, **about, **recorded.figures(), **seconds, **worth}
         if history.rows:
             write_summary(directory, summary)
         return summary
@@ -213,6 +230,8 @@ def record_run(
                 _show(bar, recorded, step)
                 check()
             status = recorded.tracker.verdict()
+        if judge is not None:
+            worth |= judge(recorded, directory)
     except BaseException as error:
         with suppress(OutputError):  # the disk may be full
             leave(_how_it_ended(error, directory))

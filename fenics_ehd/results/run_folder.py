@@ -46,6 +46,7 @@ RESULTS = (
     "friction_torque.*",
     "energy.*",
     "basis_error.*",
+    "error_budget.*",
     "orbit.*",
     "animation.*",
     "vtk/*.pvd",

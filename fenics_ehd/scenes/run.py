@@ -15,11 +15,12 @@ from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
+from fenics_ehd.results.error_budget import estimated
 from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, record_run
 from fenics_ehd.results.run_folder import SCENE_NAME
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import Built, build_mechanism
-from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.scene import Scene, lubricated_joints
 from fenics_ehd.scenes.scene_text import as_stored, csv_files, scene_text
 
 #: File of a flexible body beside the history of its run.
@@ -80,6 +81,7 @@ def run_scene(
         interval=interval,
         bar=bar,
         former=former,
+        judge=estimated if scene.output.error_budget and lubricated_joints(scene) else None,
     )
 
 

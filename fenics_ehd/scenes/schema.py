@@ -438,6 +438,7 @@ class OutputSettings:
     """What a run writes beside history and summary."""
 
     plots: bool = flag(True, "curves as pictures")
+    error_budget: bool = flag(True, "whether the run says what its figures are worth")
     paraview: bool = flag(False, "ParaView series of the flexible bodies")
     frames: int = count(60, "of the series", least=2)
 
