@@ -9,6 +9,9 @@ LINT_VENV := .venv-lint
 LINTERS := ruff==0.17.5 mypy==2.4.1
 # More arguments for pytest: make test ARGS='-k film'
 ARGS :=
+# Processes for the tests; whole files each, as those share what is slow to make.
+WORKERS := auto
+ON_ALL_CORES = -n $(WORKERS) --dist loadfile
 # Ranks that wait for each other shall fail, not hang.
 MPI_TIME_LIMIT := 900
 
@@ -21,13 +24,13 @@ demo: set-up  ## run the slider-crank into results/slider-crank
 	$(VENV)/bin/fenics-ehd run slider-crank --overwrite -o results/slider-crank
 
 test: set-up  ## run the fast tests
-	$(VENV)/bin/python -m pytest $(ARGS)
+	$(VENV)/bin/python -m pytest $(ON_ALL_CORES) $(ARGS)
 
 test-slow: set-up  ## run the slow tests
-	$(VENV)/bin/python -m pytest -m slow $(ARGS)
+	$(VENV)/bin/python -m pytest $(ON_ALL_CORES) -m slow $(ARGS)
 
 test-all: set-up  ## run fast and slow tests
-	$(VENV)/bin/python -m pytest -m "" $(ARGS)
+	$(VENV)/bin/python -m pytest $(ON_ALL_CORES) -m "" $(ARGS)
 
 # Containers run as root and may offer one core, both of which Open MPI 4 and 5 refuse unless told.
 # Rank 1 writes to a file, or its lines would cut through those of rank 0.

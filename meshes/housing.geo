@@ -1,7 +1,8 @@
 // Bearing housing: a ring with the bore on a web and a foot, a planar profile in
-// x, y extruded along z by the bore width, all blocks of hexahedra. SI units. Bore
-// centre at the origin, mid-plane of the bore at z = 0, sole of the foot at
-// y = -centre_height, where the housing is held.
+// x, y extruded along z by the bore width, in blocks of hexahedra or, with
+// tetrahedra = 1, as one unstructured volume. SI units. Bore centre at the origin,
+// mid-plane of the bore at z = 0, sole of the foot at y = -centre_height, where the
+// housing is held.
 //
 // The defaults give 20 x 5 cells on the bore and 2977 nodes, 8931 degrees of freedom
 // with the 20-node element: the number of the paper, which does not show the shape.
@@ -24,6 +25,7 @@ DefineConstant[
   web_layers        = { 4, Min  1, Max 20, Step 1,  Name "Housing/web_layers",        Label "Cells along the web's height"}
   foot_layers       = { 3, Min  1, Max 10, Step 1,  Name "Housing/foot_layers",       Label "Cells through the foot"}
   foot_cells        = { 1, Min  1, Max 20, Step 1,  Name "Housing/foot_cells",        Label "Cells along the foot on either side of the web"}
+  tetrahedra        = { 0, Choices{0, 1},           Name "Housing/tetrahedra",        Label "Tetrahedra instead of hexahedra"}
 ];
 
 If(10 * Floor(bore_cells_around / 10) != bore_cells_around)
@@ -62,9 +64,11 @@ For i In {0:3}
   Point(inner[i]) = {bore_radius * Cos(spoke_angle[i]), bore_radius * Sin(spoke_angle[i]), z};
   outer[i] = newp;
   Point(outer[i]) = {outer_radius * Cos(spoke_angle[i]), outer_radius * Sin(spoke_angle[i]), z};
-  spoke[i] = newl;
-  Line(spoke[i]) = {inner[i], outer[i]};
-  Transfinite Curve {spoke[i]} = ring_layers + 1;
+  If(!tetrahedra)
+    spoke[i] = newl;
+    Line(spoke[i]) = {inner[i], outer[i]};
+    Transfinite Curve {spoke[i]} = ring_layers + 1;
+  EndIf
 EndFor
 For i In {0:3}
   next = (i + 1) % 4;
@@ -72,11 +76,13 @@ For i In {0:3}
   Circle(inner_arc[i]) = {inner[i], centre, inner[next]};
   outer_arc[i] = newl;
   Circle(outer_arc[i]) = {outer[i], centre, outer[next]};
-  Transfinite Curve {inner_arc[i], outer_arc[i]} = Round(arc_cells[i]) + 1;
-  loop = newll;
-  Curve Loop(loop) = {inner_arc[i], spoke[next], -outer_arc[i], -spoke[i]};
-  blocks[i] = news;
-  Plane Surface(blocks[i]) = {loop};
+  If(!tetrahedra)
+    Transfinite Curve {inner_arc[i], outer_arc[i]} = Round(arc_cells[i]) + 1;
+    loop = newll;
+    Curve Loop(loop) = {inner_arc[i], spoke[next], -outer_arc[i], -spoke[i]};
+    blocks[i] = news;
+    Plane Surface(blocks[i]) = {loop};
+  EndIf
 EndFor
 
 // The foot: three blocks side by side, the middle one under the web.
@@ -87,50 +93,87 @@ For i In {0:3}
   Point(sole[i]) = {foot_x[i], -centre_height, z};
   instep[i] = newp;
   Point(instep[i]) = {foot_x[i], foot_thickness - centre_height, z};
-  side[i] = newl;
-  Line(side[i]) = {sole[i], instep[i]};
-  Transfinite Curve {side[i]} = foot_layers + 1;
+EndFor
+For i In {0:3}
+  // The inner ones would cut the foot in three.
+  If(!tetrahedra || i == 0 || i == 3)
+    side[i] = newl;
+    Line(side[i]) = {sole[i], instep[i]};
+  EndIf
+  If(!tetrahedra)
+    Transfinite Curve {side[i]} = foot_layers + 1;
+  EndIf
 EndFor
 For i In {0:2}
   sole_line[i] = newl;
   Line(sole_line[i]) = {sole[i], sole[i + 1]};
-  instep_line[i] = newl;
-  Line(instep_line[i]) = {instep[i], instep[i + 1]};
-  Transfinite Curve {sole_line[i], instep_line[i]} = Round(foot_across[i]) + 1;
-  loop = newll;
-  Curve Loop(loop) = {sole_line[i], side[i + 1], -instep_line[i], -side[i]};
-  blocks[4 + i] = news;
-  Plane Surface(blocks[4 + i]) = {loop};
+  If(!tetrahedra || i != 1)
+    instep_line[i] = newl;
+    Line(instep_line[i]) = {instep[i], instep[i + 1]};
+  EndIf
+  If(!tetrahedra)
+    Transfinite Curve {sole_line[i], instep_line[i]} = Round(foot_across[i]) + 1;
+    loop = newll;
+    Curve Loop(loop) = {sole_line[i], side[i + 1], -instep_line[i], -side[i]};
+    blocks[4 + i] = news;
+    Plane Surface(blocks[4 + i]) = {loop};
+  EndIf
 EndFor
 
 // The web, from the foot to the lowest arc of the ring.
 For i In {0:1}
   flank[i] = newl;
   Line(flank[i]) = {instep[i + 1], outer[i]};
-  Transfinite Curve {flank[i]} = web_layers + 1;
+  If(!tetrahedra)
+    Transfinite Curve {flank[i]} = web_layers + 1;
+  EndIf
 EndFor
-loop = newll;
-Curve Loop(loop) = {instep_line[1], flank[1], -outer_arc[0], -flank[0]};
-blocks[7] = news;
-Plane Surface(blocks[7]) = {loop};
 
-Transfinite Surface {blocks[]};
-Recombine Surface {blocks[]};
+If(tetrahedra)
+  // The profile in one piece: the arc on the web is inside it. Of the numbers of cells
+  // those of the bore count: a triangle with this edge has as many nodes to an area as
+  // the quadrilaterals of the bore would have.
+  Delete { Curve{outer_arc[0]}; }
+  outline = newll;
+  Curve Loop(outline) = {
+    sole_line[], side[3], -instep_line[2], flank[1], outer_arc[1], outer_arc[2], outer_arc[3],
+    -flank[0], -instep_line[0], -side[0]
+  };
+  hole = newll;
+  Curve Loop(hole) = {inner_arc[]};
+  profile = news;
+  Plane Surface(profile) = {outline, hole};
+  swept[] = Extrude {0, 0, bore_width} { Surface{profile}; };
+  // The far face, the volume, then the sides in the order of the loops.
+  housing[] = {swept[1]};
+  foot[]    = {swept[2], swept[3], swept[4]};
+  bore[]    = {swept[14], swept[15], swept[16], swept[17]};
+  MeshSize { PointsOf { Volume{housing[]}; } } =
+    1.16 * Sqrt(2 * Pi * bore_radius / bore_cells_around * bore_width / bore_cells_along);
+Else
+  loop = newll;
+  Curve Loop(loop) = {instep_line[1], flank[1], -outer_arc[0], -flank[0]};
+  blocks[7] = news;
+  Plane Surface(blocks[7]) = {loop};
 
-// Per block, Extrude returns the far face, the volume, then the side faces in the order
-// of the curve loop; the first of these is the bore in the ring, the sole in the foot.
-swept[] = Extrude {0, 0, bore_width} {
-  Surface {blocks[]}; Layers {bore_cells_along}; Recombine;
-};
-For b In {0:7}
-  housing[b] = swept[6 * b + 1];
-EndFor
-For i In {0:3}
-  bore[i] = swept[6 * i + 2];
-EndFor
-For i In {0:2}
-  foot[i] = swept[6 * (4 + i) + 2];
-EndFor
+  Transfinite Surface {blocks[]};
+  Recombine Surface {blocks[]};
+
+  // Per block, Extrude returns the far face, the volume, then the side faces in the order
+  // of the curve loop; the first of these is the bore in the ring, the sole in the foot.
+  swept[] = Extrude {0, 0, bore_width} {
+    Surface {blocks[]}; Layers {bore_cells_along}; Recombine;
+  };
+  For b In {0:7}
+    housing[b] = swept[6 * b + 1];
+  EndFor
+  For i In {0:3}
+    bore[i] = swept[6 * i + 2];
+  EndFor
+  For i In {0:2}
+    foot[i] = swept[6 * (4 + i) + 2];
+  EndFor
+EndIf
 
 Physical Volume("housing", 1) = {housing[]};
 Physical Surface("bore", 2)   = {bore[]};

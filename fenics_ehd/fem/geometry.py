@@ -135,19 +135,22 @@ def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[s
     }
 
 
-def _check_cells(path: str | Path, cells: str) -> None:
-    """The current model must hold the cells asked for and no other solids."""
+def _found_cells(path: str | Path, asked: str) -> str:
+    """Which cells the current model holds, ``"hex"`` or ``"tet"``, and no other solids."""
     found = set(gmsh.model.mesh.getElementTypes(3))
-    wanted = _GMSH_CELLS[CELLS[cells]]
-    if wanted not in found:
-        other = next((name for name in CELLS if _GMSH_CELLS[CELLS[name]] in found), None)
-        plural = {"hex": "hexahedra", "tet": "tetrahedra"}
-        cure = f"ask for cells = {other!r}" if other else "check its numbers of cells"
-        raise MeshError(f"model {path} gives no {plural[cells]}: {cure}")
-    if len(found) > 1:
-        raise MeshError(f"model {path} mixes {len(found)} kinds of cells: mesh it with one")
+    if not found:
+        raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
+    kind = next((name for name in CELLS if found == {_GMSH_CELLS[CELLS[name]]}), None)
+    if kind is None:
+        kinds = ", ".join(gmsh.model.mesh.getElementProperties(cell)[0] for cell in sorted(found))
+        raise MeshError(f"model {path} holds {kinds}: mesh it with hexahedra or tetrahedra alone")
+    if asked == "tet" != kind:
+        raise MeshError(
+            f"model {path} gives no tetrahedra: it needs a parameter {_SWITCH} for cells = 'tet'"
+        )
     if not gmsh.model.getPhysicalGroups(3):
         raise MeshError(f"model {path} has no physical volume: name the part's solid")
+    return kind
 
 
 def build_mesh(
@@ -173,8 +176,8 @@ def build_mesh(
         Put face and cell centres of hexahedra where the 20 edge and corner nodes
         put them, which a 20-node element needs to represent linear fields.
     cells
-        ``"hex"`` or ``"tet"``; the latter sets the model's parameter
-        ``tetrahedra`` if it has one.
+        ``"hex"`` or ``"tet"``, for a model whose parameter ``tetrahedra`` decides; others
+        have what they have.
     bores
         Surfaces on cylinders along z: mid-side nodes of tetrahedra there are put
         on the cylinder, half way in angle and height.
@@ -186,13 +189,14 @@ def build_mesh(
     Raises
     ------
     MeshError
-        Gmsh cannot read or mesh the model, or it holds other cells.
+        Gmsh cannot read or mesh the model, or it mixes cells, or has no tetrahedra to be asked
+        for.
     """
     groups, failure = None, None
     if comm.rank == 0:
         try:
             groups = _generate(Path(path), parameters or {}, cells)
-            _check_cells(path, cells)
+            cells = _found_cells(path, cells)
             if cells == "tet":
                 for bore in bores:
                     _round_bore(groups.get(bore))
@@ -201,7 +205,7 @@ def build_mesh(
             failure = str(error)
         except Exception as error:  # Gmsh raises plain Exception
             failure = f"Gmsh cannot mesh {path}: {error}"
-    failure, groups = comm.bcast((failure, groups))
+    failure, groups, cells = comm.bcast((failure, groups, cells))
     try:
         if failure:
             raise MeshError(failure)

@@ -157,7 +157,8 @@ def structure_provenance(
     return {
         "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
         "element": part.element,
-        "cells": part.cells,
+        # A mesh has the cells it has.
+        **({"cells": part.cells} if model.suffix == ".geo" else {}),
         "youngs_modulus": repr(part.material.youngs_modulus),
         "poissons_ratio": repr(part.material.poissons_ratio),
         "density": repr(part.material.density),
