@@ -319,7 +319,8 @@ class Estimator:
         left = cycles.left / (1.0 - cycles.contraction)
         now, then = (getattr(found[joint], quantity) for found in (self._extremes, self._former))
         share = left / cycles.moved if cycles.moved else 0.0
-        return float(share * abs(now - then) / now), float(left)
+        extreme = float(share * abs(now - then) / now)
+        return extreme, max(extreme, float(left))
 
 
 def judged(run: Run, end: float, cycles: Cycles | None = None) -> tuple[Tracker, ErrorBudget]:

@@ -61,12 +61,13 @@ def curves(recorded: RecordedRun, budget: ErrorBudget) -> dict[str, Any]:
     for i, place in enumerate(films):
         own: dict[str, Any] = {}
         for component, change in budget.changes.items():
-            own[component] = {
+            values = {
                 "time_s": change.times - start,
                 f"{QUANTITIES[0]}_Pa": change.peaks[:, i],
                 f"{QUANTITIES[1]}_m": change.films[:, i],
                 f"more_{QUANTITIES[0]}_Pa": change.more_pressure[:, i],
                 f"more_{QUANTITIES[1]}_m": change.more_film[:, i],
             }
+            own[component] = {name: value.tolist() for name, value in values.items()}
         found[place.name] = own
     return found
