@@ -17,13 +17,11 @@ from fenics_ehd.multibody.course import course_of
 from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.error_budget import (
     COMPONENTS,
-    NOT_APPLICABLE,
-    NOT_ESTIMATED,
     QUANTITIES,
     gathered,
     judged,
-    total,
 )
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, total
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.other_films import finer_grid, on_finer_films, with_finer_films
 from fenics_ehd.multibody.run import Run, Steps

@@ -24,9 +24,9 @@ from fenics_ehd.multibody.step_factors import LEADING
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.step_solver import CoupledSteps
 
-#: Newton stops when its last update is below this share of the tolerance: of a difference, that is
-#: little.
-SETTLED = 0.1
+#: Newton stops when its last update is below this share of the tolerance of a step: of differences
+#: that are looked for it is little.
+SETTLED = 1.0
 
 #: Largest growth of a step: from one step of the run to two of them.
 LONGEST = 2.0 + 1e-9

@@ -75,6 +75,29 @@ class Course:
             twice(self.accelerations),
         )
 
+    def halved(self, time: float, x: np.ndarray) -> Course:
+        """With a point half way to each, from a time [s] and state where the course begins."""
+        first = self.at(np.zeros(1, dtype=int))
+
+        def between(values: np.ndarray, start: np.ndarray) -> np.ndarray:
+            if not len(values):
+                return values
+            found = np.empty((2 * len(values), *values.shape[1:]))
+            found[1::2] = values
+            found[::2] = 0.5 * (values + np.concatenate([start, values[:-1]]))
+            return found
+
+        return Course(
+            between(self.times, np.array([time])),
+            between(self.x, x[None]),
+            [between(p, own) for p, own in zip(self.pressures, first.pressures, strict=True)],
+            {i: between(void, first.voids[i]) for i, void in self.voids.items()},
+            between(self.peaks, first.peaks),
+            between(self.films, first.films),
+            between(self.multipliers, first.multipliers),
+            between(self.accelerations, first.accelerations),
+        )
+
     def at(self, rows: np.ndarray) -> Course:
         """Some of its points."""
         return Course(

@@ -4,8 +4,8 @@ The last cycle of a periodic run, or all of another one, is solved again beside 
 (`fenics_ehd.multibody.beside`), with one thing different at a time:
 
 step size
-    steps as long as two or more of the run's: what changes is a multiple of the error, by the order
-    of the formula (Richardson);
+    in steps as long as two or more of the run's: what changes is a multiple of the error, by the
+    order of the formula (Richardson); of a run of many cycles in steps half as long;
 film mesh
     in the same long steps, on films of half as many cells again either way (`other_films`);
 basis
@@ -36,31 +36,32 @@ from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.beside import Beside
 from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.disturbance import Disturbance
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Change, relative, total
 from fenics_ehd.multibody.other_films import FINER, on_finer_films, with_finer_films
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.step_solver import CoupledSteps
 from fenics_ehd.multibody.system import FilmPlace, System
-from fenics_ehd.multibody.tracking import Extremes, Tracker
-
-#: Said of what cannot be estimated, and of what a run or joint does not have.
-NOT_ESTIMATED, NOT_APPLICABLE = "not estimated", "not applicable"
+from fenics_ehd.multibody.tracking import Tracker
 
 COMPONENTS = ("basis", "film_mesh", "part_mesh", "step_size", "start")
 
 #: Quantities by their names in a summary.
 QUANTITIES = ("max_pressure", "min_film_thickness")
 
-#: Steps of the run in one: as many as half of the course's share of all its steps allows to be
-#: cheap, by the share up to which that is so.
-STRIDES = ((0.2, 2), (0.4, 3), (1.0, 4))
+#: Local error that long steps may have, and least and most steps of the run in one of them.
+LONG_ERROR, STRIDES = 0.01, (2, 4)
+
+#: Share of the course below which the error of the steps is found in half as long ones: those twice
+#: as long may be too long for a mode that they must resolve.
+HALVED = 0.2
 
 #: Order that errors of the film's mesh are taken to have.
 FILM_ORDER = 4.0
 
 #: Contraction of a cycle above which all of it is followed twice, and the share else.
-SLOW, SHARE = 0.05, 0.25
+SLOW, SHARE = 0.3, 0.25
 
 #: Gap errors below this, relative to the film, stand for what they do to it and to the pressure.
 SMALL = 1e-3
@@ -69,27 +70,6 @@ SMALL = 1e-3
 NEAR = 0.1
 
 Found = TypeVar("Found")
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """Estimated error of a component over time: what the exact solution has more.
-
-    Attributes
-    ----------
-    times
-        shape (k,) [s].
-    peaks, films
-        Values of the run, shape (k, joints) [Pa], [m].
-    more_pressure, more_film
-        shape (k, joints) [Pa], [m].
-    """
-
-    times: np.ndarray
-    peaks: np.ndarray
-    films: np.ndarray
-    more_pressure: np.ndarray
-    more_film: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +123,10 @@ class Estimator:
         self._system = run.equations.system
         self._extremes, self._former = tracker.extremes, tracker.former
         share_of_run = len(course.times) / tracker.counts["steps"]
-        self._stride = next(steps for share, steps in STRIDES if share_of_run <= share)
+        self._halve = share_of_run <= HALVED
+        control = run.control
+        growth = (LONG_ERROR / control.tolerance) ** (1.0 / (control.order + 1))
+        self._stride = int(np.clip(growth, *STRIDES))
         self._began = IntegratorState(**began.points())
         self._grids = [place.film.film.parameters.grid for place in self._system.films]
         self.iterations = 0
@@ -161,11 +144,9 @@ class Estimator:
         notes: dict[str, str] = {}
         again = self._try("step_size", notes, self._longer_steps)
         if again is not None:
-            changes["step_size"] = self._change(
-                self._long.at(np.searchsorted(self._long.times, again.times)),
-                again,
-                -1.0 / (self._stride**self._run.control.order - 1.0),
-            )
+            step = self._try("step_size", notes, lambda: self._change_by_steps(again))
+            if step is not None:
+                changes["step_size"] = step
             film = self._try("film_mesh", notes, lambda: self._finer_films(again))
             if film is not None:
                 changes["film_mesh"] = self._change(again, film, 1.0 / (1.0 - FINER**-FILM_ORDER))
@@ -195,6 +176,18 @@ class Estimator:
         self.iterations += beside.iterations
         return found
 
+    def _change_by_steps(self, again: Course) -> Change:
+        order = self._run.control.order
+        if not self._halve:
+            run = self._long.at(np.searchsorted(self._long.times, again.times))
+            return self._change(run, again, -1.0 / (self._stride**order - 1.0))
+        x = self._began.x[0][: self._course.x.shape[1]]
+        beside = Beside(self._run.solve, self._run.control, self._grids)
+        found = beside.follow(self._began, self._long.halved(self._began.time, x), 1)
+        self.iterations += beside.iterations
+        same = found.at(np.searchsorted(found.times, self._long.times))
+        return self._change(self._long, same, 1.0 / (1.0 - 0.5**order))
+
     def _finer_films(self, again: Course) -> Course:
         system = System(with_finer_films(self._system.mechanism))
         for place, own in zip(system.films, self._system.films, strict=True):
@@ -214,18 +207,12 @@ class Estimator:
             [none if change is None else np.abs(change).max(axis=1) for change in missing.observed]
         )
         if not (sizes / again.films).max() > SMALL:
-            count = self._count(again.times)
-            more = sizes / again.films * again.peaks, sizes
-            values = again.times, again.peaks, again.films, *more
-            return Change(*(value[:count] for value in values))
+            more = [sizes / again.films * again.peaks, sizes]
+            return self._over_course(again.times, more)
         beside = Beside(self._run.solve, self._run.control, self._grids)
         found = beside.follow(self._began, again, 1, missing)
         self.iterations += beside.iterations
         return self._change(again, found, 1.0)
-
-    def _count(self, times: np.ndarray) -> int:
-        """Number of times within the course."""
-        return int(np.searchsorted(times, self._course.times[-1], "right"))
 
     def _missing(self, again: Course) -> Disturbance:
         """What the basis lacks, along a course."""
@@ -266,12 +253,24 @@ class Estimator:
         more = [
             factor * (getattr(after, name) - getattr(before, name)) for name in ("peaks", "films")
         ]
-        count = self._count(before.times)
+        count = int(np.searchsorted(before.times, self._course.times[-1], "right"))
         if self._cycles is not None:
             more = [self._settled(before.times, own, count) for own in more]
-        return Change(
-            before.times[:count], before.peaks[:count], before.films[:count], more[0], more[1]
-        )
+        return self._over_course(before.times[:count], more)
+
+    def _over_course(self, times: np.ndarray, more: Sequence[np.ndarray]) -> Change:
+        """Changes at all steps of the run, between those they were found at."""
+        course = self._course
+        found = [
+            np.column_stack(
+                [
+                    np.interp(course.times, times, values[: len(times), joint])
+                    for joint in range(values.shape[1])
+                ]
+            )
+            for values in more
+        ]
+        return Change(course.times, course.peaks, course.films, *found)
 
     def _settled(self, times: np.ndarray, more: np.ndarray, count: int) -> np.ndarray:
         """Changes over a cycle, as they are the second time where it was followed twice."""
@@ -348,40 +347,6 @@ def judged(run: Run, end: float, cycles: Cycles | None = None) -> tuple[Tracker,
 def gathered(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
     """Columns of rows."""
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
-def relative(change: Change, joint: int, quantity: str, extremes: Extremes) -> tuple[float, float]:
-    """Error of an extreme with its sign, and the largest over the cycle, relative."""
-    if quantity == "max_pressure":
-        values, more = change.peaks[:, joint], change.more_pressure[:, joint]
-        extreme = extremes.max_pressure
-        moved = (values + more).max() - values.max()
-        near = values >= (1.0 - NEAR) * values.max()
-        over = np.abs(more).max() / extreme
-    else:
-        values, more = change.films[:, joint], change.more_film[:, joint]
-        extreme = extremes.min_film_thickness
-        moved = (values + more).min() - values.min()
-        near = values <= (1.0 + NEAR) * values.min()
-        over = (np.abs(more) / values).max()
-    # Where an extreme stays as it is while what surrounds it moves, that is luck.
-    least = 0.5 * np.sqrt(np.mean(more[near] ** 2))
-    error = np.copysign(max(abs(moved), least), moved)
-    return float(error / abs(extreme)), float(over)
-
-
-def total(values: Mapping[str, Any], together: float = 0.0) -> float | str:
-    """Of components that are known, the start among them, and the sum of those with a sign.
-
-    They may cancel, but not beyond half the root of the sum of their squares.
-    """
-    known = [value for value in values.values() if not isinstance(value, str)]
-    if not known:
-        return NOT_ESTIMATED
-    start = values.get("start", 0.0)
-    left = abs(together) + (0.0 if isinstance(start, str) else start)
-    spread = float(np.sqrt(np.sum(np.square(known))))
-    return max(left, 0.5 * spread) if together else spread
 
 
 def _observed(system: System, place: FilmPlace, outward: np.ndarray) -> np.ndarray:

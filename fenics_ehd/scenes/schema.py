@@ -102,7 +102,9 @@ class FlexibleSettings(MovingSettings):
     bores: tuple[str, ...] = names("surfaces that films bend, the first one's axis is z", ("bore",))
     points: tuple[str, ...] = names("surfaces of the model whose mean places are points")
     held_by: str = text(NONE, "surface of the model that does not move, or none")
-    cells: str = choice("hex", part_settings.CELLS, "of a model that can give either: hexahedra, 10-node tetrahedra")
+    cells: str = choice(
+        "hex", part_settings.CELLS, "of a model that can give either: hexahedra, 10-node tetrahedra"
+    )
     element: str = choice("serendipity", part_settings.ELEMENTS, "of hexahedra, 20- or 27-node")
     damping_time: float = number(
         0.0, "zeta of D = zeta K [s]", least=0, usual=(1e-12, 0.1), example="1e-3 for 1 ms"
