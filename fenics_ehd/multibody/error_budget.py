@@ -25,25 +25,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from time import process_time
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
 
-from fenics_ehd.base.errors import EhdError
-from fenics_ehd.multibody.basis_error import bore_body, bore_loads, estimate_at
+from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.multibody.basis_error import BasisErrorEstimate, bore_body, bore_loads, estimate_at
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.beside import Beside
 from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Change, relative, total
 from fenics_ehd.multibody.other_films import FINER, on_finer_films, with_finer_films
+from fenics_ehd.multibody.part_mesh import flexibility_error
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.step_solver import CoupledSteps
 from fenics_ehd.multibody.system import FilmPlace, System
 from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.reduction import ReducedBody
 
 COMPONENTS = ("basis", "film_mesh", "part_mesh", "step_size", "start")
 
@@ -109,6 +113,8 @@ class Estimator:
         Of the last cycle, or the run.
     tracker
         Of the run.
+    coarser
+        Flexible bodies by name, rigid, of coarser meshes of their parts (`part_mesh`).
     """
 
     def __init__(
@@ -118,9 +124,11 @@ class Estimator:
         began: IntegratorState[SolverState],
         course: Course,
         tracker: Tracker,
+        coarser: Mapping[str, ReducedBody] = MappingProxyType({}),
     ):
         self._run, self._cycles, self._course = run, cycles, course
         self._system = run.equations.system
+        self._coarser = coarser
         self._extremes, self._former = tracker.extremes, tracker.former
         share_of_run = len(course.times) / tracker.counts["steps"]
         self._halve = share_of_run <= HALVED
@@ -151,9 +159,13 @@ class Estimator:
             if film is not None:
                 changes["film_mesh"] = self._change(again, film, 1.0 / (1.0 - FINER**-FILM_ORDER))
             if any(place.bore for place in self._system.films):
-                basis = self._try("basis", notes, lambda: self._change_by_basis(again))
-                if basis is not None:
-                    changes["basis"] = basis
+                for name, lacking in (("basis", self._basis), ("part_mesh", self._part_mesh)):
+                    if name == "basis" or self._coarser:
+                        found = self._try(
+                            name, notes, partial(self._change_by_gaps, again, lacking)
+                        )
+                        if found is not None:
+                            changes[name] = found
         else:
             notes |= dict.fromkeys(("film_mesh", "basis"), notes["step_size"])
         joints = {
@@ -200,8 +212,35 @@ class Estimator:
         self.iterations += beside.iterations
         return found
 
-    def _change_by_basis(self, again: Course) -> Change:
-        missing = self._missing(again)
+    def _basis(self) -> dict[str, BasisErrorEstimate]:
+        """What bases lack, by joint."""
+        estimates = {
+            place.name: estimate_at(bore_body(self._system, place), place.bore)
+            for place in self._system.films
+            if place.bore
+        }
+        for name, estimate in estimates.items():
+            if np.isnan(estimate.largest):
+                raise SettingsError(f"{name}: reduction.estimate_error is off")
+        return estimates
+
+    def _part_mesh(self) -> dict[str, BasisErrorEstimate]:
+        """What meshes of parts lack, by joint."""
+        found = {}
+        for place in self._system.films:
+            if place.bore:
+                body = bore_body(self._system, place)
+                if place.bore_body not in self._coarser:
+                    raise SettingsError(f"{place.bore_body}: no coarser mesh of the part is known")
+                error = flexibility_error(body.reduced, self._coarser[place.bore_body])
+                nodes = body.reduced.rows_of(place.bore).nodes
+                found[place.name] = BasisErrorEstimate(error[nodes], body.damping_time)
+        return found
+
+    def _change_by_gaps(
+        self, again: Course, lacking: Callable[[], Mapping[str, BasisErrorEstimate]]
+    ) -> Change:
+        missing = self._missing(again, lacking())
         none = np.zeros(len(again.times))
         sizes = np.column_stack(
             [none if change is None else np.abs(change).max(axis=1) for change in missing.observed]
@@ -214,17 +253,9 @@ class Estimator:
         self.iterations += beside.iterations
         return self._change(again, found, 1.0)
 
-    def _missing(self, again: Course) -> Disturbance:
-        """What the basis lacks, along a course."""
+    def _missing(self, again: Course, estimates: Mapping[str, BasisErrorEstimate]) -> Disturbance:
+        """What gaps lack along a course."""
         system, equations = self._system, self._run.equations
-        estimates = {
-            place.name: estimate_at(bore_body(system, place), place.bore)
-            for place in system.films
-            if place.bore
-        }
-        for name, estimate in estimates.items():
-            if np.isnan(estimate.largest):
-                raise EhdError(f"{name}: reduction.estimate_error is off")
         rows = range(len(again.times))
         loads = [bore_loads(system, [p[k] for p in again.pressures]) for k in rows]
         steps = np.diff(again.times, prepend=self._began.time)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from fenics_ehd.base.output import to_json, write_whole
 from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.error_budget import QUANTITIES, ErrorBudget, Estimator
+from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.results.history_file import read_fields, read_history
 from fenics_ehd.results.recorded_run import RecordedRun
 
@@ -27,8 +29,17 @@ def recorded_course(recorded: RecordedRun, directory: Path) -> Course:
     return course_of(system, columns, {name: values[first:] for name, values in fields.items()})
 
 
-def estimated(recorded: RecordedRun, directory: Path) -> dict[str, Any]:
+def estimated(
+    recorded: RecordedRun, directory: Path, coarser: Mapping[str, ReducedBody]
+) -> dict[str, Any]:
     """Estimate the errors of a run that is complete, and leave them in its folder.
+
+    Parameters
+    ----------
+    recorded, directory
+        The run, its history there.
+    coarser
+        See `Estimator`.
 
     Returns
     -------
@@ -42,6 +53,7 @@ def estimated(recorded: RecordedRun, directory: Path) -> dict[str, Any]:
         recorded.began,
         recorded_course(recorded, directory),
         recorded.tracker,
+        coarser,
     )
     budget = estimator.budget()
     write_whole(directory / BUDGET_NAME, to_json(curves(recorded, budget)) + "\n")

@@ -47,6 +47,7 @@ RESULTS = (
     "energy.*",
     "basis_error.*",
     "error_budget.*",
+    "coarser-*.h5",
     "orbit.*",
     "animation.*",
     "vtk/*.pvd",

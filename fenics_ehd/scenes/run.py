@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,15 @@ from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, recor
 from fenics_ehd.results.run_folder import SCENE_NAME
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import Built, build_mechanism
-from fenics_ehd.scenes.scene import Scene, lubricated_joints
+from fenics_ehd.scenes.coarse_part import coarser_part
+from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
 from fenics_ehd.scenes.scene_text import as_stored, csv_files, scene_text
 
 #: File of a flexible body beside the history of its run.
 BODY_FILE = "body-{}.h5"
+
+#: Of a coarser mesh of its part.
+COARSER_FILE = "coarser-{}.h5"
 
 
 def run_scene(
@@ -65,6 +70,10 @@ def run_scene(
         write_whole(directory / SCENE_NAME, scene_text(scene))
         for name, body in built.parts.items():
             save_body(body, directory / BODY_FILE.format(name))
+    judge = None
+    if scene.output.error_budget and lubricated_joints(scene):
+        coarser = coarser_parts(scene, directory, former is None)
+        judge = partial(estimated, coarser=coarser)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     return record_run(
@@ -81,8 +90,18 @@ def run_scene(
         interval=interval,
         bar=bar,
         former=former,
-        judge=estimated if scene.output.error_budget and lubricated_joints(scene) else None,
+        judge=judge,
     )
+
+
+def coarser_parts(scene: Scene, directory: Path, new: bool) -> dict[str, ReducedBody]:
+    """Bodies of coarser meshes where they are wanted, in the folder of a run."""
+    wanted = meshed(scene) if scene.output.part_mesh_error else ()
+    paths = {name: directory / COARSER_FILE.format(name) for name in wanted}
+    if new:
+        for name, path in paths.items():
+            save_body(coarser_part(scene, name), path)
+    return {name: load_body(path) for name, path in paths.items()}
 
 
 def _reductions(built: Built) -> dict[str, Any]:
