@@ -95,8 +95,9 @@ class NestedSteps:
             # One iteration would leave the films those of the prediction.
             if iteration > 1 and fraction == 1.0 and small:
                 x, rate = self.equations.state(point)
-                found, kept = CoupledState(films, point.motion), (films, rest[n:])
-                return Attempt(iteration, Solved(x, rate, found, kept))
+                integrals = self.equations.integrals(films)
+                found = CoupledState(films, point.motion, integrals)
+                return Attempt(iteration, Solved(x, rate, found, (films, rest[n:])))
         return Attempt(MAX_NEWTON, failure=f"Newton did not converge in {MAX_NEWTON} iterations")
 
 

@@ -19,7 +19,8 @@ from fenics_ehd.film import (
 )
 from fenics_ehd.film.feed_region import FeedHole
 from fenics_ehd.film.flow import flow_balance
-from fenics_ehd.film.surface import Surface, interpolation_matrix
+from fenics_ehd.film.surface import Surface
+from fenics_ehd.film.surface_reading import interpolation_matrix
 from fenics_ehd.film.transfer import solid_share
 from fenics_ehd.multibody.bore_film import BoreFilm, bore_surface
 from fenics_ehd.multibody.simulation import simulate

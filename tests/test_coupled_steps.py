@@ -27,11 +27,11 @@ from fenics_ehd.film.thinning import Cross
 from fenics_ehd.multibody import step_solver
 from fenics_ehd.multibody.assembly import assemble
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
+from fenics_ehd.multibody.film_block import film_block
 from fenics_ehd.multibody.forces import PointForce, Torque
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.step_factors import film_block
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.step_solver import CoupledSteps
 from fenics_ehd.multibody.system import System

@@ -252,7 +252,7 @@ def test_nothing_of_friction_is_computed_without_it(joint, monkeypatch):
     def refuse(*_):
         raise AssertionError
 
-    for module in ("step_equations", "powers", "friction_rates"):
+    for module in ("step_equations", "film_integrals"):
         monkeypatch.setattr(f"fenics_ehd.multibody.{module}.film_friction", refuse)
     run(steady(joint, make_body(joint)), 0.002, 1e-3)
 

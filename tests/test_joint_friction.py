@@ -48,7 +48,7 @@ def rows_of(mechanism, end, tolerance):
     going = Run(mechanism, Steps(tolerance=tolerance), end)
     system = going.equations.system
     for step in going.until(end):
-        films = zip(system.films, step.solution.films, strict=True)
+        films = zip(system.films, step.solution.integrals, strict=True)
         yield going, step, [friction_rates(place, step, film) for place, film in films]
 
 

@@ -8,7 +8,7 @@ from hand_made_rod import Joint, flexible, make_body
 from mechanism_cases import flexible_slider_crank, rigid_rod, short_films, slider_crank
 from scene_cases import ROD_OF_A_FILE, write_scene
 
-from fenics_ehd.multibody import friction_rates, powers, step_equations
+from fenics_ehd.multibody import film_integrals, step_equations
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import System
@@ -91,7 +91,7 @@ def test_a_machine_without_friction_computes_none(monkeypatch):
     def must_not(*arguments):
         raise AssertionError("not needed here")
 
-    for module in (powers, step_equations, friction_rates):
+    for module in (step_equations, film_integrals):
         monkeypatch.setattr(module, "film_friction", must_not)
     run = Run(slider_crank(rigid_rod(), *short_films()), Steps(tolerance=1e-2), 1e-7)
     tracker = Tracker(run.equations, run.norm)

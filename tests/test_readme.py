@@ -39,6 +39,16 @@ SLOW = {
     ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
     ("docs/mechanisms.md", "As a scene file"),
     ("docs/mechanisms.md", "Pictures of a run"),
+    *(
+        ("docs/own-part.md", title)
+        for title in (
+            "Your own part",
+            "A drawing",
+            "A bore with chamfers and an oil hole",
+            "A mesh",
+            "Hexahedra",
+        )
+    ),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
 }
@@ -69,7 +79,13 @@ def sections(document):
     return [Section(document, title, tuple(found)) for title, found in blocks.items()]
 
 
-DOCUMENTS = ("README.md", "docs/tutorial.md", "docs/own-scene.md", "docs/mechanisms.md")
+DOCUMENTS = (
+    "README.md",
+    "docs/tutorial.md",
+    "docs/own-scene.md",
+    "docs/own-part.md",
+    "docs/mechanisms.md",
+)
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]
 
@@ -89,8 +105,11 @@ def cases():
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """One folder for each document."""
-    return {part.document: tmp_path_factory.mktemp("reader") for part in ALL}
+    """One folder for each document, with the demos in it as a checkout has them."""
+    found = {part.document: tmp_path_factory.mktemp("reader") for part in ALL}
+    for folder in found.values():
+        (folder / "demos").symlink_to(ROOT / "demos")
+    return found
 
 
 @pytest.mark.parametrize("part", cases())

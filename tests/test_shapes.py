@@ -6,20 +6,18 @@ import numpy as np
 import pytest
 from hand_made_rod import Joint, flexible, make_mechanism, run, with_residual
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, make_film
+from moving_point import moving_point
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.shape import Lobes, Misalignment, Profile, ShapeTable, SumOfShapes, shape_of
-from fenics_ehd.multibody.assembly import assemble
 from fenics_ehd.multibody.forces import PointForce, RotatingForce
-from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.joints import Revolute, Speed
 from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import System
 
 pytestmark = pytest.mark.kernels
@@ -182,18 +180,8 @@ def swinging(bore=None, journal=None, film=None, **joint):
 @pytest.mark.parametrize("shift", [1e3, 1e5])
 def test_derivatives_of_a_step_are_exact(shift):
     system = System(swinging(Lobes(3e-6, 0.5), SumOfShapes((Lobes(4e-6, 0.2), Profile(R, -2e-6)))))
-    equations = StepEquations(system, dense_limit=700)
-    n, m, (nodes,) = system.n, system.m, equations.sizes
-    rng = np.random.default_rng(1)
-    z, _ = assemble(system)
-    z = z + 1e-7 * rng.uniform(-1, 1, n)
-    nothing = np.zeros(n)
-    past = 1e-2 * rng.uniform(-1, 1, n) - shift * z
-    equations.begin(
-        ImplicitStep(1e-4, shift, past, nothing, nothing, nothing, (nothing, nothing), 1e-6)
-    )
-    pressure = rng.uniform(0.5, 1.0, nodes)
-    rest = np.concatenate([z, 100.0 * rng.uniform(-1, 1, m), np.zeros(m)])
+    equations, pressure, rest = moving_point(system, shift, 1e-2)
+    n, nodes = system.n, len(pressure)
 
     def residual(pressure, rest):
         point = equations.evaluate([pressure], rest)

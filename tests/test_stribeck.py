@@ -8,7 +8,7 @@ from fenics_ehd.base.errors import GapClosedError
 from fenics_ehd.bearing.film import BearingFilm
 from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings
-from fenics_ehd.cli.bearing import report, summary
+from fenics_ehd.cli.bearing_answer import report, summary
 
 LOAD, ROUGHNESS = 8000.0, 0.5e-6
 ROUGH = BearingSettings(

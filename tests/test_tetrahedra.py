@@ -21,7 +21,8 @@ from fenics_ehd.base.errors import BodyFileError, MeshError
 from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.fem.geometry import _check_tetrahedra, build_mesh
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.film.surface import Surface, interpolation_matrix
+from fenics_ehd.film.surface import Surface
+from fenics_ehd.film.surface_reading import interpolation_matrix
 from fenics_ehd.reduction import load_body, load_dependent, rigid, save_body
 from fenics_ehd.reduction.bore import no_cells
 from fenics_ehd.reduction.distributed import load_columns, multiply, node_rows

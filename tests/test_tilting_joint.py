@@ -4,21 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moving_point import moving_point
 from rotor_cases import MODES, SPEED, C, R, flexible, held_body, make_film, shifted
 
 from fenics_ehd.film import ShaftMotion, shaft_gap
-from fenics_ehd.multibody.assembly import assemble
 from fenics_ehd.multibody.beam import Shaft, beam_plane
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.forces import RotatingForce
-from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.rotor import ModalRotor
 from fenics_ehd.multibody.shaft_body import ShaftBody
 from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import System
 
 pytestmark = pytest.mark.kernels
@@ -149,18 +147,8 @@ def shaft_in_housing(film, force="shaft.disk"):
 @pytest.mark.parametrize("shift", [1e3, 1e5])
 def test_derivatives_of_a_step_are_exact(film, shift):
     system = System(shaft_in_housing(film))
-    equations = StepEquations(system, dense_limit=700)
-    n, m, (nodes,) = system.n, system.m, equations.sizes
-    rng = np.random.default_rng(1)
-    z, _ = assemble(system)
-    z = z + 1e-7 * rng.uniform(-1, 1, n)
-    nothing = np.zeros(n)
-    past = 1e-3 * rng.uniform(-1, 1, n) - shift * z
-    equations.begin(
-        ImplicitStep(1e-4, shift, past, nothing, nothing, nothing, (nothing, nothing), 1e-6)
-    )
-    pressure = rng.uniform(0.5, 1.0, nodes)
-    rest = np.concatenate([z, 100.0 * rng.uniform(-1, 1, m), np.zeros(m)])
+    equations, pressure, rest = moving_point(system, shift, 1e-3)
+    n, m, nodes = system.n, system.m, len(pressure)
 
     def residual(pressure, rest):
         point = equations.evaluate([pressure], rest)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.overlay import overlay
-from fenics_ehd.film.surface import Surface, interpolation_matrix, unwrap
+from fenics_ehd.film.surface import Surface, unwrap
+from fenics_ehd.film.surface_reading import interpolation_matrix
 from fenics_ehd.film.transfer import Mortar, outward_displacement
 from fenics_ehd.reduction.surface_elements import ELEMENTS
 

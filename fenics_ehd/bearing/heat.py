@@ -42,7 +42,7 @@ class BearingHeat:
     power
         Dissipated in the film [W].
     flow
-        Of the oil that leaves [m3/s], see `oil_leaving`.
+        Of the oil that leaves [m3/s], see `FilmFlows.leaving`.
     """
 
     supply_temperature: float

@@ -24,7 +24,9 @@ with ending_signals_raise():
     from fenics_ehd.cli.check import check
     from fenics_ehd.cli.info import info
     from fenics_ehd.cli.options import json_option, output_option
+    from fenics_ehd.cli.part import part
     from fenics_ehd.cli.report import report
+    from fenics_ehd.cli.stress import stress
     from fenics_ehd.cli.study import study
     from fenics_ehd.cli.sweep import sweep
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, SOLVERS
@@ -212,7 +214,9 @@ cli.add_command(animate)
 cli.add_command(bearing)
 cli.add_command(check)
 cli.add_command(info)
+cli.add_command(part)
 cli.add_command(report)
+cli.add_command(stress)
 cli.add_command(sweep)
 cli.add_command(study)
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from dolfinx import fem
 
 
+#: Which of the owned cells.
+Cells = slice | np.ndarray
+
 #: Memory of the stresses computed at a time; what leads to them takes some five times as much.
 _BLOCK_BYTES = 1 << 22
 
@@ -71,22 +74,36 @@ def solid_shape_functions(
     derivatives : numpy.ndarray
         By the reference coordinates, shape (p, 3, size).
     """
+    exponents = _exponents(cell, size)
+    nodal = np.linalg.inv(_monomials(_nodes(cell, size), exponents))
+    derivatives = [
+        2 * exponents[:, d] * _monomials(points, np.maximum(exponents - unit, 0)) @ nodal
+        for d, unit in enumerate(np.eye(3, dtype=int))
+    ]
+    return _monomials(points, exponents) @ nodal, np.stack(derivatives, axis=1)
+
+
+def _nodes(cell: str, size: int) -> np.ndarray:
+    """Reference nodes of a solid cell in dolfinx order, shape (size, 3)."""
     kind = getattr(basix.CellType, cell)
     corners = basix.geometry(kind)
     entities = itertools.chain.from_iterable(basix.topology(kind))
-    nodes = np.array([corners[entity].mean(axis=0) for entity in entities])[:size]
-    exponents = _exponents(cell, size)
+    return np.array([corners[entity].mean(axis=0) for entity in entities])[:size]
 
-    # About the middle of the cube the monomials are better conditioned than about its corner.
-    def monomials(x: np.ndarray, powers: np.ndarray) -> np.ndarray:
-        return np.prod((2 * x[:, None, :] - 1) ** powers, axis=2)
 
-    nodal = np.linalg.inv(monomials(nodes, exponents))
-    derivatives = [
-        2 * exponents[:, d] * monomials(points, np.maximum(exponents - unit, 0)) @ nodal
-        for d, unit in enumerate(np.eye(3, dtype=int))
-    ]
-    return monomials(points, exponents) @ nodal, np.stack(derivatives, axis=1)
+def _monomials(x: np.ndarray, powers: np.ndarray) -> np.ndarray:
+    """Monomials about the middle of the cube, better conditioned than about its corner."""
+    return np.prod((2 * x[:, None, :] - 1) ** powers, axis=2)
+
+
+def continuation(cell: str, size: int) -> np.ndarray:
+    """Values at the nodes of a cell of the polynomial through its sampling points.
+
+    Trilinear of hexahedra, linear of tetrahedra; shape (size, 8 or 4).
+    """
+    points = sampling_points(cell)
+    exponents = _exponents(cell, len(points))
+    return _monomials(_nodes(cell, size), exponents) @ np.linalg.inv(_monomials(points, exponents))
 
 
 def _hooke(material: Material) -> np.ndarray:
@@ -151,6 +168,8 @@ class StressOperator:
         Exchange of the ghosts' rows.
     mesh
         dolfinx frees the communicator together with it.
+    cell
+        ``"hexahedron"`` or ``"tetrahedron"``.
     """
 
     nodes: np.ndarray
@@ -162,17 +181,18 @@ class StressOperator:
     owned: int
     halo: _Halo
     mesh: object
+    cell: str
 
     @property
     def shape(self) -> tuple[int, int]:
         """Owned cells and points of a cell."""
         return len(self.nodes), len(self.derivatives)
 
-    def positions(self, cells: slice = slice(None)) -> np.ndarray:
+    def positions(self, cells: Cells = slice(None)) -> np.ndarray:
         """Points of the stresses of owned cells, shape (cells, points, 3) [m]."""
         return self.shapes[0] @ self.x[self.geometry[cells]]
 
-    def gradients(self, cells: slice = slice(None)) -> np.ndarray:
+    def gradients(self, cells: Cells = slice(None)) -> np.ndarray:
         """Derivatives by x, y and z of the shape functions, shape (cells, points, 3, nodes)."""
         jacobians = self.shapes[1] @ self.x[self.geometry[cells]][:, None]
         return np.linalg.inv(jacobians) @ self.derivatives
@@ -216,11 +236,11 @@ class StressField:
         """Owned cells, points of a cell, 6, n."""
         return (*self.operator.shape, 6, self.columns.shape[2])
 
-    def positions(self, cells: slice = slice(None)) -> np.ndarray:
+    def positions(self, cells: Cells = slice(None)) -> np.ndarray:
         """Where the stresses of owned cells are, shape (cells, points, 3) [m]."""
         return self.operator.positions(cells)
 
-    def block(self, cells: slice = slice(None), columns: slice = slice(None)) -> np.ndarray:
+    def block(self, cells: Cells = slice(None), columns: slice = slice(None)) -> np.ndarray:
         """Voigt stresses xx, yy, zz, yz, xz, xy, shape (cells, points, 6, columns) [Pa]."""
         gradients = self.operator.gradients(cells)
         values = self._nodal_values(self.operator.nodes[cells], columns)
@@ -279,4 +299,5 @@ def stress_operator(space: fem.FunctionSpace, material: Material) -> StressOpera
         owned=owned,
         halo=_halo(mesh.comm, index_map.local_range[0], ghosts),
         mesh=mesh,
+        cell=cell,
     )

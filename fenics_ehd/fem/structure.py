@@ -52,6 +52,10 @@ DEGREES = {
 #: Largest distance of a bore node from the cylinder, relative to its radius.
 CYLINDER_TOLERANCE = 1e-6
 
+#: Largest difference of the areas within both ends of a bore, relative to the squared radius:
+#: with parabolas in place of arcs 6e-5 is lacking at 20 cells around, and ends may differ in cells.
+END_TOLERANCE = 1e-4
+
 #: Corner, edge order of VTK's quadratic cells in dolfinx's node numbers.
 _VTK_ORDER = {
     "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 15, 14],
@@ -279,13 +283,14 @@ def _check_closed(name: str, own: SurfaceMesh, load: PETSc.Mat, radius: float) -
     load.mult(ones, force)
     comm = load.comm.tompi4py()
     net = comm.allreduce(force.array.reshape(-1, 3).sum(axis=0), op=MPI.SUM)
-    if not np.abs(net).max() <= CYLINDER_TOLERANCE * radius**2:
+    limit = radius**2 * np.array([CYLINDER_TOLERANCE, CYLINDER_TOLERANCE, END_TOLERANCE])
+    if not (np.abs(net) <= limit).all():
         try:
             holes = bore_holes(x, own.cells, own.family)
         except StructureError as error:
             raise MeshError(f"{name}: {error}") from None
         net = net + sum((area_vector(x, hole, own.family) for hole in holes), np.zeros(3))
-    if not np.abs(net).max() <= CYLINDER_TOLERANCE * radius**2:
+    if not (np.abs(net) <= limit).all():
         raise MeshError(
             f"the {name} is not a whole cylinder: a constant pressure leaves a net force of "
             f"{np.abs(net).max():.1e} m2 times it"

@@ -28,17 +28,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.film.contact import FilmContact
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.kinematics import Gap, ShaftMotion
-from fenics_ehd.film.rough_surfaces import RoughSurfaces
-from fenics_ehd.film.shear import (
-    FilmFields,
-    beside_drag,
-    film_fields,
-    in_supply,
-    rubbing_power,
-    sheared_heights,
-)
+from fenics_ehd.film.shear import FilmFields, beside_drag, film_fields, sheared_heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +136,7 @@ def film_forces(
     torque = _own_torque(shaft, motion)
     contact, rubbed = None, 0.0
     if film.parameters.surfaces is not None:
-        contact, braking, rubbed = _contact(film, film.parameters.surfaces, gap)
+        contact, braking, rubbed = _contact(film, gap)
         shaft, bore, torque = shaft + contact.reversed, bore + contact, torque - braking
     power = -(
         shaft.force @ motion.eccentricity_rate
@@ -163,18 +156,16 @@ def film_forces(
     )
 
 
-def _contact(film: Film, surfaces: RoughSurfaces, gap: Gap) -> tuple[Wrench, float, float]:
+def _contact(film: Film, gap: Gap) -> tuple[Wrench, float, float]:
     """On the bore; torque with which it brakes the shaft [N m]; power that it loses [W].
 
     It acts on the shaft through its axis, but for the friction.
     """
-    supplied = in_supply(film, film.points.angle, film.points.height)
-    pressure = np.where(supplied, 0.0, surfaces.asperities.touch(gap.thickness).pressure)
-    rubbing = pressure * surfaces.rubbing(gap.sliding_velocity)[0]
-    p = film.parameters
-    area = p.grid.radius**2 * film.assembly.area
-    braking = (p.grid.radius - p.clearance) * np.sum(area * rubbing)
-    return _wrench(film, pressure, rubbing), float(braking), rubbing_power(film, gap)
+    contact = FilmContact(film)
+    touch, shape = contact.touch(gap.thickness), gap.thickness.shape
+    normal, rubbing = touch.pressure, touch.pressure * contact.rubbing(gap)[0]
+    wrench = _wrench(film, normal.reshape(shape), rubbing.reshape(shape))
+    return wrench, contact.braking(touch, gap), contact.rubbing_power(touch, gap)
 
 
 def _wrench(film: Film, normal: np.ndarray | float, tangential: np.ndarray | float) -> Wrench:

@@ -10,8 +10,9 @@ and the oil has the viscosity of an effective temperature between supply and out
     T = T_supply + mixing (T_out - T_supply).
 
 Calculations of practice take their mean, ``mixing = 0.5`` (DIN 31652 as explained at
-inggo.com/teachnet/53-waermebilanz.html). Q counts what leaves (`oil_leaving`); as much oil comes
-in, at the supply's temperature, wherever it comes from. rho is that of the effective temperature.
+inggo.com/teachnet/53-waermebilanz.html). Q counts what leaves (`FilmFlows.leaving`); as
+much oil comes in, at the supply's temperature, wherever it comes from. rho is that of the effective
+temperature.
 """
 
 from __future__ import annotations

@@ -73,7 +73,8 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
             return grid
     raise InterfaceMismatchError(
         f"{len(nodes)} bore nodes are not those of {cells[0]} x {cells[1]} equal cells (largest "
-        f"distance {cKDTree(nodes).query(grid.nodes)[0].max():.2e} m)"
+        f"distance {cKDTree(nodes).query(grid.nodes)[0].max():.2e} m): give the film cells of its "
+        f"own, cells = [{cells[0]}, {cells[1]}] say"
     )
 
 

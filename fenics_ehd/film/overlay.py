@@ -8,7 +8,8 @@ import basix
 import numpy as np
 
 from fenics_ehd.base.errors import InterfaceMismatchError
-from fenics_ehd.film.surface import TURN, Surface, near_pairs, scaled_reach, unwrap
+from fenics_ehd.film.surface import TURN, Surface, unwrap
+from fenics_ehd.film.surface_reading import near_pairs, scaled_reach
 
 #: Largest difference of the two meshes' ends, relative to the width.
 WIDTH_TOLERANCE = 1e-8

@@ -92,18 +92,6 @@ def sheared_heights(film: Film, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
     return (gap.thickness, gap.thickness) if surfaces is None else surfaces.sheared(gap)
 
 
-def rubbing_power(film: Film, gap: Gap) -> float:
-    """Lost by asperities that touch and rub [W]; nothing between smooth surfaces."""
-    surfaces = film.parameters.surfaces
-    if surfaces is None:
-        return 0.0
-    supplied = in_supply(film, film.points.angle, film.points.height)
-    area = film.parameters.grid.radius**2 * np.where(supplied, 0.0, film.assembly.area)
-    pressure = surfaces.asperities.touch(gap.thickness).pressure
-    rubbing = surfaces.rubbing(gap.sliding_velocity)[0]
-    return float(np.sum(area * pressure * rubbing * gap.sliding_velocity))
-
-
 def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
     """Power per area of the pressure's stress, beyond that of the drag of `Film.powers` [W/m2].
 

@@ -14,7 +14,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from fenics_ehd.film.overlay import overlay, triangle_rule
-from fenics_ehd.film.surface import Surface, interpolation_matrix
+from fenics_ehd.film.surface import Surface
+from fenics_ehd.film.surface_reading import interpolation_matrix
 from fenics_ehd.reduction.surface_elements import ELEMENTS
 
 #: Triangles integrated at once.

@@ -291,7 +291,7 @@ def _next_step(step: float, error: float, order: int, control: StepControl) -> f
     """Step that would have met the tolerance [s]; an infinite error shortens by `SHRINKAGE`."""
     ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
     factor = SAFETY * ratio ** (1.0 / (order + 1))
-    return min(step * float(np.clip(factor, SHRINKAGE, GROWTH[order])), control.largest_step)
+    return min(step * min(max(factor, SHRINKAGE), GROWTH[order]), control.largest_step)
 
 
 def _target(time: float, end: float, step: float) -> tuple[float, float]:

@@ -6,9 +6,9 @@ go to the bore either conservatively, ``F = int N_s n p``, with resultants that
 are the film's own, or by the paper's mortar (14) and the body's load matrix.
 
 A bore may have holes. The gap in one follows the bore as extended from the rim
-(`fenics_ehd.film.surface`). The film's pressure there bends nothing: elastic modes are loaded on
-the remaining surface alone, as in the body's own matrix. It is part of the force between journal
-and body, for the oil in the hole presses on the far end of its passage.
+(`fenics_ehd.film.surface_reading`). The film's pressure there bends nothing: elastic modes are
+loaded on the remaining surface alone, as in the body's own matrix. It is part of the force between
+journal and body, for the oil in the hole presses on the far end of its passage.
 """
 
 from __future__ import annotations

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.flexibility import BodyFlexibility
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.implicit_step import ImplicitStep
-from fenics_ehd.multibody.system import FilmPlace, System
+from fenics_ehd.multibody.system import FilmPlace, System, consecutive
 
 
 class BoreResponses:
@@ -139,12 +138,6 @@ class BoreResponses:
             values.append(y)
             rates.append(answer.shift * y + answer.past)
         return values, rates
-
-
-def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
-    """Places of so many values, one after the other, the first behind `first` others."""
-    ends = [first, *(first + np.cumsum(sizes, dtype=int))]
-    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _scaled(place: FilmPlace, free: np.ndarray | None) -> np.ndarray:

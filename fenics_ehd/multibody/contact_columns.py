@@ -18,10 +18,10 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_ehd.multibody.border import FilmBorder
-from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
+from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.contacts import Contacts
 from fenics_ehd.multibody.film_columns import FilmPoint
-from fenics_ehd.multibody.system import FilmPlace
+from fenics_ehd.multibody.system import FilmPlace, consecutive
 
 
 class ContactColumns:

@@ -11,28 +11,27 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.film import FilmState
 from fenics_ehd.film.flow_factors import PUBLISHED
-from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.joint_contact import JointContact
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import FilmPlace
 
 
-def contact_rates(contact: JointContact, place: FilmPlace, film: FilmState) -> dict[str, float]:
+def contact_rates(contact: JointContact, place: FilmPlace, film: FilmIntegrals) -> dict[str, float]:
     """Columns of the history of which the summary has means.
 
     Normal force of contact; its share of all normal force; shares of the bore in true contact, and
     of surfaces nearer than flow factors are published for; with friction, the power that touching
     asperities lose.
     """
-    joint, gap = place.film.film, film.gap
-    touch, area = contact.touch(gap.thickness), contact.area
-    force = float(area @ touch.pressure)
+    joint, state, area = place.film.film, film.state, contact.area
+    thickness = state.gap.thickness.ravel()
+    force = float(area @ film.touch.pressure)
     pressed = joint.parameters.grid.radius**2 * joint.assembly.area
-    carried = float(np.sum(pressed * np.maximum(joint.assembly.at_points(film.pressure)[0], 0.0)))
-    true = contact.surfaces.asperities.contact_share(gap.thickness.ravel())
-    beyond = gap.thickness.ravel() < PUBLISHED * contact.surfaces.roughness
+    carried = float(np.sum(pressed * np.maximum(joint.assembly.at_points(state.pressure)[0], 0.0)))
+    true = contact.surfaces.asperities.contact_share(thickness)
+    beyond = thickness < PUBLISHED * contact.surfaces.roughness
     rates = {
         "contact_force_N": force,
         "contact_share": force / (force + carried) if force else 0.0,
@@ -40,7 +39,7 @@ def contact_rates(contact: JointContact, place: FilmPlace, film: FilmState) -> d
         "unpublished_share": float(area @ beyond / pressed.sum()),
     }
     if contact.friction:
-        rates["contact_power_W"] = contact.rubbing_power(touch, gap)
+        rates["contact_power_W"] = film.rubbed
     return rates
 
 
@@ -75,10 +74,10 @@ class ContactRecord:
         self.slid = np.zeros(len(self.contact.area))
         self._largest = self._largest_time = 0.0
 
-    def add(self, time: float, since: float, gap: Gap) -> dict[str, float]:
+    def add(self, time: float, since: float, film: FilmIntegrals) -> dict[str, float]:
         """Account for a step at a time, `since` the cycle began [s]; its column."""
-        pressure = self.contact.touch(gap.thickness).pressure
-        now = pressure * np.abs(gap.sliding_velocity.ravel())
+        pressure = film.touch.pressure
+        now = pressure * np.abs(film.state.gap.sliding_velocity.ravel())
         if np.isfinite(self._time):
             self.slid = self.slid + 0.5 * (time - self._time) * (self._last + now)
         self._time, self._last = time, now

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, SolverError
-from fenics_ehd.film import FilmState
 from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bore_responses import BoreResponses
@@ -120,16 +119,6 @@ class Contacts:
         if joint is not None and film.touch is not None:
             residual[joint.rows] -= joint.forces(film.touch, film.gap, film.turned)
 
-    def energy(self, films: Sequence[FilmState]) -> tuple[float, float]:
-        """Stored in all contact [J], and the power lost by boundary friction [W]."""
-        stored = rubbed = 0.0
-        for joint, film in zip(self.joints, films, strict=True):
-            if joint is not None:
-                touch = joint.touch(film.gap.thickness)
-                stored += float(joint.area @ touch.potential)
-                rubbed += joint.rubbing_power(touch, film.gap)
-        return stored, rubbed
-
     def _settle(self, body: int, areas: np.ndarray, gaps: list[Gap]) -> None:
         """Contact of a body's films with the gaps that it makes."""
         flexibility = self._responses.flexibilities[body]
@@ -201,6 +190,16 @@ class Contacts:
             known = self._reached[body] = Reached(points, moved)
         return known
 
+    def amplitudes(self, body: int, thickness: np.ndarray) -> np.ndarray:
+        """Of a body's residual patterns at rest under contact, shape (r,) [Pa].
+
+        Of gaps at all Gauss points of its films; none where nothing can touch.
+        """
+        flexibility, areas = self._responses.flexibilities[body], self.areas[body]
+        if areas is None:
+            return np.zeros(flexibility.size)
+        return flexibility.pushed_amplitudes(areas * self._pressures(body, thickness)[0])
+
     def add_amplitudes(
         self, films: Sequence[FilmPoint], values: list[np.ndarray], rates: list[np.ndarray]
     ) -> None:
@@ -209,7 +208,6 @@ class Contacts:
             if areas is not None:
                 flexibility = self._responses.flexibilities[body]
                 own = [films[i].gap.thickness.ravel() for i in flexibility.films]
-                force = areas * self._pressures(body, np.concatenate(own))[0]
-                share = self._responses.share(body) * flexibility.pushed_amplitudes(force)
+                share = self._responses.share(body) * self.amplitudes(body, np.concatenate(own))
                 values[body] = values[body] + share
                 rates[body] = rates[body] + self._responses.shift(body) * share

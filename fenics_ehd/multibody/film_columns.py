@@ -152,10 +152,8 @@ class FilmColumns:
         inputs[:, n] += velocity[:, n]
         spread = np.zeros((inputs.shape[1], size))
         spread[np.arange(n), place.xi] = 1.0
-        if place.journal_angle is not None:
-            spread[n, : speed.shape[1]] += speed[place.journal_angle]
-        if place.bore_angle is not None:
-            spread[n, : speed.shape[1]] -= speed[place.bore_angle]
+        for angle, sign in place.turning:
+            spread[n, : speed.shape[1]] += sign * speed[angle]
         outputs, rows = self.forces, place.xi
         if self.shares is not None:
             outputs = np.vstack([outputs, share * self.shares])
@@ -171,10 +169,8 @@ class FilmColumns:
         """One more input: the angle of the journal, which carries what supplies the film."""
         place, equation = self.place, self.place.film.film.equation
         row = np.zeros((1, spread.shape[1]))
-        if place.journal_angle is not None:
-            row[0, place.journal_angle] = 1.0
-        if place.bore_angle is not None:
-            row[0, place.bore_angle] = -1.0
+        for angle, sign in place.turning:
+            row[0, angle] += sign
         if self.oil is None:
             along = equation.along_turn(point.gap, point.nodal)
         else:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, sparse
 
-from fenics_ehd.multibody.system import FilmPlace
+from fenics_ehd.multibody.system import FilmPlace, consecutive
 from fenics_ehd.reduction.body import ReducedBody
 
 #: Gauss points of a body's films up to which answers to forces on all of them are kept.
@@ -55,18 +55,16 @@ class _BorePatterns:
         Displacement of the bore's m nodes, shape (2 m, r).
     own
         Amplitudes of what presses on them, shape (r, 2 m); by a mortar, on pressure nodes.
-    reading, spread
-        From the nodes' displacement to the gap at the Gauss points; from the film's nodal
-        pressures to what presses.
-    observed
-        See `BodyFlexibility`.
+    reading, observing, spread
+        From the nodes' displacement to the gap at the Gauss points, and where it is observed; from
+        the film's nodal pressures to what presses.
     """
 
     shapes: np.ndarray
     own: np.ndarray
     reading: sparse.csr_matrix
+    observing: sparse.csr_matrix
     spread: Any
-    observed: np.ndarray
 
     @classmethod
     def of(cls, body: ReducedBody, place: FilmPlace) -> _BorePatterns:
@@ -77,15 +75,15 @@ class _BorePatterns:
         m = len(residual.displacement)
         shapes = residual.displacement[:, :2].reshape(2 * m, -1)
         plane = (3 * np.arange(m)[:, None] + np.arange(2)).ravel()
-        reading, observed = bore.normal[:, plane].tocsr(), bore.observed_normal[:, plane] @ shapes
+        reading, observing = bore.normal[:, plane].tocsr(), bore.observed_normal[:, plane].tocsr()
         if bore.projected is not None:
             # Pressures that reach the bore by the mortar load it with the body's own matrix.
-            return cls(shapes, residual.patterns, reading, bore.projected, observed)
+            return cls(shapes, residual.patterns, reading, observing, bore.projected)
         own = np.ascontiguousarray(shapes.T / residual.stiffness[:, None])
         area = sparse.csr_matrix(place.film.film.pressure_areas)
         if bore.solid is not None:
             area = sparse.diags(bore.solid.ravel()) @ area
-        return cls(shapes, own, reading, (reading.T @ area).tocsr(), observed)
+        return cls(shapes, own, reading, observing, (reading.T @ area).tocsr())
 
 
 def _beside(blocks: list[Any]) -> Any:
@@ -120,8 +118,6 @@ class BodyFlexibility:
         Numbers of its films.
     stiffness
         Energy of unit amplitudes, twice, shape (r,) [J/Pa^2].
-    observed
-        Change of the gap where it is observed, of every film, shape (w, r) each.
     """
 
     def __init__(self, body: ReducedBody, places: Mapping[int, FilmPlace], damping_time: float):
@@ -134,13 +130,19 @@ class BodyFlexibility:
         self._own = np.hstack([part.own for part in parts])
         self._reading = _beside([part.reading for part in parts])
         self._spread = _beside([part.spread for part in parts])
-        self.observed = [part.observed for part in parts]
-        self._points = np.cumsum([part.reading.shape[0] for part in parts])[:-1]
+        self._observing = _beside([part.observing for part in parts])
+        self._points = consecutive(0, [part.reading.shape[0] for part in parts])
+        self._observed = consecutive(0, [part.observing.shape[0] for part in parts])
         self._nodes = np.cumsum([part.spread.shape[1] for part in parts])[:-1]
 
     def each(self, values: np.ndarray) -> list[np.ndarray]:
         """Rows of all Gauss points, film by film."""
-        return np.split(values, self._points)
+        return [values[own] for own in self._points]
+
+    def observed(self, amplitudes: np.ndarray) -> list[np.ndarray]:
+        """Gap change of every film where it is observed, for amplitudes, shape (w,) each."""
+        values = self._observing @ (self._shapes @ amplitudes)
+        return [values[own] for own in self._observed]
 
     def amplitudes(self, pressure: np.ndarray) -> np.ndarray:
         """``V p`` of nodal pressures [Pa], shape (r,)."""

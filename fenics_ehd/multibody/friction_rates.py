@@ -23,17 +23,13 @@ not that of pressure and flux at a node (11), to the discretisation.
 from __future__ import annotations
 
 from fenics_ehd.film import FilmState
-from fenics_ehd.film.flow import flow_work, under_pressure
-from fenics_ehd.film.shear import rubbing_power
-from fenics_ehd.multibody.friction import film_friction
-from fenics_ehd.multibody.joint_contact import JointContact
+from fenics_ehd.film.flow import under_pressure
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
 
-def friction_rates(
-    place: FilmPlace, step: MechanismStep, film: FilmState, contact: JointContact | None = None
-) -> dict[str, float]:
+def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmIntegrals) -> dict[str, float]:
     """Columns of a joint with friction, and perhaps contact, at an accepted step.
 
     Returns
@@ -46,16 +42,16 @@ def friction_rates(
         ``film_power_W`` is P, ``dissipated_power_W`` what is lost, ``supply_power_W`` P_s, where
         pressures are given.
     """
-    joint, rate, found = place.film, step.rate, film_friction(place.film, film)
-    force = joint.load[:2] @ film.pressure + found.on_xi[:2]
+    joint, state, found, rate = place.film, film.state, film.friction, step.rate
+    force = joint.load[:2] @ state.pressure + found.on_xi[:2]
     # What else brakes the journal belongs here.
-    torque = -found.torque - _pressure_torque(place, step, film)
-    if contact is not None:
-        torque += contact.braking(film.gap)
-        force = force + contact.forces(contact.touch(film.gap.thickness), film.gap)[:2]
+    torque = -found.torque - _pressure_torque(place, step, state)
+    if film.contact is not None:
+        torque += film.contact.braking(film.touch, state.gap)
+        force = force + film.contact.forces(film.touch, state.gap)[:2]
     e, speeds = step.x[place.xi[:2]], place.angles(rate)
-    opening = joint.film.pressure_areas.T @ film.gap.thickness_rate.ravel()
-    squeezed = -float(film.pressure @ opening)
+    opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
+    squeezed = -float(state.pressure @ opening)
     sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.ahead(rate)
     rates = {
         "friction_torque_Nm": torque,
@@ -63,15 +59,11 @@ def friction_rates(
         "friction_power_W": torque * place.ahead(rate),
         "journal_friction_power_W": torque * speeds[0],
         "bore_friction_power_W": -torque * speeds[1],
-        "film_power_W": squeezed + sheared,
-        "dissipated_power_W": joint.film.powers(film)[0] + found.sheared,
+        "film_power_W": squeezed + sheared + film.rubbed,
+        "dissipated_power_W": film.dissipated,
     }
     if under_pressure(joint.film):
-        rates["supply_power_W"] = flow_work(joint.film, film)
-    if contact is not None:
-        rubbed = rubbing_power(joint.film, film.gap)
-        rates["film_power_W"] += rubbed
-        rates["dissipated_power_W"] += rubbed
+        rates["supply_power_W"] = film.flows.work
     return rates
 
 

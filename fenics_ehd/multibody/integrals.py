@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -70,6 +71,34 @@ class Integrals:
         found._times, found._rows = np.array(stored["times"]), np.array(stored["rows"])
         found._totals = np.array(stored["totals"])
         return found
+
+
+class JointIntegrals(dict[str, Integrals]):
+    """Integrals of what joints tell, by their names; none of a joint that tells nothing."""
+
+    def follow(self, joint: str, time: float, values: Mapping[str, float]) -> None:
+        """Account for the next point of a joint, or its first."""
+        if joint in self:
+            self[joint].add(time, values)
+        elif values:
+            self[joint] = Integrals(time, values)
+
+    def restart(self) -> None:
+        """Integrate from the last points on."""
+        for own in self.values():
+            own.restart()
+
+    def stored_state(self) -> dict[str, Any]:
+        """All that they know, for `load_state`."""
+        return {
+            joint: {"names": tuple(own.totals), **own.stored_state()} for joint, own in self.items()
+        }
+
+    def load_state(self, stored: Mapping[str, Any]) -> None:
+        """Go on where others were."""
+        self.clear()
+        for joint, found in stored.items():
+            self[joint] = Integrals.of(tuple(found["names"]), found)
 
 
 def last_interval(times: np.ndarray) -> np.ndarray:

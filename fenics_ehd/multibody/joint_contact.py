@@ -1,12 +1,10 @@
-"""Touching asperities in one lubricated joint: pressures, forces, powers.
+"""Forces of touching asperities (`fenics_ehd.film.contact`) in one lubricated joint.
 
-At the Gauss points of the film the asperities press with ``p_c(h)``, h the nominal gap there, and
-rub with ``mu p_c s(U)``, ``s = U / sqrt(U^2 + U_0^2)``. Both do work on what changes h and U,
+Pressure and boundary friction do work on what changes h and U,
 
     Q . v = int p_c dh/dt - mu p_c s(U) U dA,
 
-so that contact is conservative, friction dissipates, and action is reaction. Grooves and supply
-holes are deep and touch nothing.
+so that contact is conservative, friction dissipates, and action is reaction.
 """
 
 from __future__ import annotations
@@ -14,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_ehd.film.asperities import Touch
+from fenics_ehd.film.contact import FilmContact
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.film.shear import in_supply
 from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
@@ -23,7 +21,7 @@ from fenics_ehd.multibody.system import FilmPlace
 REACH = 4.0
 
 
-class JointContact:
+class JointContact(FilmContact):
     """Contact in one joint.
 
     Parameters
@@ -33,12 +31,8 @@ class JointContact:
 
     Attributes
     ----------
-    surfaces
-        See `FilmParameters`.
-    area
-        That a Gauss point stands for, 0 in grooves and holes, shape (g,) [m2].
     friction
-        Whether asperities that touch rub.
+        Whether the friction of asperities that rub acts on the bodies.
     rows
         Places in z of all coordinates on which contact does work, shape (k,).
     normal, sliding
@@ -47,38 +41,18 @@ class JointContact:
     """
 
     def __init__(self, place: FilmPlace):
-        joint, film = place.film, place.film.film
-        surfaces = film.parameters.surfaces
-        assert surfaces is not None
-        self.surfaces = surfaces
-        self.friction = joint.friction and surfaces.boundary_friction > 0.0
-        self.shaft_radius = joint.shaft_radius
-        area = film.parameters.grid.radius**2 * film.assembly.area
-        supplied = in_supply(film, film.points.angle, film.points.height)
-        self.area = np.where(supplied, 0.0, area).ravel()
-        turning = [
-            (angle, sign)
-            for angle, sign in ((place.journal_angle, 1.0), (place.bore_angle, -1.0))
-            if angle is not None
-        ]
-        self.rows = np.concatenate([place.xi, [angle for angle, _ in turning]]).astype(int)
-        self._signs = np.array([sign for _, sign in turning])
+        joint = place.film
+        super().__init__(joint.film)
+        self.friction = joint.friction and self.surfaces.boundary_friction > 0.0
+        self.rows = np.concatenate([place.xi, [angle for angle, _ in place.turning]]).astype(int)
+        self._signs = np.array([sign for _, sign in place.turning])
         speeds = joint.shaft_radius * np.tile(self._signs, (len(self.area), 1))
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
 
-    def touch(self, thickness: np.ndarray) -> Touch:
-        """Contact of nominal gaps at the Gauss points, of any shape that has g values [m]."""
-        found = self.surfaces.asperities.touch(thickness.ravel())
-        return Touch(*(np.where(self.area > 0.0, values, 0.0) for values in found))
-
     def near(self, thickness: np.ndarray) -> np.ndarray:
         """Whether the contact of a Gauss point counts in derivatives, shape (g,)."""
         return (thickness.ravel() < REACH * self.surfaces.roughness) & (self.area > 0.0)
-
-    def rubbing(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
-        """``mu s`` and its derivative along U, shape (g,)."""
-        return self.surfaces.rubbing(gap.sliding_velocity.ravel())
 
     def outward(self, turned: Turned | None) -> np.ndarray:
         """Change of the gap for unit values of all coordinates, shape (g, k)."""
@@ -95,20 +69,6 @@ class JointContact:
         if self.friction:
             found -= (force * self.rubbing(gap)[0]) @ self.sliding
         return found
-
-    def braking(self, gap: Gap) -> float:
-        """Torque of boundary friction against the journal's turning [N m]."""
-        if not self.friction:
-            return 0.0
-        pressure = self.touch(gap.thickness).pressure
-        return float(self.shaft_radius * (self.area @ (pressure * self.rubbing(gap)[0])))
-
-    def rubbing_power(self, touch: Touch, gap: Gap) -> float:
-        """Lost by boundary friction [W]."""
-        if not self.friction:
-            return 0.0
-        speed = gap.sliding_velocity.ravel()
-        return float(self.area @ (touch.pressure * self.rubbing(gap)[0] * speed))
 
     def bent(self, touch: Touch, turned: Turned) -> np.ndarray:
         """Change of the forces on `rows` as the shape of the journal turns, shape (k, k)."""

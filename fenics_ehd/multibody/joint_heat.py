@@ -8,34 +8,19 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import HeatError
-from fenics_ehd.film import FilmState
-from fenics_ehd.film.flow import oil_leaving
 from fenics_ehd.film.heat import TemperatureSearch, run_away
-from fenics_ehd.film.shear import rubbing_power
 from fenics_ehd.film.temperature import Oil
-from fenics_ehd.multibody.friction import film_friction
-from fenics_ehd.multibody.integrals import Integrals
-from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
+from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.system import FilmPlace
 
 
-def dissipated(joint: JointFilm, state: FilmState) -> float:
-    """Power that becomes heat in a joint [W], whether its friction acts on the bodies or not.
-
-    Pressure-driven flow, shear of the oil in full film and cavities, asperities that rub.
-    """
-    oil = joint.film.powers(state)[0] + film_friction(joint, state).sheared
-    if joint.film.parameters.surfaces is None:
-        return oil
-    return oil + rubbing_power(joint.film, state.gap)
-
-
-def heat_rates(joint: JointFilm, state: FilmState) -> dict[str, float]:
+def heat_rates(film: FilmIntegrals) -> dict[str, float]:
     """Columns that the balance is made of: means over a cycle are P and Q."""
     return {
-        "dissipated_power_W": dissipated(joint, state),
-        "leaving_flow_m3_per_s": oil_leaving(joint.film, state),
+        "dissipated_power_W": film.dissipated,
+        "leaving_flow_m3_per_s": film.flows.leaving,
     }
 
 
@@ -77,7 +62,7 @@ class FilmTemperatures:
     def __init__(self, places: Sequence[FilmPlace]):
         self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
         self._searches = {}
-        self._rates: dict[str, Integrals] = {}
+        self._rates = JointIntegrals()
         for place in self._places.values():
             assert place.joint.heat is not None
             self._searches[place.name] = TemperatureSearch(place.joint.heat, _oil(place))
@@ -96,11 +81,7 @@ class FilmTemperatures:
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""
         for i, place in self._places.items():
-            rates = heat_rates(place.film, step.solution.films[i])
-            if place.name in self._rates:
-                self._rates[place.name].add(step.time, rates)
-            else:
-                self._rates[place.name] = Integrals(step.time, rates)
+            self._rates.follow(place.name, step.time, heat_rates(step.solution.integrals[i]))
 
     def _means(self, name: str) -> tuple[float, float]:
         """Power and flow over the cycle."""
@@ -141,8 +122,7 @@ class FilmTemperatures:
             if not search.move(*self._means(name)):
                 raise run_away(f"joints.{name}.heat", search)
             self.thinning[i] = 0.5 * np.log(before / search.viscosity)
-        for rates in self._rates.values():
-            rates.restart()
+        self._rates.restart()
         self._warm()
 
     def end(self) -> np.ndarray:
@@ -169,18 +149,12 @@ class FilmTemperatures:
         """As nested dictionaries of arrays, for `load_state`."""
         return {
             "searches": {name: found.stored_state() for name, found in self._searches.items()},
-            "rates": {
-                name: {"names": tuple(rates.totals), **rates.stored_state()}
-                for name, rates in self._rates.items()
-            },
+            "rates": self._rates.stored_state(),
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
         """Go on where others were."""
         for name, found in stored["searches"].items():
             self._searches[name].load_state(np.array(found))
-        self._rates = {
-            name: Integrals.of(tuple(found["names"]), found)
-            for name, found in stored["rates"].items()
-        }
+        self._rates.load_state(stored["rates"])
         self._warm()

@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fenics_ehd.film import FilmState
-from fenics_ehd.film.flow import flow_balance
 from fenics_ehd.film.oil_state import OilState
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.system import FilmPlace
 
 #: Column of the content.
 CONTENT = "oil_content_m3"
 
 
-def oil_rates(place: FilmPlace, film: FilmState) -> dict[str, float]:
+def oil_rates(place: FilmPlace, film: FilmIntegrals) -> dict[str, float]:
     """Columns of one joint at an accepted step; none where oil is not conserved."""
-    if not isinstance(film, OilState):
+    state, flows = film.state, film.flows
+    if not isinstance(state, OilState):
         return {}
-    flows = flow_balance(place.film.film, film)
-    found = {CONTENT: float(film.content.sum()), "side_flow_m3_per_s": flows.side}
+    found = {CONTENT: float(state.content.sum()), "side_flow_m3_per_s": flows.balance.side}
     if place.film.film.parameters.regions:
-        found["supply_flow_m3_per_s"] = flows.supply
+        found["supply_flow_m3_per_s"] = flows.balance.supply
     return found
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from fenics_ehd.film.flow import flow_work, refill_work, under_pressure
-from fenics_ehd.film.oil_state import OilState
+from fenics_ehd.film.flow import under_pressure
 from fenics_ehd.multibody.energy import Powers
-from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
 
@@ -24,18 +22,17 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
     for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
         strain += flexibility.energy(step.x[places])
         damping += flexibility.dissipation(step.rate[places])
-    for joint, found in zip(system.films, state.films, strict=True):
-        lost, fed = joint.film.film.powers(found)
-        if isinstance(found, OilState):
-            lost -= refill_work(joint.film.film, found)
-        if joint.film.friction:
-            lost, fed = lost + film_friction(joint.film, found).sheared, 0.0
-        if under_pressure(joint.film.film):
-            fed += flow_work(joint.film.film, found)
+    for place, found in zip(system.films, state.integrals, strict=True):
+        lost, fed = found.powers
+        lost -= found.flows.refill_work
+        if place.film.friction:
+            lost, fed = lost + found.friction.sheared, 0.0
+        if under_pressure(place.film.film):
+            fed += found.flows.work
+        if found.contact is not None:
+            strain += found.contact.stored(found.touch)
+            lost += found.rubbed if found.contact.friction else 0.0
         film, drag = film + lost, drag + fed
-    if equations.contacts is not None:
-        stored, rubbed = equations.contacts.energy(state.films)
-        strain, film = strain + stored, film + rubbed
     return Powers(
         kinetic=kinetic,
         strain=strain,

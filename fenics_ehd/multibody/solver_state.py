@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.multibody.bdf import Step
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.motion import Motion
 
 
@@ -21,10 +22,13 @@ class CoupledState:
         Solution of every film, in the order of `System.films`.
     motion
         See `Motion`.
+    integrals
+        Of every film.
     """
 
     films: list[FilmState]
     motion: Motion
+    integrals: list[FilmIntegrals]
 
 
 #: An accepted step of a mechanism.

@@ -23,17 +23,19 @@ from fenics_ehd.film import Film, FilmState
 from fenics_ehd.film.cavitation import CavitationResult
 from fenics_ehd.film.film import check_gap
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.multibody.border import FilmBorder, FilmMatrix
-from fenics_ehd.multibody.bore_responses import BoreResponses, consecutive
+from fenics_ehd.multibody.border import FilmBorder
+from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.contact_columns import ContactColumns
 from fenics_ehd.multibody.contacts import Contacts
 from fenics_ehd.multibody.disturbance import GapChanges, disturb
+from fenics_ehd.multibody.film_block import FilmMatrix
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
-from fenics_ehd.multibody.system import FilmPlace, System
+from fenics_ehd.multibody.system import FilmPlace, System, consecutive
 from fenics_ehd.multibody.turning import turned_border, twist
 
 #: Rows over columns below which a product with all columns is cheaper than to pick them first.
@@ -292,6 +294,13 @@ class StepEquations:
         fraction = None if point.oil is None else 1.0 - point.oil.nodal_void
         return FilmState(pressure, point.gap, result, point.problem, fraction)
 
+    def integrals(self, states: Sequence[FilmState]) -> list[FilmIntegrals]:
+        """Of every film in a state."""
+        places = self.system.films
+        contacts = [None] * len(places) if self.contacts is None else self.contacts.joints
+        each = zip(places, states, contacts, strict=True)
+        return [FilmIntegrals(place.film, state, contact) for place, state, contact in each]
+
     def linearise(self, point: Point) -> Derivative:
         """Derivatives at a point."""
         system, shift = self.system, self._step.shift
@@ -400,10 +409,8 @@ class StepEquations:
 
 def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:
     """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
-    if place.journal_angle is not None:
-        residual[place.journal_angle] -= torque
-    if place.bore_angle is not None:
-        residual[place.bore_angle] += torque
+    for angle, sign in place.turning:
+        residual[angle] -= sign * torque
 
 
 def _answer_block(

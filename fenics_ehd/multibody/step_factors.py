@@ -11,19 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fenics_ehd.film.active_set import ActiveSetSystem
-from fenics_ehd.multibody.border import (
-    BorderedSystem,
-    ChangedSystem,
-    DenseFilm,
-    FilmBlock,
-    OilFilm,
-    SparseFilm,
-)
-from fenics_ehd.multibody.conserved_oil import ConservedOil
+from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
+from fenics_ehd.multibody.film_block import film_block
 from fenics_ehd.multibody.step_equations import Derivative, Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.system import FilmPlace
 
 #: Nodes that may fill and empty, over the number of full ones, before all is factorised anew.
 LARGEST_BORDER = 0.25
@@ -212,26 +203,3 @@ class StepFactors:
             closing = max(closing, float(relative.max()))
             size = max(size, float(np.abs(relative).max()))
         return closing, size
-
-
-def film_block(
-    place: FilmPlace, dense_limit: int, options_prefix: str, oil: ConservedOil | None = None
-) -> FilmBlock:
-    """Dense factors of a small film, sparse ones of another or of conserved oil."""
-    film = place.film.film
-    symmetric = film.parameters.lubricant.linear
-    if oil is not None:
-        pattern = oil.balance.assembly.pattern
-        return OilFilm(
-            ActiveSetSystem(pattern, weighted=True, symmetric=False, options_prefix=options_prefix)
-        )
-    if len(film.free) <= dense_limit:
-        return DenseFilm(symmetric=symmetric)
-    return SparseFilm(
-        ActiveSetSystem(
-            film.assembly.pattern,
-            weighted=film.equation.weights is not None,
-            symmetric=symmetric,
-            options_prefix=options_prefix,
-        )
-    )

@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_ehd.multibody.joint_shape import JointShape
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.system import FilmPlace
+from fenics_ehd.multibody.system import FilmPlace, consecutive
 
 
 class StepNorm:
@@ -25,48 +25,50 @@ class StepNorm:
 
     def __init__(self, equations: StepEquations):
         system, responses = equations.system, equations.responses
-        size = system.n + equations.responses.size
         rows, constants = [], []
         for film in system.films:
-            observed = np.zeros((len(film.film.observed), size))
+            observed = np.zeros((len(film.film.observed), system.n))
             observed[:, film.xi] = film.film.observed
             rows.append(observed)
             constants.append(np.full(len(observed), film.film.clearance))
             if film.film.shape is not None:
                 constants[-1] += film.film.shape.fixed
-        for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
-            for i, observed in zip(flexibility.films, flexibility.observed, strict=True):
-                rows[i][:, places] = observed
         self._joints = [film.film for film in system.films]
         self._rough = any(joint.film.parameters.surfaces is not None for joint in self._joints)
-        self._ends = np.cumsum([len(r) for r in rows])
-        self._gaps = int(self._ends[-1]) if rows else 0
+        self._films = consecutive(0, [len(r) for r in rows])
+        self._gaps = self._films[-1].stop if rows else 0
+        self._answers = [
+            (flexibility, places, [self._films[i] for i in flexibility.films])
+            for flexibility, places in zip(
+                responses.flexibilities, responses.amplitudes, strict=True
+            )
+        ]
         self._measure = system.error_measure
-        coordinates = np.zeros((len(self._measure), size))
-        coordinates[:, : system.n] = self._measure
-        angles = self._turning_angles(system.films, size)
-        self._rows = np.vstack([*rows, coordinates, *angles])
-        self._constant = np.concatenate([*constants, np.zeros(len(coordinates) + len(angles))])
+        angles = self._turning_angles(system.films, system.n)
+        self._rows = np.vstack([*rows, self._measure, *angles])
+        self._constant = np.concatenate([*constants, np.zeros(len(self._measure) + len(angles))])
 
     def _turning_angles(self, films: Sequence[FilmPlace], size: int) -> list[np.ndarray]:
         """Rows of the angles of journals whose shape turns; where, which and whose is kept."""
         self._turning: list[tuple[slice, int, JointShape]] = []
         angles: list[np.ndarray] = []
-        for i, film in enumerate(films):
+        for own, film in zip(self._films, films, strict=True):
             shape = film.film.shape
             if shape is not None and shape.turning:
-                own = slice(self._ends[i] - len(shape.fixed), self._ends[i])
-                self._turning.append((own, self._gaps + len(self._measure) + len(angles), shape))
+                row = self._gaps + len(self._measure) + len(angles)
+                self._turning.append((own, row, shape))
                 angles.append(np.zeros((1, size)))
-                if film.journal_angle is not None:
-                    angles[-1][0, film.journal_angle] += 1.0
-                if film.bore_angle is not None:
-                    angles[-1][0, film.bore_angle] -= 1.0
+                for angle, sign in film.turning:
+                    angles[-1][0, angle] += sign
         return angles
 
     def observe(self, x: np.ndarray) -> np.ndarray:
         """Gaps [m], then dimensionless coordinates, for a state ``(z, y)`` and more."""
-        return self._constant + self._rows @ x[: self._rows.shape[1]]
+        found = self._constant + self._rows @ x[: self._rows.shape[1]]
+        for flexibility, places, films in self._answers:
+            for own, gap in zip(films, flexibility.observed(x[places]), strict=True):
+                found[own] += gap
+        return found
 
     def gaps(self, observed: np.ndarray) -> np.ndarray:
         """Those of what is observed that must stay positive."""
@@ -81,8 +83,8 @@ class StepNorm:
         """What changes of all gaps are compared with: the gaps, if surfaces are smooth."""
         if not self._rough:
             return gaps
-        each = zip(self._joints, np.split(gaps, self._ends[:-1]), strict=True)
-        return np.concatenate([joint.lengths(own) for joint, own in each])
+        each = zip(self._joints, self._films, strict=True)
+        return np.concatenate([joint.lengths(gaps[own]) for joint, own in each])
 
     def closing(self, before: np.ndarray, after: np.ndarray) -> float:
         """Largest relative closing of a gap; -inf without one."""
@@ -92,7 +94,8 @@ class StepNorm:
 
     def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
         """The gap of every film."""
-        return np.split(self.gaps(observed), self._ends[:-1]) if self._gaps else []
+        gaps = self.gaps(observed)
+        return [gaps[own] for own in self._films]
 
     def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
         """Largest error, see `Observed`."""

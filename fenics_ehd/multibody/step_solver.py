@@ -311,4 +311,4 @@ class CoupledSteps:
             result = CavitationResult(free, flux, self._full[i].astype(np.int32), self._iterations)
             pressure = place.film.film.parameters.pressure_scale * film.nodal
             films.append(FilmState(pressure, film.gap, result, film.problem))
-        return CoupledState(films, point.motion)
+        return CoupledState(films, point.motion, self.equations.integrals(films))

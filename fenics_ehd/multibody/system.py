@@ -5,9 +5,10 @@ Coordinates z are those of the bodies, then each lubricated joint's own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -54,6 +55,12 @@ class FilmPlace:
         """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
         journal, bore = self.angles(values)
         return float(journal - bore)
+
+    @cached_property
+    def turning(self) -> list[tuple[int, float]]:
+        """Places of the angles that `ahead` is made of, and their signs in it."""
+        ends = (self.journal_angle, 1.0), (self.bore_angle, -1.0)
+        return [(angle, sign) for angle, sign in ends if angle is not None]
 
     def angles(self, values: np.ndarray) -> tuple[float, float]:
         """Of journal and bore in the frame at rest, of coordinates or of their rates."""
@@ -295,6 +302,12 @@ class System:
             wide[:, self.bodies[name]] = measure
             rows.append(wide)
         return np.vstack(rows)
+
+
+def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
+    """Places of so many values, one after the other, the first behind `first` others."""
+    ends = [first, *(first + np.cumsum(sizes, dtype=int))]
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _read_at(angle: int | None, time: float, state: np.ndarray) -> float:

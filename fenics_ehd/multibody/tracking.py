@@ -13,12 +13,12 @@ import numpy as np
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_like
-from fenics_ehd.film import FilmState
 from fenics_ehd.film.thickening import steepest_thickening
 from fenics_ehd.multibody.basis_error import bore_body, bore_loads, estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
-from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.film_integrals import FilmIntegrals
+from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_rates import joint_rates
 from fenics_ehd.multibody.oil_account import OilAccount
@@ -86,7 +86,7 @@ class Tracker:
             if place.film.bore
         }
         self.balance: EnergyBalance | None = None
-        self.rates: dict[str, Integrals] = {}
+        self.rates = JointIntegrals()
         self.contacts = ContactRecord.of_all(equations)
         self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
@@ -106,8 +106,7 @@ class Tracker:
         self.balance = None
         for estimate in self.estimates.values():
             estimate.largest *= 0.0  # what is not known stays so
-        for rates in self.rates.values():
-            rates.restart()
+        self.rates.restart()
         for contact in self.contacts.values():
             contact.restart()
         self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
@@ -135,13 +134,13 @@ class Tracker:
             stored["quasi_static"] = step.x[system.n : system.n + patterns]
         loads = bore_loads(system, [film.pressure for film in state.films])
         gaps = self._norm.film_gaps(step.observed)
-        for place, film, gap in zip(system.films, state.films, gaps, strict=True):
-            prefix = self.prefix(place.name)
-            figures = self._joint(place, step, film, gap)
+        for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
+            prefix, film = self.prefix(place.name), own.state
+            figures = self._joint(place, step, own, gap)
             if place.name in self.estimates:
-                own = self._equations.responses.of_body(place.bore_body)
+                amplitudes = self._equations.responses.of_body(place.bore_body)
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
-                    size, loads[place.bore_body], step.acceleration[own]
+                    size, loads[place.bore_body], step.acceleration[amplitudes]
                 )
             row |= {f"{prefix}{name}": value for name, value in figures.items()}
             stored[f"{prefix}pressure_Pa"] = film.pressure
@@ -156,9 +155,10 @@ class Tracker:
         return f"{joint}." if self._several else ""
 
     def _joint(
-        self, place: FilmPlace, step: MechanismStep, film: FilmState, gap: np.ndarray
+        self, place: FilmPlace, step: MechanismStep, own: FilmIntegrals, gap: np.ndarray
     ) -> dict[str, float]:
         """Columns of one lubricated joint."""
+        film = own.state
         peak = int(np.argmax(film.pressure))
         angle, _ = place.film.film.parameters.grid.node_positions[peak]
         thickness, pressure = float(gap.min()), float(film.pressure[peak])
@@ -177,22 +177,14 @@ class Tracker:
             "force_x_N": force[0],
             "force_y_N": force[1],
         }
-        record, contact = self.contacts.get(place.name), None
-        if record is not None:
-            contact = record.contact
-            figures |= record.add(step.time, step.time - self._start, film.gap)
-        rates = joint_rates(place, step, film, contact)
-        return figures | self._integrate(place.name, step.time, rates)
-
-    def _integrate(self, joint: str, time: float, rates: dict[str, float]) -> dict[str, float]:
-        """Account for a joint's rates; they are returned."""
-        if joint in self.rates:
-            self.rates[joint].add(time, rates)
-        elif rates:
-            self.rates[joint] = Integrals(time, rates)
-        if account := OilAccount.follow(self.oil.get(joint), rates):
-            self.oil[joint] = account
-        return rates
+        if place.name in self.contacts:
+            record = self.contacts[place.name]
+            figures |= record.add(step.time, step.time - self._start, own)
+        rates = joint_rates(place, step, own)
+        self.rates.follow(place.name, step.time, rates)
+        if account := OilAccount.follow(self.oil.get(place.name), rates):
+            self.oil[place.name] = account
+        return figures | rates
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
@@ -288,10 +280,7 @@ class Tracker:
             "former": {name: asdict(found) for name, found in self.former.items()},
             "estimates": {name: found.stored_state() for name, found in self.estimates.items()},
             "balance": {} if self.balance is None else self.balance.stored_state(),
-            "rates": {
-                name: {"names": tuple(rates.totals), **rates.stored_state()}
-                for name, rates in self.rates.items()
-            },
+            "rates": self.rates.stored_state(),
             "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
         }
@@ -326,10 +315,7 @@ class Tracker:
         for joint, found in stored["estimates"].items():
             self.estimates[joint].load_state(found)
         self.balance = EnergyBalance.of(stored["balance"]) if stored["balance"] else None
-        self.rates = {
-            joint: Integrals.of(tuple(found["names"]), found)
-            for joint, found in stored["rates"].items()
-        }
+        self.rates.load_state(stored["rates"])
         for joint, found in stored["contacts"].items():
             self.contacts[joint].load_state(found)
         self.oil = {

@@ -51,12 +51,11 @@ def turned_border(
     unit = film.parameters.pressure_scale * turned.torque[columns.nodes]
     if columns.oil is not None:
         unit = unit * columns.oil.inside
-    for angle, sign in ((place.journal_angle, 1.0), (place.bore_angle, -1.0)):
-        if angle is not None:
-            spread[0, angle] += sign
-            spread[1, : speed.shape[1]] += sign * speed[angle]
-            outputs.append(-sign * unit)
-            rows.append(angle)
+    for angle, sign in place.turning:
+        spread[0, angle] += sign
+        spread[1, : speed.shape[1]] += sign * speed[angle]
+        outputs.append(-sign * unit)
+        rows.append(angle)
     return replace(
         border,
         inputs=np.hstack([border.inputs, inputs]),
@@ -70,8 +69,6 @@ def turned_border(
 def twist(place: FilmPlace, point: FilmPoint, turned: Turned, core: np.ndarray) -> None:
     """Add to the core how the torque of the pressures changes with the angle."""
     stiffness = place.film.film.parameters.pressure_scale * float(turned.stiffness @ point.nodal)
-    ends = [(place.journal_angle, 1.0), (place.bore_angle, -1.0)]
-    for row, sign in ends:
-        for column, other in ends:
-            if row is not None and column is not None:
-                core[row, column] -= sign * other * stiffness
+    for row, sign in place.turning:
+        for column, other in place.turning:
+            core[row, column] -= sign * other * stiffness

@@ -17,14 +17,13 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.bore import all_outward
+from fenics_ehd.reduction.completion import centrifugal_load, missing_answer
 from fenics_ehd.reduction.distributed import (
     blocks,
-    combine,
     load_columns,
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.inertia import ELASTIC
 from fenics_ehd.reduction.load_dependent import dual_basis
 from fenics_ehd.reduction.loads import LoadSet, StaticResponses
 from fenics_ehd.reduction.projection import Basis, bore_rows
@@ -104,7 +103,7 @@ def _whole(
     """Vibration modes and static responses, and all that is left of the bore's flexibility."""
     fields = reductor.points
     if centrifugal:
-        fields = np.hstack([fields, _centrifugal_load(reductor)])
+        fields = np.hstack([fields, centrifugal_load(reductor.structure, reductor.mass)])
     angular, modes = reductor.vibration(n_vibration)
     responses = StaticResponses(
         reductor.static, LoadSet(reductor.structure, fields, None), angular, modes
@@ -113,13 +112,6 @@ def _whole(
     accuracy = {"static_dropped": float(found.dependent)}
     basis = dual_basis(reductor.static, angular, modes, found, (), accuracy)
     return basis, _residual(reductor, basis)
-
-
-def _centrifugal_load(reductor: Reductor) -> np.ndarray:
-    """``M (x, y, 0)``: inertia of unit rate about z, owned rows (owned dofs, 1)."""
-    radius = reductor.structure.coordinates.copy()
-    radius[:, 2] = 0.0
-    return reductor.mass.multiply(np.asfortranarray(radius.reshape(-1, 1)))
 
 
 def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
@@ -166,13 +158,18 @@ def _inertia(reductor: Reductor, basis: Basis, patterns: np.ndarray) -> np.ndarr
     return StaticResponses(reductor.static, loads, angular, modes).mass
 
 
-def pattern_fields(structure: Structure, body: ReducedBody, columns: np.ndarray) -> np.ndarray:
-    """Displacements of unit amplitudes of the residual patterns V.
+def pattern_fields(
+    structure: Structure,
+    body: ReducedBody,
+    columns: np.ndarray,
+    amplitudes: np.ndarray | None = None,
+) -> np.ndarray:
+    """Displacements of amplitudes of the residual patterns V.
 
         (G_c - T K_r^-1 T^T J) V
 
     A body keeps their bore rows only, `ResidualFlexibility.displacement`; this solves for all
-    rows again, one solve per pattern. Collective.
+    rows again, one solve per pattern or combination of them. Collective.
 
     Parameters
     ----------
@@ -182,11 +179,13 @@ def pattern_fields(structure: Structure, body: ReducedBody, columns: np.ndarray)
         Its reduction with M4.
     columns
         The part-size basis T, owned rows, shape (owned dofs, n).
+    amplitudes
+        Combinations, shape (r, c) [Pa]; None: unit amplitudes of each pattern.
 
     Returns
     -------
     numpy.ndarray
-        Owned rows, shape (owned dofs, r) [m/Pa]; no columns for a body without patterns.
+        Owned rows, shape (owned dofs, r or c) [m/Pa, m]; zeros for a body without patterns.
 
     Raises
     ------
@@ -194,17 +193,18 @@ def pattern_fields(structure: Structure, body: ReducedBody, columns: np.ndarray)
         The bore rows are not those of the body: it was made from another part.
     """
     residual = body.residual
-    if residual is None or not residual.rank:
-        return np.zeros((len(columns), 0))
-    patterns = residual.patterns.T
-    static = StaticSolver(structure)
-    covered = np.linalg.solve(body.stiffness, body.load_projection[ELASTIC] @ patterns)
-    fields = np.empty((len(columns), residual.rank))
-    for some in blocks(residual.rank, len(columns), structure.comm):
-        responses = static.solve(load_columns(structure.load, patterns[:, some]))
-        fields[:, some] = responses - combine(columns, covered[:, some])
-    defect = np.abs(bore_rows(structure, fields) - residual.displacement).max()
-    if not defect <= AGREEMENT * np.abs(residual.displacement).max():
+    rank = 0 if residual is None else residual.rank
+    wanted = np.eye(rank) if amplitudes is None else amplitudes
+    if residual is None or not rank:
+        return np.zeros((len(columns), wanted.shape[1]))
+    pressures = residual.patterns.T @ wanted
+    static, fields = StaticSolver(structure), np.empty((len(columns), wanted.shape[1]))
+    for some in blocks(fields.shape[1], len(columns), structure.comm):
+        loads = load_columns(structure.load, pressures[:, some])
+        fields[:, some] = missing_answer(static, body, columns, loads)
+    own = residual.displacement @ wanted
+    defect = np.abs(bore_rows(structure, fields) - own).max()
+    if not defect <= AGREEMENT * np.abs(own).max():
         raise VerificationError(
             f"residual patterns move the bore by {defect:.1e} m/Pa else than the body says, "
             f"limit {AGREEMENT:.0e} of the largest: was the body made from this part?"

@@ -18,7 +18,7 @@ from fenics_ehd.results.motion import read_motion
 from fenics_ehd.results.replay import Replay
 
 #: meshio's names of quadratic cells, by their number of nodes.
-_CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
+CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +176,7 @@ def write_series(
         pressure = np.where(on_bore, pressures[i][nearest], 0.0)
         mesh = meshio.Mesh(
             origin + part.nodes @ rotation.T,
-            [(_CELL_NAMES[part.cells.shape[1]], part.cells)],
+            [(CELL_NAMES[part.cells.shape[1]], part.cells)],
             point_data={"displacement_m": displacement @ rotation.T, "pressure_Pa": pressure},
         )
         file = directory / f"{name}_{i:04d}.vtu"

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -100,16 +100,79 @@ class Replay:
                 amplitudes = self._states[:, places]
         return own[:, own.shape[1] - part.modes :], amplitudes
 
+    def in_equilibrium(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and amplitudes whose elastic forces balance the loads, shapes as `elastic`.
+
+        ``q + zeta q'`` and ``V p``: what damping carries is with them, ``y + zeta y' = V p``.
+        """
+        part, (coordinates, amplitudes) = self.part(body), self.elastic(body)
+        flexible = self.bodies[body]
+        assert isinstance(flexible, FlexibleBody)
+        rates = self.motion.rates[:, self.system.bodies[body]]
+        rates = rates[:, rates.shape[1] - part.modes :]
+        films, contacts = self.system.films, self._equations.contacts
+        for i, flexibility in enumerate(self._equations.responses.flexibilities):
+            own = [films[place] for place in flexibility.films]
+            if own[0].bore_body != body:
+                continue
+            pressures = np.hstack([self.motion.pressures[place.name] for place in own])
+            amplitudes = np.array([flexibility.amplitudes(p) for p in pressures])
+            if contacts is not None:
+                gaps = [self._observed[p.name][:, : -self.nodes(p)] for p in own]
+                amplitudes += [contacts.amplitudes(i, gap) for gap in np.hstack(gaps)]
+        return coordinates + flexible.damping_time * rates, amplitudes
+
+    def loads(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """What films and turning do to a flexible body.
+
+        Returns
+        -------
+        forces, speeds : numpy.ndarray
+            Of oil and asperities on the nodes of its bores, shape (t, m, 3) [N], where the film's
+            integrals put them; of its frame, shape (t,) [rad/s].
+
+        Raises
+        ------
+        SettingsError
+            Pressures reach a bore by a mortar.
+        """
+        part, contacts = self.part(body), self._equations.contacts
+        forces = np.zeros((len(self.motion.time), len(part.bore_basis), 3))
+        for i, place in enumerate(self.system.films):
+            bore = place.film.bore
+            if place.bore_body != body or bore is None:
+                continue
+            if bore.projected is not None:
+                key = f"joints.{place.name}.transfer = 'mortar'"
+                raise SettingsError(f"{key}: forces on the bore are known of 'conservative' alone")
+            pressing = place.film.film.pressure_areas @ self.motion.pressures[place.name].T
+            if bore.solid is not None:
+                pressing *= bore.solid.reshape(-1, 1)
+            joint = None if contacts is None else contacts.joints[i]
+            if joint is not None:
+                gaps = self._observed[place.name][:, : -self.nodes(place)]
+                pressing += joint.area[:, None] * np.array([joint.touch(h)[1] for h in gaps]).T
+            own = part.rows_of(place.bore).nodes
+            forces[:, own] = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
+        speeds, angle = np.zeros(len(forces)), self.bodies[body].angle
+        if angle is not None:
+            speeds = self.motion.rates[:, self.system.bodies[body]][:, angle]
+        return forces, speeds
+
     @cached_property
     def gaps(self) -> dict[str, np.ndarray]:
         """Film thickness at the nodes of every film by joint, shape (t, k) [m]."""
+        films = self.system.films
+        return {p.name: self._observed[p.name][:, -self.nodes(p) :] for p in films}
+
+    @cached_property
+    def _observed(self) -> dict[str, np.ndarray]:
+        """Film thickness at Gauss points, then nodes of every film."""
         norm = StepNorm(self._equations)
         rows = [norm.film_gaps(norm.observe(state)) for state in self._states]
         found = zip(*rows, strict=True)
-        return {
-            place.name: np.array(gaps)[:, -self.nodes(place) :]
-            for place, gaps in zip(self.system.films, found, strict=True)
-        }
+        names = [place.name for place in self.system.films]
+        return {name: np.array(gaps) for name, gaps in zip(names, found, strict=True)}
 
     @cached_property
     def orbits(self) -> dict[str, np.ndarray]:

@@ -27,6 +27,9 @@ from fenics_ehd.results.history_file import CSV_NAME, FIELDS_NAME
 #: Scene and body of a run, beside its history, to go on with.
 SCENE_NAME, BODY_NAME = "scene.toml", "body.h5"
 
+#: Stresses over the cycle, made of a run's result.
+STRESS = "stress.json"
+
 #: Held by the process that works in the folder.
 LOCK = ".lock"
 
@@ -52,6 +55,8 @@ RESULTS = (
     "animation.*",
     "vtk/*.pvd",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
+    STRESS,
+    "vtk/*_stress.vtu",
 )
 
 
@@ -71,10 +76,33 @@ def require_no_result(directory: Path) -> None:
 
 def complete_result(directory: Path) -> dict[str, Any] | None:
     """Summary of the complete result in a folder, None where there is none."""
+    summary = _summary(directory)
+    return summary if summary and summary["status"] == "complete" else None
+
+
+def require_complete(directory: Path) -> dict[str, Any]:
+    """Summary of the complete result in a folder.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, no result in it, or one that is not complete.
+    """
+    summary = _summary(directory)
+    if summary is None:
+        missing = f"no run that came to an end, it has no {SUMMARY} of one"
+        raise InputError(f"{directory}: {missing if directory.is_dir() else 'no such folder'}")
+    if summary["status"] != "complete":
+        raise InputError(f"{directory}: its run is not complete: {summary['status']}")
+    return summary
+
+
+def _summary(directory: Path) -> dict[str, Any] | None:
+    """What a summary says that has a status."""
     try:
         summary = json.loads((directory / SUMMARY).read_text())
-        return summary if summary["status"] == "complete" else None
-    except (OSError, ValueError, KeyError, TypeError):
+        return summary if "status" in summary else None
+    except (OSError, ValueError, TypeError):
         return None
 
 

@@ -40,6 +40,7 @@ def run_scene(
     *,
     interval: float = CHECKPOINT_EVERY,
     former: Mapping[str, Any] | None = None,
+    judged: bool = True,
 ) -> dict[str, Any]:
     """Integrate a scene, serially, and leave its results in a folder.
 
@@ -55,6 +56,8 @@ def run_scene(
         Between two checkpoints [s].
     former
         Checkpoint of a run in this folder to go on from.
+    judged
+        Whether it says what its figures are worth, if the scene wants that.
 
     Returns
     -------
@@ -71,7 +74,7 @@ def run_scene(
         for name, body in built.parts.items():
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
-    if scene.output.error_budget and lubricated_joints(scene):
+    if judged and scene.output.error_budget and lubricated_joints(scene):
         coarser = coarser_parts(scene, directory, former is None)
         judge = partial(estimated, coarser=coarser)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time

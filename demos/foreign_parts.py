@@ -1,0 +1,85 @@
+"""Parts as other programs give them, for docs/own-part.md: python demos/foreign_parts.py FOLDER.
+
+All are connecting rods of the shipped model's default dimensions, turned and shifted, in
+millimetres: `rod.step` from OpenCASCADE, `drilled.step` with chamfered big end and an oil hole,
+`rod.inp` of C3D10 tetrahedra and `turned.msh` of 27-node hexahedra, nodes rounded to 0.1 um.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import gmsh
+import meshio
+import numpy as np
+
+from fenics_ehd.fem.models import model_path
+
+TURN, SHIFT = (1.0, 2.0, 3.0, 0.7), (120.0, -30.0, 55.0)
+
+
+def drawing(path: Path, *, drilled: bool) -> None:
+    """A rod as a CAD program draws it."""
+    occ = gmsh.model.occ
+    ring = [occ.addCylinder(0, 0, -11, 0, 0, 22, 33.9), occ.addCylinder(160, 0, -11, 0, 0, 22, 21)]
+    solids = [(3, ring[0])], [(3, ring[1]), (3, occ.addBox(0, -12.5, -11, 160, 25, 22))]
+    rod = occ.fuse(*solids)[0]
+    tools = [occ.addCylinder(0, 0, -11, 0, 0, 22, 22.5), occ.addCylinder(160, 0, -11, 0, 0, 22, 12)]
+    if drilled:
+        tools.append(occ.addCylinder(-40, 0, 2, 30, 0, 0, 2.5))
+        tools += [
+            occ.addCone(0, 0, -11, 0, 0, 1, 23.5, 22.5),
+            occ.addCone(0, 0, 11, 0, 0, -1, 23.5, 22.5),
+        ]
+    rod = occ.cut(rod, [(3, tool) for tool in tools])[0]
+    axis = np.array(TURN[:3]) / np.linalg.norm(TURN[:3])
+    occ.rotate(rod, 0, 0, 0, *axis, TURN[3])
+    occ.translate(rod, *SHIFT)
+    occ.synchronize()
+    gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+    gmsh.write(str(path))
+    gmsh.clear()
+
+
+def mesh(path: Path, cells: str, tetrahedra: float) -> None:
+    """A mesh of the shipped model as another program would have it."""
+    gmsh.open(str(model_path("conrod")))
+    gmsh.onelab.setNumber("Rod/tetrahedra", [tetrahedra])
+    gmsh.open(str(model_path("conrod")))
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+    own = path.with_suffix(".own.msh")
+    gmsh.write(str(own))
+    gmsh.clear()
+    gmsh.onelab.clear()
+    found = meshio.read(own)
+    own.unlink()
+    turned = 1e3 * found.points @ rotation().T + SHIFT
+    block = np.vstack([block.data for block in found.cells if block.type == cells])
+    options = {"float_fmt": ".4f"} if path.suffix == ".inp" else {"binary": False}
+    form = {} if path.suffix == ".inp" else {"file_format": "gmsh"}
+    meshio.write(path, meshio.Mesh(np.round(turned, 4), [(cells, block)]), **form, **options)
+
+
+def rotation() -> np.ndarray:
+    """About the axis of `TURN`, shape (3, 3)."""
+    x, y, z = np.array(TURN[:3]) / np.linalg.norm(TURN[:3])
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(TURN[3]) * cross + (1 - np.cos(TURN[3])) * cross @ cross
+
+
+def main(folder: Path) -> None:
+    """All of them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    gmsh.initialize([""], readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    drawing(folder / "rod.step", drilled=False)
+    drawing(folder / "drilled.step", drilled=True)
+    mesh(folder / "rod.inp", "tetra10", 1.0)
+    mesh(folder / "turned.msh", "hexahedron27", 0.0)
+    gmsh.finalize()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,270 @@
+"""``fenics-ehd part``: a drawing or a mesh from elsewhere as a model for scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.cli.options import json_option, output_option
+
+if TYPE_CHECKING:  # slow to import, and --help does without
+    from fenics_ehd.fem.drawn_part import NamedFaces, OpenedPart, PlacedPart
+
+#: A drawing's second mesh has cells so much larger.
+COARSER = 1.5
+
+#: Largest mesh whose cells are cut in eight for an estimate [unknowns].
+MOST_REFINED = 60_000
+
+UNITS = ("m", "cm", "mm", "um", "in")
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option(
+    "--bore",
+    "bores",
+    multiple=True,
+    metavar="[NAME=]FACE",
+    help="Lubricated surface: number of a face, or its radius, 22.5mm. Repeatable; the first is "
+    "the origin, its axis z.",
+)
+@click.option(
+    "--point",
+    "points",
+    multiple=True,
+    metavar="[NAME=]FACE",
+    help="Boundary point, 'pin' unless named. Repeatable; x goes from the bore to the first.",
+)
+@click.option("--held", metavar="FACE,...", help="Faces that are held.")
+@click.option(
+    "--unit",
+    type=click.Choice(UNITS),
+    default="m",
+    show_default=True,
+    help="Of a mesh's lengths; drawings say theirs.",
+)
+@click.option(
+    "--angle",
+    type=click.FloatRange(1.0, 90.0),
+    default=35.0,
+    show_default=True,
+    help="A face of a mesh ends at an edge as sharp as this [degrees].",
+)
+@click.option(
+    "--cells-around",
+    "around",
+    type=click.IntRange(min=8),
+    default=40,
+    show_default=True,
+    help="Cells around the bores of a drawing.",
+)
+@click.option("--youngs-modulus", type=float, default=210e9, show_default=True, help="[Pa].")
+@click.option("--poissons-ratio", type=float, default=0.3, show_default=True)
+@click.option("--density", type=float, default=7850.0, show_default=True, help="[kg/m3].")
+@click.option("--check/--no-check", default=True, help="Also find mass and mesh error.")
+@output_option("target", "Model to write, rod.msh.", folder=False)
+@json_option
+def part(
+    file: str,
+    bores: tuple[str, ...],
+    points: tuple[str, ...],
+    held: str | None,
+    unit: str,
+    angle: float,
+    around: int,
+    youngs_modulus: float,
+    poissons_ratio: float,
+    density: float,
+    check: bool,
+    target: str | None,
+    as_json: bool,
+) -> None:
+    """List the faces of FILE, or make it a model that scenes take.
+
+    FILE is a drawing (STEP, IGES, BREP) or a mesh of tetrahedra or hexahedra (Gmsh, Abaqus,
+    CalculiX, Nastran and what else meshio reads). Without -o its faces are listed with their
+    numbers; with it and a --bore a .msh file is written, in metres, the bore's axis along z.
+    """
+    from fenics_ehd.base.output import require_writable, to_json
+    from fenics_ehd.fem.drawn_part import open_part, place_part
+    from fenics_ehd.fem.material import Material
+    from fenics_ehd.fem.part_check import worst_cell
+
+    if (target is None) != (not bores):
+        raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
+    if target is not None and Path(target).suffix != ".msh":
+        raise SettingsError(f"-o {target}: a model's name must end with .msh")
+    opened = open_part(Path(file), unit, angle)
+    if target is None:
+        listed = faces_listed(opened)
+        click.echo(to_json({"file": file, "faces": listed}) if as_json else face_table(listed))
+        return
+    require_writable(target)
+    named = _named(opened, bores, points, held)
+    placed = place_part(opened, named, around)
+    placed.write(Path(target))
+    figures: dict[str, Any] = {
+        "file": target,
+        "cells": placed.solid.kind,
+        "number_of_cells": len(placed.solid.cells),
+        "worst_cell": worst_cell(placed.solid),
+        "bores": {
+            name: {"radius_m": opened.radius(number), "moved_m": placed.moved[name]}
+            for name, number in named.bores.items()
+        },
+        "points": list(named.points),
+        "held_by": "held" if named.held else "none",
+    }
+    if check:
+        material = Material(youngs_modulus, poissons_ratio, density)
+        figures |= _checked(opened, placed, Path(target), around, material)
+    click.echo(to_json(figures) if as_json else made_table(figures))
+
+
+def _pairs(given: Sequence[str], default: str, option: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for entry in given:
+        name, _, face = entry.rpartition("=")
+        name = name or default
+        if not name.isidentifier() or name in ("part", "held"):
+            raise SettingsError(f"{option} {entry}: {name!r} is no name for a surface")
+        if name in found:
+            raise SettingsError(f"{option} {entry}: {name!r} is named twice: NAME=FACE")
+        found[name] = face
+    return found
+
+
+def _named(
+    opened: OpenedPart, bores: Sequence[str], points: Sequence[str], held: str | None
+) -> NamedFaces:
+    """Numbers of the faces asked for, none of them twice."""
+    from fenics_ehd.fem.drawn_part import NamedFaces
+
+    named = NamedFaces(
+        {n: opened.face(f, ("bore",)) for n, f in _pairs(bores, "bore", "--bore").items()},
+        {n: opened.face(f) for n, f in _pairs(points, "pin", "--point").items()},
+        [opened.face(text.strip()) for text in held.split(",")] if held else (),
+    )
+    if set(named.bores) & set(named.points):
+        raise SettingsError("--point: a bore has that name already: NAME=FACE")
+    numbers = [number for faces in named.all().values() for number in faces]
+    twice = sorted({number for number in numbers if numbers.count(number) > 1})
+    if twice:
+        raise SettingsError(f"face {twice[0]} is asked for twice: a face has one name")
+    return named
+
+
+def _checked(
+    opened: OpenedPart, placed: PlacedPart, path: Path, around: int, material: Any
+) -> dict[str, Any]:
+    """Mass, unknowns, and how far the bores' flexibility is from that of another mesh.
+
+    A drawing's other mesh is coarser, that of a mesh has every cell cut in eight.
+    """
+    from tempfile import TemporaryDirectory
+
+    import numpy as np
+
+    from fenics_ehd.fem.drawn_part import place_part
+    from fenics_ehd.fem.part_check import PATTERNS, part_figures
+
+    bores, clamped = tuple(placed.named.bores), "held" if placed.named.held else None
+    here = part_figures(path, material, bores, clamped)
+    found: dict[str, Any] = {"mass_kg": here.mass, "degrees_of_freedom": here.unknowns}
+    if not opened.drawn and here.unknowns > MOST_REFINED:
+        return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
+    if opened.drawn:
+        other = place_part(opened, placed.named, max(around / COARSER, 8))
+    else:
+        other = placed.refined()
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "other.msh")
+        other.write(file)
+        there = part_figures(file, material, bores, clamped)
+    # Compliance converges by h^1.09 at a re-entrant right angle (Williams' exponent is 0.5445).
+    # As of order 1, the error is twice the difference both to cells of 1.5 and of 0.5 times the
+    # size.
+    error = 2 * np.abs(there.compliance / here.compliance - 1)
+    return found | {
+        "flexibility_mesh_error": float(error.max()),
+        "flexibility_mesh_error_by_pattern": dict(
+            zip(PATTERNS, error.max(axis=0).tolist(), strict=True)
+        ),
+        "second_mesh": "coarser" if opened.drawn else "finer",
+    }
+
+
+def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
+    """Every face with what tells it from others."""
+    rows = []
+    for number, face in enumerate(opened.faces, 1):
+        row: dict[str, Any] = {"number": number, "kind": face.kind, "area_m2": face.area}
+        if face.cylinder is not None:
+            row |= {
+                "radius_m": face.cylinder.radius,
+                "width_m": face.cylinder.width,
+                "arc_degrees": 360 * min(face.arc, 1.0),
+                "deviation_m": face.cylinder.deviation,
+            }
+        row |= {"axis": face.axis.tolist(), "centre_m": face.centre.tolist()}
+        rows.append(row)
+    return rows
+
+
+def face_table(rows: Sequence[dict[str, Any]]) -> str:
+    """The list in millimetres."""
+    lines = [
+        f"{'face':>4}  {'kind':5}  {'radius':>9}  {'width':>8}  {'around':>6}  "
+        f"{'area':>10}  {'axis or normal':22}  centre",
+        f"{'':4}  {'':5}  {'[mm]':>9}  {'[mm]':>8}  {'[deg]':>6}  {'[mm2]':>10}  {'':22}  [mm]",
+    ]
+    for row in rows:
+        round_part = f"{'':9}  {'':8}  {'':6}"
+        if "radius_m" in row:
+            radius, width = row["radius_m"] * 1e3, row["width_m"] * 1e3
+            round_part = f"{radius:9.4f}  {width:8.3f}  {row['arc_degrees']:6.0f}"
+        axis = " ".join(f"{value + 0.0:6.3f}" for value in row["axis"])
+        centre = " ".join(f"{value * 1e3 + 0.0:.3f}" for value in row["centre_m"])
+        area = row["area_m2"] * 1e6
+        lines.append(
+            f"{row['number']:4d}  {row['kind']:5}  {round_part}  {area:10.2f}  {axis:22}  {centre}"
+        )
+    return "\n".join(lines)
+
+
+def made_table(figures: dict[str, Any]) -> str:
+    """What was made, and the lines of a scene that take it."""
+    kind = {"tet": "10-node tetrahedra", "hex": "20-node hexahedra"}[figures["cells"]]
+    lines = [
+        f"{figures['file']}: {figures['number_of_cells']} {kind}, worst cell "
+        f"{figures['worst_cell']:.3f}"
+    ]
+    for name, bore in figures["bores"].items():
+        lines.append(
+            f"  {name}: radius {bore['radius_m'] * 1e3:.6g} mm, nodes moved by "
+            f"{bore['moved_m'] * 1e6:.2g} um at most"
+        )
+    if "mass_kg" in figures:
+        error = figures["flexibility_mesh_error"]
+        told = error
+        if not isinstance(error, str):
+            told = f"{100 * error:.2g} %, from a {figures['second_mesh']} mesh"
+        lines += [
+            f"  mass {figures['mass_kg']:.6g} kg, {figures['degrees_of_freedom']} unknowns",
+            f"  mesh error of the bore's flexibility: {told}",
+        ]
+    bores = ", ".join(f'"{name}"' for name in figures["bores"])
+    points = ", ".join(f'"{name}"' for name in figures["points"])
+    lines += [
+        "in a scene:",
+        f'  model = "{figures["file"]}"',
+        f"  bores = [{bores}]",
+        f"  points = [{points}]",
+        f'  held_by = "{figures["held_by"]}"',
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,177 @@
+"""Cylindrical and flat faces of a solid, found in the facets of its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fenics_ehd.fem.cylinder_fit import Cylinder, fit_cylinder
+from fenics_ehd.fem.solid import Solid
+
+#: Largest distance of a node from the cylinder or plane that its face is taken for, relative to
+#: the size of the face: rounding of a file is far below, a cone or a chamfer far above.
+SHAPE_TOLERANCE = 1e-3
+
+#: Largest difference of two cylinders that are one, relative to the radius.
+SAME = 1e-4
+
+#: Two facets whose normals differ by more are of different faces [degrees]: a bore of 12 cells
+#: around turns by 30, chamfers by 45.
+SHARP = 35.0
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A face of a solid.
+
+    Attributes
+    ----------
+    kind
+        ``"bore"`` (a hollow cylinder), ``"shaft"`` (a full one), ``"plane"`` or ``"other"``.
+    facets
+        Its facets' numbers.
+    area
+        [m2].
+    centre
+        Of the cylinder, otherwise of the facets' centres, shape (3,) [m].
+    axis
+        Of the cylinder, otherwise the mean outward normal, shape (3,).
+    cylinder
+        For bores and shafts.
+    """
+
+    kind: str
+    facets: np.ndarray
+    area: float
+    centre: np.ndarray
+    axis: np.ndarray
+    cylinder: Cylinder | None = None
+
+    @property
+    def arc(self) -> float:
+        """Share of the circumference that the face covers; of a bore with holes below 1."""
+        assert self.cylinder is not None
+        return self.area / (2 * np.pi * self.cylinder.radius * self.cylinder.width)
+
+
+def find_faces(
+    solid: Solid, facets: np.ndarray, labels: np.ndarray | None = None, *, sharp: float = SHARP
+) -> list[Face]:
+    """Faces of a solid: bores by falling radius, shafts, planes by falling area, others.
+
+    Parameters
+    ----------
+    facets
+        As `Solid.facets` gives them.
+    labels
+        Number of the face that a drawing has for each facet, (f,); None: a face ends where the
+        surface has an edge.
+    sharp
+        Angle of such an edge [degrees].
+    """
+    vectors = _area_vectors(solid, facets)
+    if labels is None:
+        labels = _smooth_pieces(solid, facets, vectors, sharp)
+    groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    faces = _whole([_shaped(solid, facets, vectors, group) for group in groups], solid, facets)
+    order = {"bore": 0, "shaft": 1, "plane": 2, "other": 3}
+
+    def place(face: Face) -> tuple[float, ...]:
+        size = face.area if face.cylinder is None else face.cylinder.radius
+        # Of equal faces the one that lies first along x, y, z.
+        return (order[face.kind], -float(f"{size:.4g}"), *np.round(face.centre, 6))
+
+    return sorted(faces, key=place)
+
+
+def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
+    """Outward normals as long as the areas between the corners, shape (f, 3) [m2]."""
+    corners = solid.points[facets[:, : facets.shape[1] // 2]]
+    if corners.shape[1] == 3:
+        return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+
+
+def _smooth_pieces(
+    solid: Solid, facets: np.ndarray, vectors: np.ndarray, sharp: float
+) -> np.ndarray:
+    """Pieces of the surface between sharp edges, a number for each facet."""
+    count = facets.shape[1] // 2
+    sides = np.stack([facets[:, :count], np.roll(facets[:, :count], -1, axis=1)], axis=2)
+    edges = np.sort(sides.reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    edges, owners = edges[order], np.repeat(np.arange(len(facets)), count)[order]
+    twins = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    a, b = owners[twins], owners[twins + 1]
+    normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    smooth = np.einsum("ij,ij->i", normals[a], normals[b]) > np.cos(np.radians(sharp))
+    a, b = a[smooth], b[smooth]
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(facets), len(facets)))
+    return connected_components(graph, directed=False)[1]
+
+
+def _shaped(solid: Solid, facets: np.ndarray, vectors: np.ndarray, group: np.ndarray) -> Face:
+    """A face as the plane or the cylinder that it is, or as neither."""
+    nodes = np.unique(facets[group])
+    x, normal = solid.points[nodes], vectors[group]
+    areas = np.linalg.norm(normal, axis=1)
+    area, mean = float(areas.sum()), normal.sum(axis=0)
+    corners = solid.points[facets[group, : facets.shape[1] // 2]].mean(axis=1)
+    centre = areas @ corners / area
+    size = np.linalg.norm(x - centre, axis=1).max()
+    axis = mean / max(np.linalg.norm(mean), 1e-300)
+    if np.linalg.norm(mean) > (1 - SHAPE_TOLERANCE) * area:
+        if np.abs((x - centre) @ axis).max() < SHAPE_TOLERANCE * size:
+            return Face("plane", group, area, centre, axis)
+    if len(nodes) >= 6:
+        cylinder = fit_cylinder(x, normal / areas[:, None])
+        _, across = cylinder.split(corners)
+        outward = np.einsum("ij,ij->i", across, normal)
+        if (
+            cylinder.deviation < SHAPE_TOLERANCE * min(size, cylinder.radius)
+            and cylinder.radius < 10 * size
+            and (np.all(outward < 0) or np.all(outward > 0))
+        ):
+            kind = "bore" if outward[0] < 0 else "shaft"
+            return Face(kind, group, area, cylinder.centre, cylinder.axis, cylinder)
+    return Face("other", group, area, centre, axis)
+
+
+def _whole(faces: list[Face], solid: Solid, facets: np.ndarray) -> list[Face]:
+    """Pieces of one cylinder side by side, as drawings have them, in one."""
+    found: list[Face] = []
+    for face in faces:
+        twin = next((i for i, other in enumerate(found) if _same_cylinder(face, other)), None)
+        if twin is None:
+            found.append(face)
+            continue
+        both = np.concatenate([found[twin].facets, face.facets])
+        vectors = _area_vectors(solid, facets[both])
+        x = solid.points[np.unique(facets[both])]
+        cylinder = fit_cylinder(x, vectors / np.linalg.norm(vectors, axis=1)[:, None])
+        found[twin] = replace(
+            face,
+            facets=both,
+            area=found[twin].area + face.area,
+            centre=cylinder.centre,
+            axis=cylinder.axis,
+            cylinder=cylinder,
+        )
+    return found
+
+
+def _same_cylinder(one: Face, other: Face) -> bool:
+    a, b = one.cylinder, other.cylinder
+    if a is None or b is None or one.kind != other.kind:
+        return False
+    height, across = b.split(a.centre[None, :])
+    return bool(
+        abs(a.radius - b.radius) < SAME * b.radius
+        and abs(a.axis @ b.axis) > 1 - SAME**2
+        and np.linalg.norm(across) < SAME * b.radius
+        # Side by side, not one behind the other as the lands of a groove are.
+        and abs(height[0]) < 0.25 * (a.width + b.width)
+    )

@@ -1,0 +1,153 @@
+"""Solids from drawings, which Gmsh meshes, and from meshes of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.fem.solid import Solid, raised, used
+
+with interrupt_kept():
+    import gmsh
+
+#: Drawings, whose units are in the file.
+DRAWINGS = (".step", ".stp", ".iges", ".igs", ".brep")
+
+#: Metres of a unit of length.
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+
+#: A part longer than this in metres is in millimetres [m].
+LONGEST = 5.0
+
+#: Solid cells by meshio's names: kind, nodes that are kept, whether they are of second order.
+CELLS = {
+    "tetra": ("tet", 4, False),
+    "tetra10": ("tet", 10, True),
+    "hexahedron": ("hex", 8, False),
+    "hexahedron20": ("hex", 20, True),
+    "hexahedron27": ("hex", 20, True),
+}
+
+#: Gmsh's 10-node tetrahedron, its last two nodes as VTK has them, and its 6-node triangle.
+_TETRAHEDRON, _VTK_ORDER, _TRIANGLE = 11, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8], 9
+
+#: Size of cells where nothing asks for smaller ones, relative to the part's longest side.
+COARSE = 1 / 20
+
+#: Size of the cells at a point, shape (3,) [m].
+SizeAt = Callable[[np.ndarray], float]
+
+
+def read_mesh(path: Path, unit: str) -> Solid:
+    """Solid of a mesh file that meshio reads; cells of first order get straight edges.
+
+    Raises
+    ------
+    MeshError
+        It cannot be read, has no solid cells or several kinds, or is of another unit.
+    """
+    try:
+        with interrupt_kept():
+            mesh = meshio.read(path)
+    except SystemExit:  # how meshio refuses a file
+        raise MeshError(f"{path}: meshio cannot read it") from None
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise MeshError(f"{path}: meshio cannot read it: {reason}") from None
+    blocks = [block for block in mesh.cells if block.type in CELLS]
+    kinds = sorted({block.type for block in blocks})
+    if len(kinds) != 1:
+        there = ", ".join(kinds) or ", ".join(sorted({b.type for b in mesh.cells})) or "nothing"
+        raise MeshError(
+            f"{path} has {there}: it needs one kind of solid cells, of {', '.join(CELLS)}"
+        )
+    kind, count, quadratic = CELLS[kinds[0]]
+    cells = np.concatenate([block.data[:, :count] for block in blocks]).astype(np.int64)
+    points = np.asarray(mesh.points, dtype=float) * UNITS[unit]
+    solid = used(Solid(points, cells, kind) if quadratic else raised(points, cells, kind))
+    longest = np.ptp(solid.points, axis=0).max()
+    if longest > LONGEST:
+        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
+    return solid
+
+
+def mesh_drawing(path: Path, size: SizeAt | None = None) -> tuple[Solid, np.ndarray]:
+    """Second-order tetrahedra of a drawing in metres, and the drawing's face of each facet.
+
+    Parameters
+    ----------
+    path
+        STEP, IGES or BREP; lengths in its own unit.
+    size
+        Of the cells; None: coarse ones.
+
+    Returns
+    -------
+    tuple
+        The solid, and a number for each of its `facets`.
+
+    Raises
+    ------
+    MeshError
+        Gmsh cannot read or mesh it, or it is not one solid.
+    """
+    with interrupt_kept():
+        gmsh.initialize([""], readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+        gmsh.model.occ.importShapes(str(path))
+        gmsh.model.occ.synchronize()
+        volumes = gmsh.model.getEntities(3)
+        if len(volumes) != 1:
+            raise MeshError(f"{path} has {len(volumes)} solids, it must have one: export the part")
+        box = np.array(gmsh.model.getBoundingBox(-1, -1)).reshape(2, 3)
+        coarse = COARSE * np.ptp(box, axis=0).max()
+        if size is not None:
+            at = size
+            gmsh.model.mesh.setSizeCallback(lambda d, t, x, y, z, *_: at(np.array([x, y, z])))
+        for name in ("FromPoints", "ExtendFromBoundary"):
+            gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", coarse)
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        # Straight cells beside curved ones where a facet bulges through them.
+        gmsh.model.mesh.optimize("HighOrderFastCurving")
+        return _taken()
+    except MeshError:
+        raise
+    except Exception as error:  # Gmsh raises plain Exception
+        raise MeshError(f"Gmsh cannot mesh {path}: {error}") from None
+    finally:
+        with interrupt_kept():
+            gmsh.finalize()
+
+
+def _taken() -> tuple[Solid, np.ndarray]:
+    """The current model's tetrahedra and the entity of each facet."""
+    tags, x, _ = gmsh.model.mesh.getNodes()
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    cells = gmsh.model.mesh.getElementsByType(_TETRAHEDRON)[1]
+    if not len(cells):
+        raise MeshError("it gives no tetrahedra")
+    kept = row[cells].reshape(-1, 10)[:, _VTK_ORDER]
+    nodes, cells = np.unique(kept, return_inverse=True)
+    solid = Solid(x.reshape(-1, 3)[nodes], cells.reshape(kept.shape), "tet")
+    corners, owners = [], []
+    for _, entity in gmsh.model.getEntities(2):
+        triangles = row[gmsh.model.mesh.getElementsByType(_TRIANGLE, entity)[1]].reshape(-1, 6)
+        corners.append(np.searchsorted(nodes, triangles[:, :3]))
+        owners.append(np.full(len(triangles), entity))
+    facets = solid.facets()
+    known = np.sort(np.vstack([*corners, facets[:, :3]]), axis=1)
+    numbers = np.unique(known, axis=0, return_inverse=True)[1].ravel()
+    label = np.zeros(numbers.max() + 1, dtype=np.int64)
+    drawn = np.concatenate(owners)
+    label[numbers[: len(drawn)]] = drawn
+    return solid, label[numbers[len(drawn) :]]

@@ -1,0 +1,203 @@
+"""Stresses of a flexible body over the cycle of a run: fields, their extremes, a ParaView file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.fem.nodal_stress import NodalStress
+from fenics_ehd.fem.stress_cycle import (
+    HalfRange,
+    deviatoric,
+    largest_half_range,
+    largest_principal,
+)
+from fenics_ehd.reduction import ReducedBody, Structure
+from fenics_ehd.reduction.completion import missing_fields
+from fenics_ehd.reduction.residual_flexibility import pattern_fields
+from fenics_ehd.results.paraview import CELL_NAMES
+
+
+@dataclass(frozen=True, eq=False)
+class CycleStress:
+    """Extremes over the instants of a cycle at every node of a part.
+
+    Attributes
+    ----------
+    nodes, cells
+        shape (p, 3) [m], and in VTK's order (c, 20 or 10).
+    half_range
+        See `HalfRange`, of p points.
+    principal, principal_instants
+        Largest principal stress [Pa] and its instant, shape (p,).
+    half_range_node, principal_node
+        Where they are largest.
+    half_range_around, principal_around
+        Least and largest that single cells around these nodes say of them [Pa].
+    """
+
+    nodes: np.ndarray
+    cells: np.ndarray
+    half_range: HalfRange
+    principal: np.ndarray
+    principal_instants: np.ndarray
+    half_range_node: int
+    principal_node: int
+    half_range_around: tuple[float, float]
+    principal_around: tuple[float, float]
+
+
+def cycle_stress(
+    structure: Structure,
+    body: ReducedBody,
+    columns: np.ndarray,
+    coordinates: np.ndarray,
+    amplitudes: np.ndarray,
+    loads: tuple[np.ndarray, np.ndarray] | None = None,
+) -> CycleStress:
+    """Stresses of ``T q`` and of the residual patterns (M4), at every node; on one rank.
+
+    Linear in the coordinates, so that stresses of at most as many displacements are computed as
+    there are instants, block by block of the part's cells.
+
+    Parameters
+    ----------
+    structure, body
+        The part and its reduction.
+    columns
+        The part-size basis T, shape (dofs, n).
+    coordinates, amplitudes
+        Of the instants, shapes (t, n) and (t, r): see `Replay.in_equilibrium`.
+    loads
+        Forces and speeds, see `missing_fields`: what the basis misses of their answers is taken
+        in place of the residual patterns. None: what the run's method has.
+
+    Raises
+    ------
+    SettingsError
+        The structure holds no elements to have stresses.
+    VerificationError
+        From `pattern_fields`.
+    """
+    recovery = structure.recovery
+    if recovery is None or recovery.stress is None:
+        raise SettingsError("the structure has no elements: stresses need them")
+    histories = None
+    if loads is None:
+        fields, histories = _displacements(structure, body, columns, coordinates, amplitudes)
+    else:
+        fields = columns @ coordinates.T + missing_fields(structure, body, columns, *loads)
+    nodal = NodalStress(recovery.stress(fields))
+    count = nodal.nodes
+    found = HalfRange(np.zeros((count, 2), dtype=int), *(np.zeros((count, *n)) for n in _SHAPES))
+    principal, instants = np.zeros(count), np.zeros(count, dtype=int)
+    for nodes, stress in nodal.blocks():
+        history = stress if histories is None else stress @ histories
+        own = largest_half_range(history)
+        for name, values in vars(own).items():
+            getattr(found, name)[nodes] = values
+        principal[nodes], instants[nodes] = largest_principal(history)
+
+    def around(node: int) -> np.ndarray:
+        stress = nodal.around(node)
+        return stress if histories is None else stress @ histories
+
+    widest, highest = int(found.von_mises.argmax()), int(principal.argmax())
+    return CycleStress(
+        structure.coordinates,
+        recovery.cells,
+        found,
+        principal,
+        instants,
+        widest,
+        highest,
+        _ends(largest_half_range(around(widest)).von_mises),
+        _ends(largest_principal(around(highest))[0]),
+    )
+
+
+#: Of a point: von Mises stress, half-range, mean.
+_SHAPES: tuple[tuple[int, ...], ...] = ((), (6,), (6,))
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _displacements(
+    structure: Structure,
+    body: ReducedBody,
+    columns: np.ndarray,
+    coordinates: np.ndarray,
+    amplitudes: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Displacement fields (dofs, c), and what makes the instants of them (c, t); None: they are."""
+    time, modes = coordinates.shape
+    rank = amplitudes.shape[1]
+    if modes + rank <= time:
+        patterns = pattern_fields(structure, body, columns)
+        return np.hstack([columns, patterns]), np.vstack([coordinates.T, amplitudes.T])
+    fields = columns @ coordinates.T
+    if rank:
+        fields += pattern_fields(structure, body, columns, amplitudes.T)
+    return fields, None
+
+
+def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Worst places and instants, for ``stress.json``.
+
+    Parameters
+    ----------
+    stress
+        Of a body.
+    instants
+        Columns that say when an instant is by their names, shape (t,) each.
+    """
+    node, found = stress.half_range_node, stress.half_range
+    pair = found.instants[node]
+    top = stress.principal_node
+    when = stress.principal_instants[top]
+    mean = found.mean[node]
+    return {
+        "half_range": {
+            "von_mises_Pa": float(found.von_mises[node]),
+            "in_cells_around_Pa": list(stress.half_range_around),
+            "place_m": stress.nodes[node].tolist(),
+            **{name: values[pair].tolist() for name, values in instants.items()},
+            "half_range_Pa": found.half_range[node].tolist(),
+            "mean_Pa": mean.tolist(),
+            "mean_von_mises_Pa": float(np.linalg.norm(deviatoric(mean))),
+            "mean_hydrostatic_Pa": float(mean[:3].mean()),
+        },
+        "largest_principal": {
+            "stress_Pa": float(stress.principal[top]),
+            "in_cells_around_Pa": list(stress.principal_around),
+            "place_m": stress.nodes[top].tolist(),
+            **{name: float(values[when]) for name, values in instants.items()},
+        },
+    }
+
+
+def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
+    """Write the fields on the undeformed part for ParaView, times [s] of the instants with them."""
+    found = stress.half_range
+    data = {
+        "half_range_von_mises_Pa": found.von_mises,
+        "mean_von_mises_Pa": np.linalg.norm(deviatoric(found.mean), axis=1),
+        "mean_hydrostatic_Pa": found.mean[:, :3].mean(axis=1),
+        "half_range_Pa": found.half_range,
+        "mean_Pa": found.mean,
+        "half_range_from_s": time[found.instants[:, 0]],
+        "half_range_to_s": time[found.instants[:, 1]],
+        "largest_principal_Pa": stress.principal,
+        "largest_principal_at_s": time[stress.principal_instants],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kind = CELL_NAMES[stress.cells.shape[1]]
+    meshio.Mesh(stress.nodes, [(kind, stress.cells)], point_data=data).write(path)

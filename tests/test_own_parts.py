@@ -1,0 +1,210 @@
+"""Drawings and meshes of other programs as models: faces found, bores round, flexibility right."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from mpi4py import MPI
+
+from fenics_ehd.base.errors import MeshError, SettingsError
+from fenics_ehd.cli.main import cli
+from fenics_ehd.fem.cylinder_fit import fit_cylinder
+from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part
+from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.material import Material
+from fenics_ehd.fem.models import model_path
+from fenics_ehd.fem.part_check import part_figures, worst_cell
+from fenics_ehd.fem.refine import refined
+from fenics_ehd.fem.solid import EDGES, Solid, raised
+from fenics_ehd.reduction.bore_holes import bore_holes
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+import foreign_parts
+
+STEEL = Material(210e9, 0.3, 7850.0)
+
+#: Of the shipped model's default rod [kg].
+MASS = 0.97280
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("parts")
+    foreign_parts.main(folder)
+    return folder
+
+
+def placed(path, around=24):
+    part = open_part(path, "mm")
+    bore, pin = part.face("22.5mm", ("bore",)), part.face("12mm", ("bore",))
+    return place_part(part, NamedFaces({"bore": bore}, {"pin": pin}), around)
+
+
+@given(
+    st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda a: np.linalg.norm(a) > 0.1),
+    st.floats(1e-3, 10.0),
+    st.floats(1.0, 2 * np.pi),
+    st.floats(0.2, 4.0),
+)
+def test_cylinder_through_points_of_an_arc(axis, radius, arc, slenderness):
+    axis = np.array(axis) / np.linalg.norm(axis)
+    across = np.linalg.svd(axis[None, :])[2][1:]
+    phi, z = (g.ravel() for g in np.meshgrid(np.linspace(0, arc, 12), np.linspace(-0.5, 0.5, 5)))
+    width, centre = slenderness * radius, radius * np.array([3.0, -2.0, 5.0])
+    normals = np.column_stack([np.cos(phi), np.sin(phi)]) @ across
+    x = centre + radius * normals + np.outer(width * z, axis)
+    found = fit_cylinder(x, normals)
+    assert found.radius == pytest.approx(radius, rel=1e-8)
+    assert found.width == pytest.approx(width, rel=1e-8)
+    assert abs(found.axis @ axis) == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(found.centre, centre, atol=1e-7 * radius)
+    assert found.deviation < 1e-9 * radius
+
+
+def test_faces_of_a_drawing(parts):
+    faces = open_part(parts / "rod.step").faces
+    kinds = [face.kind for face in faces]
+    assert kinds == ["bore", "bore", "shaft", "shaft", *["plane"] * 4]
+    radii = [face.cylinder.radius for face in faces[:4]]
+    assert radii == pytest.approx([0.0225, 0.012, 0.0339, 0.021], rel=1e-9)
+    axis = foreign_parts.rotation() @ [0.0, 0.0, 1.0]
+    shift = 1e-3 * np.array(foreign_parts.SHIFT)
+    pin = shift + foreign_parts.rotation() @ [0.16, 0.0, 0.0]
+    for face, centre in zip(faces[:2], (shift, pin), strict=True):
+        assert face.cylinder.width == pytest.approx(0.022, rel=1e-9)
+        assert abs(face.axis @ axis) == pytest.approx(1.0, abs=1e-12)
+        np.testing.assert_allclose(face.centre, centre, atol=1e-9)
+        assert face.arc == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["rod.inp", "turned.msh"])
+def test_edges_tell_the_faces_of_a_mesh(parts, name):
+    faces = open_part(parts / name, "mm").faces
+    drawn = open_part(parts / "rod.step").faces
+    assert [face.kind for face in faces] == [face.kind for face in drawn]
+    for ours, theirs in zip(faces[:4], drawn[:4], strict=True):
+        # Nodes are rounded to 0.1 um.
+        assert ours.cylinder.radius == pytest.approx(theirs.cylinder.radius, abs=1e-7)
+        np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-7)
+
+
+def test_chamfers_end_the_bore_and_a_drilled_one_keeps_its_hole(parts, tmp_path):
+    part = open_part(parts / "drilled.step")
+    assert part.faces[0].cylinder.width == pytest.approx(0.020, rel=1e-8)
+    assert part.faces[2].cylinder.radius == pytest.approx(2.5e-3, rel=1e-8)
+    made = place_part(part, NamedFaces({"bore": 1}, {"pin": 2}), 40)
+    # In the order of dolfinx: an edge's node has the number of the corner that faces it.
+    facets = made.surfaces()["bore"][:, [0, 1, 2, 4, 5, 3]]
+    nodes, cells = np.unique(facets, return_inverse=True)
+    (hole,) = bore_holes(made.solid.points[nodes], cells.reshape(facets.shape), "triangle")
+    assert abs(hole.angle) == pytest.approx(np.pi, abs=0.01)
+    # The file is turned, so z may be the other way round.
+    assert abs(hole.height) == pytest.approx(2e-3, abs=2e-4)
+    assert hole.diameter == pytest.approx(5e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["rod.step", "rod.inp", "turned.msh"])
+def test_part_lies_as_scenes_want_it(parts, name, tmp_path):
+    made = placed(parts / name)
+    x = made.solid.points[np.unique(made.surfaces()["bore"])]
+    np.testing.assert_allclose(np.linalg.norm(x[:, :2], axis=1), 0.0225, rtol=4e-6)
+    assert np.ptp(np.linalg.norm(x[:, :2], axis=1)) < 1e-15
+    assert x[:, 2].max() == -x[:, 2].min() == pytest.approx(0.011, abs=1e-7)
+    pin = made.solid.points[np.unique(made.surfaces()["pin"])]
+    middle = 0.5 * (pin.min(axis=0) + pin.max(axis=0))
+    np.testing.assert_allclose(middle, [0.16, 0.0, 0.0], atol=2e-7)
+    assert made.moved["bore"] < (1e-12 if name == "rod.step" else 1e-7)
+    made.write(tmp_path / "part.msh")
+    mesh = build_mesh(tmp_path / "part.msh", comm=MPI.COMM_SELF)
+    assert mesh.cell == ("hexahedron" if name == "turned.msh" else "tetrahedron")
+    assert set(mesh.groups) == {"part", "bore", "pin"}
+
+
+@pytest.mark.slow
+def test_bores_yield_as_that_of_the_shipped_rod(parts, tmp_path, figure):
+    given = {"bore_cells_around": 40, "bore_cells_along": 10, "shank_cells": 24}
+    given |= {"big_end_layers": 4, "small_end_layers": 4}
+    reference = part_figures(model_path("conrod"), STEEL, ["bore"], None, given)
+    assert reference.mass == pytest.approx(MASS, rel=1e-4)
+    worst = 0.0
+    for name in ("rod.step", "rod.inp", "turned.msh"):
+        target = tmp_path / "part.msh"
+        call = ["part", str(parts / name), "--unit", "mm", "--bore", "22.5mm", "--point", "12mm"]
+        told = CliRunner().invoke(cli, [*call, "-o", str(target), "--json"])
+        assert told.exit_code == 0, told.output
+        stated = json.loads(told.stdout)
+        assert stated["mass_kg"] == pytest.approx(MASS, rel=1e-4)
+        assert 0.05 < stated["worst_cell"] < 1.0
+        ours = part_figures(target, STEEL, ["bore"], None)
+        off = np.abs(ours.compliance / reference.compliance - 1).max()
+        worst = max(worst, off / stated["flexibility_mesh_error"])
+    figure(
+        "part and reduction", "bores of foreign parts, error over the one stated", worst, most=1.0
+    )
+
+
+def test_cells_cut_in_eight_are_the_same_solid(parts):
+    for name in ("rod.inp", "turned.msh"):
+        part = open_part(parts / name, "mm")
+        numbers = np.arange(len(part.facets))
+        fine, facets, labels = refined(part.solid, part.facets, numbers)
+        assert len(fine.cells) == 8 * len(part.solid.cells)
+        assert np.all(np.bincount(labels) == 4)
+        # Each piece lies on the facet that it was cut from.
+        middles = (
+            fine.points[facets].mean(axis=1) - part.solid.points[part.facets].mean(axis=1)[labels]
+        )
+        size = np.ptp(part.solid.points[part.facets], axis=1).max(axis=1)[labels]
+        assert np.all(np.linalg.norm(middles, axis=1) < size)
+        assert 0.3 * worst_cell(part.solid) < worst_cell(fine) < 1.0
+        # Nodes of a second-order field on the cells: what it holds is kept to the last bit.
+        np.testing.assert_array_equal(fine.points[: len(part.solid.points)], part.solid.points)
+
+
+@pytest.mark.parametrize("kind", ["tet", "hex"])
+def test_first_order_cells_get_straight_edges(kind):
+    corners = {"tet": np.vstack([np.zeros(3), np.eye(3)])}
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    corners["hex"] = np.array([(*xy, z) for z in (0, 1) for xy in square], dtype=float)
+    x = corners[kind]
+    solid = raised(x, np.arange(len(x))[None, :], kind)
+    for place, (a, b) in enumerate(EDGES[kind], len(x)):
+        middle = solid.points[solid.cells[0, place]]
+        np.testing.assert_array_equal(middle, 0.5 * (x[a] + x[b]))
+    assert worst_cell(solid) == pytest.approx(1.0 if kind == "hex" else 0.5)
+    turned = Solid(solid.points * [-1.0, 1.0, 1.0], solid.cells, kind)
+    assert worst_cell(turned) < 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere.step"], "there is no such file"),
+        (
+            ["rod.step", "--bore", "20mm", "-o", "x.msh"],
+            "no face is '20mm'; there are 1 of 22.5 mm",
+        ),
+        (["rod.step", "--bore", "7", "-o", "x.msh"], "face 7 is a plane, not a bore"),
+        (["rod.step", "--bore", "99", "-o", "x.msh"], "there are 1 to 8"),
+        (["rod.step", "--bore", "big", "-o", "x.msh"], "radius with a unit of m, cm"),
+        (["rod.step", "--bore", "1", "--point", "1", "-o", "x.msh"], "face 1 is asked for twice"),
+        (["rod.step", "--bore", "1", "--bore", "2", "-o", "x.msh"], "'bore' is named twice"),
+        (["rod.step", "--bore", "1", "-o", "x.stl"], "must end with .msh"),
+        (["rod.inp"], "above 5: give its --unit"),
+        (["text.inp", "--unit", "mm"], "it needs one kind of solid cells"),
+        (["text.step"], "Gmsh cannot mesh"),
+        (["text.vtu"], "meshio cannot read it"),
+    ],
+)
+def test_what_cannot_be_is_named(parts, arguments, message, monkeypatch):
+    monkeypatch.chdir(parts)
+    for ending in ("inp", "step", "vtu"):
+        Path(f"text.{ending}").write_text("nothing\n")
+    with pytest.raises((MeshError, SettingsError), match=message):
+        CliRunner().invoke(cli, ["part", *arguments], catch_exceptions=False, standalone_mode=False)
+    assert not Path("x.msh").exists()

@@ -1,0 +1,189 @@
+"""``fenics-ehd stress`` on folders of runs."""
+
+import json
+import shutil
+from types import SimpleNamespace
+
+import attrs
+import meshio
+import numpy as np
+import pytest
+from command_line import call, exit_of
+from hand_made_rod import Joint, make_body
+from mpi4py import MPI
+from scene_cases import RIGID_ROD, ROD_OF_A_FILE, write_scene
+from test_stress import all_nodes
+
+from fenics_ehd.fem.models import model_path
+from fenics_ehd.plotting.recorded import recorded
+from fenics_ehd.reduction import save_body
+from fenics_ehd.reduction.basis_file import von_mises
+from fenics_ehd.results.paraview import gather_part
+from fenics_ehd.results.run_folder import RESULTS
+from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.last_cycle import last_cycle
+from fenics_ehd.scenes.scene_text import as_stored
+
+#: The paper's machine for a tenth of a revolution, its rod coarse.
+SHORT = {
+    "bodies.rod.geometry": {
+        "bore_cells_around": 20, "bore_cells_along": 2, "shank_cells": 4, "small_end_layers": 1,
+        "big_end_layers": 1,
+    },
+    "bodies.rod.reduction.method": "m4",
+    "time.revolutions": 0.1,
+    "time.tolerance": 1e-3,
+    "time.largest_step": 0.2,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A run; its model is beside it."""
+    place = tmp_path_factory.mktemp("stress")
+    shutil.copy(model_path("conrod"), place / "rod.geo")
+    model = {"bodies.rod.model": str(place / "rod.geo")}
+    scene = write_scene(place / "short.toml", "slider-crank-paper", SHORT, model)
+    assert call("run", scene, "--no-plots", "-o", place / "run") == 0
+    return place / "run"
+
+
+@pytest.fixture(scope="module")
+def whole_rod(folder):
+    """Stresses at all nodes and instants by another way, with damping and without."""
+    run = recorded(folder)
+    scene = as_stored(folder / "scene.toml")
+    settings = scene.bodies["rod"]
+    settings = attrs.evolve(settings, reduction=attrs.evolve(settings.reduction))
+    made = elastic_part(settings, "bodies.rod", scene.film_element("rod"), MPI.COMM_SELF).reduce()
+    part = gather_part(made.structure, made.body, made.columns)
+    found = {}
+    for name, motion in (("balance", run.in_equilibrium("rod")), ("elastic", run.elastic("rod"))):
+        shapes = [part.displacement(*row).reshape(-1) for row in zip(*motion, strict=True)]
+        found[name] = all_nodes(made.structure, np.column_stack(shapes))
+    return SimpleNamespace(nodes=part.nodes, **found)
+
+
+def half_ranges(stress):
+    """Of every node, all pairs tried."""
+    best = np.zeros(len(stress))
+    for i in range(stress.shape[2]):
+        half = 0.5 * (stress[:, :, i + 1 :] - stress[:, :, i : i + 1])
+        best = np.maximum(best, von_mises(np.moveaxis(half, 1, 2)).max(axis=1, initial=0.0))
+    return best
+
+
+@pytest.mark.parametrize("damping", [True, False])
+def test_command_finds_the_extremes_of_the_run(folder, whole_rod, damping, capfd):
+    option = "--damping" if damping else "--no-damping"
+    status, out, _ = exit_of(capfd, "stress", folder, option, "--json")
+    assert status == 0
+    found = json.loads(out)
+    assert found == json.loads((folder / "stress.json").read_text())
+    rod, stress = found["bodies"]["rod"], whole_rod.balance if damping else whole_rod.elastic
+    exact = half_ranges(stress)
+    data = meshio.read(folder / rod["fields"]).point_data
+    limit = 1e-6 * exact.max()
+    np.testing.assert_allclose(data["half_range_von_mises_Pa"], exact, atol=limit)
+    worst = rod["half_range"]
+    assert worst["von_mises_Pa"] == pytest.approx(exact.max(), rel=1e-6)
+    node = np.argmin(np.linalg.norm(whole_rod.nodes - worst["place_m"], axis=1))
+    assert exact[node] == pytest.approx(exact.max(), rel=1e-6)
+    times = recorded(folder).motion.time
+    pair = np.searchsorted(times, np.array(worst["time_s"]) - 1e-12)
+    np.testing.assert_allclose(worst["mean_Pa"], stress[node][:, pair].mean(axis=1), atol=limit)
+    assert worst["mean_von_mises_Pa"] == pytest.approx(
+        von_mises(np.array(worst["mean_Pa"])), rel=1e-9
+    )
+    low, high = worst["in_cells_around_Pa"]
+    assert low - limit <= worst["von_mises_Pa"] <= high + limit
+    tensors = np.moveaxis(stress, 1, 2)[..., np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])]
+    largest = np.linalg.eigvalsh(tensors)[..., 2].max()
+    assert rod["largest_principal"]["stress_Pa"] == pytest.approx(largest, rel=1e-6)
+    angle = rod["largest_principal"]["crank_angle_deg"]
+    assert angle == pytest.approx(np.degrees(500.0 * rod["largest_principal"]["time_s"]), abs=1e-3)
+
+
+def test_command_prints_a_table(folder, capfd):
+    status, out, _ = exit_of(capfd, "stress", folder, "--body", "rod", "--complete")
+    assert status == 0
+    for words in ("half-range, von Mises", "its mean", "largest principal", "of crank", "piston"):
+        assert words in out
+    assert "--complete" not in out
+    assert json.loads((folder / "stress.json").read_text())["complete"]
+
+
+def test_stresses_go_with_the_run_they_are_of():
+    assert {"stress.json", "vtk/*_stress.vtu"} <= {*RESULTS}
+
+
+def test_bodies_without_stresses_are_named(folder, capfd):
+    for arguments, words in (
+        (["--body", "crank"], "crank: it is rigid"),
+        (["--body", "rodd"], "rodd: bodies of this run: crank, rod, piston"),
+        (["--complete", "--no-damping"], "drop --no-damping"),
+    ):
+        status, _, message = exit_of(capfd, "stress", folder, *arguments)
+        assert status == 2
+        assert words in message
+
+
+def test_folders_without_a_complete_run_are_refused(tmp_path, capfd):
+    def refused(path, words):
+        status, _, message = exit_of(capfd, "stress", path)
+        assert status == 2
+        assert message.count("\n") == 1
+        assert words in message
+
+    refused(tmp_path / "none", "no such folder")
+    refused(tmp_path, "no run that came to an end")
+    (tmp_path / "summary.json").write_text('{"status": "interrupted"}')
+    refused(tmp_path, "its run is not complete: interrupted")
+    (tmp_path / "summary.json").write_text('{"status": "complete", "scene": "x"}')
+    refused(tmp_path, "not the folder of a run")
+    (tmp_path / "summary.json").write_text("[1]")
+    refused(tmp_path, "no run that came to an end")
+
+
+def test_runs_without_meshed_parts_are_refused(tmp_path, capfd):
+    save_body(make_body(Joint()), tmp_path / "rod.h5")
+    times = {"time.revolutions": 0.001, "time.tolerance": 1e-3}
+    cases = {
+        "rigid": (RIGID_ROD, "rod: it is rigid"),
+        "file": (ROD_OF_A_FILE, "rod: it was read from a file"),
+    }
+    for name, (rod, words) in cases.items():
+        scene = write_scene(tmp_path / f"{name}.toml", "slider-crank-paper", rod, times)
+        assert exit_of(capfd, "run", scene, "--no-plots", "-o", tmp_path / name)[0] == 0
+        status, _, message = exit_of(capfd, "stress", tmp_path / name)
+        assert status == 2
+        assert "no body with stresses" in message
+        assert words in message
+
+
+def test_a_model_that_changed_since_the_run_is_refused(folder, capfd):
+    model = folder.parent / "rod.geo"
+    text = model.read_text()
+    model.write_text(f"{text}\n// thicker\n")
+    try:
+        status, _, message = exit_of(capfd, "stress", folder)
+    finally:
+        model.write_text(text)
+    assert status == 2
+    assert "bodies.rod was made with model = rod.geo" in message
+
+
+def test_last_cycle_is_a_revolution_of_a_run_that_has_no_period():
+    def scene(**settings):
+        time = SimpleNamespace(**{"periodic": False, "revolutions": 0.0, "of": "crank"} | settings)
+        return SimpleNamespace(time=time, speed_of=lambda body: -2 * np.pi)
+
+    time = np.linspace(0.0, 2.5, 26)
+    assert last_cycle(scene(periodic=True, revolutions=2.0), time)[0] == slice(None)
+    assert last_cycle(scene(), time)[0] == slice(None)
+    rows, words = last_cycle(scene(revolutions=2.5), time)
+    assert time[rows][0] == pytest.approx(1.5)
+    assert words == "the last revolution of crank"
+    rows, words = last_cycle(scene(revolutions=0.5), time[:6])
+    assert len(time[:6][rows]) == 6
+    assert "less than a revolution" in words
