@@ -55,7 +55,7 @@ COMPONENTS = ("basis", "film_mesh", "part_mesh", "step_size", "start")
 QUANTITIES = ("max_pressure", "min_film_thickness")
 
 #: Local error that long steps may have, and least and most steps of the run in one of them.
-LONG_ERROR, STRIDES = 0.01, (2, 4)
+LONG_ERROR, STRIDES = 0.03, (2, 4)
 
 #: Share of the course below which the error of the steps is found in half as long ones: those twice
 #: as long may be too long for a mode that they must resolve.
@@ -64,8 +64,9 @@ HALVED = 0.2
 #: Order that errors of the film's mesh are taken to have.
 FILM_ORDER = 4.0
 
-#: Contraction of a cycle above which all of it is followed twice, and the share else.
-SLOW, SHARE = 0.3, 0.25
+#: What is different is followed beyond a cycle's end until this share is left of its beginning's, at
+#: most for a second cycle.
+SETTLED = 0.3
 
 #: Gap errors below this, relative to the film, stand for what they do to it and to the pressure.
 SMALL = 1e-3
@@ -141,7 +142,9 @@ class Estimator:
         self._long = course
         if cycles is not None:
             size = course.x.shape[1]
-            share = 1.0 if not cycles.contraction < SLOW else SHARE
+            slow = not cycles.contraction < SETTLED
+            least = max(cycles.contraction, np.finfo(float).tiny)
+            share = 1.0 if slow else float(np.log(SETTLED) / np.log(least))
             angles = cycles.angles
             self._long = course.repeated(cycles.period, self._began.x[0][:size], angles, share)
 
@@ -312,7 +315,7 @@ class Estimator:
             return found
         inside = times[:count] <= again[-1]
         contraction = min(self._cycles.contraction, 0.9)
-        beyond = contraction / (1.0 - contraction) if contraction > SLOW else 0.0
+        beyond = contraction / (1.0 - contraction) if contraction > SETTLED else 0.0
         for joint in range(more.shape[1]):
             later = np.interp(times[:count][inside], again, more[count:, joint])
             found[inside, joint] = later + beyond * (later - found[inside, joint])
