@@ -64,7 +64,7 @@ HALVED = 0.2
 #: Order that errors of the film's mesh are taken to have.
 FILM_ORDER = 4.0
 
-#: What is different is followed beyond a cycle's end until this share is left of its beginning's, at
+#: What differs is followed beyond a cycle's end until this share is left of its beginning, at
 #: most for a second cycle.
 SETTLED = 0.3
 
