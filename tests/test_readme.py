@@ -51,6 +51,7 @@ SLOW = {
     ),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
+    ("docs/error-budget.md", "What a run is worth"),
 }
 
 
@@ -85,6 +86,7 @@ DOCUMENTS = (
     "docs/own-scene.md",
     "docs/own-part.md",
     "docs/mechanisms.md",
+    "docs/error-budget.md",
 )
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]
