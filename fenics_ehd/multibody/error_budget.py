@@ -61,8 +61,8 @@ LONG_ERROR, STRIDES = 0.03, (2, 4)
 #: as long may be too long for a mode that they must resolve.
 HALVED = 0.2
 
-#: Order that errors of the film's mesh are taken to have.
-FILM_ORDER = 4.0
+#: Orders that errors of the film's mesh are taken to have, of 4-node cells and of others.
+FILM_ORDERS = (2.0, 4.0)
 
 #: What differs is followed beyond a cycle's end until this share is left of its beginning, at
 #: most for a second cycle.
@@ -160,7 +160,7 @@ class Estimator:
                 changes["step_size"] = step
             film = self._try("film_mesh", notes, lambda: self._finer_films(again))
             if film is not None:
-                changes["film_mesh"] = self._change(again, film, 1.0 / (1.0 - FINER**-FILM_ORDER))
+                changes["film_mesh"] = self._change(again, film, self._film_factors())
             if any(place.bore for place in self._system.films):
                 for name, lacking in (("basis", self._basis), ("part_mesh", self._part_mesh)):
                     if name == "basis" or self._coarser:
@@ -202,6 +202,11 @@ class Estimator:
         self.iterations += beside.iterations
         same = found.at(np.searchsorted(found.times, self._long.times))
         return self._change(self._long, same, 1.0 / (1.0 - 0.5**order))
+
+    def _film_factors(self) -> np.ndarray:
+        """Errors of the films' meshes over what finer ones change."""
+        orders = [FILM_ORDERS[grid.family != "bilinear"] for grid in self._grids]
+        return 1.0 / (1.0 - FINER ** -np.array(orders))
 
     def _finer_films(self, again: Course) -> Course:
         system = System(with_finer_films(self._system.mechanism))
