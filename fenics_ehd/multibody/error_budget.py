@@ -143,7 +143,7 @@ class Estimator:
         if cycles is not None:
             size = course.x.shape[1]
             slow = not cycles.contraction < SETTLED
-            least = max(cycles.contraction, np.finfo(float).tiny)
+            least = max(cycles.contraction, float(np.finfo(float).tiny))
             share = 1.0 if slow else float(np.log(SETTLED) / np.log(least))
             angles = cycles.angles
             self._long = course.repeated(cycles.period, self._began.x[0][:size], angles, share)
