@@ -7,7 +7,7 @@ step, and errors travel along the motion as those of the run do.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,6 +46,13 @@ class Beside:
         Of the run.
     grids
         Of the films of the course's pressures.
+
+    Attributes
+    ----------
+    iterations
+        Of Newton's so far.
+    corners
+        Times after which steps began anew.
     """
 
     def __init__(self, solve: CoupledSteps, control: StepControl, grids: Sequence[FilmGrid]):
@@ -58,6 +65,7 @@ class Beside:
             for own, given in zip(self._own, grids, strict=True)
         ]
         self.iterations = 0
+        self.corners: set[float] = set()
 
     def follow(
         self,
@@ -65,6 +73,7 @@ class Beside:
         course: Course,
         stride: int,
         disturbance: Disturbance | None = None,
+        corners: Collection[float] | None = None,
     ) -> Course:
         """Steps from a state along a course, which begins after it.
 
@@ -78,6 +87,9 @@ class Beside:
             Steps of the course in one, where they grow slowly and no table has a row.
         disturbance
             Of the gaps.
+        corners
+            Times after which steps begin anew, as those that this is compared with; None: at rows
+            of tables that a step would miss.
 
         Raises
         ------
@@ -88,7 +100,11 @@ class Beside:
         row, past = -1, float(state.times[0] - state.times[1]) if len(state.times) > 1 else 0.0
         last = len(course.times) - 1
         while row < last:
-            ahead, corner = self._next(state, course, row, stride, past)
+            if corners is None:
+                ahead, corner = self._next(state, course, row, stride, past)
+            else:
+                ahead = min(row + stride, last)
+                corner = float(course.times[ahead]) in corners
             step = None
             while step is None:
                 step = self._step(state, guess, ahead, disturbance)
@@ -100,6 +116,8 @@ class Beside:
                     ahead, corner = row + 1, False
             new, solver = step
             past = new.time - state.time
+            if corner:
+                self.corners.add(new.time)
             keep = 1 if corner else self._control.order + 2
             state = state.after(new, past, solver, keep)
             guess.learn(ahead, new, solver)
@@ -123,15 +141,22 @@ class Beside:
         most = LONGEST * past
         while ahead > row + 1 and times[ahead] - state.time > most:
             ahead -= 1
-        tables = self._solve.system.tables
-        nearest = control.smallest_step
-        reached = state.reach(self._norm, tables, float(times[ahead]), order, nearest)
-        if reached >= times[ahead]:
+        if not self._solve.system.tables:
             return ahead, False
-        slack = NEAR_ROW * (times[ahead] - state.time)
-        near = int(np.searchsorted(times, reached + slack, "right")) - 1
-        ahead = min(max(near, row + 1), ahead)
-        return ahead, bool(abs(times[ahead] - reached) <= slack)
+        if ahead > row + 1 and self._reach(state, order, float(times[ahead])) < times[ahead]:
+            ahead = row + 1
+        if ahead > row + 1:
+            return ahead, False
+        # The run begins anew at a row that it could not step over.
+        step = float(times[ahead]) - state.time
+        beyond = state.time + 2.0 * step
+        reached = self._reach(state, order, beyond)
+        return ahead, bool(reached < beyond and abs(reached - times[ahead]) <= NEAR_ROW * step)
+
+    def _reach(self, state: IntegratorState[SolverState], order: int, time: float) -> float:
+        """The time, or that of the last row of a table before it that a step must not miss [s]."""
+        nearest, tables = self._control.smallest_step, self._solve.system.tables
+        return state.reach(self._norm, tables, time, order, nearest)
 
     def _step(
         self,

@@ -188,6 +188,7 @@ class Estimator:
     def _longer_steps(self) -> Course:
         beside = Beside(self._run.solve, self._run.control, self._grids)
         found = beside.follow(self._began, self._long, self._stride)
+        self._corners = beside.corners
         self.iterations += beside.iterations
         return found
 
@@ -216,7 +217,9 @@ class Estimator:
                 place.film.film.warm(temperature)
         finer = CoupledSteps(system)
         beside = Beside(finer, self._run.control, self._grids)
-        found = beside.follow(on_finer_films(self._began, self._run.solve, finer), again, 1)
+        found = beside.follow(
+            on_finer_films(self._began, self._run.solve, finer), again, 1, None, self._corners
+        )
         self.iterations += beside.iterations
         return found
 
@@ -257,7 +260,7 @@ class Estimator:
             more = [sizes / again.films * again.peaks, sizes]
             return self._over_course(again.times, more)
         beside = Beside(self._run.solve, self._run.control, self._grids)
-        found = beside.follow(self._began, again, 1, missing)
+        found = beside.follow(self._began, again, 1, missing, self._corners)
         self.iterations += beside.iterations
         return self._change(again, found, 1.0)
 

@@ -53,7 +53,7 @@ def relative(change: Change, joint: int, quantity: str, extremes: Extremes) -> t
         near = values <= (1.0 + NEAR) * values.min()
         over = (np.abs(more) / values).max()
     # Where an extreme stays as it is while what surrounds it moves, that is luck.
-    least = 0.5 * np.sqrt(np.mean(more[near] ** 2))
+    least = np.sqrt(np.mean(more[near] ** 2))
     error = np.copysign(max(abs(moved), least), moved)
     return float(error / abs(extreme)), float(over)
 

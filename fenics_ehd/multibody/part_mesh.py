@@ -9,8 +9,10 @@ from fenics_ehd.film.layout import film_grid, match
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.reduction.bore import BoreSurface
 
-#: Cells of a part in one of the coarser mesh, and the order of the flexibility's error.
-COARSER, PART_ORDER = 2.0, 2.0
+#: Cells of a part in one of the coarser mesh, and the order of the flexibility's error. Of a rod's
+#: under eight pressures, from 10 to 20 cells around it changes 5 to 17 times as much as from 20 to
+#: 30, in the mean 13; order 3 makes that 10, order 4 19.
+COARSER, PART_ORDER = 2.0, 3.0
 
 
 def flexibility_error(own: ReducedBody, coarser: ReducedBody) -> np.ndarray:
