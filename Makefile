@@ -55,6 +55,7 @@ test-faults: set-up  ## malformed inputs, kills, full disks, errors on one rank
 
 figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation page shows
 	PYTHONPATH=$(VENV)/exudyn $(VENV)/bin/python -m pytest -m "" --figures=docs/validation.json tests $(ARGS)
+	$(VENV)/bin/python docs/tables.py
 
 docs: set-up $(VENV)/docs-stamp  ## build the documentation site into build/site
 	$(VENV)/bin/python -m sphinx -q -W --keep-going docs build/site

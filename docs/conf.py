@@ -15,12 +15,9 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "command_help",
     "demo_pages",
     "drawings",
     "katex",
-    "settings_tables",
-    "validation",
 ]
 exclude_patterns = ["_ext"]
 

@@ -17,12 +17,20 @@ CLOSED = Sides(None, None)
 
 
 def oil_film(
-    cells, *, clearance=17e-6, width=0.022, sides=None, regions=(), family="bilinear", feeds=()
+    cells,
+    *,
+    clearance=17e-6,
+    width=0.022,
+    sides=None,
+    family="bilinear",
+    oil=None,
+    **parameters,
 ):
     """A film on a uniform mesh."""
     grid = uniform_grid(RADIUS, width, cells, family)
     sides = Sides() if sides is None else sides
-    return Film(FilmParameters(grid, clearance, Lubricant(ETA), SPEED, sides, regions, feeds))
+    oil = oil or Lubricant(ETA)
+    return Film(FilmParameters(grid, clearance, oil, SPEED, sides, **parameters))
 
 
 def whirling(film, eccentricity, whirl, **oil):

@@ -93,7 +93,8 @@ def test_run_writes_everything_it_promises(scene, tmp_path):
     assert summary["status"] == "complete"
     assert summary["basis_error_estimate_m"] is None
     history = read_history(tmp_path)
-    assert list(history)[:3] == ["time_s", "max_pressure_Pa", "min_film_thickness_m"]
+    first = ["time_s", "crank_angle_deg", "max_pressure_Pa", "min_film_thickness_m"]
+    assert list(history)[:4] == first
     assert len(history["time_s"]) == summary["steps"]
     assert history["time_s"][-1] == pytest.approx(0.02 * 2 * np.pi / 500, rel=1e-9)
     with h5py.File(tmp_path / "history.h5") as file:

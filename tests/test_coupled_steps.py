@@ -22,7 +22,7 @@ from oracle_quasi_static import massless_coordinates
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.feed import Feed
 from fenics_ehd.film.feed_region import FeedGroove, FeedHole
-from fenics_ehd.film.lubricant import Barus, Roelands
+from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
 from fenics_ehd.film.thinning import Cross
 from fenics_ehd.multibody import step_solver
 from fenics_ehd.multibody.assembly import assemble
@@ -49,6 +49,7 @@ OILS = {
     "Roelands": Lubricant(0.01, Roelands(0.01)),
     "Cross": Lubricant(0.01, shear_law=Cross(3e5, 0.8, 0.4)),
     "Barus and Cross": Lubricant(0.01, Barus(2e-8), shear_law=Cross(3e5, 0.8, 0.4)),
+    "compressible": Lubricant(0.01, density_law=DowsonHigginson()),
 }
 
 
@@ -89,13 +90,18 @@ def some_step(equations, shift=2e3, seed=0):
         np.concatenate([rate - shift * z, y_past]),
         np.concatenate([acceleration - shift * rate, y_past]),
     ]
+    if equations.densities:
+        # Up to 1 % denser than at ambient pressure a moment ago.
+        points = sum(d.values.stop - d.values.start for d in equations.densities.values())
+        past[0] = np.append(past[0], -0.01 * shift * np.linspace(0, 1, points))
     start, nothing = np.concatenate([z, y]), (np.ones(1), np.ones(1))
     equations.begin(ImplicitStep(1.3e-3, shift, *past, start, start, nothing, 1e-7))
     film = system.films[0].film.film
     most = 3e7 / film.parameters.pressure_scale
-    sizes = [np.full(len(film.free), most), size, np.full(m, 1e3), np.full(m, 1e-3)]
+    (nodes,) = equations.sizes
+    sizes = [np.full(nodes, most), size, np.full(m, 1e3), np.full(m, 1e-3)]
     values = [
-        most * rng.uniform(0, 1, len(film.free)), z, 1e3 * rng.uniform(-1, 1, m),
+        most * rng.uniform(0, 1, nodes), z, 1e3 * rng.uniform(-1, 1, m),
         1e-3 * rng.uniform(-1, 1, m),
     ]  # fmt: skip
     return np.concatenate(values), np.concatenate(sizes), rng
@@ -108,16 +114,23 @@ def split(equations, values):
 
 
 def whole_matrix(equations, derivative):
-    """Of all unknowns from its parts, leading patterns eliminated, W^-1 before the film's rows."""
+    """As `joined_matrix`, W^-1 before the film's rows."""
+    (m,), (matrix,) = equations.sizes, derivative.matrices
+    found = joined_matrix(equations, derivative)
+    if matrix.weights is not None:
+        weights = matrix.pattern.matrix(matrix.weights).toarray()
+        found[:m] = np.linalg.solve(weights, found[:m])
+    return found
+
+
+def joined_matrix(equations, derivative):
+    """Of all unknowns from its parts, leading patterns and contact pressures eliminated."""
     (m,), (matrix,), (border,) = equations.sizes, derivative.matrices, derivative.borders
     found = np.zeros((m + len(derivative.core),) * 2)
     found[:m, :m] = matrix.block(np.arange(m), np.arange(m))
     found[:m, m:] = border.inputs @ border.spread
     found[m + border.rows, :m] += border.outputs
     found[m:, m:] = derivative.core
-    if matrix.weights is not None:
-        weights = matrix.pattern.matrix(matrix.weights).toarray()
-        found[:m] = np.linalg.solve(weights, found[:m])
     kept = m + equations.rest_size
     inner = np.linalg.solve(found[kept:, kept:], found[kept:, :kept])
     return found[:kept, :kept] - found[:kept, kept:] @ inner

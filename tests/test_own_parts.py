@@ -1,9 +1,9 @@
 """Drawings and meshes of other programs as models: faces found, bores round, flexibility right."""
 
 import json
-import sys
 from pathlib import Path
 
+import example_parts
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -23,9 +23,6 @@ from fenics_ehd.fem.refine import refined
 from fenics_ehd.fem.solid import EDGES, Solid, raised
 from fenics_ehd.reduction.bore_holes import bore_holes
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
-import foreign_parts
-
 STEEL = Material(210e9, 0.3, 7850.0)
 
 #: Of the shipped model's default rod [kg].
@@ -35,7 +32,7 @@ MASS = 0.97280
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
     folder = tmp_path_factory.mktemp("parts")
-    foreign_parts.main(folder)
+    example_parts.main(folder)
     return folder
 
 
@@ -72,9 +69,9 @@ def test_faces_of_a_drawing(parts):
     assert kinds == ["bore", "bore", "shaft", "shaft", *["plane"] * 4]
     radii = [face.cylinder.radius for face in faces[:4]]
     assert radii == pytest.approx([0.0225, 0.012, 0.0339, 0.021], rel=1e-9)
-    axis = foreign_parts.rotation() @ [0.0, 0.0, 1.0]
-    shift = 1e-3 * np.array(foreign_parts.SHIFT)
-    pin = shift + foreign_parts.rotation() @ [0.16, 0.0, 0.0]
+    axis = example_parts.rotation() @ [0.0, 0.0, 1.0]
+    shift = 1e-3 * np.array(example_parts.SHIFT)
+    pin = shift + example_parts.rotation() @ [0.16, 0.0, 0.0]
     for face, centre in zip(faces[:2], (shift, pin), strict=True):
         assert face.cylinder.width == pytest.approx(0.022, rel=1e-9)
         assert abs(face.axis @ axis) == pytest.approx(1.0, abs=1e-12)

@@ -39,6 +39,8 @@ SLOW = {
     ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
     ("docs/mechanisms.md", "As a scene file"),
     ("docs/mechanisms.md", "Pictures of a run"),
+    ("docs/tutorial-motorcycle.md", "The answer"),
+    ("docs/tutorial-motorcycle.md", "What if"),
     *(
         ("docs/own-part.md", title)
         for title in (
@@ -83,6 +85,7 @@ def sections(document):
 DOCUMENTS = (
     "README.md",
     "docs/tutorial.md",
+    "docs/tutorial-motorcycle.md",
     "docs/own-scene.md",
     "docs/own-part.md",
     "docs/mechanisms.md",

@@ -1,9 +1,11 @@
 """The reduction: what M3 promises, on any number of ranks, and its file."""
 
 import gc
+import re
 import subprocess
 import sys
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,6 +35,8 @@ from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS, pressure_patterns
 from fenics_ehd.reduction.residual_modes import energy_orthonormal, without_redundancy
 from fenics_ehd.reduction.rigid_body import rigid_body_modes
 
+ROOT = Path(__file__).parents[1]
+
 
 @pytest.fixture(scope="module")
 def structure():
@@ -42,6 +46,30 @@ def structure():
 @pytest.fixture(scope="module")
 def body(structure):
     return load_dependent(structure, 6, 31)
+
+
+ALONE = """
+import runpy, sys
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {absent}:
+            raise ImportError(f"{{name}} is not there")
+sys.meta_path.insert(0, Absent())
+runpy.run_path({demo!r}, run_name="__main__")
+"""
+
+
+def test_reduction_does_with_what_the_documentation_names():
+    needed = {"petsc4py", "slepc4py", "mpi4py", "numpy", "SciPy", "h5py"}
+    text = (ROOT / "docs" / "reduction.md").read_text()
+    listed = text.partition("`fenics_ehd.reduction` needs ")[2].partition(";")[0]
+    assert set(re.split(r", | and ", listed)) == needed
+    absent = {"dolfinx", "basix", "ffcx", "ufl", "gmsh", "meshio", "matplotlib", "PIL"}
+    absent |= {"attr", "attrs", "click", "tqdm", "jinja2"}
+    demo = str(ROOT / "demos" / "foreign_matrices.py")
+    command = [sys.executable, "-c", ALONE.format(absent=absent, demo=demo)]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
 
 
 def test_reduction_imports_without_dolfinx():

@@ -5,11 +5,14 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.units import in_unit
 
 #: Sizes of a number whose powers and products are still numbers.
 SMALLEST, LARGEST = 1e-30, 1e30
@@ -60,17 +63,16 @@ def number(
 ) -> Any:
     """Real number with limits: `above` and `below` exclusive, `least` inclusive.
 
-    A value beyond a limit, perhaps in another unit, is told the unit and the `example`; one whose
-    size is not between the `usual` ones is told so by `unusual`.
+    A text is a number with its unit, which the help text has in brackets. A value beyond a limit,
+    perhaps in another unit, is told the unit and the `example`; one whose size is not between the
+    `usual` ones is told so by `unusual`.
     """
-    unit = re.search(r"\[([^];-]+)\]", help_text)
-    measured = f" in {unit[1]}" if unit else ""
+    unit = unit_of(help_text)
+    measured = f" in {unit}" if unit else ""
     hint = f":{measured}, {example}" if example else ""
 
     def check(name: str, value: Any) -> None:
-        if not finite(value):
-            bare = f"{measured}, without unit or quotes" if isinstance(value, str) else ""
-            raise SettingsError(f"{name} = {value!r} must be a finite number{bare}")
+        require_finite(name, value, unit)
         for limit, words, holds in (
             (above, "above", operator.gt),
             (least, "at least", operator.ge),
@@ -86,11 +88,37 @@ def number(
                 f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in size"
             )
 
-    return checked(default, help_text, check, as_float, usual=(usual, hint))
+    return checked(default, help_text, check, partial(as_float, unit=unit), usual=(usual, hint))
 
 
-def as_float(value: Any) -> Any:
-    """A whole number as a float; anything else as it is."""
+def unit_of(help_text: str) -> str:
+    """Unit in brackets of a help text, empty where there is none."""
+    found = re.search(r"\[([^];-]+)\]", help_text)
+    return found[1] if found else ""
+
+
+def require_finite(name: str, value: Any, unit: str = "") -> None:
+    """Refuse what is no finite number, nor one with a unit.
+
+    Raises
+    ------
+    SettingsError
+        Naming the unit.
+    """
+    if isinstance(value, str):
+        try:
+            in_unit(value, unit)
+        except SettingsError as error:
+            raise SettingsError(f"{name} = {value!r} {error}") from None
+    if not finite(value):
+        raise SettingsError(f"{name} = {value!r} must be a finite number")
+
+
+def as_float(value: Any, unit: str | None = None) -> Any:
+    """A whole number, or a text with a `unit`, as a float; anything else as it is."""
+    if unit is not None and isinstance(value, str):
+        with suppress(SettingsError):  # told by the check, which knows the name
+            return in_unit(value, unit)
     if type(value) is not int:
         return value
     try:
@@ -104,9 +132,11 @@ def finite(value: Any) -> bool:
     return isinstance(value, float) and abs(value) < float("inf")
 
 
-def as_tuple(value: Any) -> Any:
-    """Lists within lists as tuples, their whole numbers as floats."""
-    return tuple(map(as_tuple, value)) if isinstance(value, (list, tuple)) else as_float(value)
+def as_tuple(value: Any, unit: str | None = None) -> Any:
+    """Lists within lists as tuples, their whole numbers, and texts with a `unit`, as floats."""
+    if isinstance(value, (list, tuple)):
+        return tuple(as_tuple(entry, unit) for entry in value)
+    return as_float(value, unit)
 
 
 def count(default: int, help_text: str, least: int = 0, most: int | None = None) -> Any:
@@ -120,9 +150,17 @@ def count(default: int, help_text: str, least: int = 0, most: int | None = None)
     )
 
 
-def rows(columns: tuple[str, ...], help_text: str) -> Any:
-    """List of rows of numbers with the given columns, empty by default."""
+def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> Any:
+    """List of rows of numbers with the given columns and their units, empty by default."""
     wanted = f"a list of [{', '.join(columns)}]"
+
+    def row_of(row: Any) -> Any:
+        if not isinstance(row, (list, tuple)) or len(row) != len(units):
+            return as_tuple(row)
+        return tuple(map(as_float, row, units))
+
+    def convert(value: Any) -> Any:
+        return tuple(map(row_of, value)) if isinstance(value, (list, tuple)) else value
 
     def check(name: str, value: Any) -> None:
         if not isinstance(value, tuple):
@@ -130,11 +168,10 @@ def rows(columns: tuple[str, ...], help_text: str) -> Any:
         for row in value:
             if not isinstance(row, tuple) or len(row) != len(columns):
                 raise SettingsError(f"{name}: {row!r} must be one of {wanted}")
-            for column, entry in zip(columns, row, strict=True):
-                if not finite(entry):
-                    raise SettingsError(f"{name}: {column} = {entry!r} must be a finite number")
+            for column, unit, entry in zip(columns, units, row, strict=True):
+                require_finite(f"{name}: {column}", entry, unit)
 
-    return checked((), help_text, check, as_tuple)
+    return checked((), help_text, check, convert)
 
 
 def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
@@ -186,13 +223,14 @@ def table(help_text: str, check: Callable[[str, Any], None], converter: Any = No
 
 
 def numbers(help_text: str) -> Any:
-    """Free table of names and numbers."""
+    """Free table of names and numbers, those with a unit in that of the help text."""
+    unit = unit_of(help_text)
 
     def check(name: str, value: Any) -> None:
-        if not finite(as_float(value)):
-            raise SettingsError(f"{name} = {value!r} must be a finite number")
+        require_finite(name, as_float(value), unit)
 
-    return table(help_text, check)
+    # Whole ones stay so: cells of a mesh.
+    return table(help_text, check, lambda v: as_float(v, unit) if isinstance(v, str) else v)
 
 
 def entries(help_text: str, kinds: Mapping[str, type], make: Callable[..., Any]) -> Any:

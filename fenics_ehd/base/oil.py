@@ -6,7 +6,7 @@ from typing import Any
 
 import attrs
 
-from fenics_ehd.base.fields import number, text
+from fenics_ehd.base.fields import choice, number, text
 
 #: Stands for a grade that is not given.
 NO_GRADE = "none"
@@ -21,6 +21,9 @@ DENSITY = 870.0
 #: Of mineral oil [J/(kg K)], rounded from 1966 (www.pantherlubes.com/tl_12.html). It grows with
 #: temperature by 0.2 % per K.
 SPECIFIC_HEAT = 2000.0
+
+#: How the density follows the pressure.
+DENSITY_LAWS = ("constant", "dowson-higginson")
 
 #: Exponent of Cross's law, and second viscosity over the first, where its shear rate is given.
 CROSS_EXPONENT, CROSS_SECOND = 1.0, 0.5
@@ -75,6 +78,7 @@ class OilSettings:
         usual=(1000, 5000),
         example="2000 for 2 kJ/(kg K)",
     )
+    density_law: str = choice("constant", DENSITY_LAWS, "density by pressure")
     barus: float = number(
         0.0,
         "viscosity exp(barus p) [1/Pa], 0: none",

@@ -65,10 +65,16 @@ def coefficients(bearing: BearingFilm, operation: Operation) -> DynamicCoefficie
     Raises
     ------
     SettingsError
-        There is no force or no eccentricity: no derivative exists.
+        There is no force or no eccentricity: no derivative exists. Or the oil is compressible:
+        the rate of its density is not in the derivatives.
     """
     load = float(np.hypot(*operation.force))
     settings = bearing.settings
+    if settings.density_law != "constant":
+        raise SettingsError(
+            f"density_law = '{settings.density_law}': the damping of compressible oil is not "
+            "known: coefficients need density_law = 'constant'"
+        )
     if not carries(bearing, operation) or not np.any(operation.position):
         raise SettingsError(
             "coefficients need a film with pressure and an eccentricity above 0: the cavitating "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.oil import NO_TEMPERATURE
+from fenics_ehd.base.oil import DENSITY_LAWS, NO_TEMPERATURE
 from fenics_ehd.bearing.settings import (
     CAVITATION,
     CLOSED_SIDES,
@@ -53,23 +53,18 @@ def _default(name: str) -> Any:
 
 def _number(name: str, help_text: str, metavar: str, *, optional: bool = False) -> Callable:
     """Option for a number of the settings, with its default; that of `optional` ones says none."""
-    return click.option(
-        f"--{name.replace('_', '-')}",
-        type=float,
-        default=_default(name),
-        show_default=not optional,
-        metavar=metavar,
-        help=help_text,
-    )
+    return _setting(name, help_text, type=float, show_default=not optional, metavar=metavar)
 
 
 def _choice(name: str, options: tuple[str, ...], help_text: str) -> Callable:
+    return _setting(name, help_text, type=click.Choice(options))
+
+
+def _setting(name: str, help_text: str, *, show_default: bool = True, **more: Any) -> Callable:
+    """Option for one of the settings, with its default; `more` is click's."""
+    option = f"--{name.replace('_', '-')}"
     return click.option(
-        f"--{name.replace('_', '-')}",
-        type=click.Choice(options),
-        default=_default(name),
-        show_default=True,
-        help=help_text,
+        option, default=_default(name), show_default=show_default, help=help_text, **more
     )
 
 
@@ -113,11 +108,11 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 )
 @_number("ambient", "Pressure at the sides above that of cavitation [Pa].", "P")
 @_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
-@click.option(
-    "--grade",
-    default=_default("grade"),
+@_setting(
+    "grade",
+    "Oil by its grade at --temperature, in place of --viscosity: 'ISO VG 46', 'SAE 10W-40'.",
+    show_default=False,
     metavar="NAME",
-    help="Oil by its grade at --temperature, in place of --viscosity: 'ISO VG 46', 'SAE 10W-40'.",
 )
 @_number("viscosity_40", "Or kinematic viscosity at 40 C [mm2/s],", "NU", optional=True)
 @_number("viscosity_100", "and at 100 C [mm2/s].", "NU", optional=True)
@@ -135,6 +130,7 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_number("density", "Density of the oil, at 15 C of such an oil [kg/m3].", "RHO")
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
+@_choice("density_law", DENSITY_LAWS, "Density of the oil by its pressure.")
 @_number("cross_rate", "Shear rate of Cross's shear thinning [1/s].", "RATE", optional=True)
 @_number("cross_exponent", "Its exponent.", "M")
 @_number("cross_second_viscosity", "Viscosity at the highest shear rates over that at rest.", "R")

@@ -6,8 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import attrs
+
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.bearing.operating_point import BearingResult
+    from fenics_ehd.bearing.settings import BearingSettings
 
 
 def summary(result: BearingResult) -> dict[str, Any]:
@@ -60,7 +63,7 @@ def summary(result: BearingResult) -> dict[str, Any]:
             "critical_mass_kg": linear.critical_mass,
             "whirl_frequency_ratio": linear.whirl_ratio,
         }
-    return values
+    return {**values, "settings": attrs.asdict(result.settings)}
 
 
 def _degrees(angle: float | None) -> float | None:
@@ -99,7 +102,7 @@ MORE_ROWS = (
 def report(result: BearingResult) -> str:
     """The figures in a table."""
     values, settings = summary(result), result.settings
-    lines = _rows(ROWS, values)
+    lines = [_given(settings), *_rows(ROWS, values)]
     if settings.grooves or settings.line_at_max_film:
         lines.append(_row("supply flow", values["supply_flow_m3_per_s"], 1e6, "cm3/s"))
     if any(settings.tilt):
@@ -116,6 +119,18 @@ def report(result: BearingResult) -> str:
         f"cavitated zone: {settings.shear_rule}"
     )
     return "\n".join(lines)
+
+
+def _given(settings: BearingSettings) -> str:
+    """The bearing in words."""
+    oil = settings.grade if settings.graded else f"viscosity {settings.viscosity:g} Pa s"
+    speeds = f"shaft at {settings.speed:g} rad/s"
+    if settings.bore_speed:
+        speeds += f", bore at {settings.bore_speed:g} rad/s"
+    return (
+        f"bearing of radius {settings.radius * 1e3:g} mm, width {settings.width * 1e3:g} mm, "
+        f"clearance {settings.clearance * 1e6:g} um, {oil}, {speeds}"
+    )
 
 
 def _linear_rows(values: Mapping[str, Any]) -> list[str]:

@@ -80,6 +80,12 @@ def cli() -> None:
     help="Estimate what the figures are worth, see output.error_budget.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
+@click.option(
+    "--multiplier",
+    is_flag=True,
+    help="Also find the largest multiplier of a periodic solution, its margin of stability, which "
+    "takes 4 to 14 cycles more.",
+)
 @json_option
 def run(
     scene: str | None,
@@ -93,6 +99,7 @@ def run(
     frames: int,
     error_budget: bool | None,
     overwrite: bool,
+    multiplier: bool,
     as_json: bool,
 ) -> None:
     """Simulate SCENE: a name that 'init' lists, or a TOML file made by it."""
@@ -113,13 +120,14 @@ def run(
             interval,
             as_json,
             overwrite,
+            multiplier,
             error_budget=error_budget,
         )
         return
     if body or method or directory or vtk or overwrite or error_budget is not None:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
-    run.resume(Path(resume), plots, interval, as_json)
+    run.resume(Path(resume), plots, interval, as_json, multiplier)
 
 
 @cli.command()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
+from pathlib import Path
 
 import click
 from mpi4py import MPI
@@ -16,7 +18,10 @@ def warn_of(lines: Iterable[str]) -> None:
 def say_reducing(names: Iterable[str]) -> None:
     """Say which bodies are reduced: the first time ever, this takes long."""
     found = ", ".join(names)
-    _say([f"reducing {found} (forms are compiled once, in about half a minute)"] if found else [])
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fenics"
+    compiled = any(cache.glob("libffcx_forms_*.so"))
+    once = "" if compiled else " (forms are compiled once, in about half a minute)"
+    _say([f"reducing {found}{once}"] if found else [])
 
 
 def _say(lines: Iterable[str]) -> None:

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.output import require_writable, to_json
 from fenics_ehd.base.settings import read_toml
+from fenics_ehd.cli.cycle_lines import cycle_line, multiplier_line, place_lines
 from fenics_ehd.cli.error_budget import beside, budget_table
 from fenics_ehd.cli.notices import say_reducing, warn_of
 from fenics_ehd.results.checkpoint import CHECKPOINT, load_run_state
@@ -44,6 +45,7 @@ def run(
     interval: float,
     as_json: bool,
     overwrite: bool,
+    multiplier: bool = False,
     *,
     error_budget: bool | None = None,
 ) -> None:
@@ -63,6 +65,10 @@ def run(
         scene = replace(scene, output=attrs.evolve(scene.output, paraview=True, frames=frames))
     if error_budget is not None:
         scene = replace(scene, output=attrs.evolve(scene.output, error_budget=error_budget))
+    if multiplier and not scene.time.periodic:
+        raise SettingsError(
+            f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
+        )
     warn_of(scene.warnings)
     require_writable(directory)
     if scene.output.paraview and not meshed(scene):
@@ -75,7 +81,9 @@ def run(
         parts = _whole_parts(built) if scene.output.paraview else {}
         # The time integration is serial: other ranks have done their share.
         if folder is not None:
-            _finish(scene, built, folder, interval, plots, as_json, parts=parts)
+            _finish(
+                scene, built, folder, interval, plots, as_json, parts=parts, multiplier=multiplier
+            )
 
 
 def _whole_parts(built: Built) -> dict[str, PartFields]:
@@ -89,7 +97,9 @@ def _whole_parts(built: Built) -> dict[str, PartFields]:
     return {name: part for name, part in parts.items() if part is not None}
 
 
-def resume(directory: Path, plots: bool, interval: float, as_json: bool) -> None:
+def resume(
+    directory: Path, plots: bool, interval: float, as_json: bool, multiplier: bool = False
+) -> None:
     """Go on with a run; serial."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
@@ -101,7 +111,7 @@ def resume(directory: Path, plots: bool, interval: float, as_json: bool) -> None
         scene, built = stored_scene(folder.path)
         if scene.output.paraview:
             warn_of(["no ParaView series of a run that goes on: the mesh is not in its folder"])
-        _finish(scene, built, folder, interval, plots, as_json, former)
+        _finish(scene, built, folder, interval, plots, as_json, former, multiplier=multiplier)
 
 
 def _finish(
@@ -113,6 +123,7 @@ def _finish(
     as_json: bool,
     former: Mapping[str, Any] | None = None,
     parts: Mapping[str, PartFields] | None = None,
+    multiplier: bool = False,
 ) -> None:
     """Integrate, draw, print; `parts` go into a ParaView series.
 
@@ -122,7 +133,9 @@ def _finish(
         The run is not complete.
     """
     bar = progress_bar(scene.span)
-    summary = run_scene(scene, built, folder.path, bar, interval=interval, former=former)
+    summary = run_scene(
+        scene, built, folder.path, bar, interval=interval, former=former, multiplier=multiplier
+    )
     if plots and scene.output.plots:
         from fenics_ehd.plotting.history import plot_joints
 
@@ -169,13 +182,15 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
                 f"    mean friction power     {joint['mean_friction_power_W']:9.3f} W   of "
                 f"{joint['mean_dissipated_power_W']:.3f} W dissipated"
             )
-        lines += real_film(joint)
+        lines += place_lines(joint) + real_film(joint)
     lines += budget_table(joints, summary)
+    lines += cycle_line(summary)
     if "cycles" in summary:
         lines.append(
             f"  periodic after {summary['cycles']} cycles: the films change by "
             f"{summary['periodicity_defect']:.1e}"
         )
+    lines += multiplier_line(summary)
     lines += [
         f"  energy balance error    {summary['energy_balance_error']:9.1e}     of the energy "
         f"exchanged, {summary['net_energy_balance_error']:.1e} of that put in for good",

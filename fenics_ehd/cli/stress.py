@@ -17,6 +17,9 @@ if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.results.replay import Replay
     from fenics_ehd.scenes.scene import Scene
 
+#: Relative difference of the cells around a place above which its stress is said to be unresolved.
+LARGEST_SCATTER = 0.2
+
 #: Methods whose basis misses flexibility of the bore.
 PARTIAL = ("m1", "m2", "m3")
 
@@ -137,9 +140,10 @@ def _bodies(
     from fenics_ehd.scenes.scene import GROUND, meshed
 
     skipped = {}
-    for name in scene.bodies:
+    names = [name for name in scene.bodies if name != GROUND]
+    for name in names:
         body = run.bodies[name]
-        if name == GROUND or isinstance(body, RigidBody):
+        if isinstance(body, RigidBody):
             skipped[name] = "it is rigid"
         elif not isinstance(body, FlexibleBody):
             skipped[name] = "it is no part with a mesh"
@@ -147,10 +151,10 @@ def _bodies(
             skipped[name] = "it was read from a file of a reduced body, which has no mesh"
         elif not body.reduced.modes:
             skipped[name] = "it was reduced to a rigid body"
-    wanted = list(chosen) or [name for name in scene.bodies if name not in skipped]
+    wanted = list(chosen) or [name for name in names if name not in skipped]
     for name in chosen:
-        if name not in scene.bodies:
-            raise SettingsError(f"--body {name}: bodies of this run: {', '.join(scene.bodies)}")
+        if name not in names:
+            raise SettingsError(f"--body {name}: bodies of this run: {', '.join(names)}")
         if name in skipped:
             raise SettingsError(f"--body {name}: {skipped[name]}")
     if not wanted:
@@ -202,9 +206,13 @@ def _row(name: str, value: float, more: str = "") -> str:
 
 def _extreme(name: str, value: float, found: Mapping[str, Any]) -> list[str]:
     """A stress with what single cells say of it, where and when."""
-    around = " to ".join(f"{end * 1e-6:.1f}" for end in found["in_cells_around_Pa"])
+    ends = found["in_cells_around_Pa"]
+    around = " to ".join(f"{end * 1e-6:.1f}" for end in ends)
     place = ", ".join(f"{1e3 * x:.2f}" for x in found["place_m"])
-    return [_row(name, value, f"   {around}"), f"      at ({place}) mm, {_when(found)}"]
+    lines = [_row(name, value, f"   {around}"), f"      at ({place}) mm, {_when(found)}"]
+    if ends[1] - ends[0] > LARGEST_SCATTER * abs(value):
+        lines.append("      no mesh, or not this one, resolves it: a corner, an edge of a support?")
+    return lines
 
 
 def _when(more: Mapping[str, Any]) -> str:

@@ -223,7 +223,7 @@ class Film:
         """Oil of a solved film at the Gauss points, dimensionless."""
         equation = self.equation
         nodal = state.pressure / self.parameters.pressure_scale
-        return equation.oil(nodal, equation.thinning(state.gap))
+        return equation.oil(nodal, equation.thinning(state.gap), state.density_rate)
 
     def powers(self, state: FilmState) -> tuple[float, float]:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
@@ -231,6 +231,7 @@ class Film:
         Their difference is the power that the film takes from the normal motion
         of its surfaces. Between rough ones the mean pressure acts on their whole area, while the
         average gap changes by less than the nominal one: what it does beside is a loss, or a gain.
+        So is what compresses the oil, which comes back as it expands.
         """
         p = self.parameters
         thickness, change, velocity = self.equation.dimensionless(state.gap)
@@ -238,10 +239,14 @@ class Film:
         area = self.assembly.area
         loss = np.sum(area * q.mobility(thickness) * (q.around**2 + q.along**2))
         drag = np.sum(area * q.density * thickness * velocity * q.around)
-        if p.surfaces is not None:
+        constant = p.lubricant.density_law.constant
+        if p.surfaces is not None or not constant:
             pressure = self.assembly.at_points(state.pressure)[0] / p.pressure_scale
             nominal = state.gap.thickness_rate / (p.clearance * p.rate)
             loss += np.sum(area * q.density * pressure * (change - nominal))
+            if not constant:
+                denser = (q.density - self.equation.factors[1]) * nominal
+                loss += np.sum(area * pressure * (denser + thickness * q.expansion))
         # Integrals in units of p_s c Omega R^2.
         scale = p.pressure_scale * p.clearance * p.rate * p.grid.radius**2
         return float(scale * loss), float(scale * drag)

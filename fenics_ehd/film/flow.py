@@ -215,7 +215,10 @@ class FilmFlows:
         elif feed is not None:
             defect += film.assembly.source(feed.outflow(film.assembly.at_points(nodal)[0]))
         unit = p.clearance * p.grid.radius**2 * p.rate
-        return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))
+        stored = oil.density * rate
+        if self._state.density_rate is not None:
+            stored = stored + thickness * oil.expansion
+        return unit * defect, float(unit * np.sum(film.assembly.area * stored))
 
 
 def flow_balance(film: Film, state: FilmState) -> FlowBalance:

@@ -246,8 +246,6 @@ class MassConservingFilm:
         """
         scale, balance = self.film.parameters.pressure_scale, self.balance
         step = balance.step(state.gap, state.content, state.time_step)
-        if self.film.parameters.surfaces is not None:
-            derivatives = self.film.parameters.surfaces.along(state.gap, derivatives)
         change = balance.change(step, state.pressure / scale, 1 - state.fluid_fraction, derivatives)
         reduced = self.cavitation.derivative(
             state.problem, state.cavitation, change[balance.unknown]

@@ -34,13 +34,15 @@ from fenics_ehd.film.thinning import Thinning
 class OilStep:
     """One time step, dimensionless.
 
-    `thickness` and `velocity` at the Gauss points, its `length`, the full-film
+    The nominal `gap` at its end; `thickness` and `velocity` there at the Gauss points, between
+    rough surfaces the average ones; its `length`, the full-film
     `flows` from node to node, and, over the length, the `full` contents of the
     pressureless gap and the `former` contents; what the shear rate does to the viscosity, and
     what supplies add, None without any. Of a formula with several steps the length is one over its
     shift, and `former` minus the rate of contents that are zero at the end.
     """
 
+    gap: Gap
     thickness: np.ndarray
     velocity: np.ndarray
     length: float
@@ -102,6 +104,7 @@ class OilBalance:
         thickness, _, velocity = self.film.equation.dimensionless(gap)
         density = self.film.equation.factors[1]
         return OilStep(
+            gap,
             thickness,
             velocity,
             length,
@@ -213,6 +216,8 @@ class OilBalance:
         if step.feed is not None:
             slope = step.feed.along_thickness
             along_h += step.feed.lumped_elements(self.assembly, slope, nodal)
+        if p.surfaces is not None:
+            along_u = self.film.equation.of_nominal(step.gap, along_h, along_v, along_u)
         speed = p.rate * p.grid.radius
         return (
             self.assembly.gather(along_h / p.clearance),

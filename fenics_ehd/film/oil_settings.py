@@ -11,7 +11,14 @@ from fenics_ehd.base.oil import (
     OilSettings,
 )
 from fenics_ehd.film.grades import oil_of_grade
-from fenics_ehd.film.lubricant import Barus, Constant, Lubricant, PressureLaw, Roelands
+from fenics_ehd.film.lubricant import (
+    Barus,
+    Constant,
+    DowsonHigginson,
+    Lubricant,
+    PressureLaw,
+    Roelands,
+)
 from fenics_ehd.film.temperature import Oil
 from fenics_ehd.film.thinning import Cross
 
@@ -38,6 +45,7 @@ def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lub
     return Lubricant(
         viscosity,
         _pressure_law(settings, viscosity),
+        Constant() if settings.density_law == "constant" else DowsonHigginson(),
         density=density,
         specific_heat=settings.specific_heat,
         oil=oil,

@@ -338,14 +338,18 @@ class ReynoldsEquation:
         return sliding.reshape(shape) / (p.rate * p.grid.radius)
 
     def gap_derivatives(
-        self, gap: Gap, pressure: np.ndarray, rate_shift: float
+        self,
+        gap: Gap,
+        pressure: np.ndarray,
+        rate_shift: float,
+        density_rate: DensityRate | None = None,
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Sparse derivatives of the residual, for what moves many directions at once.
 
         Parameters
         ----------
-        gap, pressure
-            A gap and dimensionless nodal pressures, shape (nodes,); density constant in time.
+        gap, pressure, density_rate
+            A gap and dimensionless nodal pressures, shape (nodes,).
         rate_shift
             ``d h' / d h`` [1/s].
 
@@ -358,9 +362,11 @@ class ReynoldsEquation:
         """
         p = self.parameters
         thickness, _, velocity = self.dimensionless(gap)
-        oil = self.oil(pressure, self.thinning(gap))
+        oil = self.oil(pressure, self.thinning(gap), density_rate)
         along_h, along_v = flux_derivatives(self.assembly, oil, thickness, velocity)
         along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
+        if density_rate is not None:
+            along_h += self.assembly.source_elements(oil.expansion)
         feed = self.fed(gap)
         if feed is not None:
             slope = feed.change(feed.along_thickness, self.assembly.at_points(pressure)[0])
@@ -368,18 +374,50 @@ class ReynoldsEquation:
         along_u = sliding_derivative(self.assembly, oil, thickness)
         speed = p.rate * p.grid.radius
         if self.surfaces is not None:
-            change = self.surfaces.change(gap)
-            along_h *= change.thickness[:, :, None]
-            along_h += self.assembly.source_elements(oil.density * change.rate / p.rate)
-            along_h += (p.clearance / speed * change.velocity)[:, :, None] * along_v
-            if self.surfaces.dragging:
-                dragged = change.sliding[:, :, None] * along_v
-                along_u = dragged if along_u is None else along_u + dragged
+            along_u = self.of_nominal(gap, along_h, along_v, along_u, oil.density)
         return (
             self.assembly.gather(along_h / p.clearance),
             self.assembly.gather(along_v / speed),
             None if along_u is None else self.assembly.gather(along_u / speed),
         )
+
+    def of_nominal(
+        self,
+        gap: Gap,
+        along_h: np.ndarray,
+        along_v: np.ndarray,
+        along_u: np.ndarray | None,
+        stored: np.ndarray | None = None,
+    ) -> np.ndarray | None:
+        """Derivatives along the nominal gap of rough surfaces from those along the average one.
+
+        Element data, dimensionless; `along_h` is changed.
+
+        Parameters
+        ----------
+        gap
+            The nominal one.
+        along_h, along_v, along_u
+            Along thickness, mean velocity, and sliding velocity (None: zero).
+        stored
+            Density where the equation has the rate of the average gap; None: it has not.
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Along the sliding velocity.
+        """
+        assert self.surfaces is not None
+        p, change = self.parameters, self.surfaces.change(gap)
+        along_h *= change.thickness[:, :, None]
+        if stored is not None:
+            along_h += self.assembly.source_elements(stored * change.rate / p.rate)
+        speed = p.rate * p.grid.radius
+        along_h += (p.clearance / speed * change.velocity)[:, :, None] * along_v
+        if not self.surfaces.dragging:
+            return along_u
+        dragged = change.sliding[:, :, None] * along_v
+        return dragged if along_u is None else along_u + dragged
 
     def along_turn(self, gap: Gap, pressure: np.ndarray) -> np.ndarray:
         """Change of the residual with the journal's angle, shape (nodes,) [1/rad]."""

@@ -125,6 +125,10 @@ class RoughSurfaces:
             mean_velocity=velocity,
         )
 
+    def excess(self, thickness: np.ndarray) -> np.ndarray:
+        """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
+        return self.roughness * flow_factors.mean_gap(-thickness / self.roughness)[0]
+
     def _drag(self, ratio: np.ndarray, value: np.ndarray) -> np.ndarray:
         """``sigma w phi_s / (2 h_T)``."""
         return 0.5 * self.weight * flow_factors.shear_factor(ratio)[0] / value

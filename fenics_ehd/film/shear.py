@@ -95,11 +95,10 @@ def sheared_heights(film: Film, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
 def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
     """Power per area of the pressure's stress, beyond that of the drag of `Film.powers` [W/m2].
 
-    It is zero between smooth surfaces, where ``h dp/dy`` does the work of both.
+    Between rough surfaces; between smooth ones ``h dp/dy`` does the work of both.
     """
     surfaces = film.parameters.surfaces
-    if surfaces is None:
-        return np.zeros_like(gap.thickness)
+    assert surfaces is not None
     deep, seen = surfaces.sheared(gap)[1], surfaces.average(gap)
     return fields.slope_around * (deep * gap.mean_velocity - seen.thickness * seen.mean_velocity)
 

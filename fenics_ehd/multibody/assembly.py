@@ -20,12 +20,15 @@ NOTHING = 1e-10
 
 
 def assemble(
-    system: System, time: float = 0.0, rough: np.ndarray | None = None
+    system: System,
+    time: float = 0.0,
+    rough: np.ndarray | None = None,
+    rates: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates nearest to the rough ones, shape (n,) each.
 
     Frames move, shafts as a whole too; eccentricities and elastic coordinates stay as far as they
-    can. The rough coordinates are those of the bodies if none are given.
+    can. The rough coordinates and rates are those of the bodies if none are given.
 
     Raises
     ------
@@ -33,7 +36,7 @@ def assemble(
         The constraints cannot be met from there, or contradict or repeat each other.
     """
     instant = Instant(system, time, system.start if rough is None else rough)
-    rates = system.start_rates
+    rates = system.start_rates if rates is None else rates
     unknown = ~np.isfinite(instant.defect)
     if unknown.any():
         name, _ = system.worst(unknown.astype(float))

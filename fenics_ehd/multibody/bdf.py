@@ -287,6 +287,46 @@ def advance(
     ) from cause
 
 
+def follow(
+    problem: Judged,
+    state: IntegratorState[Carried],
+    time: float,
+    corner: bool,
+    control: StepControl,
+    solve: StepSolver[Judged, Carried, Solution],
+    tolerance: float,
+) -> IntegratorState[Carried]:
+    """The state after a step to a given time, whatever its error.
+
+    Parameters
+    ----------
+    problem, state, control, solve
+        As of `advance`.
+    time, corner
+        End of the step [s], and whether it is a row of a table that forgets what was before.
+    tolerance
+        On the last update of the solution, relative.
+
+    Raises
+    ------
+    StepSizeError
+        There is no solution.
+    """
+    order = state.usable_order(control.order)
+    formula = blended(time, state.times, order, control.blend)
+    asked = state.implicit_step(problem, time, formula, order, tolerance)
+    attempt = solve(problem, asked, state.solver)
+    solved = attempt.solved
+    if solved is None:
+        raise StepSizeError(
+            f"a step to t = {time:.6g} s that was there before fails from another start: "
+            f"{attempt.failure}"
+        ) from attempt.cause
+    moved = solved.x, solved.rate, asked.acceleration(solved.rate), problem.observe(solved.x)
+    new = Step(time, *moved, solved.solution, attempt.iterations)
+    return state.after(new, state.step, solved.solver, 1 if corner else control.order + 2)
+
+
 def _next_step(step: float, error: float, order: int, control: StepControl) -> float:
     """Step that would have met the tolerance [s]; an infinite error shortens by `SHRINKAGE`."""
     ratio = control.tolerance / max(error, 1e-10 * control.tolerance)

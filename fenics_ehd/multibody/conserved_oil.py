@@ -11,6 +11,12 @@ shape of a turning journal takes. So a round film that is full everywhere is Rey
 last step of Newton. Rates are differences of contents: what a closed film holds stays the same to
 round-off, whatever the formula.
 
+Between rough surfaces contents are those of the average gap ``h_T(h)``, of which the fraction 1 - s
+is oil, and the state lacks less by ``int rho (h_T - h) N``. Nothing of it is linearised in time:
+the formula differentiates contents. Full films are those of Reynolds' condition, whose squeeze
+term is ``(dh_T / dh) h'``, to the order of the formula only. Oil that pressure makes denser is
+more than the gap's: its void volumes are negative in the state.
+
 Unknown beside the pressures are the void fractions, free variables of the equation d = 0; that of
 the pressures is ``s + gamma d`` (`fenics_ehd.film.mass_conserving_solver`). A Newton step finds
 pressures of the full nodes and void fractions of the others with one sparse matrix.
@@ -39,6 +45,10 @@ from fenics_ehd.multibody.system import FilmPlace
 
 #: Largest excess of a void fraction over 1.
 UNDERSHOOT = 0.02
+
+#: Largest excess of the density over that at ambient pressure that a state is taken to hold:
+#: Dowson and Higginson's law at any pressure.
+DENSEST = 0.6 / 1.7
 
 #: Round-off of the contents over a step, which the defects of the shortest steps consist of.
 ROUND_OFF = 1e-13
@@ -126,60 +136,87 @@ class ConservedOil:
         fixed = 0.0 if film.shape is None else film.shape.fixed[: len(film.thickness)]
         return film.clearance + fixed + film.thickness @ xi + patterns
 
-    def _taken(self, z: np.ndarray) -> np.ndarray:
-        """What a turning journal's shape takes from the full contents, over the volume scale."""
+    def _closed(self, z: np.ndarray) -> np.ndarray | float:
+        """What a turning journal's shape takes from the affine gap at the Gauss points [m]."""
         shape = self._place.film.shape
         if shape is None or not shape.turning:
-            return np.zeros(self.balance.assembly.size)
-        inside = shape.closing(self._place.ahead(z))[: len(self._place.film.thickness)]
-        return self._full(inside)
+            return 0.0
+        return shape.closing(self._place.ahead(z))[: len(self._place.film.thickness)]
+
+    def _taken(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+        """What the full contents lack of those of the affine gap, over the volume scale.
+
+        A turning journal's shape takes it; between rough surfaces the average gap adds what it has
+        beyond the `nominal` one (Gauss points).
+        """
+        closed, surfaces = self._closed(z), self._place.film.film.parameters.surfaces
+        taken = np.zeros(self.balance.assembly.size)
+        if isinstance(closed, np.ndarray):
+            taken = self._full(closed)
+        if surfaces is not None:
+            taken = taken - self._full(surfaces.excess(nominal))
+        return taken
+
+    def _resting(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Full contents without residual patterns, and what is taken, over the volume scale."""
+        affine = self.affine_gap(z[self._place.xi])
+        taken = self._taken(z, affine - self._closed(z))
+        return self._full(affine) - taken, taken
 
     def volumes_at(self, z: np.ndarray) -> np.ndarray:
         """The state's volumes of the initial filling, for coordinates z, shape (nodes,) [m^3]."""
-        taken = self._taken(z)
-        full = self._full(self.affine_gap(z[self._place.xi])) - taken
+        full, taken = self._resting(z)
         lacking = np.where(self.balance.reservoir, 0.0, 1.0 - self._filling) * full
         return self.balance.volume_scale * (lacking + taken)
 
-    def void_volumes(self, state: np.ndarray) -> np.ndarray:
-        """Void volumes of the unknown nodes in a state [m^3]."""
-        taken = self.balance.volume_scale * self._taken(state)
-        return (state[self.volumes] - taken)[self.nodes]
+    def _observed(self, state: np.ndarray, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Full contents of a state, over the volume scale, and void volumes of its nodes [m^3]."""
+        surfaces = self._place.film.film.parameters.surfaces
+        # Gauss points come first.
+        gap = observed[: self._place.film.film.assembly.area.size]
+        seen = gap if surfaces is None else gap + surfaces.excess(gap)
+        void = state[self.volumes] - self.balance.volume_scale * self._taken(state, gap)
+        return self._full(seen), void[self.nodes]
 
     def within_gap(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
-        """What brings a state's void volumes between none and the gap's, where it is observed."""
-        full = self.balance.volume_scale * self._full(self._inside(observed))[self.nodes]
-        void = self.void_volumes(state)
+        """What brings a state's void volumes between none and the gap's, where it is observed.
+
+        Compressed oil may be more than the gap's, by `DENSEST`.
+        """
+        full, void = self._observed(state, observed)
+        full = self.balance.volume_scale * full[self.nodes]
+        constant = self._place.film.film.parameters.lubricant.density_law.constant
+        least = 0.0 if constant else -DENSEST
         change = np.zeros(self.balance.assembly.size)
-        change[self.nodes] = np.clip(void, 0.0, full) - void
+        change[self.nodes] = np.clip(void, least * full, full) - void
         return change
 
     def content(self, state: np.ndarray, observed: np.ndarray) -> float:
         """Oil in a state of a gap, where it is observed [m^3]."""
-        full = self.balance.volume_scale * self._full(self._inside(observed)).sum()
-        return float(full - self.void_volumes(state).sum())
+        full, void = self._observed(state, observed)
+        return float(self.balance.volume_scale * full.sum() - void.sum())
 
     def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
         """Void fractions of all nodes in a state of a gap, where it is observed."""
+        full, void = self._observed(state, observed)
         shares = np.zeros(self.balance.assembly.size)
-        full = self.balance.volume_scale * self._full(self._inside(observed))[self.nodes]
-        shares[self.nodes] = np.clip(self.void_volumes(state) / full, 0.0, 1.0)
+        full = self.balance.volume_scale * full[self.nodes]
+        shares[self.nodes] = np.clip(void / full, 0.0, 1.0)
         return shares
 
     def volumes_with(self, shares: np.ndarray, z: np.ndarray, observed: np.ndarray) -> np.ndarray:
         """The state's volumes of such void fractions [m^3]."""
+        gap = observed[: self._place.film.film.assembly.area.size]
+        surfaces = self._place.film.film.parameters.surfaces
+        full = self._full(gap if surfaces is None else gap + surfaces.excess(gap))
         void = np.zeros(self.balance.assembly.size)
-        void[self.nodes] = (self._full(self._inside(observed)) * shares)[self.nodes]
-        return self.balance.volume_scale * (void + self._taken(z))
-
-    def _inside(self, observed: np.ndarray) -> np.ndarray:
-        """Gap at the Gauss points, which come first."""
-        return observed[: self._place.film.film.assembly.area.size]
+        void[self.nodes] = (full * shares)[self.nodes]
+        return self.balance.volume_scale * (void + self._taken(z, gap))
 
     def fractions(self, state: np.ndarray) -> np.ndarray:
         """Void fractions of a state without residual patterns."""
-        full = self._full(self.affine_gap(state[self._place.xi])) - self._taken(state)
-        return self.void_volumes(state) / (self.balance.volume_scale * full[self.nodes])
+        scale, (full, taken) = self.balance.volume_scale, self._resting(state)
+        return (state[self.volumes] - scale * taken)[self.nodes] / (scale * full[self.nodes])
 
     def begin(self, step: ImplicitStep, past_thickness: np.ndarray) -> None:
         """Take another step; the affine gap's rate is ``shift h + past_thickness`` [m/s]."""
@@ -262,13 +299,18 @@ class ConservedOil:
         is lost.
         """
         volumes = self._void(point)
-        volumes += self.balance.volume_scale * self._taken(z)
+        volumes += self.balance.volume_scale * self._taken(z, point.step.gap.thickness)
         return volumes, self._shift * volumes + self._past_volumes
 
     def _void(self, point: OilPoint) -> np.ndarray:
-        """Void volumes of all nodes [m^3]."""
+        """Void volumes of all nodes [m^3], less what pressure makes room for."""
         volumes = point.step.full * point.nodal_void
         volumes[self.nodes] += point.defect
+        film = self._place.film.film
+        if not film.parameters.lubricant.density_law.constant:
+            nodal = self.balance.nodal(point.values)
+            denser = self.balance.oil(point.step, nodal).density - film.equation.factors[1]
+            volumes -= self.balance.stored(denser * point.step.thickness / point.step.length)
         return self.balance.volume_scale * point.step.length * volumes
 
     def state(

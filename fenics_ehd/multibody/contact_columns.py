@@ -20,7 +20,7 @@ import numpy as np
 from fenics_ehd.multibody.border import FilmBorder
 from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.contacts import Contacts
-from fenics_ehd.multibody.film_columns import FilmPoint
+from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
 from fenics_ehd.multibody.system import FilmPlace, consecutive
 
 
@@ -126,23 +126,24 @@ class ContactColumns:
         reached = self._contacts.reached(body, self._points[body])
         return self._responses.share(body) * reached.of(self._points[body])
 
-    def extend(self, i: int, border: FilmBorder, scale: float, nodes: np.ndarray) -> FilmBorder:
-        """Border of a film, of given nodes, with what contact and pressures do by its bore."""
+    def extend(self, i: int, border: FilmBorder, scale: float, columns: FilmColumns) -> FilmBorder:
+        """Border of a film with what contact and pressures do by its bore."""
         body = self._responses.of_film(i)
         if body is None or not len(self._points[body]):
             return border
         film, own = self._places[i].film.film, self._unknowns[body]
         moved = self._moved(body)[self._rows(body, i)]
-        inputs = (border.along_gap @ moved)[nodes] / scale
+        inputs = (border.along_gap @ moved)[columns.nodes] / scale
         spread = np.zeros((inputs.shape[1], border.spread.shape[1]))
         spread[:, own] = np.eye(len(spread))
         answered = self._responses.pressed_at(body, i, self._points[body])
+        answered = columns.of_pressures(answered)
         factor = film.parameters.pressure_scale * self._responses.share(body) * self._slopes(body)
         return replace(
             border,
             inputs=np.hstack([border.inputs, inputs]),
             spread=np.vstack([border.spread, spread]),
-            outputs=np.vstack([border.outputs, -factor[:, None] * answered[:, nodes]]),
+            outputs=np.vstack([border.outputs, -factor[:, None] * answered]),
             rows=np.concatenate([border.rows, np.arange(own.start, own.stop)]),
             contact=(own, moved),
         )

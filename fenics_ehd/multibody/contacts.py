@@ -64,18 +64,11 @@ class Contacts:
     Raises
     ------
     SettingsError
-        Pressures reach a rough bore that answers at once by a mortar, or the oil between rough
-        surfaces is to be conserved.
+        Pressures reach a rough bore that answers at once by a mortar.
     """
 
     def __init__(self, system: System, responses: BoreResponses):
         self._responses = responses
-        for place in system.films:
-            if place.film.film.parameters.surfaces is not None and place.joint.oil is not None:
-                raise SettingsError(
-                    f"joints.{place.name}: oil between rough surfaces is not conserved in "
-                    "machines: drop contact, or cavitation = 'mass-conserving'"
-                )
         self.joints = [joint_contact(place) for place in system.films]
         self.areas: list[np.ndarray | None] = []
         for flexibility in responses.flexibilities:

@@ -9,6 +9,7 @@ import numpy as np
 from fenics_ehd.film.asperities import Touch
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.reynolds import DensityRate
 from fenics_ehd.multibody.border import FilmBorder
 from fenics_ehd.multibody.conserved_oil import ConservedOil, OilPoint
 from fenics_ehd.multibody.joint_shape import Turned
@@ -33,6 +34,8 @@ class FilmPoint:
         Of a joint's shape that turns, else None.
     oil
         Where it is conserved.
+    density_rate
+        Where it is compressible, and not conserved.
     """
 
     nodal: np.ndarray
@@ -42,6 +45,7 @@ class FilmPoint:
     touch: Touch | None = None
     turned: Turned | None = None
     oil: OilPoint | None = None
+    density_rate: DensityRate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +111,11 @@ class FilmColumns:
             shares = None if shares is None else shares * oil.inside
         return cls(place, gap, velocity, forces, shares, sliding, oil)
 
+    def of_pressures(self, per_pressure: np.ndarray) -> np.ndarray:
+        """What unit pressures of all nodes do, shape (..., nodes), by those that are unknown."""
+        found = per_pressure[..., self.nodes]
+        return found if self.oil is None else found * self.oil.inside
+
     @property
     def leading(self) -> int:
         """Number k of leading patterns."""
@@ -140,7 +149,9 @@ class FilmColumns:
         place = self.place
         film, n = place.film.film, place.film.size
         if self.oil is None:
-            derivatives = film.equation.gap_derivatives(point.gap, point.nodal, shift)
+            derivatives = film.equation.gap_derivatives(
+                point.gap, point.nodal, shift, point.density_rate
+            )
         else:
             assert point.oil is not None
             derivatives = self.oil.gap_derivatives(point.nodal, point.oil)

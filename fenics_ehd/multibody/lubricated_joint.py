@@ -120,11 +120,6 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
-        if not self.film.parameters.lubricant.density_law.constant:
-            raise SettingsError(
-                f"the oil between {self.journal} and {self.bore} is denser under pressure: a "
-                "mechanism's film has a density_law of Constant()"
-            )
         if self.oil is not None:
             require_monotone(self.film.parameters.grid.family)
 

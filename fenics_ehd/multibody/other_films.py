@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film import Film, FilmGrid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.film.parameters import FilmParameters
@@ -67,7 +68,15 @@ def with_finer_films(mechanism: Mechanism) -> Mechanism:
 def on_finer_films(
     state: IntegratorState[SolverState], own: CoupledSteps, other: CoupledSteps
 ) -> IntegratorState[SolverState]:
-    """State of a mechanism with other film meshes: motion as it is, voids of the same share."""
+    """State of a mechanism with other film meshes: motion as it is, voids of the same share.
+
+    Raises
+    ------
+    SettingsError
+        A film's density has a memory.
+    """
+    if other.equations.densities:
+        raise SettingsError("oil compressible under Reynolds' condition: no finer film is solved")
     size = other.system.n + other.equations.responses.size
     norms = StepNorm(own.equations), StepNorm(other.equations)
     moved = []

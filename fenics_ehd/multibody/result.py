@@ -59,6 +59,8 @@ class Result:
     cycles, periodicity_defect
         Of a periodic solution, which the steps are the last cycle of: cycles in all, and the
         largest change of a film from the cycle's start to its end, relative to the film.
+    cycle_used
+        Which part of the run `figures` whose names begin with ``cycle_`` are of.
     """
 
     time: np.ndarray
@@ -74,6 +76,7 @@ class Result:
     status: str
     cycles: int = 0
     periodicity_defect: float = float("nan")
+    cycle_used: str = ""
 
 
 class Recorder:
@@ -104,10 +107,11 @@ class Recorder:
         columns = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
         figures, system = self._tracker.figures(), self._system
         x, rates = map(np.array, zip(*self._states, strict=True))
+        answer = self._tracker.answer(columns, cycles)
         return Result(
             columns["time_s"] - (cycles.start if cycles else 0.0),
             {place.name: self._joint(place.name, columns) for place in system.films},
-            self._tracker.joint_figures(),
+            self._tracker.joint_figures(answer),
             {name: x[:, places] for name, places in system.bodies.items()},
             {name: rates[:, places] for name, places in system.bodies.items()},
             columns,
@@ -118,6 +122,7 @@ class Recorder:
             self._tracker.verdict(),
             cycles.number if cycles else 0,
             cycles.defect if cycles else float("nan"),
+            answer.used.told,
         )
 
     def _joint(self, name: str, columns: Mapping[str, np.ndarray]) -> JointResult:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from fenics_ehd.base.errors import ContactError, FilmTooThinError, InputError, S
 from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
 from fenics_ehd.multibody.assembly import assemble, check_inertia
-from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance
+from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance, follow
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
 from fenics_ehd.multibody.step_norm import StepNorm
@@ -142,6 +142,19 @@ class Run:
             gaps = self.norm.film_gaps(step.observed)
             for place, gap in zip(self._system.films, gaps, strict=True):
                 _check_film(place, float(gap.min()), step.time)
+
+    def along(
+        self,
+        state: IntegratorState[SolverState],
+        times: Sequence[tuple[float, bool]],
+        tolerance: float,
+        between: Callable[[], None],
+    ) -> IntegratorState[SolverState]:
+        """Through given steps from a state, see `follow`; the run stays where it is."""
+        for time, corner in times:
+            between()
+            state = follow(self.norm, state, time, corner, self.control, self.solve, tolerance)
+        return state
 
 
 def _require_sound(state: IntegratorState[SolverState]) -> None:

@@ -35,6 +35,7 @@ from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.friction import film_friction
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.motion import Instant, Motion
+from fenics_ehd.multibody.oil_densities import oil_densities
 from fenics_ehd.multibody.system import FilmPlace, System, consecutive
 from fenics_ehd.multibody.turning import turned_border, twist
 
@@ -104,6 +105,8 @@ class StepEquations:
         Of joints with rough surfaces, None where all are smooth.
     disturbance
         Given changes of the gaps, None in a run.
+    densities
+        Of films whose oil is compressible under Reynolds' condition, by their numbers.
     """
 
     def __init__(self, system: System, *, dense_limit: int):
@@ -121,6 +124,8 @@ class StepEquations:
         self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
         self.contacts = Contacts.of(system, self.responses)
         self.disturbance: GapChanges | None = None
+        behind = sum(self.oil(i).balance.assembly.size for i in self.voids)
+        self.densities = oil_densities(system.films, system.n + self.responses.size + behind)
         self.lead(0)
 
     def lead(self, count: int) -> None:
@@ -149,7 +154,8 @@ class StepEquations:
     def resting(self, z: np.ndarray) -> np.ndarray:
         """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
         volumes = [self.oil(i).volumes_at(z) for i in self.voids]
-        return np.concatenate([np.zeros(self.responses.size), *volumes])
+        ambient = [np.zeros(own.values.stop - own.values.start) for own in self.densities.values()]
+        return np.concatenate([np.zeros(self.responses.size), *volumes, *ambient])
 
     def begin(self, step: ImplicitStep) -> None:
         """Take the equations of another step."""
@@ -161,6 +167,8 @@ class StepEquations:
         self.responses.begin(step)
         if self.contacts is not None:
             self.contacts.begin()
+        for density in self.densities.values():
+            density.begin(step)
         for i in self.voids:
             oil, xi = self.oil(i), self.system.films[i].xi
             # What is constant in the gap is part of its past, too.
@@ -254,13 +262,13 @@ class StepEquations:
             if len(self.scales) <= i:
                 self.scales.append(1.0)
             return FilmPoint(oil.balance.nodal(pressure), gap, problem, defect, oil=oil_point)
-        problem = film.equation.problem(gap)
+        rate = self.densities[i].rate if i in self.densities else None
+        problem = film.equation.problem(gap, rate)
         if len(self.scales) <= i:
             self.scales.append(problem.scale)
         nodal = film.equation.nodal(pressure)
-        return FilmPoint(
-            nodal, gap, problem, film.cavitation.defect(problem, pressure) / self.scales[i]
-        )
+        defect = film.cavitation.defect(problem, pressure) / self.scales[i]
+        return FilmPoint(nodal, gap, problem, defect, density_rate=rate)
 
     def hold_filled(self) -> None:
         """Keep the sheared share of every film as the next evaluation has it, for this step.
@@ -292,7 +300,7 @@ class StepEquations:
         result = CavitationResult(free, point.defect, np.flatnonzero(free > 0.0), 0)
         pressure = film.parameters.pressure_scale * point.nodal
         fraction = None if point.oil is None else 1.0 - point.oil.nodal_void
-        return FilmState(pressure, point.gap, result, point.problem, fraction)
+        return FilmState(pressure, point.gap, result, point.problem, fraction, point.density_rate)
 
     def integrals(self, states: Sequence[FilmState]) -> list[FilmIntegrals]:
         """Of every film in a state."""
@@ -337,7 +345,7 @@ class StepEquations:
             places = slice(size, size) if body is None else patterns[body]
             border = self._columns[i].border(own, scale, shift, speed, places, share, len(core))
             if contact is not None:
-                border = contact.extend(i, border, scale, self._columns[i].nodes)
+                border = contact.extend(i, border, scale, self._columns[i])
             answer = None
             if body is not None and (matrix := responses.matrices[body]) is not None:
                 along_gap = (share * film.parameters.pressure_scale / scale) * border.along_gap
@@ -391,7 +399,7 @@ class StepEquations:
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """``(z, y)``, void volumes, and their rates at a point."""
+        """``(z, y)``, void volumes, densities, and their rates at a point."""
         pressures = [
             place.film.film.parameters.pressure_scale * film.nodal
             for place, film in zip(self.system.films, point.films, strict=True)
@@ -404,6 +412,9 @@ class StepEquations:
             assert oil_point is not None
             volumes, change = self.oil(i).volume_rates(oil_point, point.z)
             values, rates = [*values, volumes], [*rates, change]
+        for i, density in self.densities.items():
+            denser, change = density.state(point.films[i].nodal)
+            values, rates = [*values, denser], [*rates, change]
         return np.concatenate([point.z, *values]), np.concatenate([point.rates, *rates])
 
 

@@ -65,7 +65,7 @@ class CoupledSteps:
     Parameters
     ----------
     system
-        The mechanism, its oils of constant density.
+        The mechanism.
     options_prefix
         Of SNES-VI.
     dense_limit
@@ -310,5 +310,6 @@ class CoupledSteps:
             verify_complementarity(free, flux, scale, 10 * self._tolerance)
             result = CavitationResult(free, flux, self._full[i].astype(np.int32), self._iterations)
             pressure = place.film.film.parameters.pressure_scale * film.nodal
-            films.append(FilmState(pressure, film.gap, result, film.problem))
+            rate = film.density_rate
+            films.append(FilmState(pressure, film.gap, result, film.problem, density_rate=rate))
         return CoupledState(films, point.motion, self.equations.integrals(films))

@@ -16,10 +16,13 @@ from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.film.thickening import steepest_thickening
 from fenics_ehd.multibody.basis_error import bore_body, bore_loads, estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
+from fenics_ehd.multibody.crank_angle import CrankAngle
+from fenics_ehd.multibody.cycle_answer import CycleAnswer
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.joint_heat import temperatures
+from fenics_ehd.multibody.joint_places import JointPlaces
 from fenics_ehd.multibody.joint_rates import joint_rates
 from fenics_ehd.multibody.oil_account import OilAccount
 from fenics_ehd.multibody.periodic import Cycles
@@ -80,6 +83,8 @@ class Tracker:
         self.extremes = {place.name: Extremes() for place in films}
         self.former: dict[str, Extremes] = {}
         self.worth: dict[str, dict[str, Any]] = {}
+        self.crank_angle = CrankAngle(equations.system)
+        self._places = {place.name: JointPlaces(equations.system, place) for place in films}
         self.estimates = {
             place.name: estimate_at(bore_body(equations.system, place), place.bore)
             for place in films
@@ -104,6 +109,7 @@ class Tracker:
         self._cycle, self._start = cycles.number, cycles.start
         self.former, self.extremes = self.extremes, {name: Extremes() for name in self.extremes}
         self.balance = None
+        self.crank_angle.restart()
         for estimate in self.estimates.values():
             estimate.largest *= 0.0  # what is not known stays so
         self.rates.restart()
@@ -128,7 +134,7 @@ class Tracker:
         for reason, count in step.rejected.items():
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
         size, self.time = step.time - self.time, step.time
-        row = {"time_s": step.time}
+        row = {"time_s": step.time, "crank_angle_deg": self.crank_angle.add(step.x)}
         stored = {"coordinates": step.x[: system.n], "rates": step.rate[: system.n]}
         if patterns := self._equations.responses.size:
             stored["quasi_static"] = step.x[system.n : system.n + patterns]
@@ -176,6 +182,7 @@ class Tracker:
             "eccentricity_y_m": step.x[place.xi[1]],
             "force_x_N": force[0],
             "force_y_N": force[1],
+            **self._places[place.name].columns(step, film.pressure, gap),
         }
         if place.name in self.contacts:
             record = self.contacts[place.name]
@@ -211,7 +218,16 @@ class Tracker:
             "energy_defect_J": self.balance.defect,
         }
 
-    def joint_figures(self) -> dict[str, dict[str, Any]]:
+    def answer(
+        self, columns: Mapping[str, np.ndarray], cycles: Cycles | None = None
+    ) -> CycleAnswer:
+        """Of the last cycle, from the columns of a history, see `CycleAnswer`."""
+        rates = [
+            self.prefix(joint) + name for joint, own in self.rates.items() for name in own.totals
+        ]
+        return CycleAnswer.of(self._equations.system, columns, cycles, rates)
+
+    def joint_figures(self, answer: CycleAnswer | None = None) -> dict[str, dict[str, Any]]:
         """What ``summary.json`` has of every lubricated joint, by its name."""
         return {
             name: {
@@ -225,13 +241,14 @@ class Tracker:
                 **self._means(name),
                 **(self.contacts[name].figures() if name in self.contacts else {}),
                 **({"error_budget": self.worth[name]} if name in self.worth else {}),
+                **(answer.joint(self.prefix(name)) if answer else {}),
             }
             for name, extremes in self.extremes.items()
         }
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self, answer: CycleAnswer | None = None) -> dict[str, Any]:
         """What ``summary.json`` has of them."""
-        joints = self.joint_figures()
+        joints = self.joint_figures(answer)
         alone: dict[str, Any] = {"joints": joints}
         if len(joints) == 1:
             ((name, found),) = joints.items()
@@ -239,6 +256,7 @@ class Tracker:
         balance = self.balance
         return {
             **alone,
+            **(answer.figures() if answer else {}),
             "energy_balance_error": balance.error if balance else 0.0,
             "net_energy_balance_error": balance.net_error if balance else 0.0,
             "simulated_time_s": self.time,
@@ -283,6 +301,7 @@ class Tracker:
             "rates": self.rates.stored_state(),
             "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
+            "crank_angle": self.crank_angle.stored_state(),
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -318,6 +337,7 @@ class Tracker:
         self.rates.load_state(stored["rates"])
         for joint, found in stored["contacts"].items():
             self.contacts[joint].load_state(found)
+        self.crank_angle.load_state(stored["crank_angle"])
         self.oil = {
             joint: OilAccount(float(found["start"]), float(found["end"]))
             for joint, found in stored["oil"].items()

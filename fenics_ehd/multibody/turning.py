@@ -42,15 +42,14 @@ def turned_border(
         np.stack([still, still], axis=-1),
     )
     if columns.oil is None:
-        inputs = film.equation.change(point.gap, point.nodal, changes) / scale
+        inputs = film.equation.change(point.gap, point.nodal, changes, point.density_rate)
+        inputs = inputs / scale
     else:
         assert point.oil is not None
         inputs = columns.oil.change(point.nodal, point.oil, changes)
     spread = np.zeros((2, size))
     outputs, rows = [], []
-    unit = film.parameters.pressure_scale * turned.torque[columns.nodes]
-    if columns.oil is not None:
-        unit = unit * columns.oil.inside
+    unit = film.parameters.pressure_scale * columns.of_pressures(turned.torque)
     for angle, sign in place.turning:
         spread[0, angle] += sign
         spread[1, : speed.shape[1]] += sign * speed[angle]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 from time import monotonic, perf_counter, process_time
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from fenics_ehd.base.errors import EhdError, InputError, OutputError
+from fenics_ehd.base.errors import EhdError, InputError, OutputError, SolverError
 from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.base.output import keeping_failed_film, write_summary
 from fenics_ehd.base.sealed_file import named, require_like
@@ -23,7 +23,7 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
-from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows
+from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows, read_history
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
@@ -44,6 +44,10 @@ class RecordedRun:
         Where it stops, if it is not periodic [s].
     cycles
         The search for the periodic solution, or None.
+    multiplier
+        Whether its largest multiplier is to be found, with more cycles.
+    margin
+        What the summary has of that.
     first_row
         Of the history of the cycle under way.
     wall_time, processor_time
@@ -54,6 +58,8 @@ class RecordedRun:
     tracker: Tracker
     end: float
     cycles: Cycles | None
+    multiplier: bool = False
+    margin: dict[str, Any] = field(default_factory=dict)
     first_row: int = 0
     wall_time: float = 0.0
     processor_time: float = 0.0
@@ -109,13 +115,24 @@ class RecordedRun:
             self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
             yield step
 
-    def figures(self) -> dict[str, Any]:
-        """What ``summary.json`` has of it."""
-        found = self.tracker.figures()
+    def find_multiplier(self, between: Callable[[], None]) -> None:
+        """Of the periodic solution that was found, if it is wanted; `between` every two steps."""
+        if self.multiplier and self.cycles is not None:
+            from fenics_ehd.multibody.multiplier import largest_multiplier
+
+            try:
+                self.margin = largest_multiplier(self.run, self.cycles.period, between).figures()
+            except SolverError as error:  # the solution stays
+                self.margin = {"multiplier_failure": str(error)}
+
+    def figures(self, columns: Mapping[str, np.ndarray] | None) -> dict[str, Any]:
+        """What ``summary.json`` has of it, with the columns of its history, if they can be read."""
+        answer = None if columns is None else self.tracker.answer(columns, self.cycles)
+        found = self.tracker.figures(answer)
         if self.cycles is not None:
             found["cycles"] = self.cycles.number
             found["periodicity_defect"] = self.cycles.defect
-        return found
+        return found | self.margin
 
 
 class Checkpoints:
@@ -212,7 +229,10 @@ def record_run(
     def leave(status: str) -> dict[str, Any]:
         times = {name: getattr(recorded, name) for name in ("wall_time", "processor_time")}
         seconds = {f"{name}_s": value for name, value in times.items()}
-        summary = {"status": status, **about, **recorded.figures(), **seconds, **worth}
+        columns = None
+        with suppress(InputError):  # a failed run may not have a whole row
+            columns = read_history(directory) if history.rows else None
+        summary = {"status": status, **about, **recorded.figures(columns), **seconds, **worth}
         if history.rows:
             write_summary(directory, summary)
         return summary
@@ -229,6 +249,7 @@ def record_run(
                 checkpoints.follow(recorded)
                 _show(bar, recorded, step)
                 check()
+            recorded.find_multiplier(check)
             status = recorded.tracker.verdict()
         if judge is not None:
             worth |= judge(recorded, directory)

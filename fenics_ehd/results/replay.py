@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.multibody.body import Body
+from fenics_ehd.multibody.deformed_bore import nearest_circle
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.rigid_body import ground
@@ -176,17 +177,15 @@ class Replay:
 
     @cached_property
     def orbits(self) -> dict[str, np.ndarray]:
-        """Eccentricity of the circle that comes nearest to the gap, by joint, shape (t, 2) [m].
+        """Eccentricity of the journal in the bore as it is, by joint, shape (t, 2) [m].
 
-        The bore is as it is, deformed, turned as its body's frame; in a rigid one it is the
+        Deformed, turned as its body's frame, see `nearest_circle`; in a rigid one it is the
         journal's own eccentricity.
         """
-        found = {}
-        for place in self.system.films:
-            angle = place.film.film.parameters.grid.node_positions[:, 0]
-            waves = np.column_stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
-            found[place.name] = np.linalg.lstsq(waves, self.gaps[place.name].T, rcond=None)[0][1:].T
-        return found
+        return {
+            place.name: self.gaps[place.name] @ nearest_circle(place.film.film)[1:].T
+            for place in self.system.films
+        }
 
     @staticmethod
     def nodes(place: FilmPlace) -> int:

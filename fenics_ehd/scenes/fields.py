@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import as_tuple, checked, described, table
+from fenics_ehd.base.fields import as_tuple, checked, described, table, unit_of
 from fenics_ehd.base.quantities import LARGEST_LENGTH
 
 #: Stands for what is not given: a file, a name.
@@ -29,10 +30,20 @@ def _is_pair(value: Any, below: float) -> bool:
     return all(isinstance(n, float) and abs(n) < below for n in value)
 
 
+def _two(unit: str, below: float) -> str:
+    return f"two numbers [x, y]{f' in {unit}' if unit else ''}, below {below:g}"
+
+
 def pair(help_text: str, default: Any = (0.0, 0.0), *, below: float = 1e15) -> Any:
     """Two numbers along x and y, each of a size below a limit."""
-    wanted = f"two numbers [x, y], below {below:g}"
-    return described(default, help_text, lambda value: _is_pair(value, below), wanted, as_tuple)
+    unit = unit_of(help_text)
+    return described(
+        default,
+        help_text,
+        lambda value: _is_pair(value, below),
+        _two(unit, below),
+        partial(as_tuple, unit=unit),
+    )
 
 
 def place(help_text: str, default: Any = (0.0, 0.0)) -> Any:
@@ -42,14 +53,14 @@ def place(help_text: str, default: Any = (0.0, 0.0)) -> Any:
 
 def places(help_text: str) -> Any:
     """Places in the plane by name [m]."""
-    below = 100 * LARGEST_LENGTH
+    unit, below = unit_of(help_text), 100 * LARGEST_LENGTH
 
     def check(name: str, value: Any) -> None:
         if not _is_pair(value, below):
             shown = list(value) if isinstance(value, tuple) else value
-            raise SettingsError(f"{name} = {shown!r} must be two numbers [x, y], below {below:g}")
+            raise SettingsError(f"{name} = {shown!r} must be {_two(unit, below)}")
 
-    return table(help_text, check, as_tuple)
+    return table(help_text, check, partial(as_tuple, unit=unit))
 
 
 def names(help_text: str, default: Any = (), *, count: int | None = None) -> Any:

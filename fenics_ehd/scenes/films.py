@@ -68,7 +68,8 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
             if given and not abs(given - value) <= FIT * value:
                 raise SettingsError(
                     f"{key}.{size} = {given:g} m must be that of the bore {joint.bore}, "
-                    f"{value:g} m, within {100 * FIT:g} %: drop it or change the part"
+                    f"{value:g} m, within {100 * FIT:g} %: drop it or change the part, "
+                    f"bodies.{joint.bore.partition('.')[0]}.geometry"
                 )
     check_thin_film(joint.clearance, radius, f"{key}.clearance")
     joint_shapes(joint, name, width)

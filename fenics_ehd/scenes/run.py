@@ -41,6 +41,7 @@ def run_scene(
     interval: float = CHECKPOINT_EVERY,
     former: Mapping[str, Any] | None = None,
     judged: bool = True,
+    multiplier: bool = False,
 ) -> dict[str, Any]:
     """Integrate a scene, serially, and leave its results in a folder.
 
@@ -58,6 +59,8 @@ def run_scene(
         Checkpoint of a run in this folder to go on from.
     judged
         Whether it says what its figures are worth, if the scene wants that.
+    multiplier
+        Whether the largest multiplier of a periodic solution is found, too.
 
     Returns
     -------
@@ -80,7 +83,7 @@ def run_scene(
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     return record_run(
-        RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles),
+        RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles, multiplier),
         directory,
         {
             "warnings": list(scene.warnings),

@@ -156,11 +156,6 @@ def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
                 f"{key}: journal_roughness and bore_roughness are 0: give one of them, or drop it"
             )
         return
-    if joint.cavitation == "mass-conserving":
-        raise SettingsError(
-            f"{key}: oil between rough surfaces is not conserved in machines: drop it, or "
-            "cavitation = 'mass-conserving'"
-        )
     if bool(contact.asperity_density) != bool(contact.asperity_radius):
         raise SettingsError(f"{key}: asperity_density and asperity_radius belong together")
     if not roughness < ROUGHEST * joint.clearance:

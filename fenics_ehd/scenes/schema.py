@@ -117,7 +117,7 @@ class FlexibleSettings(MovingSettings):
         "centre of mass from the bore in place of the model's [m], [0, 0]: the model's"
     )
     material: MaterialSettings = section(MaterialSettings)
-    geometry: dict = numbers("parameters of the Gmsh model by name")
+    geometry: dict = numbers("parameters of the Gmsh model by name, lengths in [m]")
     reduction: part_settings.ReductionSettings = section(part_settings.ReductionSettings)
 
 
@@ -145,6 +145,7 @@ class ShaftSettings:
     disks: tuple[tuple[float, ...], ...] = rows(
         ("position", "mass", "polar_inertia", "diametral_inertia"),
         "rigid disks [share of the length, kg, kg m2 about the axis, kg m2 about a diameter]",
+        ("", "kg", "kg m2", "kg m2"),
     )
     points: dict = numbers("points by name, share of the length from one end, 0 to 1")
 
@@ -290,6 +291,7 @@ class LubricatedSettings:
     grooves: tuple[tuple[float, ...], ...] = rows(
         ("angle", "width", "pressure"),
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
+        ("degrees", "degrees", "Pa"),
     )
     supply: dict = supplies("holes and grooves of bore or journal that feed the film")
     cavitation: str = choice(

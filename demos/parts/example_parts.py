@@ -1,4 +1,4 @@
-"""Parts as other programs give them, for docs/own-part.md: python demos/foreign_parts.py FOLDER.
+"""Parts as other programs give them: python demos/parts/example_parts.py FOLDER.
 
 All are connecting rods of the shipped model's default dimensions, turned and shifted, in
 millimetres: `rod.step` from OpenCASCADE, `drilled.step` with chamfered big end and an oil hole,

@@ -1,0 +1,147 @@
+"""What a run tells over the crank angle: places, the journal in its deformed bore, last cycles."""
+
+import numpy as np
+import pytest
+
+from fenics_ehd.bearing.operating_point import solve_bearing
+from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film.grid import aligned_grid
+from fenics_ehd.multibody.deformed_bore import nearest_circle
+from fenics_ehd.multibody.forces import PointForce, Torque
+from fenics_ehd.multibody.joint_places import upper_most
+from fenics_ehd.multibody.joints import Revolute, Speed
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.rigid_body import RigidBody, ground
+from fenics_ehd.multibody.simulation import simulate, simulate_periodic
+from tests.journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
+
+TURN = 2 * np.pi / OMEGA
+
+
+@pytest.mark.parametrize("family", ["lagrange", "serendipity", "bilinear", "uneven"])
+def test_journal_is_told_from_the_least_squares_circle_of_its_bore(family):
+    """A bore moved, widened, oval, tilted: what is left is the way from its centre."""
+    grid = uniform_grid(R, 2 * R, (20, 4), "lagrange" if family == "uneven" else family)
+    if family == "uneven":
+        grid = aligned_grid(grid, np.array([0.3, 0.7]))
+    film = Film(FilmParameters(grid, C, Lubricant(ETA), OMEGA))
+    angle, height = grid.node_positions.T
+    journal_at, centre, wider, oval = np.array([7e-6, -3e-6]), np.array([-2e-6, 5e-6]), 1e-6, 2e-6
+    normal = np.stack([np.cos(angle), np.sin(angle)])
+    bore = wider + centre @ normal + 1e-4 * height * np.cos(angle)
+    gap = C + bore - journal_at @ normal
+    # A wave that is no first harmonic belongs to no centre, but for what an uneven mesh makes of it
+    waves = 0.0 if family == "uneven" else oval * np.cos(2 * angle + 0.4)
+    found = nearest_circle(film) @ (gap + waves)
+    np.testing.assert_allclose(found, [C + wider, *(journal_at - centre)], rtol=0, atol=1e-14)
+
+
+def test_of_equal_places_the_upper_one_is_told():
+    places = np.array([[0.1, -1.0], [0.1, 1.0], [0.2, 0.0]])
+    for off in (0.0, 1e-13, -1e-13):
+        assert upper_most(places, np.array([1.0 + off, 1.0 - off, 2.0])) == (0.1, 1.0)
+
+
+def at_rest(load, *, turned=0.0):
+    """A journal under a constant load along x in a bore whose frame is turned."""
+    film = make_film((64, 8))
+    joint = LubricatedJoint("journal", "block", film, eccentricity=(0.1 * C, 0.0))
+    weight = PointForce("journal", (1.0, 0.0), lambda _: (load, 0.0))
+    bodies = {"journal": RigidBody(0.0), "block": RigidBody(1e9, 1e9, orientation=turned)}
+    drives = {"journal": Speed(OMEGA), "block": Speed(0.0, turned)}
+    machine = Mechanism(bodies, {"film": joint}, drives, {"load": weight})
+    return simulate(machine, 6 * TURN, tolerance=1e-3)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.8])
+def test_journal_at_rest_lies_where_its_bearing_says(turned, figure):
+    settings = BearingSettings(
+        radius=R, width=2 * R, clearance=C, viscosity=ETA, speed=OMEGA, cells_along=8
+    )
+    load = 0.2 * UNIT_LOAD
+    expected = solve_bearing(settings, load=load)
+    columns = at_rest(load, turned=turned).columns
+    end = {name: values[-1] for name, values in columns.items()}
+    attitude = abs(end["attitude_angle_deg"] - np.degrees(expected.attitude))
+    figure("answers", f"attitude of a journal at rest, bore at {turned:g} rad", attitude, most=0.1)
+    assert end["eccentricity_ratio"] == pytest.approx(expected.eccentricity_ratio, rel=2e-3)
+    assert end["force_N"] == pytest.approx(load, rel=1e-6)
+    # Of the load on the bore, from the bore's x axis.
+    assert end["force_angle_deg"] == pytest.approx(-np.degrees(turned), abs=1e-3)
+    np.testing.assert_array_equal(
+        [columns[f"eccentricity_in_bore_{axis}_m"] for axis in "xy"],
+        [columns[f"eccentricity_{axis}_m"] for axis in "xy"],
+    )
+    # The film is thinnest on the line of centres, within half a cell.
+    line = end["attitude_angle_deg"] + end["force_angle_deg"]
+    assert abs(end["min_film_angle_deg"] - line) < 4.5 + 1e-6
+    assert end["max_pressure_height_m"] == 0.0
+
+
+def loaded(turns):
+    mechanism, period = journal(make_film((16, 3)), ellipse(0.2, 0.5, 1), 2 * TURN)
+    return simulate(mechanism, turns * TURN, tolerance=1e-3), mechanism, period
+
+
+def test_last_cycle_of_a_run_is_that_of_its_loads():
+    """Of 5 turns under a load over two: turns 3 to 5, and the start is left out."""
+    result, _, period = loaded(5.0)
+    assert result.cycle_used == "last of 2"
+    found, columns = result.figures["bearing"], result.columns
+    angle = columns["crank_angle_deg"]
+    assert np.all(np.diff(angle) > 0.0)
+    assert angle[-1] == pytest.approx(1800.0)
+    late = columns["time_s"] > 5 * TURN - period
+    for key, column, extreme in (
+        ("max_pressure_Pa", "max_pressure_Pa", np.max),
+        ("min_film_thickness_m", "min_film_thickness_m", np.min),
+        ("max_force_N", "force_N", np.max),
+        ("max_eccentricity_ratio", "eccentricity_ratio", np.max),
+    ):
+        assert found[f"cycle_{key}"] == extreme(columns[column][late])
+    row = np.flatnonzero(late)[np.argmin(columns["min_film_thickness_m"][late])]
+    assert found["cycle_min_film_crank_angle_deg"] == angle[row]
+    assert found["cycle_min_film_angle_deg"] == columns["min_film_angle_deg"][row]
+    assert found["cycle_min_film_height_m"] == columns["min_film_height_m"][row]
+    time = np.linspace(5 * TURN - period, 5 * TURN, 4001)
+    mean = np.mean(np.interp(time, columns["time_s"], columns["force_N"]))
+    assert found["cycle_mean_force_N"] == pytest.approx(mean, rel=2e-3)
+    # Those of version 0.1 are of all of it.
+    assert found["max_pressure_Pa"] == columns["max_pressure_Pa"].max()
+    assert found["min_film_thickness_m"] == columns["min_film_thickness_m"].min()
+
+
+def test_run_without_a_full_cycle_is_told_whole():
+    result, *_ = loaded(1.5)
+    assert result.cycle_used == "whole run: no full cycle"
+    found = result.figures["bearing"]
+    assert found["cycle_max_pressure_Pa"] == found["max_pressure_Pa"]
+
+
+def test_search_tells_its_last_cycle_from_its_own_zero():
+    mechanism, period = journal(make_film((16, 3)), ellipse(0.2, 0.5, 2), 2 * TURN)
+    result = simulate_periodic(mechanism, period, tolerance=1e-2, periodicity=1e-2)
+    assert result.cycle_used == f"last of {result.cycles}"
+    angle = result.columns["crank_angle_deg"]
+    assert 0.0 < angle[0] < angle[-1] == pytest.approx(720.0)
+    found = result.figures["bearing"]
+    for key in ("max_pressure_Pa", "min_film_thickness_m"):
+        assert found[f"cycle_{key}"] == found[key]
+
+
+def test_crank_angle_is_that_of_what_is_driven():
+    """By a speed, else by a torque, else the journal's; the column is there without any film."""
+
+    def angles(drives, forces):
+        wheel, other = RigidBody(1.0, 1e-3, orientation=0.5), RigidBody(1.0, 1e-3, speed=20.0)
+        bodies = {"wheel": wheel, "axle": other, "ground": ground({})}
+        joints = {name: Revolute("ground", name) for name in ("wheel", "axle")}
+        machine = Mechanism(bodies, joints, drives, forces)
+        return simulate(machine, 0.1, tolerance=1e-6).columns["crank_angle_deg"]
+
+    assert angles({"wheel": Speed(10.0, 0.5)}, {})[-1] == pytest.approx(np.degrees(1.5))
+    torque = Torque("wheel", lambda _: (0.2, 0.0))
+    assert angles({}, {"motor": torque})[-1] == pytest.approx(np.degrees(1.5), rel=1e-4)
+    assert angles({}, {})[-1] == pytest.approx(np.degrees(2.0), rel=1e-4)

@@ -1,0 +1,77 @@
+"""The scene of the second tutorial, for a few degrees, with a rigid rod."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fenics_ehd.results.history_file import read_history
+
+PAGE = Path(__file__).parents[1] / "docs" / "tutorial-motorcycle.md"
+
+#: In place of what takes a minute.
+QUICK = {
+    'method = "m4"': 'method = "rigid"',
+    "cells = [40, 10]": "cells = [16, 3]",
+    "periodic = true": "periodic = false",
+    "revolutions = 2 ": "revolutions = 0.1 ",
+    "tolerance = 1e-4": "tolerance = 1e-3",
+    "periodicity = 1e-3": "",
+}
+
+
+def written(folder):
+    """The tutorial's files, quick to run."""
+    text = PAGE.read_text()
+    for name in ("gas.csv", "motorcycle.toml"):
+        (content,) = re.findall(
+            rf"cat > {name} <<'END'\n(.*?)^END$", text, re.DOTALL | re.MULTILINE
+        )
+        for long, short in QUICK.items() if name.endswith(".toml") else ():
+            assert content.count(long) == 1, long
+            content = content.replace(long, short)
+        (folder / name).write_text(content)
+
+
+def run(folder, *command):
+    return subprocess.run(
+        [sys.executable, "-m", "fenics_ehd.cli", *command],
+        cwd=folder, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+def test_motorcycle_runs_from_an_empty_folder(tmp_path):
+    written(tmp_path)
+    found = run(tmp_path, "run", "motorcycle.toml", "--no-plots", "-o", "answer")
+    assert found.returncode == 0, found.stderr
+    assert "the cycle: whole run: no full cycle, from 0.000 to 0.667 ms" in found.stdout
+    assert re.search(
+        r"thinnest of the cycle .* um  at .* deg of the bore, .* mm, crank", found.stdout
+    )
+    history = read_history(tmp_path / "answer")
+    assert list(history)[:2] == ["time_s", "crank_angle_deg"]
+    assert history["crank_angle_deg"][-1] == pytest.approx(36.0)
+    summary = json.loads((tmp_path / "answer" / "summary.json").read_text())
+    assert summary["cycle_max_force_N"] == np.max(history["force_N"])
+    # 9000 rpm, the pin on a circle of half the stroke.
+    assert summary["simulated_time_s"] == pytest.approx(0.1 / 150)
+    assert history["rod.x_m"][-1] == pytest.approx(0.0275 * np.cos(np.radians(36)), abs=25e-6)
+    refused = run(tmp_path, "run", "motorcycle.toml", "--multiplier", "-o", "again")
+    assert refused.returncode == 2
+    assert "--multiplier: scene motorcycle is no periodic solution" in refused.stderr
+
+
+@pytest.mark.slow
+def test_clearances_of_a_sweep_have_units(tmp_path):
+    written(tmp_path)
+    key = "joints.big_end.clearance"
+    found = run(tmp_path, "sweep", "motorcycle.toml", "--set", f"{key}=20 um,30 um", "-o", "c")
+    assert found.returncode == 0, found.stderr
+    rows = (tmp_path / "c" / "sweep.csv").read_text().splitlines()
+    assert [row.split(",")[1] for row in rows] == [key, "20 um", "30 um"]
+    films = [float(row.split(",")[4]) for row in rows[1:]]
+    assert films[0] != films[1]

@@ -1,0 +1,89 @@
+"""Largest multiplier of a periodic solution against those known by heart or from coefficients."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from fenics_ehd.film import ShaftMotion, shaft_gap
+from fenics_ehd.multibody.forces import PointForce, RotatingForce, SpringDamper
+from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.multiplier import largest_multiplier
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.rigid_body import RigidBody, ground
+from fenics_ehd.multibody.run import Run, Steps
+from tests.journal_cases import OMEGA, UNIT_LOAD, C, R, equilibrium, make_film
+
+TURN = 2 * np.pi / OMEGA
+
+
+def multiplier_of(mechanism, period, tolerance, periodicity=1e-4):
+    run = Run(mechanism, Steps(tolerance=tolerance, first=1e-6), period)
+    for _ in Cycles(run, period, periodicity, most=40):
+        pass
+    before = run.stored_state()
+    found = largest_multiplier(run, period)
+    after = run.stored_state()
+    for name, values in before["integrator"].items():
+        assert np.array_equal(values, after["integrator"][name]), "the run moved"
+    return found
+
+
+def turning(name, mass, force):
+    """A journal in a film at rest, turning under a force."""
+    joint = LubricatedJoint(name, "ground", make_film((20, 4)))
+    return {name: RigidBody(mass)}, {"film": joint}, {name: Speed(OMEGA)}, {"load": force}
+
+
+def test_mass_on_a_spring_keeps_what_its_damper_leaves(figure):
+    """Beside a massless journal: all of a change is left that the film does not squeeze out."""
+    mass, stiffness, damping = 2.0, 2.0 * 60.0**2, 2 * 0.05 * 2.0 * 60.0
+    load = RotatingForce("journal", 0.3 * UNIT_LOAD, OMEGA)
+    bodies, joints, drives, forces = turning("journal", 0.0, load)
+    bodies["ground"] = ground({"wall": (0.1, 0.0)})
+    bodies["mass"] = RigidBody(mass, 1e-3, position=(0.1, 0.0))
+    forces["spring"] = SpringDamper("mass", "ground.wall", stiffness, damping)
+    drives["mass"] = Speed(0.0)
+    found = multiplier_of(Mechanism(bodies, joints, drives, forces), TURN, 1e-4)
+    decay, wave = damping / (2 * mass), np.sqrt(stiffness / mass - (damping / (2 * mass)) ** 2)
+    expected = np.exp((-decay + 1j * wave) * TURN)
+    expected = complex(expected.real, abs(expected.imag))
+    error = abs(found.value - expected) / abs(expected)
+    figure("periodic solutions", "multiplier of a mass on spring and damper", error, most=2e-3)
+
+
+def linearised(film, place, mass):
+    """Matrix of ``(x, x')`` of a journal at rest, film derivatives by differences."""
+    directions = film.load(np.stack(film.points.normal, axis=-1))
+
+    def force(x, v):
+        gap = shaft_gap(film.points, R, C, ShaftMotion(x, OMEGA, eccentricity_rate=v))
+        return -directions @ film.solve(gap).pressure
+
+    rest, unit = np.zeros(2), np.eye(2)
+    along = [(force(place + 1e-4 * C * e, rest) - force(place - 1e-4 * C * e, rest)) for e in unit]
+    step = 1e-4 * C * OMEGA
+    rate = [(force(place, step * e) - force(place, -step * e)) for e in unit]
+    stiffness, damping = np.array(along).T / (2e-4 * C), np.array(rate).T / (2 * step)
+    return np.block([[np.zeros((2, 2)), unit], [stiffness / mass, damping / mass]])
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_rotor_in_its_bearing_keeps_what_its_coefficients_say(share, figure):
+    """A rigid rotor under its weight: ``expm`` of the linear machine over a turn."""
+    film = make_film((20, 4))
+    load = np.array([0.15 * UNIT_LOAD, 0.0])
+    place = equilibrium(film, load, OMEGA)
+    unstable = 6.5 * load[0] / (C * OMEGA**2)
+    mass = share * unstable
+    values = np.linalg.eigvals(expm(TURN * linearised(film, place, mass)))
+    expected = np.abs(values).max()
+    weight = PointForce("rotor", (1.0, 0.0), lambda _: (load[0], 0.0))
+    joint = LubricatedJoint("rotor", "ground", film, eccentricity=tuple(place))
+    machine = Mechanism(
+        {"rotor": RigidBody(mass)}, {"film": joint}, {"rotor": Speed(OMEGA)}, {"load": weight}
+    )
+    found = multiplier_of(machine, TURN, 1e-6)
+    error = abs(abs(found.value) - expected)
+    figure("periodic solutions", f"multiplier of a rotor, {share:g} of whirl", error, most=2e-3)
