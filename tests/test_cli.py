@@ -149,7 +149,8 @@ def test_plot_draws_several_runs(scene, tmp_path):
 
 def test_options_reach_the_film_solver(scene, tmp_path):
     environment = os.environ | {"PETSC_OPTIONS": "-motion_snes_monitor"}
-    result = call("run", scene, "-o", tmp_path, "--no-plots", env=environment)
+    options = ("--no-plots", "--no-error-budget")
+    result = call("run", scene, "-o", tmp_path, *options, env=environment)
     assert result.returncode == 0, result.stderr
     summary = json.loads((tmp_path / "summary.json").read_text())
     starts = result.stdout.count("  0 SNES Function norm")

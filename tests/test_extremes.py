@@ -79,11 +79,11 @@ def test_few_patterns_without_damping_start_a_film(shop):
     assert found.figures["rejected_because"].keys() <= {"error above tolerance"}
     # Only where full updates fail are others tried.
     attempts = found.figures["steps"] + found.figures["rejected_steps"]
-    assert attempts < run._solve.solves < 1.5 * found.figures["steps"]
+    assert attempts < run.solve.solves < 1.5 * found.figures["steps"]
 
 
 def test_steps_that_converge_at_once_need_no_search(shop):
     settings = changed(scene("m3", 0.01), {"time.tolerance": 1e-5})
     run = new_run(shop, settings)
     figures = follow(run, settings.span).figures
-    assert run._solve.solves == figures["steps"] + figures["rejected_steps"]
+    assert run.solve.solves == figures["steps"] + figures["rejected_steps"]

@@ -228,4 +228,4 @@ def order_taken(body, damping_time, order):
     mechanism = flexible_slider_crank(body)
     rod = replace(mechanism.bodies["rod"], damping_time=damping_time)
     mechanism = replace(mechanism, bodies={**mechanism.bodies, "rod": rod})
-    return Run(mechanism, Steps(order=order), 1e-3)._control.order
+    return Run(mechanism, Steps(order=order), 1e-3).control.order

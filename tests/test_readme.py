@@ -57,6 +57,7 @@ SLOW = {
     ),
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
+    ("docs/error-budget.md", "What a run is worth"),
 }
 
 
@@ -95,6 +96,7 @@ DOCUMENTS = (
             "own-scene",
             "own-part",
             "mechanisms",
+            "error-budget",
             "pictures",
             "results",
         )

@@ -77,6 +77,11 @@ def cli() -> None:
     show_default=True,
     help="Frames of the series.",
 )
+@click.option(
+    "--error-budget/--no-error-budget",
+    default=None,
+    help="Estimate what the figures are worth, see output.error_budget.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
 @click.option(
     "--multiplier",
@@ -95,6 +100,7 @@ def run(
     plots: bool,
     vtk: bool,
     frames: int,
+    error_budget: bool | None,
     overwrite: bool,
     multiplier: bool,
     as_json: bool,
@@ -108,10 +114,20 @@ def run(
         target = Path(directory or Path("results") / Path(scene).stem)
         wanted = frames if vtk else None
         run.run(
-            scene, body, method, target, plots, wanted, interval, as_json, overwrite, multiplier
+            scene,
+            body,
+            method,
+            target,
+            plots,
+            wanted,
+            interval,
+            as_json,
+            overwrite,
+            multiplier,
+            error_budget=error_budget,
         )
         return
-    if body or method or directory or vtk or overwrite:
+    if body or method or directory or vtk or overwrite or error_budget is not None:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     run.resume(Path(resume), plots, interval, as_json, multiplier)

@@ -16,6 +16,7 @@ from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.output import complete_result, require_writable, to_json
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.cycle_lines import cycle_line, multiplier_line, place_lines
+from fenics_ehd.cli.error_budget import beside, budget_table
 from fenics_ehd.cli.notices import say_reducing, warn_of
 from fenics_ehd.results.checkpoint import CHECKPOINT, load_run_state
 from fenics_ehd.results.progress import progress_bar
@@ -45,10 +46,13 @@ def run(
     as_json: bool,
     overwrite: bool,
     multiplier: bool = False,
+    *,
+    error_budget: bool | None = None,
 ) -> None:
     """Run a scene; collective until it is built.
 
-    `frames`, of a ParaView series, and `body`, a file, take the place of what the scene says.
+    `frames`, of a ParaView series, `body`, a file, and `error_budget` take the place of what the
+    scene says.
     """
     scene = as_stored(name)
     if body is not None:
@@ -59,6 +63,8 @@ def run(
         scene = with_method(scene, method)
     if frames is not None:
         scene = replace(scene, output=attrs.evolve(scene.output, paraview=True, frames=frames))
+    if error_budget is not None:
+        scene = replace(scene, output=attrs.evolve(scene.output, error_budget=error_budget))
     if multiplier and not scene.time.periodic:
         raise SettingsError(
             f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
@@ -161,10 +167,12 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
         lines.append(f"  {name}")
         lines.append(
             f"    maximum pressure        {joint['max_pressure_Pa'] * 1e-6:9.3f} MPa "
+            f"{beside(joint, 'max_pressure')}"
             f"at {joint['max_pressure_time_s'] * 1e3:.3f} ms"
         )
         lines.append(
             f"    minimum film thickness  {joint['min_film_thickness_m'] * 1e6:9.4f} um  "
+            f"{beside(joint, 'min_film_thickness')}"
             f"at {joint['min_film_thickness_time_s'] * 1e3:.3f} ms"
         )
         estimate, thinnest = joint["basis_error_estimate_m"], joint["min_film_thickness_m"]
@@ -180,6 +188,7 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
                 f"{joint['mean_dissipated_power_W']:.3f} W dissipated"
             )
         lines += place_lines(joint) + real_film(joint)
+    lines += budget_table(joints, summary)
     lines += cycle_line(summary)
     if "cycles" in summary:
         lines.append(

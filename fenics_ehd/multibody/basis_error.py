@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.multibody.system import FilmPlace, System
 from fenics_ehd.reduction.body import ReducedBody
 
 
@@ -57,6 +58,14 @@ class BasisErrorEstimate:
         """Largest gap error over the bore after one step of this length [s], in [m]."""
         if not self._missing.size:
             return float("nan")
+        error = float(np.abs(self.field(step, pressure, acceleration)).max())
+        self.largest = max(self.largest, error)
+        return error
+
+    def field(
+        self, step: float, pressure: np.ndarray, acceleration: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Gap error at the bore's nodes after one step of this length [s], shape (m,) [m]."""
         # Backward Euler on the first-order lags.
         share = step / (step + self._damping_time)
         self._filtered += share * (pressure - self._filtered)
@@ -65,9 +74,7 @@ class BasisErrorEstimate:
             share = step / (step + self._inertia_time)
             self._accelerated += share * (acceleration - self._accelerated)
             field = field + self._inertia @ self._accelerated
-        error = float(np.abs(field).max())
-        self.largest = max(self.largest, error)
-        return error
+        return field
 
     def stored_state(self) -> dict[str, np.ndarray]:
         """All that the estimate knows, as arrays, for `load_state`."""
@@ -91,6 +98,24 @@ def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
     return BasisErrorEstimate(
         missing, body.damping_time, neglected_inertia(part), slowest_pattern(part)
     )
+
+
+def bore_body(system: System, place: FilmPlace) -> FlexibleBody:
+    """The flexible body that has the bore of a film."""
+    body = system.mechanism.bodies[place.bore_body]
+    assert isinstance(body, FlexibleBody)
+    return body
+
+
+def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
+    """Pressures on the pressure nodes of all bores of a body, by its name, of all films' nodes."""
+    found: dict[str, np.ndarray] = {}
+    for place, pressure in zip(system.films, pressures, strict=True):
+        if place.film.bore is not None:
+            part = bore_body(system, place).reduced
+            load = found.setdefault(place.bore_body, np.zeros(part.load_projection.shape[1]))
+            load[part.rows_of(place.bore).pressures] = place.film.bore.structure_pressure(pressure)
+    return found
 
 
 def neglected_inertia(body: ReducedBody) -> np.ndarray:

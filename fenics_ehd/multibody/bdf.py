@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -121,6 +121,10 @@ class IntegratorState(Generic[Carried]):
     def time(self) -> float:
         """Of the newest point [s]."""
         return float(self.times[0])
+
+    def points(self) -> dict[str, Any]:
+        """All but what the step solver carries, as arrays and a number by name."""
+        return {name: getattr(self, name) for name in ("times", "x", "rate", "observed", "step")}
 
     def after(
         self, new: Step[Solution], step: float, solver: Carried, keep: int

@@ -196,6 +196,23 @@ class ConservedOil:
         full, void = self._observed(state, observed)
         return float(self.balance.volume_scale * full.sum() - void.sum())
 
+    def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """Void fractions of all nodes in a state of a gap, where it is observed."""
+        full, void = self._observed(state, observed)
+        shares = np.zeros(self.balance.assembly.size)
+        full = self.balance.volume_scale * full[self.nodes]
+        shares[self.nodes] = np.clip(void / full, 0.0, 1.0)
+        return shares
+
+    def volumes_with(self, shares: np.ndarray, z: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """The state's volumes of such void fractions [m^3]."""
+        gap = observed[: self._place.film.film.assembly.area.size]
+        surfaces = self._place.film.film.parameters.surfaces
+        full = self._full(gap if surfaces is None else gap + surfaces.excess(gap))
+        void = np.zeros(self.balance.assembly.size)
+        void[self.nodes] = (full * shares)[self.nodes]
+        return self.balance.volume_scale * (void + self._taken(z, gap))
+
     def fractions(self, state: np.ndarray) -> np.ndarray:
         """Void fractions of a state without residual patterns."""
         scale, (full, taken) = self.balance.volume_scale, self._resting(state)

@@ -14,6 +14,7 @@ from fenics_ehd.base.errors import (
     SettingsError,
     StepSizeError,
 )
+from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.joint_heat import FilmTemperatures
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -24,6 +25,9 @@ NEAR, REMEMBERED, THINNER = 0.3, 6, 0.3
 
 #: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
 NOISE = 1e-2
+
+#: What two cycles tell of how the search goes.
+COMPARED = ("moved", "left", "contraction")
 
 
 class Cycles:
@@ -53,6 +57,17 @@ class Cycles:
         Of the cycle under way, from 1.
     defect
         Change of the films over the last complete cycle.
+    angles
+        Places of all bodies' angles in the coordinates.
+    began
+        State at the start of the cycle under way.
+    moved
+        Change of the films' start from the cycle before the last complete one to that, in the norm
+        that `left` and `contraction` are in: root mean square, relative to the films.
+    left
+        Change of the films over the last complete cycle in that norm.
+    contraction
+        Distance of the ends of the last two cycles over that of their starts.
 
     Raises
     ------
@@ -65,9 +80,11 @@ class Cycles:
             raise SettingsError("a mechanism without a lubricated joint has no film to repeat")
         self._run, self.period = run, period
         self._periodicity, self._most = periodicity, most
-        self.number, self.defect = 1, float("nan")
+        self.number, self.defect, self.began = 1, float("nan"), run.state
+        self.moved = self.left = self.contraction = float("nan")
+        self._former = np.zeros((0, len(self._films())))
         system = run.equations.system
-        self._angles = [
+        self.angles = [
             system.bodies[name].start + body.angle
             for name, body in system.each_name()
             if body.angle is not None
@@ -107,7 +124,9 @@ class Cycles:
             yield from self._steps()
             gaps = self._films()
             change = gaps - self._gaps
-            self.defect = float(np.max(np.abs(change) / self._run.norm.lengths(gaps)))
+            lengths = self._run.norm.lengths(gaps)
+            self.defect = float(np.max(np.abs(change) / lengths))
+            self._compare(gaps, lengths)
             former, self._contents = self._contents, self._oil()
             drained = np.abs(self._contents - former) / np.maximum(
                 self._contents, np.finfo(float).tiny
@@ -129,8 +148,20 @@ class Cycles:
             if self._heat is not None:
                 self._heat.move()
             self._begin(change)
+            self.began = self._run.state
             self._contents = self._oil()
             self.number += 1
+
+    def _compare(self, gaps: np.ndarray, lengths: np.ndarray) -> None:
+        """Compare the cycle that ends with the one before."""
+        ends = np.stack([self._gaps, gaps])
+        if len(self._former):
+            self.moved, apart = (
+                float(np.sqrt(np.mean((change / lengths) ** 2))) for change in ends - self._former
+            )
+            self.contraction = apart / self.moved if self.moved else 0.0
+        self.left = float(np.sqrt(np.mean(((gaps - self._gaps) / lengths) ** 2)))
+        self._former = ends
 
     def _steps(self) -> Iterator[MechanismStep]:
         """Accepted steps up to the end of the cycle."""
@@ -171,8 +202,8 @@ class Cycles:
             directions = changes.T / sizes
             shares = np.linalg.lstsq(directions, change / scales, rcond=NOISE)[0] / sizes
             # Whole turns are none.
-            turns = apart[:, 0, self._angles] / (2 * np.pi)
-            apart[:, 0, self._angles] -= 2 * np.pi * np.round(turns)
+            turns = apart[:, 0, self.angles] / (2 * np.pi)
+            apart[:, 0, self.angles] -= 2 * np.pi * np.round(turns)
             x, rate = -np.tensordot(shares, apart, 1)
             # Former points move with the newest, along its rate.
             past = x[:n] + np.multiply.outer(state.times - state.time, rate[:n])
@@ -197,6 +228,9 @@ class Cycles:
             "changes": np.reshape(self._changes, (-1, len(self._gaps) + heated)),
             **({} if self._heat is None else {"heat": self._heat.stored_state()}),
             "contents": self._contents,
+            "began": self.began.points(),
+            "former": self._former,
+            **{name: getattr(self, name) for name in COMPARED},
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -204,6 +238,10 @@ class Cycles:
         self.number, self.defect = int(stored["number"]), float(stored["defect"])
         self._gaps = np.array(stored["gaps"])
         self._contents = np.array(stored["contents"])
+        self.began = IntegratorState(**stored["began"])
+        self._former = np.array(stored["former"])
+        for name in COMPARED:
+            setattr(self, name, float(stored[name]))
         self._ends, self._changes = list(stored["ends"]), list(stored["changes"])
         if self._heat is not None:
             self._heat.load_state(stored["heat"])

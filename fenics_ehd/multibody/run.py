@@ -62,6 +62,8 @@ class Run:
     ----------
     equations, norm
         Of the mechanism.
+    solve, control
+        Solver and control of its steps.
     state
         Of the integration.
 
@@ -76,19 +78,19 @@ class Run:
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
         self._system = system = System(mechanism)
-        self._solve = CoupledSteps(system)
-        self.equations = self._solve.equations
+        self.solve = CoupledSteps(system)
+        self.equations = self.solve.equations
         self.norm = StepNorm(self.equations)
         # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
         # theirs: a full interface without damping was 71 % off (`docs/extremes.md`).
         order = steps.order if system.least_damping >= DAMPED else min(steps.order, 2)
-        self._control = StepControl(
+        self.control = StepControl(
             steps.tolerance, steps.first, steps.smallest, steps.largest * span, order
         )
         start = initial_state(self.equations)
         check_inertia(system, start[0][: system.n])
         self.state: IntegratorState[SolverState] = IntegratorState.begin(
-            self.norm, 0.0, *start, self._control
+            self.norm, 0.0, *start, self.control
         )
         for place, gap in zip(
             system.films, self.norm.film_gaps(self.state.observed[0]), strict=True
@@ -99,8 +101,7 @@ class Run:
     def stored_state(self) -> dict[str, Any]:
         """The state as nested dictionaries of arrays and numbers, for `load_state`."""
         state, solver = self.state, self.state.solver
-        points = {name: getattr(state, name) for name in ("times", "x", "rate", "observed", "step")}
-        return {"integrator": points, "solver": {} if solver is None else vars(solver)}
+        return {"integrator": state.points(), "solver": {} if solver is None else vars(solver)}
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
         """Go on where another run of the same mechanism was.
@@ -114,7 +115,7 @@ class Run:
             require_like(stored, self.stored_state())
             solver = None
             if stored["solver"]:
-                require_like(stored["solver"], self._solve.pattern(), "solver/")
+                require_like(stored["solver"], self.solve.pattern(), "solver/")
                 solver = SolverState(**stored["solver"])
             state = IntegratorState(**stored["integrator"], solver=solver)
             _require_sound(state)
@@ -134,7 +135,7 @@ class Run:
         """
         while self.state.time < end:
             step, self.state = advance(
-                self.norm, self.state, end, self._control, self._solve, self._system.tables
+                self.norm, self.state, end, self.control, self.solve, self._system.tables
             )
             yield step
             gaps = self.norm.film_gaps(step.observed)
@@ -151,7 +152,7 @@ class Run:
         """Through given steps from a state, see `follow`; the run stays where it is."""
         for time, corner in times:
             between()
-            state = follow(self.norm, state, time, corner, self._control, self._solve, tolerance)
+            state = follow(self.norm, state, time, corner, self.control, self.solve, tolerance)
         return state
 
 

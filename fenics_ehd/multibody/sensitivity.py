@@ -142,8 +142,11 @@ class Derivatives:
 
     def __init__(self, record: CycleRecord, numbers: Sequence[Number]):
         equations = record.run.equations
-        if equations.densities:
-            name = equations.system.films[next(iter(equations.densities))].name
+        laws = {
+            p.name: p.film.film.parameters.lubricant.density_law for p in equations.system.films
+        }
+        name = next((name for name, law in laws.items() if not law.constant), None)
+        if name is not None:
             raise SensitivityError(
                 f"joints.{name}: the oil is denser under pressure, and derivatives of its density "
                 "are not known: take an oil of constant density, or differences of runs"

@@ -28,6 +28,7 @@ from fenics_ehd.multibody.bore_responses import BoreResponses
 from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
 from fenics_ehd.multibody.contact_columns import ContactColumns
 from fenics_ehd.multibody.contacts import Contacts
+from fenics_ehd.multibody.disturbance import GapChanges, disturb
 from fenics_ehd.multibody.film_block import FilmMatrix
 from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
@@ -103,6 +104,8 @@ class StepEquations:
         Of joints with rough surfaces, None where all are smooth.
     filled
         Sheared share of films with friction that is kept for this step, by the joint's name.
+    disturbance
+        Given changes of the gaps, None in a run.
     """
 
     def __init__(self, system: System, *, dense_limit: int):
@@ -119,6 +122,7 @@ class StepEquations:
         ]
         self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
         self.contacts = Contacts.of(system, self.responses)
+        self.disturbance: GapChanges | None = None
         self.lead(0)
 
     def lead(self, count: int) -> None:
@@ -219,6 +223,8 @@ class StepEquations:
             for place in system.films
         ]
         self.responses.add(self.pressures(pressures), gaps)
+        if self.disturbance is not None:
+            disturb(gaps, self.disturbance)
         for i, place in enumerate(system.films):
             if place.film.film.parameters.feeds:
                 gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)

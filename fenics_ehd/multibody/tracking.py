@@ -13,15 +13,13 @@ import numpy as np
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_like
-from fenics_ehd.film import FilmState
 from fenics_ehd.film.thickening import steepest_thickening
-from fenics_ehd.multibody.basis_error import estimate_at
+from fenics_ehd.multibody.basis_error import bore_body, bore_loads, estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.crank_angle import CrankAngle
 from fenics_ehd.multibody.cycle_answer import CycleAnswer
 from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
-from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.joint_columns import joint_columns
 from fenics_ehd.multibody.joint_heat import temperatures
@@ -76,6 +74,10 @@ class Tracker:
     groups
         Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``, once
         there is a step.
+    extremes, former
+        Of every joint, and those of the cycle before.
+    worth
+        What is known of how far figures of joints are off, by joint, see `error_budget`.
     """
 
     def __init__(self, equations: StepEquations, norm: StepNorm):
@@ -84,10 +86,12 @@ class Tracker:
         films = equations.system.films
         self._several = len(films) > 1
         self.extremes = {place.name: Extremes() for place in films}
+        self.former: dict[str, Extremes] = {}
+        self.worth: dict[str, dict[str, Any]] = {}
         self.crank_angle = CrankAngle(equations.system)
         self._places = {place.name: JointPlaces(equations.system, place) for place in films}
         self.estimates = {
-            place.name: estimate_at(_bore_body(equations, place), place.bore)
+            place.name: estimate_at(bore_body(equations.system, place), place.bore)
             for place in films
             if place.film.bore
         }
@@ -108,7 +112,7 @@ class Tracker:
         if cycles is None or cycles.number == self._cycle:
             return False
         self._cycle, self._start = cycles.number, cycles.start
-        self.extremes = {name: Extremes() for name in self.extremes}
+        self.former, self.extremes = self.extremes, {name: Extremes() for name in self.extremes}
         self.balance = None
         self.crank_angle.restart()
         for estimate in self.estimates.values():
@@ -139,7 +143,7 @@ class Tracker:
         stored = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
         if patterns := self._equations.responses.size:
             stored["state/quasi_static"] = step.x[system.n : system.n + patterns]
-        loads = self._loads(state.films)
+        loads = bore_loads(system, [film.pressure for film in state.films])
         gaps = self._norm.film_gaps(step.observed)
         for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
             prefix, film = self.prefix(place.name), own.state
@@ -164,17 +168,6 @@ class Tracker:
         found = {f"{prefix}{name}": value for name, value in figures.items()}
         if found.keys() - self.groups.keys():
             self.groups |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
-        return found
-
-    def _loads(self, films: list[FilmState]) -> dict[str, np.ndarray]:
-        """Pressures on the pressure nodes of all bores of a body, by the body's name."""
-        found: dict[str, np.ndarray] = {}
-        for place, film in zip(self._equations.system.films, films, strict=True):
-            if place.film.bore is not None:
-                part = _bore_body(self._equations, place).reduced
-                load = found.setdefault(place.bore_body, np.zeros(part.load_projection.shape[1]))
-                pressure = place.film.bore.structure_pressure(film.pressure)
-                load[part.rows_of(place.bore).pressures] = pressure
         return found
 
     def prefix(self, joint: str) -> str:
@@ -239,7 +232,7 @@ class Tracker:
         ]
         return CycleAnswer.of(self._equations.system, columns, cycles, rates)
 
-    def joint_figures(self, answer: CycleAnswer | None = None) -> dict[str, dict[str, float]]:
+    def joint_figures(self, answer: CycleAnswer | None = None) -> dict[str, dict[str, Any]]:
         """What ``summary.json`` has of every lubricated joint, by its name."""
         return {
             name: {
@@ -252,6 +245,7 @@ class Tracker:
                 else float("nan"),
                 **self._means(name),
                 **(self.contacts[name].figures() if name in self.contacts else {}),
+                **({"error_budget": self.worth[name]} if name in self.worth else {}),
                 **(answer.joint(self.prefix(name)) if answer else {}),
             }
             for name, extremes in self.extremes.items()
@@ -306,6 +300,7 @@ class Tracker:
             },
             "rejected": dict(self.rejected_because),
             "extremes": {name: asdict(found) for name, found in self.extremes.items()},
+            "former": {name: asdict(found) for name, found in self.former.items()},
             "estimates": {name: found.stored_state() for name, found in self.estimates.items()},
             "balance": {} if self.balance is None else self.balance.stored_state(),
             "rates": self.rates.stored_state(),
@@ -338,8 +333,9 @@ class Tracker:
         self._start = float(stored["totals"]["start"])
         self.rejected_because = {name: int(n) for name, n in stored["rejected"].items()}
         names = [field.name for field in fields(Extremes)]
-        for joint, found in stored["extremes"].items():
-            self.extremes[joint] = Extremes(*(float(found[name]) for name in names))
+        for extremes, key in ((self.extremes, "extremes"), (self.former, "former")):
+            for joint, found in stored[key].items():
+                extremes[joint] = Extremes(*(float(found[name]) for name in names))
         for joint, found in stored["estimates"].items():
             self.estimates[joint].load_state(found)
         self.balance = EnergyBalance.of(stored["balance"]) if stored["balance"] else None
@@ -351,13 +347,6 @@ class Tracker:
             joint: OilAccount(float(found["start"]), float(found["end"]))
             for joint, found in stored["oil"].items()
         }
-
-
-def _bore_body(equations: StepEquations, place: FilmPlace) -> FlexibleBody:
-    """The flexible body that has the bore of a film."""
-    body = equations.system.mechanism.bodies[place.bore_body]
-    assert isinstance(body, FlexibleBody)
-    return body
 
 
 def _too_coarse(place: FilmPlace, thickness: float) -> str:

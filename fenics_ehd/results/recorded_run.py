@@ -17,10 +17,11 @@ from fenics_ehd.base.errors import EhdError, InputError, OutputError, SolverErro
 from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.base.output import keeping_failed_film, write_summary
 from fenics_ehd.base.sealed_file import named, require_like
+from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.recorder import Fixed, cycle_columns, cycle_figures
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.solver_state import MechanismStep
+from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
 from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows
@@ -28,6 +29,9 @@ from fenics_ehd.results.load import load_results
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
+
+#: What else a summary says of a complete run, whose history is in a folder.
+Judge = Callable[["RecordedRun", Path], Mapping[str, Any]]
 
 
 @dataclass
@@ -61,6 +65,14 @@ class RecordedRun:
     first_row: int = 0
     wall_time: float = 0.0
     processor_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._start = self.run.state
+
+    @property
+    def began(self) -> IntegratorState[SolverState]:
+        """State at the start of the run, or of the cycle under way."""
+        return self._start if self.cycles is None else self.cycles.began
 
     def stored_state(self) -> dict[str, Any]:
         """As nested dictionaries of arrays and numbers, for `load_state`."""
@@ -166,6 +178,7 @@ def record_run(
     interval: float,
     bar: tqdm,
     former: Mapping[str, Any] | None = None,
+    judge: Judge | None = None,
 ) -> dict[str, Any]:
     """Integrate to the end, or until the films repeat, and return the summary.
 
@@ -185,6 +198,8 @@ def record_run(
         Shows the progress.
     former
         Checkpoint to go on from.
+    judge
+        Says what the figures of the complete run are worth; None: nobody asks.
 
     Raises
     ------
@@ -204,13 +219,15 @@ def record_run(
     stored = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
     checkpoints = Checkpoints(history, interval, {**stored, "scene": fingerprints})
 
+    worth: dict[str, Any] = {}
+
     def leave(status: str) -> dict[str, Any]:
         times = {name: getattr(recorded, name) for name in ("wall_time", "processor_time")}
         seconds = {f"{name}_s": value for name, value in times.items()}
         columns = None
         with suppress(InputError):  # a failed run may not have a whole row
             columns = load_results(directory, films=False).columns if history.rows else None
-        summary = {"status": status, **about, **recorded.figures(columns), **seconds}
+        summary = {"status": status, **about, **recorded.figures(columns), **seconds, **worth}
         if history.rows:
             write_summary(directory, summary)
         return summary
@@ -229,6 +246,8 @@ def record_run(
                 check()
             recorded.find_multiplier(check)
             status = recorded.tracker.verdict()
+        if judge is not None:
+            worth |= judge(recorded, directory)
     except BaseException as error:
         with suppress(OutputError):  # the disk may be full
             leave(_how_it_ended(error, directory))

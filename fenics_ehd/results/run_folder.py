@@ -70,6 +70,8 @@ RESULTS = (
     BODY_NAME,
     "body-*.h5",
     FAILED_FILM,
+    "error_budget.json",
+    "coarser-*.h5",
     "animation.*",
     "vtk/*.pvd",
     "vtk/*_[0-9][0-9][0-9][0-9].vtm",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,20 @@ from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
+from fenics_ehd.results.error_budget import estimated
 from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, record_run
 from fenics_ehd.results.run_folder import SCENE_NAME
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import Built, build_mechanism
-from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.coarse_part import coarser_part
+from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
 from fenics_ehd.scenes.scene_text import as_stored, csv_files, scene_text
 
 #: File of a flexible body beside the history of its run.
 BODY_FILE = "body-{}.h5"
+
+#: Of a coarser mesh of its part.
+COARSER_FILE = "coarser-{}.h5"
 
 
 def run_scene(
@@ -34,6 +40,7 @@ def run_scene(
     *,
     interval: float = CHECKPOINT_EVERY,
     former: Mapping[str, Any] | None = None,
+    judged: bool = True,
     multiplier: bool = False,
 ) -> dict[str, Any]:
     """Integrate a scene, serially, and leave its results in a folder.
@@ -50,6 +57,8 @@ def run_scene(
         Between two checkpoints [s].
     former
         Checkpoint of a run in this folder to go on from.
+    judged
+        Whether it says what its figures are worth, if the scene wants that.
     multiplier
         Whether the largest multiplier of a periodic solution is found, too.
 
@@ -67,6 +76,10 @@ def run_scene(
         write_whole(directory / SCENE_NAME, scene_text(scene))
         for name, body in built.parts.items():
             save_body(body, directory / BODY_FILE.format(name))
+    judge = None
+    if judged and scene.output.error_budget and lubricated_joints(scene):
+        coarser = coarser_parts(scene, directory, former is None)
+        judge = partial(estimated, coarser=coarser)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     return record_run(
@@ -83,7 +96,18 @@ def run_scene(
         interval=interval,
         bar=bar,
         former=former,
+        judge=judge,
     )
+
+
+def coarser_parts(scene: Scene, directory: Path, new: bool) -> dict[str, ReducedBody]:
+    """Bodies of coarser meshes where they are wanted, in the folder of a run."""
+    wanted = meshed(scene) if scene.output.part_mesh_error else ()
+    paths = {name: directory / COARSER_FILE.format(name) for name in wanted}
+    if new:
+        for name, path in paths.items():
+            save_body(coarser_part(scene, name), path)
+    return {name: load_body(path) for name, path in paths.items()}
 
 
 def _reductions(built: Built) -> dict[str, Any]:

@@ -442,6 +442,10 @@ class OutputSettings:
     """What a run writes beside history and summary."""
 
     plots: bool = flag(True, "curves as pictures")
+    error_budget: bool = flag(True, "whether the run says what its figures are worth")
+    part_mesh_error: bool = flag(
+        False, "whether parts are meshed again, half as fine, to know what their meshes are worth"
+    )
     paraview: bool = flag(False, "ParaView series of bodies and films")
     frames: int = count(60, "of the series", least=2)
 

@@ -96,7 +96,8 @@ def _run(task: CaseTask) -> dict[str, Any]:
     with RunFolder(task.directory, overwrite=True) as folder:
         try:
             own = replace(built, seconds=seconds)
-            summary = run_scene(scene, own, folder.path, bar, interval=inf)
+            # A study compares its runs with one another.
+            summary = run_scene(scene, own, folder.path, bar, interval=inf, judged=False)
         finally:
             for name, path in files.items():
                 _share(path, folder.path / BODY_FILE.format(name))

@@ -1,0 +1,142 @@
+"""Where a mechanism was at points in time: what a run left, and what is solved beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_ehd.multibody.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Solutions at ascending times.
+
+    Attributes
+    ----------
+    times
+        shape (k,) [s].
+    x
+        Coordinates and amplitudes of residual patterns, shape (k, n + r).
+    pressures
+        Of every film at its nodes, shape (k, nodes) each [Pa].
+    voids
+        Void fractions of films that keep account of their oil, by the film's number.
+    peaks, films
+        Largest pressure and thinnest film of every joint, shape (k, joints) [Pa], [m].
+    multipliers
+        shape (k, 2 m); none where they are not known.
+    accelerations
+        Of x, shape (k, n + r); none where they are not known.
+    """
+
+    times: np.ndarray
+    x: np.ndarray
+    pressures: list[np.ndarray]
+    voids: Mapping[int, np.ndarray]
+    peaks: np.ndarray
+    films: np.ndarray
+    multipliers: np.ndarray
+    accelerations: np.ndarray
+
+    def repeated(self, period: float, start: np.ndarray, angles: list[int], share: float) -> Course:
+        """The course of a cycle, and the beginning of the cycle after it.
+
+        Parameters
+        ----------
+        period
+            Of the cycle [s].
+        start
+            State it began at, shape (n + r,).
+        angles
+            Places of angles, which go on by whole turns.
+        share
+            Of the next cycle.
+        """
+        began = self.times[-1] - period
+        again = np.flatnonzero(self.times - began <= share * period)
+        turns = np.zeros(self.x.shape[1])
+        over = self.x[-1, angles] - start[angles]
+        turns[angles] = 2 * np.pi * np.round(over / (2 * np.pi))
+
+        def twice(values: np.ndarray) -> np.ndarray:
+            return np.concatenate([values, values[again]]) if len(values) else values
+
+        return Course(
+            np.concatenate([self.times, self.times[again] + period]),
+            np.concatenate([self.x, self.x[again] + turns]),
+            [twice(pressure) for pressure in self.pressures],
+            {i: twice(void) for i, void in self.voids.items()},
+            twice(self.peaks),
+            twice(self.films),
+            twice(self.multipliers),
+            twice(self.accelerations),
+        )
+
+    def halved(self, time: float, x: np.ndarray) -> Course:
+        """With a point half way to each, from a time [s] and state where the course begins."""
+        first = self.at(np.zeros(1, dtype=int))
+
+        def between(values: np.ndarray, start: np.ndarray) -> np.ndarray:
+            if not len(values):
+                return values
+            found = np.empty((2 * len(values), *values.shape[1:]))
+            found[1::2] = values
+            found[::2] = 0.5 * (values + np.concatenate([start, values[:-1]]))
+            return found
+
+        return Course(
+            between(self.times, np.array([time])),
+            between(self.x, x[None]),
+            [between(p, own) for p, own in zip(self.pressures, first.pressures, strict=True)],
+            {i: between(void, first.voids[i]) for i, void in self.voids.items()},
+            between(self.peaks, first.peaks),
+            between(self.films, first.films),
+            between(self.multipliers, first.multipliers),
+            between(self.accelerations, first.accelerations),
+        )
+
+    def at(self, rows: np.ndarray) -> Course:
+        """Some of its points."""
+        return Course(
+            self.times[rows],
+            self.x[rows],
+            [pressure[rows] for pressure in self.pressures],
+            {i: void[rows] for i, void in self.voids.items()},
+            self.peaks[rows],
+            self.films[rows],
+            self.multipliers[rows] if len(self.multipliers) else self.multipliers,
+            self.accelerations[rows] if len(self.accelerations) else self.accelerations,
+        )
+
+
+def course_of(
+    system: System, columns: Mapping[str, np.ndarray], fields: Mapping[str, np.ndarray]
+) -> Course:
+    """Of a history's rows, see `Tracker.add`, one a step."""
+    several = len(system.films) > 1
+    prefixes = [f"{place.name}." if several else "" for place in system.films]
+    states = ("state/coordinates", "state/quasi_static")
+    x = np.hstack([fields[name] for name in states if name in fields])
+    paths = [f"joints/{place.name}/film" for place in system.films]
+    voids = {
+        i: 1.0 - fields[f"{path}/fluid_fraction"]
+        for i, path in enumerate(paths)
+        if f"{path}/fluid_fraction" in fields
+    }
+
+    def curves(name: str) -> np.ndarray:
+        return np.column_stack([columns[f"{prefix}{name}"] for prefix in prefixes])
+
+    return Course(
+        columns["time_s"],
+        x,
+        [fields[f"{path}/pressure"] for path in paths],
+        voids,
+        curves("max_pressure_Pa"),
+        curves("min_film_thickness_m"),
+        np.zeros((0, 2 * system.m)),
+        np.zeros((0, x.shape[1])),
+    )

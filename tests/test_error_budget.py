@@ -1,0 +1,210 @@
+"""What a run says of its own errors, beside what they are."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import call
+from mechanism_cases import rigid_rod, slider_crank
+from scene_cases import LOADED_JOURNAL, write_scene
+
+from fenics_ehd.cli.error_budget import budget_table
+from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.multibody.beside import Beside
+from fenics_ehd.multibody.course import course_of
+from fenics_ehd.multibody.disturbance import Disturbance
+from fenics_ehd.multibody.error_budget import (
+    COMPONENTS,
+    QUANTITIES,
+    gathered,
+    judged,
+)
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, total
+from fenics_ehd.multibody.lubricated_joint import ConservedContent
+from fenics_ehd.multibody.other_films import finer_grid, on_finer_films, with_finer_films
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.step_solver import CoupledSteps
+from fenics_ehd.multibody.system import System
+from fenics_ehd.multibody.tracking import Tracker
+
+#: Largest true error over the estimate, and least.
+WITHIN = 2.0
+
+#: Of the slider-crank [s].
+END = 6e-3
+
+
+def film(cells, clearance=17e-6, family="lagrange"):
+    grid = uniform_grid(0.0225, 0.022, cells, family)
+    return Film(FilmParameters(grid, clearance, Lubricant(0.01), 500.0))
+
+
+def machine(cells, clearance=17e-6, family="lagrange", **joint):
+    return slider_crank(rigid_rod(), film(cells, clearance, family), **joint)
+
+
+def followed(mechanism, tolerance, end=END):
+    """A run, its beginning, its course, and what it has shown."""
+    run = Run(mechanism, Steps(tolerance=tolerance), end)
+    tracker, began = Tracker(run.equations, run.norm), run.state
+    rows, fields = zip(*map(tracker.add, run.until(end)), strict=True)
+    return run, began, course_of(run.equations.system, gathered(rows), gathered(fields)), tracker
+
+
+def grids(run):
+    return [place.film.film.parameters.grid for place in run.equations.system.films]
+
+
+@pytest.fixture(scope="module")
+def coarse_run():
+    return followed(machine((12, 3)), 1e-3)
+
+
+def test_along_its_own_steps_a_run_is_met_again(coarse_run):
+    run, began, course, _ = coarse_run
+    again = Beside(run.solve, run.control, grids(run)).follow(began, course, 1)
+    np.testing.assert_array_equal(again.times, course.times)
+    late = course.times > 1e-4
+    np.testing.assert_allclose(again.films[late], course.films[late], rtol=1e-3)
+    np.testing.assert_allclose(again.peaks[late], course.peaks[late], rtol=2e-3)
+
+
+def test_longer_steps_end_where_the_run_ends_and_grow_no_faster(coarse_run):
+    run, began, course, _ = coarse_run
+    again = Beside(run.solve, run.control, grids(run)).follow(began, course, 3)
+    assert again.times[-1] == course.times[-1]
+    assert np.isin(again.times, course.times).all()
+    sizes = np.diff(again.times, prepend=0.0)
+    assert (sizes[1:] / sizes[:-1] < 2.0 + 1e-9).all()
+    assert len(course.times) / 3 < len(again.times) < 0.6 * len(course.times)
+
+
+def test_a_given_gap_acts_as_a_clearance_does(coarse_run):
+    run, began, course, _ = coarse_run
+    wider, more = CoupledSteps(System(machine((12, 3), 17.1e-6))), 0.1e-6
+    other = Beside(wider, run.control, grids(run)).follow(began, course, 2)
+    observed = np.full((len(course.times), len(run.equations.system.films[0].film.observed)), more)
+    points = [len(run.equations.system.films[0].film.thickness)]
+    given = Disturbance(course.times, [observed], points)
+    beside = Beside(run.solve, run.control, grids(run))
+    found = beside.follow(began, course, 2, given)
+    plain = beside.follow(began, course, 2)
+    late = found.times > 1e-4
+    effect = np.abs(plain.films[late] / other.films[late] - 1.0).max()
+    assert effect > 3e-3
+    # The clearance is also in the shaft's radius.
+    assert np.abs(found.films[late] / other.films[late] - 1.0).max() < 0.02 * effect
+    assert np.abs(found.peaks[late] / other.peaks[late] - 1.0).max() < 0.02 * effect
+
+
+@pytest.mark.parametrize(
+    ("cells", "finer"), [((20, 5), (30, 8)), ((24, 4), (36, 6)), ((7, 1), (11, 2))]
+)
+def test_finer_films_are_graded_alike(cells, finer):
+    grid = uniform_grid(0.02, 0.01, cells, "lagrange")
+    graded = replace(grid, heights=0.005 * np.linspace(-1.0, 1.0, cells[1] + 1) ** 3)
+    found = finer_grid(graded)
+    assert found.cells == finer
+    assert found.heights[[0, -1]] == pytest.approx(graded.heights[[0, -1]])
+    uniform = finer_grid(grid)
+    np.testing.assert_allclose(np.diff(uniform.heights), 0.01 / finer[1])
+    np.testing.assert_allclose(np.diff(uniform.angles), 2 * np.pi / finer[0])
+
+
+def test_a_finer_film_holds_the_same_share_of_oil():
+    mechanism = machine((24, 6), family="bilinear", oil=ConservedContent(0.6))
+    run = Run(mechanism, Steps(tolerance=1e-2), 2e-4)
+    for _ in run.until(2e-4):
+        pass
+    finer = CoupledSteps(System(with_finer_films(mechanism)))
+    state = on_finer_films(IntegratorState(**run.state.points()), run.solve, finer)
+    contents = []
+    for solve, point in ((run.solve, run.state.x[0]), (finer, state.x[0])):
+        norm = StepNorm(solve.equations)
+        contents += solve.equations.contents(point, norm.film_gaps(norm.observe(point)))
+    assert contents[1] == pytest.approx(contents[0], rel=0.02)
+
+
+def test_the_total_is_of_what_is_known():
+    values = {"basis": 3e-3, "film_mesh": NOT_ESTIMATED, "step_size": 4e-3, "start": NOT_APPLICABLE}
+    assert total(values) == pytest.approx(5e-3)
+    assert total(values, -7e-3) == pytest.approx(7e-3)
+    assert total(values, 1e-3) == pytest.approx(2.5e-3)
+    assert total(values | {"start": 1e-3}, 7e-3) == pytest.approx(8e-3)
+    assert total({"basis": NOT_ESTIMATED}) == NOT_ESTIMATED
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["lagrange", "bilinear"])
+def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
+    cells = {"lagrange": (16, 4), "bilinear": (32, 8)}[family]
+    run = Run(machine(cells, family=family), Steps(tolerance=1e-3), END)
+    tracker, budget = judged(run, END)
+    exact = followed(machine(cells, family=family), 1e-5)[3]
+    finer = followed(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)[3]
+    found = {}
+    for quantity in QUANTITIES:
+        own, steps, mesh = (
+            getattr(each.extremes["big_end"], quantity) for each in (tracker, exact, finer)
+        )
+        estimates = budget.joints["big_end"][quantity]
+        assert set(estimates) == {*COMPONENTS, "total"}
+        assert estimates["basis"] == NOT_APPLICABLE
+        assert estimates["start"] == NOT_APPLICABLE
+        # A mesh three times as fine leaves a ninth of an error of order two.
+        found[quantity] = (
+            abs(own - steps) / own / estimates["step_size"],
+            9 / 8 * abs(steps - mesh) / own / estimates["film_mesh"],
+            abs(own - mesh) / own / estimates["total"],
+        )
+        name = f"rigid rod, {family}: {quantity}, true error over its estimate"
+        figure("Error budget", name, found[quantity][-1], most=WITHIN)
+    # The thinnest film is estimated as too far off, by up to eight times (`docs/error-budget.md`).
+    assert found["max_pressure"][-1] > 1 / (2 * WITHIN), found
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("budget")
+    write_scene(folder / "scene.toml", "loaded-journal", LOADED_JOURNAL)
+    for name, options in (("judged", ()), ("plain", ("--no-error-budget",))):
+        command = ("run", folder / "scene.toml", "--no-plots", "-o", folder / name, *options)
+        assert call(*command) == 0
+    return folder
+
+
+def test_a_run_says_what_it_is_worth(folders):
+    summary = json.loads((folders / "judged" / "summary.json").read_text())
+    budget = summary["error_budget"]
+    for quantity in QUANTITIES:
+        own = budget[quantity]
+        assert {own["basis"], own["part_mesh"]} == {NOT_APPLICABLE}
+        assert 0.0 < own["step_size"] < 0.1
+        assert 0.0 < own["film_mesh"] < 0.5
+        assert 0.0 <= own["start"] < 1e-2
+        assert own["total"] >= 0.5 * own["film_mesh"]
+        assert budget["largest_over_cycle"][quantity]["film_mesh"] > 0.0
+    assert summary["error_budget_notes"] == {}
+    curves = json.loads((folders / "judged" / "error_budget.json").read_text())["bearing"]
+    assert set(curves) == {"step_size", "film_mesh"}
+    times = np.array(curves["film_mesh"]["time_s"])
+    assert times[-1] == pytest.approx(20e-3)
+    assert (np.diff(times) > 0).all()
+    assert len(curves["film_mesh"]["more_max_pressure_Pa"]) == len(times)
+    table = budget_table({"bearing": summary}, summary)
+    assert len(table) == 5
+    assert "film mesh" in table[0]
+
+
+def test_who_asks_for_no_budget_has_the_same_run(folders):
+    plain = json.loads((folders / "plain" / "summary.json").read_text())
+    assert not any("error_budget" in key for key in plain)
+    assert not (folders / "plain" / "error_budget.json").exists()
+    judged_one = json.loads((folders / "judged" / "summary.json").read_text())
+    for key in ("max_pressure_Pa", "min_film_thickness_m", "newton_iterations", "cycles"):
+        assert plain[key] == judged_one[key]
+    histories = [(folders / name / "history.csv").read_bytes() for name in ("plain", "judged")]
+    assert histories[0] == histories[1]
