@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help set-up demo test test-slow test-all test-mpi test-kernels test-faults figures docs lint clean
+.PHONY: help set-up demo test test-slow test-all test-mpi test-kernels test-faults figures pictures docs lint clean
 
 # Debian's dolfinx belongs to this interpreter; the first python3 on the path may be another one.
 PYTHON := /usr/bin/python3
@@ -56,6 +56,18 @@ test-faults: set-up  ## malformed inputs, kills, full disks, errors on one rank
 figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation page shows
 	PYTHONPATH=$(VENV)/exudyn $(VENV)/bin/python -m pytest -m "" --figures=docs/validation.json tests $(ARGS)
 	$(VENV)/bin/python docs/tables.py
+
+pictures: set-up  ## draw the pictures of docs/pictures again
+	mkdir -p build
+	$(VENV)/bin/fenics-ehd run slider-crank --no-plots --overwrite -o build/slider-crank
+	$(VENV)/bin/fenics-ehd plot build/slider-crank -o docs/pictures $(addprefix --quantity ,\
+	  min_film_thickness orbit force pressure_map film_map bore)
+	$(VENV)/bin/fenics-ehd run four-bar --no-plots --overwrite -o build/linkage
+	sed 's/^viscosity = 0.05/viscosity = 0.04/' build/linkage/scene.toml > build/thinner.toml
+	$(VENV)/bin/fenics-ehd run build/thinner.toml --no-plots --overwrite -o build/thinner
+	$(VENV)/bin/fenics-ehd plot build/linkage build/thinner --difference \
+	  --quantity min_film_thickness -o docs/pictures
+	rm -f docs/pictures/*.svg
 
 docs: set-up $(VENV)/docs-stamp  ## build the documentation site into build/site
 	$(VENV)/bin/python -m sphinx -q -W --keep-going docs build/site

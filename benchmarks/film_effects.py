@@ -23,7 +23,7 @@ from scipy.integrate import trapezoid
 from fenics_ehd.base.errors import EhdError
 from fenics_ehd.film.flow import oil_leaving
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.result import Recorder
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.scenes.build import Built
 from fenics_ehd.scenes.scene_file import scene_of, shipped

@@ -26,11 +26,10 @@ from paper_statement import NOT_RUN, near, paper_m3
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.output import write_whole
-from fenics_ehd.plotting.picture import FORMATS, save
+from fenics_ehd.plotting.picture import FORMATS, SETTINGS, plt, save
 from fenics_ehd.study.report.curves import best, draw_errors, draw_methods
 from fenics_ehd.study.report.reading import read_study
 from fenics_ehd.study.report.study_data import JointData, StudyData, StudyRow
-from fenics_ehd.study.report.style import SETTINGS, plt
 
 #: By scene.
 STATEMENTS = {

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from interrupt_case import heed_interrupt, rows_in
 
+from fenics_ehd import load_results
 from fenics_ehd.cli.main import main
-from fenics_ehd.results.history_file import read_fields
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
@@ -62,9 +62,16 @@ def stop_after(process, folder, rows, how):
 def assert_same_results(one, other):
     """Two folders hold the same run, to the last bit."""
     assert (one / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
-    names = ("coordinates", "rates", "pressure_Pa")
-    for name, values in read_fields(one, names).items():
-        np.testing.assert_array_equal(values, read_fields(other, (name,))[name])
+    ours, theirs = load_results(one), load_results(other)
+    for name in ("time", "coordinates", "rates", "quasi_static"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+    for name, joint in ours.joints.items():
+        for field in ("pressure", "gap"):
+            fields = (getattr(found.film, field) for found in (joint, theirs.joints[name]))
+            np.testing.assert_array_equal(*fields)
+    assert ours.columns.keys() == theirs.columns.keys()
+    for name, values in ours.columns.items():
+        np.testing.assert_array_equal(values, theirs.columns[name])
     ours, theirs = (json.loads((f / "summary.json").read_text()) for f in (one, other))
     for key in set(theirs) - OF_THE_MACHINE:
         assert ours[key] == theirs[key], key

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import time
 
-from fenics_ehd.results.history_file import read_history
+from csv_history import read_history
 
 
 def rows_in(folder):

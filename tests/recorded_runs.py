@@ -4,13 +4,13 @@ import re
 import tomllib
 from types import SimpleNamespace
 
+from csv_history import read_history
 from mpi4py import MPI
 
-from fenics_ehd.plotting.animation_shape import shape_of_basis
+from fenics_ehd.plotting.animation_shape import shape_of_part
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import BasisFile, save_basis
-from fenics_ehd.results.history_file import read_history
-from fenics_ehd.results.paraview import gather_part
+from fenics_ehd.results.part_fields import gather_part, part_of_basis
 from fenics_ehd.results.progress import progress_bar
 from fenics_ehd.scenes.build import build_mechanism
 from fenics_ehd.scenes.given import with_method
@@ -50,5 +50,5 @@ def short_run(directory, name, time, method=None, extra=""):
         found.parts[body] = gather_part(part.structure, part.body, part.columns)
         save_basis(directory / BASIS, part.structure, part.columns, stress=False)
         with BasisFile(directory / BASIS) as file:
-            found.shapes[body] = shape_of_basis(file, part.body)
+            found.shapes[body] = shape_of_part(part_of_basis(file, part.body))
     return found

@@ -8,6 +8,7 @@ import numpy as np
 from foreign_parts import ring
 
 from fenics_ehd.film import uniform_grid
+from fenics_ehd.multibody.history_layout import FIELD_UNITS
 from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility, save_body
 from fenics_ehd.results.history_file import HistoryWriter
 from fenics_ehd.study.errors_file import errors_path
@@ -17,6 +18,7 @@ from fenics_ehd.study.report.study_data import StudyData, StudyRow
 PAPER = {"slider-crank-paper": ("big_end", 0.0125), "rotor-paper": ("bearing", 0.0105)}
 ERRORS = {"pressure_error_max": 0.01, "pressure_error_l2": 0.005, "film_error_max": 0.02,
           "film_error_l2": 0.01}  # fmt: skip
+COMMON = ("time_s", "cycle", "cycle_time_s")
 OWN = {"pressure_max": 1e-3, "pressure_l2": 5e-4, "film_max": 2e-3, "film_l2": 1e-3}
 
 NAN = float("nan")
@@ -124,7 +126,8 @@ def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True
     Of several joints the second has twice the pressure of the first. With the errors that such a
     run has.
     """
-    nodes = uniform_grid(0.0225, 0.022, (20, 5)).node_positions
+    grid, grids = uniform_grid(0.0225, 0.022, (20, 5)), {}
+    nodes = grid.node_positions
     joints, top = study.info["joints"], peak_pressure(7e-3)
     prefixes = [f"{joint}." for joint in joints] if len(joints) > 1 else [""]
     whole = PAPER.get(study.info["scene"], ("", 0.0125))[1]
@@ -141,15 +144,24 @@ def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True
         rows[f"{prefix}max_pressure_angle_deg"] = 0.0 * time
         errors[f"{prefix}pressure_error"] = above * high
         errors[f"{prefix}film_error"] = thicker + 0.0 * time
-    constants = {f"{prefix}film_nodes": nodes for prefix in prefixes}
-    with HistoryWriter(study.folder(name), constants) as history:
+    fixed, places = {"state/coordinates": {"names": [], "units": []}}, {}
+    for prefix, joint in zip(prefixes, joints, strict=True):
+        film = f"joints/{joint}/film"
+        grids |= dict(zip((f"{film}/angle", f"{film}/height"), nodes.T, strict=True))
+        grids[f"{film}/cells"] = grid.cell_nodes
+        fixed[film] = {"family": grid.family, "radius": grid.radius, "clearance": 17e-6}
+        fixed |= {f"{film}/{field}": {"units": unit} for field, unit in FIELD_UNITS.items()}
+        own = [column for column in rows if column.startswith(prefix) and column not in COMMON]
+        places |= {column: f"joints/{joint}/{column.removeprefix(prefix)}" for column in own}
+    with HistoryWriter(study.folder(name), grids, fixed, places) as history:
         for i, moment in enumerate(time):
             row = {column: values[i] for column, values in rows.items()}
-            fields = {
-                f"{prefix}pressure_Pa": row[f"{prefix}max_pressure_Pa"]
-                * profile(nodes, moment, tilt)
-                for prefix in prefixes
-            }
+            fields = {f"state/{kind}": np.zeros(0) for kind in ("coordinates", "rates")}
+            for prefix, joint in zip(prefixes, joints, strict=True):
+                pressure = row[f"{prefix}max_pressure_Pa"] * profile(nodes, moment, tilt)
+                gap = np.full(len(nodes), row[f"{prefix}min_film_thickness_m"])
+                film = f"joints/{joint}/film"
+                fields |= {f"{film}/pressure": pressure, f"{film}/gap": gap}
             history.add(row, fields)
     np.savez(errors_path(study.folder(name), "reference"), **errors)
 

@@ -4,14 +4,19 @@ import io
 import shutil
 from dataclasses import replace
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
+import h5py
+import meshio
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from PIL import Image
 from recorded_runs import BASIS, short_run
+from scipy.spatial import cKDTree
 
+from fenics_ehd import load_results
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.cli.main import main
 from fenics_ehd.fem.models import model_path
@@ -22,13 +27,15 @@ from fenics_ehd.plotting.animation_body import body_view, carried_fields, round_
 from fenics_ehd.plotting.animation_figure import draw
 from fenics_ehd.plotting.animation_machine import symbol
 from fenics_ehd.plotting.animation_part import front_faces, outline
-from fenics_ehd.plotting.animation_shape import shape_of_basis, shape_of_bores
+from fenics_ehd.plotting.animation_shape import shape_of_bores
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import BasisFile, load_body, save_body
 from fenics_ehd.reduction.distributed import multiply
-from fenics_ehd.results.motion import joint_histories
-from fenics_ehd.results.paraview import write_bodies
+from fenics_ehd.results.motion import nearest_steps
+from fenics_ehd.results.paraview import write_run
+from fenics_ehd.results.part_fields import part_of_basis
 from fenics_ehd.results.replay import Replay
+from fenics_ehd.scenes.scene_file import shipped
 
 #: Clearance of the paper's machines [m].
 CLEARANCE = 17e-6
@@ -221,9 +228,9 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
 
 def test_the_drawn_film_is_the_recorded_one(machine):
     _, bearings = drawn(machine, 100.0)
-    columns = joint_histories(machine.directory)
+    joints = load_results(machine.directory).joints
     for name, bearing in bearings.items():
-        history = columns.get(name) or columns[""]
+        history = joints[name].columns
         # The run also watches Gauss points, and the raster has no node of its own.
         thinnest = bearing.gap.min(axis=(1, 2))
         np.testing.assert_allclose(thinnest, history["min_film_thickness_m"], rtol=1e-2)
@@ -233,11 +240,9 @@ def test_the_drawn_film_is_the_recorded_one(machine):
 
 def test_in_a_rigid_bore_the_orbit_is_the_journals_eccentricity(bearings, four_bar, crank):
     for given in (bearings, four_bar):
-        columns = joint_histories(given.directory)
+        joints = load_results(given.directory).joints
         for name, orbit in given.run.orbits.items():
-            found = columns.get(name) or columns[""]
-            recorded_ = np.column_stack([found[f"eccentricity_{axis}_m"] for axis in "xy"])
-            np.testing.assert_allclose(orbit, recorded_, atol=1e-12)
+            np.testing.assert_allclose(orbit, joints[name].eccentricity, atol=1e-12)
     # A bore that moves as a whole takes the orbit with it, one that stretches does not.
     place, run = crank.run.system.films[0], crank.run
     own = run.motion.coordinates[:, place.xi[:2]]
@@ -254,7 +259,7 @@ def test_motion_between_steps(crank):
     # Coordinates and their rates agree: a crank of constant speed turns evenly.
     turned = Replay(crank.run.system.mechanism, steps.at(middle)).coordinates("crank")[:, 2]
     np.testing.assert_allclose(turned, 500.0 * middle, atol=1e-9)
-    assert len(steps.nearest(5).time) <= 5
+    assert len(nearest_steps(steps.time, 5)) <= 5
 
 
 @pytest.mark.parametrize(
@@ -316,9 +321,9 @@ def test_basis_on_disk_is_that_of_the_body_alone(crank):
     signs = np.where(np.arange(body.modes) % 2, -1.0, 1.0)
     turned = replace(body, bore_basis=signs * body.bore_basis)
     with BasisFile(crank.directory / BASIS) as file:
-        assert shape_of_basis(file, other) is None
-        found = shape_of_basis(file, turned).fields[..., : body.modes]
-    np.testing.assert_allclose(found, signs * basis, atol=1e-12)
+        assert part_of_basis(file, other) is None
+        found = part_of_basis(file, turned)
+    np.testing.assert_allclose(found.basis, signs * part.basis, atol=1e-12)
 
 
 def test_a_body_alone_gives_its_bore(crank):
@@ -340,8 +345,10 @@ def test_a_body_alone_gives_its_bore(crank):
 
 def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
     run = bearings.run
-    columns = joint_histories(bearings.directory)["left"]
-    frames = Replay(run.system.mechanism, run.motion.nearest(3))
+    result = load_results(bearings.directory)
+    columns = result.joints["left"].columns | {"time_s": result.time}
+    chosen = nearest_steps(run.motion.time, 3)
+    frames = Replay(run.system.mechanism, run.motion.each(lambda values: values[chosen]))
     figure, show = draw(run, columns, frames, {}, "left", None)
     show(2)
     (dot,) = (
@@ -377,10 +384,11 @@ def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
     (x0, y0), (x1, y1) = line.get_xydata()
     for x, y in (tip, (0.3, 0.2)):
         assert (x - x0) * (y1 - y0) - (y - y0) * (x1 - x0) == pytest.approx(0.0, abs=1e-10)
-    # There is no film: the mechanism alone, and no curves of joints.
+    # There is no film: the mechanism alone, and its energies.
     done = call("animate", tmp_path / "out", "--frames", 2, capsys=capsys)
     assert done.status == 0, done.err
-    assert call("plot", tmp_path / "out", capsys=capsys).out == ""
+    drawn = call("plot", tmp_path / "out", capsys=capsys).out.split()
+    assert drawn == [str(tmp_path / "out" / f"energy.{suffix}") for suffix in ("png", "svg")]
 
 
 def gif(path):
@@ -423,8 +431,8 @@ def stopped(crank, tmp_path):
     """A folder as kill -9 leaves it."""
     for name in ("history.h5", "scene.toml", "body-rod.h5"):
         shutil.copy(crank.directory / name, tmp_path / name)
-    lines = (crank.directory / "history.csv").read_text().splitlines(keepends=True)
-    (tmp_path / "history.csv").write_text("".join(lines[:9]) + lines[9][:20])
+    with h5py.File(tmp_path / "history.h5", "r+") as file:
+        file["time"].resize(9, axis=0)
     return tmp_path
 
 
@@ -469,10 +477,9 @@ def test_mp4_is_written_or_the_missing_program_is_named(four_bar, tmp_path, caps
 def test_bad_requests_end_with_one_line(crank, stopped, tmp_path, capsys):
     empty = tmp_path / "empty"
     empty.mkdir()
-    one_step = (stopped / "history.csv").read_text().splitlines(keepends=True)[:2]
     cases = [
         ((crank.directory, "-o", "run.avi"), ".gif, .mp4"),
-        ((empty,), "not the folder of a run"),
+        ((empty,), "not a results folder"),
         ((crank.directory, "--joint", "small_end"), "--joint small_end: lubricated joints of "
          "this run: big_end"),
         ((crank.directory, "--basis", crank.directory / "body-rod.h5"), "basis"),
@@ -486,7 +493,8 @@ def test_bad_requests_end_with_one_line(crank, stopped, tmp_path, capsys):
     refused = call("animate", stopped, capsys=capsys)
     assert (refused.status, "history.h5" in refused.err) == (2, True), refused.err
     shutil.copy(crank.directory / "body-rod.h5", stopped)
-    (stopped / "history.csv").write_text("".join(one_step))
+    with h5py.File(stopped / "history.h5", "r+") as file:
+        file["time"].resize(1, axis=0)
     refused = call("animate", stopped, capsys=capsys)
     assert (refused.status, "needs 2" in refused.err) == (2, True), refused.err
 
@@ -494,21 +502,87 @@ def test_bad_requests_end_with_one_line(crank, stopped, tmp_path, capsys):
 # --- ParaView
 
 
-def test_paraview_series_has_times_and_the_whole_displacement(crank, tmp_path):
-    import xml.etree.ElementTree as ElementTree
+def opened(series):
+    """Times of a series, and blocks at each by group and name, as a reader finds them."""
+    found = []
+    for entry in ElementTree.parse(series).iter("DataSet"):
+        blocks = {
+            (group.get("name"), member.get("name")): meshio.read(series.parent / member.get("file"))
+            for group in ElementTree.parse(series.parent / entry.get("file")).iter("Block")
+            for member in group
+        }
+        found.append((float(entry.get("timestep")), blocks))
+    return zip(*found, strict=True)
 
-    meshio = pytest.importorskip("meshio")
-    for name in ("history.csv", "history.h5"):
-        shutil.copy(crank.directory / name, tmp_path / name)
+
+def series_of(given, folder, frames=3):
+    result = load_results(given.directory)
+    return write_run(given.built.mechanism, result, given.parts, folder / "vtk", frames)
+
+
+def test_one_file_opens_all_bodies_and_films_where_the_motion_has_them(machine, tmp_path):
+    times, frames = opened(series_of(machine, tmp_path))
+    run, result = machine.run, load_results(machine.directory)
+    expected = nearest_steps(result.time, 3)
+    np.testing.assert_allclose(times, result.time[expected], rtol=1e-8)
+    names = {("bodies", name) for name in run.bodies} | {("films", name) for name in result.joints}
+    for step, blocks in zip(expected, frames, strict=True):
+        assert blocks.keys() == names
+        for name in run.bodies:
+            body = blocks["bodies", name]
+            assert np.isfinite(body.point_data["displacement_m"]).all()
+            if name not in machine.parts:
+                # As they are: at rest and the elastic motion.
+                moved = body.points + body.point_data["displacement_m"]
+                for point in run.bodies[name].points():
+                    place = run.marker(name, point)[step, :2]
+                    assert np.abs(moved[:, :2] - place).max(axis=1).min() < 1e-12
+        for place in run.system.films:
+            block, film = blocks["films", place.name], result.joints[place.name].film
+            np.testing.assert_allclose(block.point_data["pressure_Pa"], film.pressure[step])
+            np.testing.assert_allclose(block.point_data["gap_m"], film.gap[step])
+            # Its circle is that of the bore: the journal's place less the eccentricity.
+            turn = rotation(run.marker(place.bore_body, "")[step, 2])
+            centre = 0.5 * (block.points.max(axis=0) + block.points.min(axis=0))[:2]
+            journal, _, point = place.joint.journal.partition(".")
+            away = turn @ result.joints[place.name].eccentricity[step]
+            np.testing.assert_allclose(
+                centre + away, run.marker(journal, point)[step, :2], atol=0.02 * film.radius
+            )
+
+
+def test_the_film_bends_as_its_gap_says(crank, tmp_path):
+    """c - e . n + u . n is the gap; the crank's pin turns at 500 rad/s."""
+    times, frames = opened(series_of(crank, tmp_path))
+    result = load_results(crank.directory)
+    joint = result.joints["big_end"]
+    for time, blocks, step in zip(times, frames, nearest_steps(result.time, 3), strict=True):
+        block, film = blocks["films", "big_end"], joint.film
+        turn = rotation(result.bodies["rod"].angle[step])
+        pin = 0.048 * np.array([np.cos(500.0 * time), np.sin(500.0 * time)])
+        offset = block.points[:, :2] - (pin - turn @ joint.eccentricity[step])
+        np.testing.assert_allclose(np.hypot(*offset.T), film.radius, atol=1e-9)
+        normal = offset / film.radius
+        bent = np.einsum("pi,pi->p", block.point_data["displacement_m"][:, :2], normal)
+        gap = film.clearance - normal @ (turn @ joint.eccentricity[step]) + bent
+        np.testing.assert_allclose(gap, film.gap[step], atol=1e-10)
+        # Nodes of the cells go around them: their corners turn one way.
+        corners = block.points[block.cells[0].data[:, :4]]
+        sides = np.diff(corners, axis=1)
+        out = np.cross(sides[:, 0], sides[:, 1])
+        assert (np.einsum("ci,ci->c", out, np.cross(sides[:, 1], sides[:, 2])) > 0).all()
+    assert np.abs(bent).max() > 0.1 * CLEARANCE
+
+
+def test_a_series_has_the_whole_displacement_of_a_part(crank, tmp_path):
+    path = series_of(crank, tmp_path)
     motion, part = crank.run.motion, crank.parts["rod"]
-    (path,) = write_bodies(crank.built.mechanism, crank.parts, tmp_path, 3)
-    entries = list(ElementTree.parse(path).iter("DataSet"))
-    times = [float(entry.get("timestep")) for entry in entries]
-    np.testing.assert_allclose(times, motion.nearest(3).time, rtol=1e-8)
-    last = path.parent / entries[-1].get("file")
+    (*_, time), (*_, blocks) = opened(path)
+    assert time == pytest.approx(motion.time[-1], rel=1e-8)
     # What ParaView colours by when it opens the file.
-    assert b'<PointData Scalars="pressure_Pa" Vectors="displacement_m">' in last.read_bytes()
-    mesh = meshio.read(last)
+    last = path.with_name("bodies-rod_0002.vtu").read_bytes()
+    assert b'<PointData Scalars="pressure_Pa" Vectors="displacement_m">' in last
+    mesh = blocks["bodies", "rod"]
     x, y, angle = (crank.history[f"rod.{name}"][-1] for name in ("x_m", "y_m", "angle_rad"))
     turn = np.eye(3)
     turn[:2, :2] = rotation(angle)
@@ -517,32 +591,34 @@ def test_paraview_series_has_times_and_the_whole_displacement(crank, tmp_path):
     np.testing.assert_allclose(mesh.point_data["displacement_m"], expected, atol=1e-18)
     np.testing.assert_allclose(mesh.points, [x, y, 0.0] + part.nodes @ turn.T, atol=1e-9)
     assert np.abs(part.patterns @ amplitudes).max() > 0.02 * np.abs(expected).max()
-    # Film and bore share their nodes.
+    # Film and bore share their nodes, which are where they are on the part and move with it.
     highest = crank.history["max_pressure_Pa"][-1]
-    assert mesh.point_data["pressure_Pa"].max() == pytest.approx(highest, rel=1e-9)
+    assert mesh.point_data["pressure_Pa"].max() == pytest.approx(highest, rel=1e-7)
+    film = blocks["films", "big_end"]
+    distance, nearest = cKDTree(mesh.points).query(film.points)
+    shared = distance < 1e-6
+    assert np.count_nonzero(shared) > 100
+    np.testing.assert_allclose(
+        film.point_data["displacement_m"][shared],
+        mesh.point_data["displacement_m"][nearest[shared]],
+        atol=1e-9,
+    )
 
 
 @pytest.mark.slow
-def test_paraview_series_has_the_films_of_both_ends(both_ends, tmp_path):
-    meshio = pytest.importorskip("meshio")
-    for name in ("history.csv", "history.h5"):
-        shutil.copy(both_ends.directory / name, tmp_path / name)
-    write_bodies(both_ends.built.mechanism, both_ends.parts, tmp_path, 2)
-    mesh = meshio.read(tmp_path / "vtk" / "rod_0001.vtu")
+def test_a_series_has_the_films_of_both_ends_on_the_part(both_ends, tmp_path):
+    *_, (*_, blocks) = opened(series_of(both_ends, tmp_path, 2))
+    mesh = blocks["bodies", "rod"]
     nodes, pressure = both_ends.parts["rod"].nodes, mesh.point_data["pressure_Pa"]
     small = np.hypot(*(nodes - both_ends.run.part("rod").bores["pin"].centre)[:, :2].T) < 0.0125
     for joint, end in (("small_end", small), ("big_end", ~small)):
         highest = both_ends.history[f"{joint}.max_pressure_Pa"][-1]
-        assert pressure[end].max() == pytest.approx(highest, rel=1e-9)
+        assert pressure[end].max() == pytest.approx(highest, rel=1e-7)
 
 
-def test_paraview_series_of_a_housing_rests_and_deforms(rotor, tmp_path):
-    meshio = pytest.importorskip("meshio")
-    for name in ("history.csv", "history.h5"):
-        shutil.copy(rotor.directory / name, tmp_path / name)
-    (path,) = write_bodies(rotor.built.mechanism, rotor.parts, tmp_path, 2)
-    assert path.name == "housing.pvd"
-    mesh = meshio.read(path.parent / "housing_0001.vtu")
+def test_a_housing_rests_and_deforms(rotor, tmp_path):
+    *_, (*_, blocks) = opened(series_of(rotor, tmp_path, 2))
+    mesh = blocks["bodies", "housing"]
     np.testing.assert_array_equal(mesh.points, rotor.parts["housing"].nodes)
     expected = rotor.parts["housing"].displacement(*(x[-1] for x in rotor.run.elastic("housing")))
     np.testing.assert_allclose(mesh.point_data["displacement_m"], expected, atol=1e-18)
@@ -555,19 +631,42 @@ def test_paraview_series_of_a_housing_rests_and_deforms(rotor, tmp_path):
 
 @pytest.mark.slow
 def test_command_writes_the_series_a_scene_asks_for(crank, tmp_path, capsys):
-    meshio = pytest.importorskip("meshio")
     scene, out = crank.directory / "scene.toml", tmp_path / "out"
     done = call("run", scene, "-o", out, "--no-plots", "--vtk", "--frames", 3, capsys=capsys)
     assert done.status == 0, done.err
-    mesh = meshio.read(out / "vtk" / "rod_0002.vtu")
-    assert len(list((out / "vtk").glob("*.vtu"))) == 3
-    assert np.abs(mesh.point_data["displacement_m"]).max() > 0.1 * CLEARANCE
+    assert len(list((out / "vtk").glob("*.vtm"))) == 3
+    *_, (*_, blocks) = opened(out / "vtk" / "run.pvd")
+    moved = np.abs(blocks["bodies", "rod"].point_data["displacement_m"]).max()
+    assert moved > 0.1 * CLEARANCE
 
 
-def test_a_series_without_a_mesh_is_refused_at_once(crank, tmp_path, capsys):
-    body = crank.directory / "body-rod.h5"
-    for arguments in (("slider-crank-paper", "--body", body), ("four-bar",)):
-        refused = call("run", *arguments, "--vtk", "-o", tmp_path / "out", capsys=capsys)
-        assert (refused.status, len(refused.err.splitlines())) == (2, 1), refused.err
-        assert "--vtk" in refused.err
-    assert not (tmp_path / "out").exists()
+def test_command_makes_the_series_of_a_run_after_it(crank, tmp_path, capsys):
+    series, basis = tmp_path / "series", crank.directory / BASIS
+    arguments = ("paraview", crank.directory, "--frames", 2, "-o", series)
+    done = call(*arguments, "--basis", basis, capsys=capsys)
+    assert (done.status, done.out) == (0, f"{series / 'run.pvd'}\n"), done.err
+    *_, (*_, found) = opened(series / "run.pvd")
+    *_, (*_, expected) = opened(series_of(crank, tmp_path, 2))
+    ours, theirs = (blocks["bodies", "rod"] for blocks in (found, expected))
+    np.testing.assert_allclose(ours.points, theirs.points, atol=1e-15)
+    # What M4's residual patterns move between the bores is not in a basis.
+    moved = [mesh.point_data["displacement_m"] for mesh in (ours, theirs)]
+    assert 0 < np.abs(moved[0] - moved[1]).max() < 0.2 * np.abs(moved[1]).max()
+    on_bore = np.abs(moved[0] - moved[1]).max(axis=1) < 1e-15
+    assert np.count_nonzero(on_bore) >= len(crank.run.part("rod").bore_nodes)
+    assert call(*arguments, capsys=capsys).status == 0
+    *_, (*_, found) = opened(series / "run.pvd")
+    assert found["bodies", "rod"].cells[0].type == "line"
+    refused = call(*arguments, "--basis", crank.directory / "body-rod.h5", capsys=capsys)
+    assert (refused.status, len(refused.err.splitlines())) == (2, 1)
+
+
+def test_a_series_without_a_mesh_has_lines_and_films(tmp_path, capsys):
+    scene, out = tmp_path / "scene.toml", tmp_path / "out"
+    text = shipped("four-bar")
+    scene.write_text(text[: text.index("[time]")] + "[time]\nend = 1e-5\n")
+    done = call("run", scene, "-o", out, "--no-plots", "--vtk", "--frames", 2, capsys=capsys)
+    assert done.status == 0, done.err
+    *_, (*_, blocks) = opened(out / "vtk" / "run.pvd")
+    assert blocks["bodies", "coupler"].cells[0].type == "line"
+    assert [name for group, name in blocks if group == "films"] == ["rocker_end"]

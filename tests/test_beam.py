@@ -218,7 +218,7 @@ def test_unbalance_whirl_in_time(figure):
     errors = []
     for tolerance in (1e-6, 1e-8):
         result = simulate(mechanism, 4 * np.pi / speed, tolerance=tolerance, order=2)
-        found = result.bodies["shaft"][:, 1:] @ rotor.motion(0.5)[:2].T @ [1.0, 1.0j]
+        found = result.bodies["shaft"].coordinates[:, 1:] @ rotor.motion(0.5)[:2].T @ [1.0, 1.0j]
         time = result.time
         exact = radius * np.exp(1j * speed * time) + shares @ np.exp(np.outer([free, other], time))
         errors.append(np.abs(found - exact).max() / np.abs(exact).max())

@@ -237,9 +237,10 @@ def test_a_recorded_run_has_gaps_and_pressures_of_both_bores(bodies):
         fields.append(stored)
         films.append(step.solution.films)
     coordinates, rates, quasi_static = (
-        np.array([f[name] for f in fields]) for name in ("coordinates", "rates", "quasi_static")
+        np.array([f[f"state/{name}"] for f in fields])
+        for name in ("coordinates", "rates", "quasi_static")
     )
-    pressures = {j: np.array([f[f"{j}.pressure_Pa"] for f in fields]) for j in JOINTS}
+    pressures = {j: np.array([f[f"joints/{j}/film/pressure"] for f in fields]) for j in JOINTS}
     time = np.array([row["time_s"] for row in rows])
     replay = Replay(mechanism, RecordedMotion(time, coordinates, rates, quasi_static, pressures))
     assert replay.elastic("rod")[1].shape == (len(time), body.residual.rank)

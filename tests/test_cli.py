@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from command_line import COMMAND
 from command_line import program as call
+from csv_history import read_history
 from interrupt_case import interrupted_run
 from scene_cases import write_scene
 
 from fenics_ehd.reduction import BasisFile
-from fenics_ehd.results.history_file import read_history
 
 #: The rod without elasticity over the first degrees of crank angle: everything but the many modes.
 SHORT = {
@@ -98,8 +98,9 @@ def test_run_writes_everything_it_promises(scene, tmp_path):
     assert len(history["time_s"]) == summary["steps"]
     assert history["time_s"][-1] == pytest.approx(0.02 * 2 * np.pi / 500, rel=1e-9)
     with h5py.File(tmp_path / "history.h5") as file:
-        assert file["pressure_Pa"].shape == (summary["steps"], 440)
-        assert file["pressure_Pa"][()].max() == pytest.approx(summary["max_pressure_Pa"])
+        pressure = file["joints/big_end/film/pressure"][()]
+    assert pressure.shape == (summary["steps"], 440)
+    assert pressure.max() == pytest.approx(summary["max_pressure_Pa"])
     for name in ("max_pressure", "min_film_thickness"):
         assert (tmp_path / f"{name}.png").stat().st_size > 1000
     assert not (tmp_path / "vtk").exists()
@@ -120,10 +121,10 @@ def test_run_from_body_file_equals_run_from_mesh(body, tmp_path):
     assert a["min_film_thickness_m"] == b["min_film_thickness_m"]
     assert not (tmp_path / "a" / "max_pressure.png").exists()
     meshio = pytest.importorskip("meshio")
-    assert len(list((tmp_path / "a" / "vtk").glob("*.vtu"))) == 3
-    mesh = meshio.read(tmp_path / "a" / "vtk" / "rod_0002.vtu")
+    assert len(list((tmp_path / "a" / "vtk").glob("*.vtm"))) == 3
+    mesh = meshio.read(tmp_path / "a" / "vtk" / "bodies-rod_0002.vtu")
     with h5py.File(tmp_path / "a" / "history.h5") as file:
-        peak = file["pressure_Pa"][-1].max()
+        peak = file["joints/big_end/film/pressure"][-1].max()
     # The 20-node rod lacks the film's cell centres, so the peak may lie between its nodes.
     assert 0.7 * peak < mesh.point_data["pressure_Pa"].max() <= peak
     assert 0 < np.abs(mesh.point_data["displacement_m"]).max() < 1e-4
@@ -235,7 +236,7 @@ def test_interrupt_keeps_what_was_computed(tmp_path):
     write_scene(path, "slider-crank-paper", SHORT, {"time.revolutions": 50})
     columns = interrupted_run([*COMMAND, "run", str(path)], tmp_path / "out")
     with h5py.File(tmp_path / "out" / "history.h5") as file:
-        assert len(file["pressure_Pa"]) == len(columns["time_s"])
+        assert len(file["joints/big_end/film/pressure"]) == len(columns["time_s"])
 
 
 def test_info_names_the_package_and_its_models():

@@ -112,8 +112,8 @@ def test_a_rod_without_mass_leaves_one_degree_of_freedom(figure):
         result = run(engine(joint, body), 0.3, tolerance)
         lead, gain = rigid_crank_angle(result.time)
         assert np.abs(gain).max() > 0.5 * SPEED, "the speed must change"
-        found = result.bodies["crank"][:, 2] - SPEED * result.time
-        speed = result.body_rates["crank"][:, 2] / SPEED - 1
+        found = result.bodies["crank"].coordinates[:, 2] - SPEED * result.time
+        speed = result.bodies["crank"].rates[:, 2] / SPEED - 1
         worst.append([np.abs(found - lead).max(), np.abs(speed - gain / SPEED).max()])
     worst = np.array(worst)
     name = "driven crank, rod without mass: angle [rad], one textbook equation"
@@ -224,8 +224,8 @@ def test_friction_brakes_a_free_crank(joint, figure):
     mechanism = driven(make_mechanism(body, joint, friction=True), INERTIA)
     light = replace(mechanism.bodies["piston"], mass=1e-5)
     result = run(replace(mechanism, bodies={**mechanism.bodies, "piston": light}), 0.2, 1e-5)
-    speed = result.body_rates["crank"][-1, 2]
-    sliding = speed - result.body_rates["rod"][-1, 2]
+    speed = result.bodies["crank"].rates[-1, 2]
+    sliding = speed - result.bodies["rod"].rates[-1, 2]
     area = 2 * np.pi * RADIUS * WIDTH
     petroff = VISCOSITY * sliding * (RADIUS - CLEARANCE) ** 2 * area / CLEARANCE
     # Braking is positive.
@@ -365,8 +365,8 @@ def test_a_scene_reaches_the_mechanism(tmp_path):
     scene = scene_of(tables_of("slider-crank-paper", {**RIGID_ROD, **changes}), "engine")
     built = build_mechanism(scene, MPI.COMM_SELF)
     result = simulate(built.mechanism, built.end, **vars(built.steps))
-    crank, piston = (result.body_rates[name] for name in ("crank", "piston"))
-    turned, speed = result.bodies["crank"][:, 2], crank[:, 2]
+    crank, piston = (result.bodies[name].rates for name in ("crank", "piston"))
+    turned, speed = result.bodies["crank"].coordinates[:, 2], crank[:, 2]
     assert turned[-1] == pytest.approx(0.01 * 2 * np.pi, rel=0.01)
     # Joints are closed by what moves, the crank's speed is kept.
     assert speed[0] == pytest.approx(SPEED, rel=1e-5)

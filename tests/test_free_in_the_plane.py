@@ -60,9 +60,9 @@ def changes(structure, part, result):
     """Largest change of momentum and angular momentum, over the disk's."""
     rows = zip(
         *(
-            values[name]
+            values
             for name in ("rod", "disk")
-            for values in (result.bodies, result.body_rates)
+            for values in (result.bodies[name].coordinates, result.bodies[name].rates)
         ),
         strict=True,
     )
@@ -109,7 +109,7 @@ def test_a_disk_in_an_elastic_rod_keeps_momenta_and_energy(
         # Without friction the film exchanges little beside what it loses at once.
         errors.append((*changes(rod_structure, part, result), result.energy_balance_error))
     # As much as the oil does: it brakes the disk, or nothing does.
-    braked = result.body_rates["disk"][0, 2] - result.body_rates["disk"][-1, 2]
+    braked = result.bodies["disk"].rates[0, 2] - result.bodies["disk"].rates[-1, 2]
     assert braked > 10.0 if friction else abs(braked) < 1.0
     assert result.joints["joint"].max_pressure.max() > 1e7
     # With the tolerance to the power of three fourths, as errors of a formula of order 3 do.

@@ -4,9 +4,9 @@ import json
 
 import pytest
 from command_line import call
+from csv_history import read_history
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.results.history_file import read_history
 from fenics_ehd.scenes.scene_file import scene_of
 from fenics_ehd.scenes.scene_text import stored
 
@@ -67,7 +67,7 @@ def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     source.write_text(_toml(tables(HEAT | {"tolerance": 0.2})))
     assert call("run", source, "-o", tmp_path / "out", "--plots") == 0
     assert "effective temperature" in capsys.readouterr().out
-    assert (tmp_path / "out" / "leaving_flow.png").is_file()
+    assert (tmp_path / "out" / "flow.png").is_file()
     found = json.loads((tmp_path / "out" / "summary.json").read_text())
     supply, effective, outlet = (
         found[f"{name}_temperature_C"] for name in ("supply", "effective", "outlet")

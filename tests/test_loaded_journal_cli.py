@@ -5,10 +5,9 @@ import json
 import numpy as np
 import pytest
 from command_line import COMMAND, exit_of, program
+from csv_history import read_history
 from interrupt_case import interrupted_run
 from scene_cases import LOADED_JOURNAL, write_scene
-
-from fenics_ehd.results.history_file import read_history
 
 
 @pytest.fixture

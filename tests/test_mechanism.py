@@ -64,8 +64,8 @@ def test_what_floats_free_keeps_its_momentum(friction):
     result = simulate(mechanism, 4e-3, tolerance=1e-6, order=2)
     momenta = np.zeros((len(result.time), 3))
     for name, body in mechanism.bodies.items():
-        x, y, angle = result.bodies[name].T
-        vx, vy, omega = result.body_rates[name].T
+        x, y, angle = result.bodies[name].coordinates.T
+        vx, vy, omega = result.bodies[name].rates.T
         cosine, sine = np.cos(angle), np.sin(angle)
         cx, cy = (
             cosine * body.centre[0] - sine * body.centre[1],
@@ -80,7 +80,7 @@ def test_what_floats_free_keeps_its_momentum(friction):
     if friction:
         # Without it the film exchanges next to nothing.
         assert result.energy_balance_error < 1e-3
-    turning = result.body_rates["disk"][:, 2]
+    turning = result.bodies["disk"].rates[:, 2]
     assert (abs(turning[-1] - turning[0]) > 1e-3) == friction
 
 
@@ -162,7 +162,8 @@ def test_a_lubricated_four_bar_approaches_the_ideal_one_with_the_clearance():
         result = simulate(four_bar(clearance), 1.5 * cycle, order=2)
         late = result.time > 0.5 * cycle
         time = result.time[late]
-        angles.append(np.abs(result.bodies["rocker"][late, 2] - ideal_angles(time)[1]).max())
+        angle = result.bodies["rocker"].angle[late]
+        angles.append(np.abs(angle - ideal_angles(time)[1]).max())
         force = ideal_force(time)
         missed = np.linalg.norm(result.joints["b"].force[late].T - force, axis=0).max()
         forces.append(missed / np.linalg.norm(force, axis=0).max())
@@ -226,7 +227,7 @@ def test_without_a_film_the_steps_follow_the_motion():
         turned = 500.0 * result.time
         sine = 0.3 * np.sin(turned)
         exact = 0.048 * np.cos(turned) + 0.16 * np.sqrt(1 - sine**2)
-        errors.append(np.abs(result.bodies["piston"][:, 0] - exact).max())
+        errors.append(np.abs(result.bodies["piston"].coordinates[:, 0] - exact).max())
     # On position level the joints hold to the tolerance of Newton's method, whatever the steps.
     assert errors[0] < 1e-7
     assert errors[1] < 1e-9
@@ -239,6 +240,6 @@ def test_no_step_jumps_over_the_rows_of_a_table():
     ideal = slider_crank(rigid_rod(), short_films()[0])
     forces = {"gas": PointForce("piston", (-1.0, 0.0), spike, "crank")}
     result = simulate(replace(ideal, forces=forces), 0.3 * REVOLUTION, tolerance=1e-3)
-    turned = np.degrees(result.bodies["crank"][:, 2])
+    turned = np.degrees(result.bodies["crank"].coordinates[:, 2])
     for row in (56.0, 56.5, 57.0):
         assert np.abs(turned - row).min() < 1e-6

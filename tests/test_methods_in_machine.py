@@ -27,8 +27,7 @@ from fenics_ehd.reduction.craig_bampton import centre_constraints
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.projection import Basis, gram_matrices, project
 from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.results.history_file import HistoryWriter
-from fenics_ehd.results.recorded_run import RecordedRun, _constants
+from fenics_ehd.results.recorded_run import RecordedRun, history_of
 from fenics_ehd.scenes.part import reduce_structure
 from fenics_ehd.scenes.part_settings import ReductionSettings
 
@@ -144,14 +143,17 @@ def test_settings_name_every_method(rod_structure):
 
 
 def recorded(mechanism, end, folder):
-    """Leave the history of a run; its pressures on the nodes of the bore, shape (k, steps)."""
+    """Leave the history of a run; its pressures on the nodes of the bore, shape (k, steps).
+
+    As they are stored, in single precision.
+    """
     folder.mkdir()
     going = Run(mechanism, Steps(), end)
     recorded = RecordedRun(going, Tracker(going.equations, going.norm), end, None)
     bore = going.equations.system.films[0].film.bore
-    with HistoryWriter(folder, _constants(going)) as history:
-        steps = [step.solution.films[0].pressure for step in recorded.steps(history)]
-    return np.column_stack([bore.structure_pressure(pressure) for pressure in steps])
+    with history_of(recorded, folder) as history:
+        steps = [np.float32(step.solution.films[0].pressure) for step in recorded.steps(history)]
+    return np.column_stack([bore.structure_pressure(p.astype(float)) for p in steps])
 
 
 @pytest.mark.slow

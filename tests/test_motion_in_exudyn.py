@@ -208,8 +208,8 @@ def test_rigid_mechanisms_move_as_in_exudyn(exudyn, make, figure):
     times, theirs = InExudyn(exudyn, mechanism).angles(end, 20000)
     late = times > 1e-3
     for name, turned in theirs.items():
-        ours = result.bodies[name][:, 2]
-        spline = CubicHermiteSpline(result.time, ours, result.body_rates[name][:, 2])
+        ours = result.bodies[name].coordinates[:, 2]
+        spline = CubicHermiteSpline(result.time, ours, result.bodies[name].rates[:, 2])
         error = np.abs(spline(times[late]) - ours[0] - turned[late]).max()
         figure("mechanisms", "rigid mechanisms with ideal joints, angles against Exudyn",
                error / max(np.ptp(turned), 0.1), most=1e-4)  # fmt: skip
@@ -287,8 +287,8 @@ def deflections(body, result, times, coordinates):
     pin = body.points["pin"][:2, 3:].T
     start = np.zeros((1, body.modes))
     ours, rates = (
-        np.vstack([start, values["rod"][:, 3:]]) @ pin
-        for values in (result.bodies, result.body_rates)
+        np.vstack([start, values[:, 3:]]) @ pin
+        for values in (result.bodies["rod"].coordinates, result.bodies["rod"].rates)
     )
     return CubicHermiteSpline(np.append(0.0, result.time), ours, rates)(times), coordinates @ pin
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from fenics_ehd.results.history_file import read_history
+from csv_history import read_history
 
 PAGE = Path(__file__).parents[1] / "docs" / "tutorial-motorcycle.md"
 
@@ -56,7 +55,7 @@ def test_motorcycle_runs_from_an_empty_folder(tmp_path):
     assert list(history)[:2] == ["time_s", "crank_angle_deg"]
     assert history["crank_angle_deg"][-1] == pytest.approx(36.0)
     summary = json.loads((tmp_path / "answer" / "summary.json").read_text())
-    assert summary["cycle_max_force_N"] == np.max(history["force_N"])
+    assert summary["cycle_max_force_N"] == pytest.approx(np.max(history["force_N"]), rel=1e-9)
     # 9000 rpm, the pin on a circle of half the stroke.
     assert summary["simulated_time_s"] == pytest.approx(0.1 / 150)
     assert history["rod.x_m"][-1] == pytest.approx(0.0275 * np.cos(np.radians(36)), abs=25e-6)

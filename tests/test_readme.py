@@ -39,6 +39,10 @@ SLOW = {
     ("docs/mechanisms.md", "Mechanisms of bodies and joints"),
     ("docs/mechanisms.md", "As a scene file"),
     ("docs/mechanisms.md", "Pictures of a run"),
+    ("docs/pictures.md", "Pictures"),
+    ("docs/pictures.md", "Two runs"),
+    ("docs/results.md", "Results of a run"),
+    ("docs/results.md", "In ParaView"),
     ("docs/tutorial-motorcycle.md", "The answer"),
     ("docs/tutorial-motorcycle.md", "What if"),
     *(
@@ -83,11 +87,18 @@ def sections(document):
 
 DOCUMENTS = (
     "README.md",
-    "docs/tutorial.md",
-    "docs/tutorial-motorcycle.md",
-    "docs/own-scene.md",
-    "docs/own-part.md",
-    "docs/mechanisms.md",
+    *(
+        f"docs/{page}.md"
+        for page in (
+            "tutorial",
+            "tutorial-motorcycle",
+            "own-scene",
+            "own-part",
+            "mechanisms",
+            "pictures",
+            "results",
+        )
+    ),
 )
 
 ALL = [part for document in DOCUMENTS for part in sections(document)]

@@ -21,6 +21,7 @@ from command_line import (
     start,
     stop_after,
 )
+from csv_history import read_history
 from hand_made_rod import Joint, make_body
 from interrupt_case import interrupted_run, rows_in
 from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
@@ -28,7 +29,7 @@ from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.reduction import load_body, save_body
 from fenics_ehd.results.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
-from fenics_ehd.results.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.results.history_file import HistoryWriter, read_fields
 from fenics_ehd.results.recorded_run import Checkpoints
 
 TIMES = {"time.revolutions": 0.03, "time.tolerance": 1e-8}
@@ -156,7 +157,7 @@ def assert_ended_readable(found, folder, whole):
     assert_one_line(found, folder)
     rows = (folder / "history.csv").read_bytes()
     assert (whole / "history.csv").read_bytes().startswith(rows[: rows.rfind(b"\n") + 1])
-    fields = read_fields(folder, ("coordinates", "pressure_Pa"))
+    fields = read_fields(folder, ("state/coordinates", "joints/big_end/film/pressure"))
     known = load_checkpoint(folder / CHECKPOINT)["rows"]
     for name, values in fields.items():
         assert len(values) >= known > 0
@@ -479,4 +480,4 @@ def test_a_history_that_was_cut_off_is_not_read(prepared, tmp_path):
     for share in (0.3, 0.6, 0.99):
         (tmp_path / "history.h5").write_bytes(content[: int(share * len(content))])
         with pytest.raises(InputError, match=r"history.h5: not a history of a run"):
-            read_fields(tmp_path, ("coordinates",))
+            read_fields(tmp_path, ("state/coordinates",))

@@ -153,7 +153,7 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
     result = simulate(built.mechanism, built.end, **vars(built.steps))
     found = deviation("slider-crank-driven", result.time, result.joints["big_end"])
     assert max(found.values()) < 0.004, found
-    assert result.body_rates["crank"][-1, 2] == pytest.approx(630.0824, rel=1e-4)
+    assert result.bodies["crank"].rates[-1, 2] == pytest.approx(630.0824, rel=1e-4)
 
 
 @pytest.mark.slow
@@ -334,7 +334,7 @@ def test_a_speed_may_be_given_over_time(tmp_path):
     rates = [(drive(t + 1e-6)[0] - drive(t - 1e-6)[0]) / 2e-6 for t in times]
     assert rates == pytest.approx([drive(t)[1] for t in times], abs=1e-3)
     result = simulate(built.mechanism, 0.02, tolerance=1e-2, order=2)
-    assert result.bodies["crank"][-1, 2] == pytest.approx(drive(0.02)[0], abs=1e-9)
+    assert result.bodies["crank"].coordinates[-1, 2] == pytest.approx(drive(0.02)[0], abs=1e-9)
 
 
 def test_a_fixed_joint_and_a_slider_in_degrees():

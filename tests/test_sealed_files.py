@@ -25,7 +25,7 @@ from fenics_ehd.reduction import (
     save_structure,
 )
 from fenics_ehd.results.checkpoint import load_checkpoint, save_checkpoint
-from fenics_ehd.results.history_file import HistoryWriter, read_fields, read_history
+from fenics_ehd.results.history_file import HistoryWriter, read_fields
 
 TREE = {"rows": 3, "state": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
 
@@ -245,7 +245,7 @@ def test_a_massless_rod_without_modes_is_named(tmp_path):
     [
         (np.full((3, 2), np.nan), "x holds a value that is not finite"),
         ("text", "x holds object, not numbers"),
-        (1.0, "x holds a value that is not finite, or no rows"),
+        (1.0, "x holds no rows"),
     ],
 )
 def test_a_history_of_other_contents_is_named(value, message, tmp_path):
@@ -265,7 +265,7 @@ def test_a_damaged_history_is_not_waited_for(tmp_path):
         row = {"time_s": 0.0, "max_pressure_Pa": 1.0, "min_film_thickness_m": 1.0}
         writer.add(row, {"x": np.zeros(2)})
     content = bytearray((tmp_path / "history.h5").read_bytes())
-    content[content.index(b"OHDR", 100) + 20] ^= 4
+    content[content.rindex(b"OHDR") + 20] ^= 4
     (tmp_path / "history.h5").write_bytes(content)
     code = (
         "import sys; from fenics_ehd.results.history_file import read_fields\n"
@@ -277,11 +277,10 @@ def test_a_damaged_history_is_not_waited_for(tmp_path):
     assert "checksum" in result.stderr.splitlines()[-1]
 
 
-@pytest.mark.parametrize("name", ["history.csv", "history.h5"])
-def test_a_pipe_for_a_history_is_not_waited_for(name, tmp_path):
-    os.mkfifo(tmp_path / name)
-    with pytest.raises(InputError, match=f"{name}: not a history of a run.*not a regular file"):
-        read_history(tmp_path) if name == "history.csv" else read_fields(tmp_path, ("x",))
+def test_a_pipe_for_a_history_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "history.h5")
+    with pytest.raises(InputError, match=r"history.h5: not a history of a run.*not a regular file"):
+        read_fields(tmp_path, ("x",))
 
 
 @pytest.mark.parametrize("kind", ["body", "checkpoint"])

@@ -18,7 +18,7 @@ from fenics_ehd.fem.models import model_path
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import save_body
 from fenics_ehd.reduction.basis_file import von_mises
-from fenics_ehd.results.paraview import gather_part
+from fenics_ehd.results.part_fields import gather_part
 from fenics_ehd.results.run_folder import RESULTS
 from fenics_ehd.scenes.elastic_part import elastic_part
 from fenics_ehd.scenes.last_cycle import last_cycle
@@ -140,7 +140,7 @@ def test_folders_without_a_complete_run_are_refused(tmp_path, capfd):
     (tmp_path / "summary.json").write_text('{"status": "interrupted"}')
     refused(tmp_path, "its run is not complete: interrupted")
     (tmp_path / "summary.json").write_text('{"status": "complete", "scene": "x"}')
-    refused(tmp_path, "not the folder of a run")
+    refused(tmp_path, "not a results folder, it has no history.h5")
     (tmp_path / "summary.json").write_text("[1]")
     refused(tmp_path, "no run that came to an end")
 

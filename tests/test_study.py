@@ -12,13 +12,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from csv_history import read_history
 from interrupt_case import heed_interrupt
 from study_cases import COARSE, SCENE, START, TINY, TOO_MANY, run_tiny, tiny_study
 from sweep_cases import COMMAND, exit_of, scene_as, sweep_inline
 
+from fenics_ehd import load_results
 from fenics_ehd.base.errors import InputError, InUseError, SettingsError
 from fenics_ehd.reduction import load_body
-from fenics_ehd.results.history_file import read_history
 from fenics_ehd.scenes.scene_file import shipped_names
 from fenics_ehd.scenes.scene_text import scene_text
 from fenics_ehd.study.curves import Reference, StoredRun
@@ -126,8 +127,8 @@ def test_rows_hold_the_figures_of_their_runs(studied):
         ):
             assert row[ours] == summary[theirs]
         assert {"method": row["method"], "modes": row["coordinates"]} == summary["bodies"]["rod"]
-        history = read_history(folder)
-        counted = history["basis_error_estimate_m"][history["time_s"] >= study.start]
+        result = load_results(folder, films=False)
+        counted = result.joints["big_end"].basis_error_estimate[result.time >= study.start]
         assert row["estimated_gap_error_m"] == counted.max()
         assert 0 < row["online_s"] <= row["online_wall_s"] + 0.1
         assert row["offline_s"] > 0
@@ -202,8 +203,9 @@ def test_a_run_has_no_error_against_itself(studied):
     directory, study, _ = studied
     reference = curves_of(directory, study, REFERENCE, Reference)
     errors = errors_of(reference, curves_of(directory, study, REFERENCE))
-    # The table of a history has ten digits.
-    assert max(errors.relative().values()) < 1e-9
+    assert max(errors.film_max, errors.film_l2) < 1e-12
+    # Pressures at nodes are stored in single precision.
+    assert max(errors.pressure_max, errors.pressure_l2) <= 2.0**-24
     assert errors.gap < 1e-18
 
 
@@ -223,10 +225,9 @@ def test_gaps_made_of_stored_coordinates_are_those_of_the_run(scene, values, tmp
     sweep = make_sweep(str(path), ["first_step=1e-7"])
     sweep_inline(sweep, tmp_path, keep=True)
     run = StoredRun(tmp_path / "runs" / "0001", sweep.cases[0].scene, 0.0)
-    assert "quasi_static" in run.fields
+    assert run.result.quasi_static.size
     for joint, gaps in run.gaps(sweep.cases[0].scene, run.states).items():
-        thinnest = run.column(joint, "min_film_thickness_m")
-        # Histories have ten digits.
+        thinnest = run.result.joints[joint].min_film_thickness
         np.testing.assert_allclose(gaps.min(axis=1), thinnest, rtol=1e-9)
         assert np.ptp(gaps, axis=1).max() > 1e-9
 
@@ -234,12 +235,8 @@ def test_gaps_made_of_stored_coordinates_are_those_of_the_run(scene, values, tmp
 def eccentricity_place(folder):
     """Where a history's coordinates have the journal's place along x."""
     with h5py.File(folder / "history.h5") as file:
-        coordinates = file["coordinates"][:]
-    wanted = read_history(folder)["eccentricity_x_m"]
-    (place,) = np.flatnonzero(
-        [np.allclose(column, wanted, rtol=1e-8, atol=0) for column in coordinates.T]
-    )
-    return place
+        names = list(file["state/coordinates"].attrs["names"])
+    return names.index(b"joints/big_end/eccentricity_x")
 
 
 def test_known_errors_are_found(studied, again):
@@ -247,20 +244,18 @@ def test_known_errors_are_found(studied, again):
     reference = curves_of(again, study, REFERENCE, Reference)
     folder = again / "runs" / "changed"
     shutil.copytree(again / "runs" / REFERENCE, folder, symlinks=True)
-    history = read_history(folder)
+    place = eccentricity_place(folder)
     # Half of the pressures 2 % up, the film 3 % down, the journal moved by 2 nm along x.
-    later = history["time_s"] >= study.start
-    raised = history["time_s"] > history["time_s"][later].mean()
-    history["max_pressure_Pa"] = history["max_pressure_Pa"] * np.where(raised, 1.02, 1.0)
-    history["min_film_thickness_m"] = history["min_film_thickness_m"] * 0.97
-    rows = np.array(list(history.values())).T
-    lines = [",".join(history), *(",".join(map(repr, row)) for row in rows.tolist())]
-    (folder / "history.csv").write_text("\n".join(lines) + "\n")
     with h5py.File(folder / "history.h5", "r+") as file:
-        file["coordinates"][:, eccentricity_place(folder)] += 2e-9
+        time, joint = file["time"][()], file["joints/big_end"]
+        later = time >= study.start
+        raised = time > time[later].mean()
+        joint["max_pressure"][:] *= np.where(raised, 1.02, 1.0)
+        joint["min_film_thickness"][:] *= 0.97
+        file["state/coordinates"][:, place] += 2e-9
     changed = StoredRun(folder, study.cases[REFERENCE].scene, study.start)
     errors = errors_of(reference, changed)
-    exact = reference.column("big_end", "max_pressure_Pa")[later]
+    exact = reference.result.joints["big_end"].max_pressure[later]
     largest = 0.02 * exact[raised[later]].max() / exact.max()
     assert errors.pressure_max == pytest.approx(largest, rel=1e-6)
     assert 0 < errors.pressure_l2 < 0.02
@@ -328,7 +323,7 @@ def test_a_scene_that_ends_before_enough_errors_count_is_refused(start):
 def test_lost_bodies_are_made_again_for_runs_that_need_them(again):
     for body in again.glob("bodies/*.h5"):
         body.unlink()
-    (again / "runs" / "rigid" / "history.csv").unlink()
+    (again / "runs" / "rigid" / "history.h5").unlink()
     _, pool, rows = run_tiny(again)
     assert ran(pool) == {"rigid"}
     assert len(list(again.glob("bodies/*.h5"))) == 1
@@ -345,12 +340,14 @@ def shorten(path, share):
 
 
 def cut_history(folder, steps=4):
-    """Both files of a history to so many steps: each can be read."""
-    lines = (folder / "history.csv").read_text().splitlines(keepends=True)
-    (folder / "history.csv").write_text("".join(lines[: 1 + steps]))
+    """A history to so many steps: it can be read."""
+
+    def cut(_, item):
+        if isinstance(item, h5py.Dataset) and item.chunks:
+            item.resize(steps, axis=0)
+
     with h5py.File(folder / "history.h5", "r+") as file:
-        for name in ("coordinates", "rates", "pressure_Pa"):
-            file[name].resize(steps, axis=0)
+        file.visititems(cut)
 
 
 @pytest.mark.slow
@@ -359,7 +356,7 @@ def test_damaged_runs_and_bodies_are_made_again(studied, again):
     runs = again / "runs"
     (runs / "rigid" / "history.h5").unlink()
     shorten(runs / "m3-pc1-largest-eigenvalue-20" / "history.h5", 0.5)
-    shorten(runs / "m4-6-1e-04" / "history.csv", 0.5)
+    shorten(runs / "m4-6-1e-04" / "history.h5", 0.9)
     # There would be enough to compare.
     cut_history(runs / "m1-10", len(read_history(runs / "m1-10")["time_s"]) - 2)
     body = study.cases["reference-basis"].bodies["rod"].name
@@ -420,7 +417,7 @@ def test_errors_over_time_are_kept_beside_the_runs(studied, again):
     for row in compared:
         folder = directory / "runs" / row["run"]
         found = read_errors(errors_path(folder, row["against"]))
-        steps_of = read_history(folder)["time_s"]
+        steps_of = load_results(folder, films=False).time
         np.testing.assert_array_equal(found["time_s"], steps_of[steps_of >= study.start])
         for name in ("pressure_error", "film_error"):
             assert np.abs(found[name]).max() == row[f"{name}_max"]

@@ -125,10 +125,10 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
         lambda t, y: [y[1], -mass * gravity * length * np.cos(y[0]) / about_hinge],
         (0.0, 2.0), [0.4, 0.0], "DOP853", result.time, rtol=1e-11, atol=1e-12,
     )  # fmt: skip
-    assert result.bodies["rod"][:, 2] == pytest.approx(exact.y[0], abs=3e-4)
+    assert result.bodies["rod"].coordinates[:, 2] == pytest.approx(exact.y[0], abs=3e-4)
     assert result.energy_balance_error < 1e-4
     # The hinge stays closed: positions are not only differentiated.
-    assert np.abs(result.bodies["rod"][:, :2]).max() < 1e-12
+    assert np.abs(result.bodies["rod"].coordinates[:, :2]).max() < 1e-12
 
 
 @pytest.mark.parametrize(

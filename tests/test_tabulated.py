@@ -185,7 +185,7 @@ def test_a_spike_of_a_speed_table_is_felt():
     wheel = Mechanism({"wheel": RigidBody(1.0, 1e-3)}, {"axle": Revolute("ground", "wheel")},
                       {"wheel": drive})  # fmt: skip
     result = simulate(wheel, 2e-3, largest=0.5)
-    assert result.body_rates["wheel"][:, 2].max() == pytest.approx(50.0, rel=0.05)
+    assert result.bodies["wheel"].rates[:, 2].max() == pytest.approx(50.0, rel=0.05)
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-2])

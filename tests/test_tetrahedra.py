@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import gmsh
 import h5py
@@ -29,7 +30,9 @@ from fenics_ehd.reduction.distributed import load_columns, multiply, node_rows
 from fenics_ehd.reduction.pressure_sets import _columns, _hats, bearing_shapes, unit_pressures
 from fenics_ehd.reduction.rigid_body import rigid_fields
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.results.paraview import gather_part, write_series
+from fenics_ehd.results.blocks import part_block
+from fenics_ehd.results.paraview import write_series
+from fenics_ehd.results.part_fields import gather_part
 
 
 def rod_of_tetrahedra(comm):
@@ -232,18 +235,14 @@ def test_paraview_files_hold_quadratic_tetrahedra(structure, body, tmp_path):
     middle = 0.5 * (x[:, [a for a, _ in pairs]] + x[:, [b for _, b in pairs]])
     size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1).max()
     assert np.abs(x[:, 4:] - middle).max() < 0.1 * size
-    write_series(
-        tmp_path,
-        "rod",
-        part,
-        body,
-        np.zeros(1),
-        np.zeros((1, 3)),
-        np.zeros((1, body.modes)),
-        np.zeros((1, 0)),
-        np.ones((1, len(body.pressure_nodes))),
+    replay = SimpleNamespace(
+        part=lambda name: body,
+        marker=lambda name, point: np.zeros((1, 3)),
+        elastic=lambda name: (np.zeros((1, body.modes)), np.zeros((1, 0))),
+        bore_pressure=lambda name: np.ones((1, len(body.pressure_nodes))),
     )
-    mesh = meshio.read(tmp_path / "rod_0000.vtu")
+    write_series(tmp_path, np.zeros(1), [part_block(replay, "rod", part)])
+    mesh = meshio.read(tmp_path / "bodies-rod_0000.vtu")
     assert mesh.cells[0].type == "tetra10"
     assert mesh.point_data["pressure_Pa"].sum() == len(body.pressure_nodes)
 

@@ -92,7 +92,7 @@ def crank_of(mechanism, **steps):
     system = System(mechanism)
     start = [values[system.bodies["crank"]][2] for values in assemble(system)]
     result = simulate(mechanism, END, **steps)
-    found = result.bodies["crank"][:, 2], result.body_rates["crank"][:, 2]
+    found = result.bodies["crank"].coordinates[:, 2], result.bodies["crank"].rates[:, 2]
     return result.time, np.array(found), start
 
 

@@ -22,6 +22,10 @@ class SettingsError(InputError):
     """A scene file or option holds a key or a value that cannot be used."""
 
 
+class SensitivityError(InputError):
+    """A derivative is asked of what a run does not tell, or along what has none."""
+
+
 class InUseError(InputError):
     """Another process is writing into the folder."""
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from importlib import import_module, metadata
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +22,11 @@ from fenics_ehd.base.whole_file import naming, whole_hdf5, write_whole
 
 __all__ = [
     "FAILED_FILM",
+    "SCENE_NAME",
     "SUMMARY",
+    "complete_result",
     "keeping_failed_film",
+    "require_complete",
     "require_writable",
     "to_json",
     "versions",
@@ -35,6 +39,9 @@ FAILED_FILM = "failed_film.h5"
 
 #: Figures of a run and how it ended, written last.
 SUMMARY = "summary.json"
+
+#: Scene of a run, beside its history.
+SCENE_NAME = "scene.toml"
 
 
 def require_writable(path: str | Path) -> None:
@@ -65,6 +72,38 @@ def require_writable(path: str | Path) -> None:
                 pass
         except OSError as error:
             raise InputError(f"output {path}: {existing}: {error.strerror}") from None
+
+
+def complete_result(directory: Path) -> dict[str, Any] | None:
+    """Summary of the complete result in a folder, None where there is none."""
+    summary = _summary(directory)
+    return summary if summary and summary["status"] == "complete" else None
+
+
+def require_complete(directory: Path) -> dict[str, Any]:
+    """Summary of the complete result in a folder.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, no result in it, or one that is not complete.
+    """
+    summary = _summary(directory)
+    if summary is None:
+        missing = f"no run that came to an end, it has no {SUMMARY} of one"
+        raise InputError(f"{directory}: {missing if directory.is_dir() else 'no such folder'}")
+    if summary["status"] != "complete":
+        raise InputError(f"{directory}: its run is not complete: {summary['status']}")
+    return summary
+
+
+def _summary(directory: Path) -> dict[str, Any] | None:
+    """What a summary says that has a status."""
+    try:
+        summary = json.loads((directory / SUMMARY).read_text())
+        return summary if "status" in summary else None
+    except (OSError, ValueError, TypeError):
+        return None
 
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:

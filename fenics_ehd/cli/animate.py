@@ -77,24 +77,25 @@ def animate(
     from fenics_ehd.plotting.animation import require_animation_format, save_animation
     from fenics_ehd.plotting.animation_figure import draw
     from fenics_ehd.plotting.recorded import recorded
-    from fenics_ehd.results.motion import joint_histories
+    from fenics_ehd.results.load import load_results, run_within
     from fenics_ehd.results.replay import Replay
 
     path = Path(target or Path(directory) / DEFAULT_NAME)
     require_animation_format(path)
-    run = recorded(directory)
+    result = load_results(directory).last_cycle()
+    run = recorded(directory, result)
     motion = run.motion
     if len(motion.time) < 2:
         raise InputError(f"{directory}: 1 step on the disk, an animation needs 2: let it run on")
     name = _chosen(run, joint)
-    columns = joint_histories(directory)
+    columns = result.joints[name].columns if name else {}
     instants = motion.at(np.linspace(motion.time[0], motion.time[-1], frames))
     shown = Replay(run.system.mechanism, instants)
     figure, show = draw(
         run,
-        columns.get(name, columns.get("", {})),
+        columns | {"time_s": np.asarray(result.time)},
         shown,
-        _shapes(run, Path(directory), bases),
+        _shapes(run, run_within(Path(directory)), bases),
         name,
         scale,
     )
@@ -121,20 +122,14 @@ def _shapes(run: Replay, directory: Path, bases: tuple[str, ...]) -> dict[str, P
         A basis given is that of no body.
     """
     from fenics_ehd.multibody.flexible_body import FlexibleBody
-    from fenics_ehd.plotting.animation_shape import shape_of_basis, shape_of_bores
-    from fenics_ehd.reduction import BasisFile
+    from fenics_ehd.plotting.animation_shape import shape_of_bores, shape_of_part
+    from fenics_ehd.results.part_fields import parts_of_bases
     from fenics_ehd.results.run_folder import SCENE_NAME
 
     parts = {n: b.reduced for n, b in run.bodies.items() if isinstance(b, FlexibleBody)}
     shapes = {name: shape_of_bores(part) for name, part in parts.items()}
-    for path in bases:
-        with BasisFile(path) as file:
-            found = {name: shape_of_basis(file, part) for name, part in parts.items()}
-        fitting = {name: shape for name, shape in found.items() if shape is not None}
-        if not fitting:
-            sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in parts.items())
-            raise SettingsError(f"--basis {path}: not that of a flexible body ({sizes or 'none'})")
-        shapes |= fitting
+    whole = parts_of_bases(run.bodies, bases)
+    shapes |= {name: shape_of_part(part) for name, part in whole.items()}
     for name in (name for name, shape in shapes.items() if not shape.mesh):
         click.echo(
             f"of {name} only the bores are drawn; all of it with --basis part.h5, made by "

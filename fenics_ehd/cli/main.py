@@ -24,8 +24,11 @@ with ending_signals_raise():
     from fenics_ehd.cli.check import check
     from fenics_ehd.cli.info import info
     from fenics_ehd.cli.options import json_option, output_option
+    from fenics_ehd.cli.paraview import paraview
     from fenics_ehd.cli.part import part
+    from fenics_ehd.cli.plot import plot
     from fenics_ehd.cli.report import report
+    from fenics_ehd.cli.sensitivity import sensitivity
     from fenics_ehd.cli.stress import stress
     from fenics_ehd.cli.study import study
     from fenics_ehd.cli.sweep import sweep
@@ -64,7 +67,7 @@ def cli() -> None:
 @click.option(
     "--vtk",
     is_flag=True,
-    help="Write a ParaView series: the flexible bodies as they move, their elastic "
+    help="Write a ParaView series, vtk/run.pvd: bodies and films as they move, their elastic "
     "displacement to warp by, the pressure.",
 )
 @click.option(
@@ -185,29 +188,15 @@ def init(scene: str | None) -> None:
     click.echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
 
 
-@cli.command()
-@click.argument("directories", nargs=-1, required=True, type=click.Path(file_okay=False))
-@output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")
-def plot(directories: tuple[str, ...], target: str | None) -> None:
-    """Draw peak pressure, film thickness and orbits of the joints of one or more runs."""
-    from fenics_ehd.base.output import require_writable
-    from fenics_ehd.plotting.history import plot_runs
-
-    runs = {Path(d).name or str(d): Path(d) for d in directories}
-    if len(runs) < len(directories):
-        runs = {str(d): Path(d) for d in directories}
-    folder = Path(target or directories[0])
-    require_writable(folder)
-    for path in plot_runs(runs, folder):
-        click.echo(path)
-
-
 cli.add_command(animate)
 cli.add_command(bearing)
 cli.add_command(check)
 cli.add_command(info)
+cli.add_command(paraview)
 cli.add_command(part)
+cli.add_command(plot)
 cli.add_command(report)
+cli.add_command(sensitivity)
 cli.add_command(stress)
 cli.add_command(sweep)
 cli.add_command(study)

@@ -13,21 +13,21 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.output import require_writable, to_json
+from fenics_ehd.base.output import complete_result, require_writable, to_json
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.cycle_lines import cycle_line, multiplier_line, place_lines
 from fenics_ehd.cli.notices import say_reducing, warn_of
 from fenics_ehd.results.checkpoint import CHECKPOINT, load_run_state
 from fenics_ehd.results.progress import progress_bar
-from fenics_ehd.results.run_folder import RunFolder, complete_result, first_rank_folder
+from fenics_ehd.results.run_folder import RunFolder, first_rank_folder
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.given import with_body, with_method
 from fenics_ehd.scenes.run import run_scene, stored_scene
-from fenics_ehd.scenes.scene import Scene, meshed
+from fenics_ehd.scenes.scene import Scene
 from fenics_ehd.scenes.scene_text import as_stored
 
 if TYPE_CHECKING:  # slow to import, for ParaView series only
-    from fenics_ehd.results.paraview import PartFields
+    from fenics_ehd.results.part_fields import PartFields
 
 
 #: Basis error estimate over the thinnest film above which it is said to be large.
@@ -65,11 +65,6 @@ def run(
         )
     warn_of(scene.warnings)
     require_writable(directory)
-    if scene.output.paraview and not meshed(scene):
-        raise SettingsError(
-            f"--vtk, output.paraview: scene {scene.name} has no flexible body with a mesh, which "
-            "a file of a reduced body does not hold"
-        )
     with first_rank_folder(directory, overwrite) as folder:
         built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
         parts = _whole_parts(built) if scene.output.paraview else {}
@@ -82,7 +77,7 @@ def run(
 
 def _whole_parts(built: Built) -> dict[str, PartFields]:
     """Bodies reduced here, for a ParaView series; collective."""
-    from fenics_ehd.results.paraview import gather_part
+    from fenics_ehd.results.part_fields import gather_part
 
     parts = {
         name: gather_part(part.structure, part.body, part.columns)
@@ -103,8 +98,6 @@ def resume(
             return
         former = load_run_state(folder.path)
         scene, built = stored_scene(folder.path)
-        if scene.output.paraview:
-            warn_of(["no ParaView series of a run that goes on: the mesh is not in its folder"])
         _finish(scene, built, folder, interval, plots, as_json, former, multiplier=multiplier)
 
 
@@ -131,16 +124,28 @@ def _finish(
         scene, built, folder.path, bar, interval=interval, former=former, multiplier=multiplier
     )
     if plots and scene.output.plots:
-        from fenics_ehd.plotting.history import plot_joints
+        from fenics_ehd.plotting.pictures import plot_run
 
-        plot_joints(scene.name, folder.path)
-    if parts:
-        from fenics_ehd.results.paraview import write_bodies
-
-        write_bodies(built.mechanism, parts, folder.path, scene.output.frames)
+        plot_run(folder.path)
+    if scene.output.paraview:
+        _write_series(scene, built, folder.path, parts or {})
     click.echo(to_json(summary) if as_json else report(summary, folder.directory))
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
+
+
+def _write_series(
+    scene: Scene, built: Built, directory: Path, parts: Mapping[str, PartFields]
+) -> None:
+    """The run for ParaView; bodies from files, and all of a run that goes on, have no mesh."""
+    from fenics_ehd.results.load import load_results
+    from fenics_ehd.results.paraview import write_run
+
+    if without := sorted(built.parts.keys() - parts.keys()):
+        named = ", ".join(without)
+        warn_of([f"{named}: no mesh is in a reduced body's file, ParaView has lines and films"])
+    frames = scene.output.frames
+    write_run(built.mechanism, load_results(directory), parts, directory / "vtk", frames)
 
 
 def report(summary: Mapping[str, Any], directory: Path) -> str:

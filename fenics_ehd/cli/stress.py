@@ -14,6 +14,7 @@ from fenics_ehd.cli.options import json_option
 if TYPE_CHECKING:  # slow to import, and --help does without
     import numpy as np
 
+    from fenics_ehd.multibody.result import Result
     from fenics_ehd.results.replay import Replay
     from fenics_ehd.scenes.scene import Scene
 
@@ -73,10 +74,11 @@ def _stresses(
     """What ``stress.json`` holds; fields are written on the way."""
     from time import perf_counter
 
-    from fenics_ehd.base.output import require_writable, versions
+    from fenics_ehd.base.output import require_complete, require_writable, versions
     from fenics_ehd.cli.notices import say_reducing
     from fenics_ehd.plotting.recorded import recorded
-    from fenics_ehd.results.run_folder import SCENE_NAME, require_complete
+    from fenics_ehd.results.load import load_results
+    from fenics_ehd.results.run_folder import SCENE_NAME
     from fenics_ehd.results.stress import cycle_stress, figures, write_fields
     from fenics_ehd.scenes.last_cycle import last_cycle
     from fenics_ehd.scenes.remade_part import remade_part
@@ -85,11 +87,12 @@ def _stresses(
     start = perf_counter()
     summary = require_complete(folder)
     require_writable(folder)
-    run = recorded(folder)
+    answer = load_results(folder)
+    run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)
     bodies, skipped = _bodies(scene, run, folder, chosen)
     rows, cycle = last_cycle(scene, run.motion.time)
-    instants = _instants(scene, folder, rows, len(run.motion.time))
+    instants = _instants(scene, answer, rows)
     say_reducing(bodies)
     found = {}
     for body in bodies:
@@ -163,17 +166,14 @@ def _bodies(
     return list(dict.fromkeys(wanted)), skipped
 
 
-def _instants(scene: Scene, folder: Path, rows: slice, steps: int) -> dict[str, np.ndarray]:
+def _instants(scene: Scene, result: Result, rows: slice) -> dict[str, np.ndarray]:
     """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
     import numpy as np
 
-    from fenics_ehd.results.history_file import read_history
-
-    history = {name: values[:steps][rows] for name, values in read_history(folder).items()}
-    found = {"time_s": history.get("cycle_time_s", history["time_s"])}
-    angle = f"{scene.time.of}.angle_rad"
-    if angle in history:
-        found[f"{scene.time.of}_angle_deg"] = np.degrees(history[angle]) % 360.0
+    found = {"time_s": np.asarray(result.time)[rows]}
+    turning = result.bodies.get(scene.time.of)
+    if turning is not None and "angle" in turning:
+        found[f"{scene.time.of}_angle_deg"] = np.degrees(np.asarray(turning.angle)[rows]) % 360.0
     return found
 
 

@@ -38,6 +38,8 @@ class FilmState:
         cavitation condition does not tell.
     density_rate
         The one it was solved with.
+    full
+        Gauss points that count as full film for the oil's shear; None: as the pressure says.
     """
 
     pressure: np.ndarray
@@ -46,6 +48,7 @@ class FilmState:
     problem: Complementarity
     fluid_fraction: np.ndarray | None = None
     density_rate: DensityRate | None = None
+    full: np.ndarray | None = None
 
 
 class Film:

@@ -103,9 +103,14 @@ def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
     return fields.slope_around * (deep * gap.mean_velocity - seen.thickness * seen.mean_velocity)
 
 
+def in_full_film(pressure: np.ndarray) -> np.ndarray:
+    """Whether points of a pressure are in the full film."""
+    return pressure > PRESSURE_FLOOR * pressure.max()
+
+
 def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
     """Share of the width that is sheared."""
-    full = pressure > PRESSURE_FLOOR * pressure.max()
+    full = in_full_film(pressure) if state.full is None else state.full
     groove = in_supply(film, film.points.angle, film.points.height)
     if rule == "streamers" and state.fluid_fraction is not None:
         share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)

@@ -37,6 +37,12 @@ def temperatures(place: FilmPlace, means: Mapping[str, float]) -> dict[str, floa
     }
 
 
+def balanced_temperature(place: FilmPlace, now: float, power: float, flow: float) -> float:
+    """Temperature that power [W] and flow [m3/s] at another one, `now`, stand for [C]."""
+    assert place.joint.heat is not None
+    return place.joint.heat.balanced(_oil(place), now, power, flow)
+
+
 def _oil(place: FilmPlace) -> Oil:
     oil = place.film.film.parameters.lubricant.oil
     assert oil is not None  # `LubricatedJoint` has seen to it

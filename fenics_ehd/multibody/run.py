@@ -15,6 +15,7 @@ from fenics_ehd.multibody.assembly import assemble, check_inertia
 from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance, follow
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
+from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.step_solver import CoupledSteps
 from fenics_ehd.multibody.system import FilmPlace, System
@@ -84,10 +85,8 @@ class Run:
         self._control = StepControl(
             steps.tolerance, steps.first, steps.smallest, steps.largest * span, order
         )
-        z, rates = assemble(system)
-        check_inertia(system, z)
-        resting = self.equations.resting(z)
-        start = np.concatenate([z, resting]), np.concatenate([rates, np.zeros(len(resting))])
+        start = initial_state(self.equations)
+        check_inertia(system, start[0][: system.n])
         self.state: IntegratorState[SolverState] = IntegratorState.begin(
             self.norm, 0.0, *start, self._control
         )
@@ -154,6 +153,19 @@ class Run:
             between()
             state = follow(self.norm, state, time, corner, self._control, self._solve, tolerance)
         return state
+
+
+def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
+    """State and its rate before the first step of a mechanism, assembled from its rough pose.
+
+    Raises
+    ------
+    SettingsError
+        It cannot be assembled.
+    """
+    z, rates = assemble(equations.system)
+    resting = equations.resting(z)
+    return np.concatenate([z, resting]), np.concatenate([rates, np.zeros(len(resting))])
 
 
 def _require_sound(state: IntegratorState[SolverState]) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.result import Recorder, Result
+from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.result import Result
 from fenics_ehd.multibody.run import Run, Steps
 
 

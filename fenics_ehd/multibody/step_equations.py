@@ -101,6 +101,8 @@ class StepEquations:
         Residual patterns of the bodies with films that have any.
     contacts
         Of joints with rough surfaces, None where all are smooth.
+    filled
+        Sheared share of films with friction that is kept for this step, by the joint's name.
     """
 
     def __init__(self, system: System, *, dense_limit: int):
@@ -153,7 +155,7 @@ class StepEquations:
         self._step = replace(step, past_x=step.past_x[:n], past_rate=step.past_rate[:n])
         self.scales: list[float] = []
         self._holding = False
-        self._filled: dict[str, np.ndarray] = {}
+        self.filled: dict[str, np.ndarray] = {}
         self.responses.begin(step)
         if self.contacts is not None:
             self.contacts.begin()
@@ -256,12 +258,14 @@ class StepEquations:
             nodal, gap, problem, film.cavitation.defect(problem, pressure) / self.scales[i]
         )
 
-    def hold_filled(self) -> None:
+    def hold_filled(self, filled: Mapping[str, np.ndarray] = MappingProxyType({})) -> None:
         """Keep the sheared share of every film as the next evaluation has it, for this step.
 
-        It jumps where a point cavitates: active set and share may chase each other for ever.
+        It jumps where a point cavitates: active set and share may chase each other for ever. Some
+        may be given, by the joint's name.
         """
         self._holding = True
+        self.filled |= filled
 
     def _load(self, place: FilmPlace, point: FilmPoint, residual: np.ndarray) -> None:
         """Take the film's forces from the residual of motion."""
@@ -272,9 +276,9 @@ class StepEquations:
             _twist(place, float(point.turned.torque @ pressure), residual)
         if not film.friction:
             return
-        friction = film_friction(film, self.film_state(place, point), self._filled.get(place.name))
+        friction = film_friction(film, self.film_state(place, point), self.filled.get(place.name))
         if self._holding:
-            self._filled[place.name] = friction.filled
+            self.filled[place.name] = friction.filled
         residual[place.xi] -= friction.on_xi
         _twist(place, friction.torque, residual)
 

@@ -119,7 +119,7 @@ class System:
             if isinstance(joint, LubricatedJoint):
                 film = self._film(name, joint)
                 self.films.append(film)
-                bore = self._at_rest(film)
+                bore = self.bore_at_rest(film)
                 self._constrain(name, Eccentric(bore, joint.journal, film.film.own == 4))
                 weights.append(np.full(film.film.own, FINE_WEIGHT))
             else:
@@ -186,7 +186,7 @@ class System:
             "" if part is None else point,
         )
 
-    def _at_rest(self, place: FilmPlace) -> str:
+    def bore_at_rest(self, place: FilmPlace) -> str:
         """Marker of the undeformed bore of a film."""
         body = self._bodies[place.bore_body]
         if isinstance(body, FlexibleBody) and place.bore:

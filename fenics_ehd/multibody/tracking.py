@@ -23,6 +23,7 @@ from fenics_ehd.multibody.energy import EnergyBalance, trusted
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.integrals import JointIntegrals
+from fenics_ehd.multibody.joint_columns import joint_columns
 from fenics_ehd.multibody.joint_heat import temperatures
 from fenics_ehd.multibody.joint_places import JointPlaces
 from fenics_ehd.multibody.joint_rates import joint_rates
@@ -69,9 +70,16 @@ class Tracker:
     ----------
     equations, norm
         Of the mechanism.
+
+    Attributes
+    ----------
+    groups
+        Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``, once
+        there is a step.
     """
 
     def __init__(self, equations: StepEquations, norm: StepNorm):
+        self.groups: dict[str, str] = {}
         self._equations, self._norm = equations, norm
         films = equations.system.films
         self._several = len(films) > 1
@@ -128,9 +136,9 @@ class Tracker:
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
         size, self.time = step.time - self.time, step.time
         row = {"time_s": step.time, "crank_angle_deg": self.crank_angle.add(step.x)}
-        stored = {"coordinates": step.x[: system.n], "rates": step.rate[: system.n]}
+        stored = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
         if patterns := self._equations.responses.size:
-            stored["quasi_static"] = step.x[system.n : system.n + patterns]
+            stored["state/quasi_static"] = step.x[system.n : system.n + patterns]
         loads = self._loads(state.films)
         gaps = self._norm.film_gaps(step.observed)
         for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
@@ -141,13 +149,22 @@ class Tracker:
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
                     size, loads[place.bore_body], step.acceleration[amplitudes]
                 )
-            row |= {f"{prefix}{name}": value for name, value in figures.items()}
-            stored[f"{prefix}pressure_Pa"] = film.pressure
+            row |= self._grouped(prefix, f"joints/{place.name}", figures)
+            path = f"joints/{place.name}/film"
+            stored[f"{path}/pressure"] = film.pressure
+            stored[f"{path}/gap"] = gap[-len(film.pressure) :]
             if film.fluid_fraction is not None:
-                stored[f"{prefix}fluid_fraction"] = film.fluid_fraction
+                stored[f"{path}/fluid_fraction"] = film.fluid_fraction
         row |= self._bodies(step) | self._energy(step)
         row |= {"step_s": size, "newton_iterations": step.newton_iterations}
         return row | {"rejected_steps": rejected}, stored
+
+    def _grouped(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
+        """Columns of a joint or body, whose groups are kept."""
+        found = {f"{prefix}{name}": value for name, value in figures.items()}
+        if found.keys() - self.groups.keys():
+            self.groups |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
+        return found
 
     def _loads(self, films: list[FilmState]) -> dict[str, np.ndarray]:
         """Pressures on the pressure nodes of all bores of a body, by the body's name."""
@@ -169,25 +186,15 @@ class Tracker:
     ) -> dict[str, float]:
         """Columns of one lubricated joint."""
         film = own.state
-        peak = int(np.argmax(film.pressure))
-        angle, _ = place.film.film.parameters.grid.node_positions[peak]
-        thickness, pressure = float(gap.min()), float(film.pressure[peak])
+        figures = joint_columns(place, step, film, gap)
         extremes = self.extremes[place.name]
-        extremes.add(step.time - self._start, pressure, thickness)
+        extremes.add(
+            step.time - self._start, figures["max_pressure_Pa"], figures["min_film_thickness_m"]
+        )
         if not place.film.film.parameters.lubricant.viscosity_law.constant:
             steepest = steepest_thickening(place.film.film, film.pressure)
             extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
-        force = step.solution.motion.multipliers[place.rows]
-        figures = {
-            "max_pressure_Pa": pressure,
-            "min_film_thickness_m": thickness,
-            "max_pressure_angle_deg": np.degrees(np.mod(angle + np.pi, 2 * np.pi) - np.pi),
-            "eccentricity_x_m": step.x[place.xi[0]],
-            "eccentricity_y_m": step.x[place.xi[1]],
-            "force_x_N": force[0],
-            "force_y_N": force[1],
-            **self._places[place.name].columns(step, film.pressure, gap),
-        }
+        figures |= self._places[place.name].columns(step, film.pressure, gap)
         if place.name in self.contacts:
             record = self.contacts[place.name]
             figures |= record.add(step.time, step.time - self._start, own)
@@ -199,14 +206,15 @@ class Tracker:
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
-        system, row = self._equations.system, {}
+        system = self._equations.system
+        row: dict[str, float] = {}
         for name, body in system.each_name():
             first = system.bodies[name].start
             if body.angle is None:
                 continue
-            for place, column in zip(range(body.angle + 1), FRAME[2 - body.angle :], strict=True):
-                row[f"{name}.{column}"] = step.x[first + place]
-            row[f"{name}.speed_rad_per_s"] = step.rate[first + body.angle]
+            frame = dict(zip(FRAME[2 - body.angle :], step.x[first:], strict=False))
+            frame["speed_rad_per_s"] = step.rate[first + body.angle]
+            row |= self._grouped(f"{name}.", f"bodies/{name}", frame)
         return row
 
     def _energy(self, step: MechanismStep) -> dict[str, float]:

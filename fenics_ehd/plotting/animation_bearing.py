@@ -13,13 +13,14 @@ from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.system import FilmPlace
 from fenics_ehd.plotting.animation_body import BodyView
 from fenics_ehd.plotting.animation_part import STEEL, PartDrawing
+from fenics_ehd.plotting.picture import PRESSURES, RED
 from fenics_ehd.results.replay import Replay
 
 #: Points around and along the bore to which nodal values are interpolated.
 AROUND, ALONG = 181, 17
 
-#: From the colour of oil to red, lighter to darker also in grey.
-PRESSURE_COLOURS, OIL, PRESSURE = "YlOrRd", "#ffffcc", "#b03a2e"
+#: The lightest colour of pressures.
+OIL = "#ffffcc"
 JOURNAL, EDGE, HATCH = "#e3d5c0", "#9c8465", "////"
 
 #: Wall of a rigid bore as drawn, height of the largest pressure and half the side of a close-up,
@@ -98,7 +99,7 @@ class Bearing:
         normal = np.column_stack([np.cos(self.angle), np.sin(self.angle)])
         oil, wall = Circle((0, 0), self.radius, color=OIL, zorder=1.8), None
         disc = Circle((0, 0), radius, facecolor=JOURNAL, edgecolor=EDGE, zorder=2.5)
-        fan = Polygon(normal, facecolor=PRESSURE, alpha=0.5, zorder=4)
+        fan = Polygon(normal, facecolor=RED, alpha=0.5, zorder=4)
         patches, part = [oil, disc, fan], None
         if not self.elastic:
             colours = {"facecolor": "white" if self.body.held else STEEL, "edgecolor": "0.45"}
@@ -153,7 +154,7 @@ class Bearing:
             origin="lower",
             aspect="auto",
             interpolation="bilinear",
-            cmap=PRESSURE_COLOURS,
+            cmap=PRESSURES,
             vmin=0.0,
             vmax=1e-6 * self.pressure.max(),
         )

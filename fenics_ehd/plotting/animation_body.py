@@ -15,8 +15,9 @@ import numpy as np
 
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.plotting.animation_part import PartView
-from fenics_ehd.plotting.animation_shape import PartShape, bore_fields
+from fenics_ehd.plotting.animation_shape import PartShape
 from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.body import bore_fields
 from fenics_ehd.results.replay import Replay
 
 #: Clearance as drawn over the bore's radius, and largest displacement as drawn over the part's

@@ -12,8 +12,8 @@ from fenics_ehd.plotting.animation_bearing import Bearing, Show
 from fenics_ehd.plotting.animation_body import automatic_scale, body_view
 from fenics_ehd.plotting.animation_machine import draw_mechanism
 from fenics_ehd.plotting.animation_shape import PartShape
-from fenics_ehd.plotting.orbit import clearance_circle
-from fenics_ehd.plotting.picture import plt
+from fenics_ehd.plotting.paths import clearance_circle
+from fenics_ehd.plotting.picture import BLUE, RED, plt
 from fenics_ehd.results.replay import Replay
 
 #: Inches.
@@ -90,7 +90,7 @@ def _orbit(axes: Axes, path: np.ndarray, places: np.ndarray) -> Show:
     """Path of a journal over the clearance, shape (s, 2), and its places, shape (t, 2)."""
     clearance_circle(axes)
     axes.plot(*path.T, color="0.6", linewidth=1.0)
-    (dot,) = axes.plot([], [], "o", color="#21618c", markeredgecolor="white")
+    (dot,) = axes.plot([], [], "o", color=BLUE, markeredgecolor="white")
     return lambda frame: dot.set_data(*places[frame][:, None])
 
 
@@ -98,8 +98,8 @@ def _curves(axes: Axes, columns: Mapping[str, np.ndarray], times: np.ndarray) ->
     """Peak pressure and thinnest film of the whole run, with a mark that moves."""
     now = [axes.axvline(0.0, color="0.3", linewidth=0.9)]
     for panel, column, factor, colour, label in (
-        (axes, "max_pressure_Pa", 1e-6, "#b03a2e", "max. pressure [MPa]"),
-        (axes.twinx(), "min_film_thickness_m", 1e6, "#21618c", "min. film [µm]"),
+        (axes, "max_pressure_Pa", 1e-6, RED, "max. pressure [MPa]"),
+        (axes.twinx(), "min_film_thickness_m", 1e6, BLUE, "min. film [µm]"),
     ):
         panel.plot(1e3 * columns["time_s"], factor * columns[column], color=colour)
         panel.set_ylabel(label, color=colour)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fenics_ehd.plotting.animation_part import front_faces
-from fenics_ehd.reduction import BasisFile, ReducedBody
-
-#: Largest difference of bore rows from the body's, relative to the largest of these.
-AGREEMENT = 1e-6
+from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.body import bore_fields
+from fenics_ehd.results.part_fields import PartFields
 
 #: Outer radius of the ring that stands for a part whose basis is not at hand, over the bore's.
 RING = 1.42
@@ -40,34 +38,12 @@ class PartShape:
     mesh: bool = True
 
 
-def bore_fields(body: ReducedBody) -> np.ndarray:
-    """Displacement of all bores' nodes, of coordinates and patterns, shape (m, 3, n + r)."""
-    if body.residual is None:
-        return body.bore_basis
-    return np.concatenate([body.bore_basis, body.residual.displacement], axis=2)
-
-
-def shape_of_basis(file: BasisFile, body: ReducedBody) -> PartShape | None:
-    """Front of a part by its basis on disk, None if that is not the basis of the body.
-
-    Residual patterns (M4) are not in such a file: they move the bore's nodes only.
-    """
-    nodes, unit, moved = file.nodes, np.eye(file.modes), bore_fields(body)
-    distance, bore = cKDTree(nodes).query(body.places())
-    if distance.max() > 1e-9 or not len(file.cells) or file.modes != body.modes:
-        return None
-    rows, found = body.bore_basis, np.moveaxis(file.displacement(unit, bore), 0, -1)
-    # A mode has no sign of its own: two reductions of one part may choose different ones.
-    signs = np.where(np.einsum("mcn,mcn->n", rows, found) < 0, -1.0, 1.0)
-    if np.abs(signs * found - rows).max(initial=0.0) > AGREEMENT * np.abs(rows).max(initial=0.0):
-        return None
-    faces = front_faces(nodes, file.cells)
+def shape_of_part(part: PartFields) -> PartShape:
+    """Front of a whole part."""
+    faces = front_faces(part.nodes, part.cells)
     shown, local = np.unique(faces, return_inverse=True)
-    fields = np.zeros((len(nodes), 2, moved.shape[2]))
-    found = file.displacement(np.diag(signs), shown)[..., :2]
-    fields[shown, :, : body.modes] = np.moveaxis(found, 0, -1)
-    fields[bore] = moved[:, :2]
-    return PartShape(nodes[shown], local.reshape(faces.shape), fields[shown])
+    fields = np.concatenate([part.basis[shown, :2], part.patterns[shown, :2]], axis=2)
+    return PartShape(part.nodes[shown], local.reshape(faces.shape), fields)
 
 
 def shape_of_bores(body: ReducedBody) -> PartShape:

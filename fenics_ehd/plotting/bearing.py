@@ -12,12 +12,12 @@ from matplotlib.patches import Arc, Circle
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.output import require_writable
-from fenics_ehd.plotting.picture import plt, save
+from fenics_ehd.plotting.picture import BLUE, PRESSURES, RED, plt, save
 
 if TYPE_CHECKING:
     from fenics_ehd.bearing.operating_point import BearingResult
 
-PRESSURE, FILM, LOAD = "#b03a2e", "#21618c", "0.15"
+PRESSURE, FILM, LOAD = RED, BLUE, "0.15"
 
 #: Share of the largest pressure at which the edge of the film is drawn.
 EDGE = 1e-4
@@ -79,7 +79,7 @@ def _draw_map(
     """Pressure over angle and height, with the edge of the film."""
     degrees, millimetres = np.degrees(angle), 1e3 * height
     highest = pressure.max()
-    colours = plt.get_cmap("YlOrRd").copy()
+    colours = plt.get_cmap(PRESSURES).copy()
     colours.set_under("white")  # no film
     image = axes.pcolormesh(
         degrees,

@@ -1,7 +1,13 @@
-"""What every picture needs: a backend without a screen, and files in the folder of a run."""
+"""What every picture needs: one look, a backend without a screen, files in the folder of a run.
+
+Colours are those of Paul Tol's high-contrast scheme, black, then three of his muted one
+(personal.sron.nl/~pault): they stay apart for colour-blind readers, the first four also
+in grey; dashes say once more which curve is which.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -19,23 +25,51 @@ from matplotlib.figure import Figure
 #: Formats of the pictures of a run.
 FORMATS = ("png", "svg")
 
-#: Of one curve after another, drawn over each other: equal ones show through the gaps.
-DASHES = ("-", (0, (6, 4)), (0, (2, 3)), (0, (6, 2, 1, 2)))
+BLUE, RED, YELLOW, BLACK = "#004488", "#BB5566", "#DDAA33", "#000000"
+
+#: Of one curve after another.
+COLOURS = (BLUE, RED, YELLOW, BLACK, "#44AA99", "#882255", "#999933")
+
+#: The same, drawn over each other: equal ones show through the gaps.
+DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (6, 2, 1, 2)))
+
+#: Colours of fields, from light to dark also in grey: pressures, films, and differences of both.
+PRESSURES, FILMS, DIFFERENCES = "YlOrRd", "cividis", "RdBu_r"
+
+#: Width of a picture [inches], and of a panel beside others.
+WIDTH, PANEL = 7.2, 4.4
+
+#: Fonts and grids.
+SETTINGS: dict[str, Any] = {
+    "font.size": 10,
+    "axes.labelsize": 10,
+    "axes.titlesize": 10,
+    "legend.fontsize": 8.5,
+    "legend.handlelength": 2.8,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 6,
+    "svg.hashsalt": "fenics_ehd",  # the same ids every time
+}
 
 
 def style(number: int) -> dict[str, Any]:
     """Colour and dashes of a curve of several."""
-    return {"color": f"C{number}", "linestyle": DASHES[number % len(DASHES)]}
+    dashes = DASHES[number % len(DASHES)]
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}
 
 
-def over_time(axes: Axes, label: str) -> None:
-    """What every panel of curves over time has, once they are drawn."""
-    axes.set(xlabel="time [ms]", ylabel=label)
-    axes.label_outer()
-    axes.margins(x=0)
-    axes.grid(alpha=0.3, which="both")
+def with_unit(value: float, label: str) -> str:
+    """A value in the unit that a label has in brackets, if any."""
+    unit = label.rpartition("[")[2].rstrip("]") if "[" in label else ""
+    return f"{value:.4g}" + (unit if unit == "°" else f" {unit}".rstrip())
+
+
+def legend(axes: Axes, **options: Any) -> None:
+    """A legend where there is something to tell."""
     if axes.get_legend_handles_labels()[0]:
-        axes.legend()
+        axes.legend(**{"framealpha": 0.85} | options)
 
 
 def in_formats(directory: str | Path, name: str) -> list[Path]:
@@ -46,14 +80,24 @@ def in_formats(directory: str | Path, name: str) -> list[Path]:
 def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
     """Write a figure to files, whose endings tell the formats, and close it."""
     written = [Path(path) for path in paths]
-    figure.draw_without_rendering()
+    for _ in range(2):  # titles move once ticks have their places
+        figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once for all files
     for path in written:
         path.parent.mkdir(parents=True, exist_ok=True)
         picture = BytesIO()
         # Without the date the same figure is the same file.
         told = {"Date": None} if path.suffix == ".svg" else {}
-        figure.savefig(picture, format=path.suffix[1:], dpi=150, metadata=told)
-        write_whole(path, picture.getbuffer())
+        with plt.rc_context({"svg.hashsalt": SETTINGS["svg.hashsalt"]}):
+            figure.savefig(picture, format=path.suffix[1:], dpi=150, metadata=told)
+        content = picture.getvalue()
+        write_whole(path, _numbered_clips(content) if path.suffix == ".svg" else content)
     plt.close(figure)
     return written
+
+
+def _numbered_clips(svg: bytes) -> bytes:
+    """With names of clip paths in their order: matplotlib makes them of addresses in memory."""
+    for number, name in enumerate(re.findall(rb'<clipPath id="(\w+)"', svg)):
+        svg = svg.replace(name, b"clip%d" % number)
+    return svg

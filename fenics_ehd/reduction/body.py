@@ -269,3 +269,10 @@ class ReducedBody:
             r = self.residual
             response = response + r.displacement.reshape(3 * m, -1) @ r.patterns
         return response.reshape(m, 3, -1)
+
+
+def bore_fields(body: ReducedBody) -> np.ndarray:
+    """Displacement of all bores' nodes, of coordinates and patterns, shape (m, 3, n + r)."""
+    if body.residual is None:
+        return body.bore_basis
+    return np.concatenate([body.bore_basis, body.residual.displacement], axis=2)

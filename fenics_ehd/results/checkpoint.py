@@ -10,7 +10,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, open_sealed, read_tree, require_like, save_tree
-from fenics_ehd.results.history_file import read_fields, read_history
+from fenics_ehd.results.history_file import read_fields
 
 CHECKPOINT = "checkpoint.h5"
 FORMAT = "fenics_ehd checkpoint"
@@ -75,9 +75,9 @@ def load_run_state(folder: Path) -> dict[str, Any]:
     with named(InputError, f"{folder / CHECKPOINT}: no checkpoint to go on from"):
         require_like(tree, PATTERN)
         rows, state = tree["rows"], tree["state"]
-        times = read_history(folder)["time_s"]
-        coordinates = read_fields(folder, ("coordinates",))["coordinates"]
-        found = [len(values) for values in (times, coordinates)]
+        fields = read_fields(folder, ("time", "state/coordinates"))
+        coordinates = fields["state/coordinates"]
+        found = [len(values) for values in fields.values()]
         if not 0 < rows <= min(found):
             raise ValueError(f"it counts {rows} steps, the history has {min(found)}: start anew")
         row, x = coordinates[rows - 1], state["integrator"]["x"][0]

@@ -18,11 +18,13 @@ from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.base.output import keeping_failed_film, write_summary
 from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.recorder import Fixed, cycle_columns, cycle_figures
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
-from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows, read_history
+from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows
+from fenics_ehd.results.load import load_results
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
@@ -96,10 +98,7 @@ class RecordedRun:
             if self.tracker.begins(self.cycles):
                 self.first_row = history.rows
             row, fields = self.tracker.add(step)
-            if self.cycles is not None:
-                into = step.time - self.cycles.start
-                row |= {"cycle": self.cycles.number, "cycle_time_s": into}
-            history.add(row, fields)
+            history.add(row | cycle_columns(self.cycles, step.time), fields)
             self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
             yield step
 
@@ -116,11 +115,7 @@ class RecordedRun:
     def figures(self, columns: Mapping[str, np.ndarray] | None) -> dict[str, Any]:
         """What ``summary.json`` has of it, with the columns of its history, if they can be read."""
         answer = None if columns is None else self.tracker.answer(columns, self.cycles)
-        found = self.tracker.figures(answer)
-        if self.cycles is not None:
-            found["cycles"] = self.cycles.number
-            found["periodicity_defect"] = self.cycles.defect
-        return found | self.margin
+        return self.tracker.figures(answer) | cycle_figures(self.cycles) | self.margin
 
 
 class Checkpoints:
@@ -205,7 +200,7 @@ def record_run(
         rows = int(former["rows"])
         seconds = float(former["reduction_seconds"])
         about = {**about, "reduction_time_s": seconds, "scene": former["name"]}
-    history = HistoryWriter(directory, _constants(recorded.run), resumed=rows)
+    history = history_of(recorded, directory, rows)
     stored = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
     checkpoints = Checkpoints(history, interval, {**stored, "scene": fingerprints})
 
@@ -214,7 +209,7 @@ def record_run(
         seconds = {f"{name}_s": value for name, value in times.items()}
         columns = None
         with suppress(InputError):  # a failed run may not have a whole row
-            columns = read_history(directory) if history.rows else None
+            columns = load_results(directory, films=False).columns if history.rows else None
         summary = {"status": status, **about, **recorded.figures(columns), **seconds}
         if history.rows:
             write_summary(directory, summary)
@@ -266,15 +261,11 @@ def _show(bar: tqdm, recorded: RecordedRun, step: MechanismStep) -> None:
     bar.update(min(into, bar.total) - bar.n)
 
 
-def _constants(run: Run) -> dict[str, np.ndarray]:
-    """What a history holds once: nodes of every film, angle [rad] and height [m]."""
-    films = run.equations.system.films
-    return {
-        f"{place.name}.film_nodes" if len(films) > 1 else "film_nodes": (
-            place.film.film.parameters.grid.node_positions
-        )
-        for place in films
-    }
+def history_of(recorded: RecordedRun, directory: Path, resumed: int | None = None) -> HistoryWriter:
+    """Writer of a run's history, which goes on after `resumed` rows."""
+    fixed = Fixed.of(recorded.run.equations.system)
+    groups = recorded.tracker.groups
+    return HistoryWriter(directory, fixed.arrays, fixed.attributes(), groups, resumed=resumed)
 
 
 def require_same_scene(

@@ -7,31 +7,57 @@ is put in order by whoever opens it next: it holds nothing, or a run to go on wi
 
 from __future__ import annotations
 
-import json
 import shutil
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from secrets import token_hex
 from types import TracebackType
-from typing import Any
 
 import click
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import EhdError, InputError, OutputError
 from fenics_ehd.base.lock import locked
-from fenics_ehd.base.output import FAILED_FILM, SUMMARY, require_writable
+from fenics_ehd.base.output import (
+    FAILED_FILM,
+    SCENE_NAME,
+    SUMMARY,
+    complete_result,
+    require_writable,
+)
 from fenics_ehd.results.checkpoint import CHECKPOINT
-from fenics_ehd.results.history_file import CSV_NAME, FIELDS_NAME
+from fenics_ehd.results.csv_file import CSV_NAME
+from fenics_ehd.results.history_file import FIELDS_NAME
 
-#: Scene and body of a run, beside its history, to go on with.
-SCENE_NAME, BODY_NAME = "scene.toml", "body.h5"
+#: Body of a run, beside its history, to go on with.
+BODY_NAME = "body.h5"
 
 #: Stresses over the cycle, made of a run's result.
 STRESS = "stress.json"
 
 #: Held by the process that works in the folder.
 LOCK = ".lock"
+
+#: Names of pictures, which joints and ``-difference`` may follow.
+PICTURES = (
+    "max_pressure",
+    "min_film_thickness",
+    "orbit",
+    "force",
+    "eccentricity",
+    "places",
+    "friction",
+    "flow",
+    "contact",
+    "oil_content",
+    "basis_error",
+    "error_budget",
+    "pressure_map",
+    "film_map",
+    "contact_map",
+    "bore",
+    "energy",
+)
 
 #: What a run leaves, and what is made of it: stale as soon as there is another one. The summary,
 #: which says that all else is there, goes first and comes last.
@@ -44,17 +70,13 @@ RESULTS = (
     BODY_NAME,
     "body-*.h5",
     FAILED_FILM,
-    "max_pressure.*",
-    "min_film_thickness.*",
-    "friction_torque.*",
-    "energy.*",
-    "basis_error.*",
-    "orbit.*",
     "animation.*",
     "vtk/*.pvd",
+    "vtk/*_[0-9][0-9][0-9][0-9].vtm",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
     STRESS,
     "vtk/*_stress.vtu",
+    *(f"{name}{ending}" for name in PICTURES for ending in (".*", "-*.png", "-*.svg")),
 )
 
 
@@ -70,38 +92,6 @@ def require_no_result(directory: Path) -> None:
         raise InputError(
             f"{directory}: holds a complete result, choose another folder or --overwrite"
         )
-
-
-def complete_result(directory: Path) -> dict[str, Any] | None:
-    """Summary of the complete result in a folder, None where there is none."""
-    summary = _summary(directory)
-    return summary if summary and summary["status"] == "complete" else None
-
-
-def require_complete(directory: Path) -> dict[str, Any]:
-    """Summary of the complete result in a folder.
-
-    Raises
-    ------
-    InputError
-        There is no such folder, no result in it, or one that is not complete.
-    """
-    summary = _summary(directory)
-    if summary is None:
-        missing = f"no run that came to an end, it has no {SUMMARY} of one"
-        raise InputError(f"{directory}: {missing if directory.is_dir() else 'no such folder'}")
-    if summary["status"] != "complete":
-        raise InputError(f"{directory}: its run is not complete: {summary['status']}")
-    return summary
-
-
-def _summary(directory: Path) -> dict[str, Any] | None:
-    """What a summary says that has a status."""
-    try:
-        summary = json.loads((directory / SUMMARY).read_text())
-        return summary if "status" in summary else None
-    except (OSError, ValueError, TypeError):
-        return None
 
 
 def first_rank_folder(directory: Path, overwrite: bool) -> RunFolder | AbstractContextManager[None]:

@@ -21,7 +21,7 @@ from fenics_ehd.fem.stress_cycle import (
 from fenics_ehd.reduction import ReducedBody, Structure
 from fenics_ehd.reduction.completion import missing_fields
 from fenics_ehd.reduction.residual_flexibility import pattern_fields
-from fenics_ehd.results.paraview import CELL_NAMES
+from fenics_ehd.results.part_fields import CELL_NAMES
 
 
 @dataclass(frozen=True, eq=False)

@@ -134,20 +134,26 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
             f"reduction.snapshots = {reduction.snapshots!r}: a run's pressures are those of one "
             f"bore, the part has {', '.join(structure.bores)}"
         )
-    from fenics_ehd.results.history_file import read_fields
+    from fenics_ehd.results.load import load_results
 
-    found = read_fields(reduction.snapshots, ("pressure_Pa", "film_nodes"))
-    nodes = structure.bore.pressure_coordinates
-    angle, height = found["film_nodes"].T
+    joints = load_results(reduction.snapshots).joints
+    if len(joints) != 1:
+        raise SettingsError(
+            f"reduction.snapshots = {reduction.snapshots!r}: a run with one lubricated joint is "
+            f"needed, it has {', '.join(joints) or 'none'}"
+        )
+    ((_, joint),) = joints.items()
+    film, nodes = joint.film, structure.bore.pressure_coordinates
     radius = np.linalg.norm(nodes[:, :2], axis=1).max()
-    film = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
-    order = match(nodes, film)
+    circle = radius * np.cos(film.angle), radius * np.sin(film.angle)
+    places = np.column_stack([*circle, film.height])
+    order = match(nodes, places)
     if order is None:
         raise SettingsError(
-            f"reduction.snapshots = {reduction.snapshots!r}: its {len(film)} film nodes are not "
+            f"reduction.snapshots = {reduction.snapshots!r}: its {len(places)} film nodes are not "
             f"the {len(nodes)} pressure nodes of this bore"
         )
-    return found["pressure_Pa"][:, order].T
+    return np.asarray(film.pressure)[:, order].T
 
 
 def structure_provenance(

@@ -442,7 +442,7 @@ class OutputSettings:
     """What a run writes beside history and summary."""
 
     plots: bool = flag(True, "curves as pictures")
-    paraview: bool = flag(False, "ParaView series of the flexible bodies")
+    paraview: bool = flag(False, "ParaView series of bodies and films")
     frames: int = count(60, "of the series", least=2)
 
 

@@ -24,7 +24,7 @@ from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import System
 from fenics_ehd.reduction import load_body
-from fenics_ehd.results.history_file import read_fields, read_history
+from fenics_ehd.results.load import load_results
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import build_mechanism
 from fenics_ehd.scenes.run import BODY_FILE
@@ -93,41 +93,31 @@ class StoredRun:
         A file is missing or damaged, or there is hardly a step after the start.
     """
 
+    #: Whether pressures at all nodes are needed.
+    _films = False
+
     def __init__(self, directory: Path, scene: Scene, start: float):
         self.directory, self.scene = directory, scene
-        self.history = read_history(directory)
-        self.times = self.history["cycle_time_s" if scene.time.periodic else "time_s"]
+        self.result = load_results(directory, films=self._films)
+        self.times = np.asarray(self.result.time)
         self.joints = lubricated_joints(scene)
-        self.fields = read_fields(directory, ("coordinates", "rates"))
-        self.fields |= read_fields(directory, ("quasi_static",), optional=True)
-        if {len(values) for values in self.fields.values()} != {len(self.times)}:
-            raise InputError(f"{directory}: its history has not the same steps in both files")
         self.counted = self.times >= start
         if np.count_nonzero(self.counted) < 2:
             raise InputError(f"{directory}: fewer than two steps after {start:g} s")
 
-    def named(self, joint: str, column: str) -> str:
-        """Name of a joint's column or field."""
-        return f"{joint}.{column}" if len(self.joints) > 1 else column
-
-    def column(self, joint: str, column: str) -> np.ndarray:
-        """Of a joint's history, shape (steps,)."""
-        return self.history[self.named(joint, column)]
-
     def estimates(self) -> dict[str, float]:
         """Largest error of the gap that the run itself estimates, while errors count [m]."""
-        names = {joint: self.named(joint, "basis_error_estimate_m") for joint in self.joints}
+        joints = self.result.joints
         return {
-            joint: float(self.history[name][self.counted].max(initial=0.0))
-            for joint, name in names.items()
-            if name in self.history
+            joint: float(joints[joint].basis_error_estimate[self.counted].max(initial=0.0))
+            for joint in self.joints
+            if "basis_error_estimate" in joints[joint]
         }
 
     @property
     def states(self) -> np.ndarray:
         """Coordinates and residual amplitudes at every step, shape (steps, n)."""
-        names = [name for name in ("coordinates", "quasi_static") if name in self.fields]
-        return np.hstack([self.fields[name] for name in names])
+        return np.hstack([self.result.coordinates, self.result.quasi_static])
 
     def gaps(self, films: Scene, states: np.ndarray) -> dict[str, np.ndarray]:
         """Gap by joint [m], shape (len(states), points), where films of another scene are."""
@@ -153,26 +143,23 @@ class StoredRun:
 class Reference(StoredRun):
     """A run that others are compared with."""
 
-    def __init__(self, directory: Path, scene: Scene, start: float):
-        super().__init__(directory, scene, start)
-        names = tuple(self.named(joint, "pressure_Pa") for joint in self.joints)
-        self._pressures = dict(
-            zip(self.joints, read_fields(directory, names).values(), strict=True)
-        )
+    _films = True
 
     @cached_property
     def _coordinates(self) -> Sequence[CubicHermiteSpline | PchipInterpolator]:
+        result = self.result
         found: list[CubicHermiteSpline | PchipInterpolator] = [
-            CubicHermiteSpline(self.times, self.fields["coordinates"], self.fields["rates"])
+            CubicHermiteSpline(self.times, result.coordinates, result.rates)
         ]
-        if "quasi_static" in self.fields:
-            found.append(PchipInterpolator(self.times, self.fields["quasi_static"]))
+        if result.quasi_static.size:
+            found.append(PchipInterpolator(self.times, result.quasi_static))
         return found
 
     @cached_property
     def _nodal(self) -> Mapping[str, PchipInterpolator]:
         """Of nodal pressures."""
-        return {name: PchipInterpolator(self.times, p) for name, p in self._pressures.items()}
+        joints = self.result.joints
+        return {name: PchipInterpolator(self.times, joints[name].film.pressure) for name in joints}
 
     def differences(self, run: StoredRun) -> tuple[np.ndarray, dict[str, Differences]]:
         """Of a run at its own steps while errors count: the steps, and what is found by joint."""
@@ -183,13 +170,11 @@ class Reference(StoredRun):
         ours = run.gaps(self.scene, run.states[inside])
         found = {}
         for joint in self.joints:
-            pressure, film = (
-                run.column(joint, name)[inside]
-                for name in ("max_pressure_Pa", "min_film_thickness_m")
-            )
+            own = run.result.joints[joint]
+            pressure, film = own.max_pressure[inside], own.min_film_thickness[inside]
             exact_pressure = self._nodal[joint](times).max(axis=1)
             exact_film = exact[joint].min(axis=1)
-            peak = self.column(joint, "max_pressure_Pa")[self.counted].max()
+            peak = self.result.joints[joint].max_pressure[self.counted].max()
             off_pressure, off_film = (pressure - exact_pressure) / peak, film / exact_film - 1
             errors = Errors(
                 float(np.abs(off_pressure).max()),

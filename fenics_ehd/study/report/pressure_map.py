@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from fenics_ehd.plotting.picture import PRESSURES, plt
 from fenics_ehd.study.report.study_data import FILM, PRESSURE, REFERENCE_RUN, JointData
-from fenics_ehd.study.report.style import WIDTH, plt
+from fenics_ehd.study.report.style import WIDTH
 
 #: Share of the highest pressure from which on a colour is drawn.
 EDGE = 0.01
@@ -34,7 +35,7 @@ def draw_pressure(joint: JointData, run: str = REFERENCE_RUN) -> Figure | None:
     )
     for axes, (moment, step) in zip(panels, moments.items(), strict=True):
         nodal = np.tile(1e-6 * pressure[step], 3)
-        image = axes.tricontourf(angle, height, nodal, levels, cmap="YlOrRd")
+        image = axes.tricontourf(angle, height, nodal, levels, cmap=PRESSURES)
         highest_nodes = np.flatnonzero(nodal == nodal.max())
         axes.plot(angle[highest_nodes], height[highest_nodes], "k+", markersize=9)
         told = f"{1e3 * history['time_s'][step]:.3f} ms, {nodal.max():.1f} MPa (cross)"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.results.history_file import read_fields, read_history
+from fenics_ehd.results.load import load_results
 from fenics_ehd.study.errors_file import errors_path, read_errors
 
 #: Norms of the error of a curve: largest over time, root mean square over time.
@@ -181,11 +181,10 @@ class JointData:
         ``time_s`` is that within the cycle where the run is periodic.
         """
         try:
-            columns = read_history(self.study.folder(run))
+            result = load_results(self.study.folder(run), films=False)
         except InputError:
             return None
-        time = columns.get("cycle_time_s", columns["time_s"])
-        return self._own(columns) | {"time_s": time}
+        return result.joints[self.name].columns | {"time_s": np.asarray(result.time)}
 
     def _own(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         found = {k: v for k, v in values.items() if k.startswith(self._prefix)}
@@ -205,9 +204,8 @@ class JointData:
 
     def pressures(self, run: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Film nodes, angle [rad] and height [m], and pressures [Pa], shape (steps, nodes)."""
-        names = (f"{self._prefix}film_nodes", f"{self._prefix}pressure_Pa")
         try:
-            nodes, pressure = read_fields(self.study.folder(run), names).values()
+            film = load_results(self.study.folder(run)).joints[self.name].film
         except InputError:
             return None
-        return nodes, pressure
+        return np.column_stack([film.angle, film.height]), np.asarray(film.pressure)

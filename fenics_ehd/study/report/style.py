@@ -17,11 +17,11 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from fenics_ehd.plotting.picture import plt
+from fenics_ehd.plotting.picture import BLACK, BLUE, RED, YELLOW, plt
 from fenics_ehd.scenes.part_settings import ReductionSettings
 from fenics_ehd.study.report.study_data import QUANTITIES, JointData, Quantity, StudyRow
 
-COLOURS = {"m1": "#DDAA33", "m2": "#BB5566", "m3": "#004488", "m4": "#000000"}
+COLOURS = {"m1": YELLOW, "m2": RED, "m3": BLUE, "m4": BLACK}
 MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
 
 #: Of M3, by pressure set; how a marker is filled tells the selection.
@@ -55,19 +55,6 @@ LIGHTER, DARKER = 0.35, 0.55
 
 #: Width of a figure [inches], columns of its legend.
 WIDTH, LEGEND_COLUMNS = 10.5, 3
-
-#: Fonts and grids.
-SETTINGS: dict[str, Any] = {
-    "font.size": 10,
-    "axes.labelsize": 10,
-    "legend.fontsize": 8.5,
-    "legend.handlelength": 2.8,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "lines.linewidth": 1.5,
-    "lines.markersize": 6,
-    "svg.hashsalt": "fenics_ehd",  # the same ids every time
-}
 
 
 def family(row: StudyRow) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from fenics_ehd.base.output import require_writable, write_whole
-from fenics_ehd.plotting.picture import FORMATS, save
+from fenics_ehd.plotting.picture import FORMATS, SETTINGS, plt, save
 from fenics_ehd.study.report.accuracy import draw_estimates, draw_film_meshes, draw_tolerances
 from fenics_ehd.study.report.cost import COORDINATES, ONLINE, draw_cost
 from fenics_ehd.study.report.curves import alike, draw_errors, draw_methods
@@ -18,7 +18,6 @@ from fenics_ehd.study.report.pressure_map import draw_pressure
 from fenics_ehd.study.report.reading import read_study
 from fenics_ehd.study.report.render import render
 from fenics_ehd.study.report.study_data import StudyData
-from fenics_ehd.study.report.style import SETTINGS, plt
 
 #: Pages, the first one without need of another file, and the folder of the figures.
 PAGES, FIGURES = ("report.html", "report.md"), "figures"

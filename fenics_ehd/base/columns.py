@@ -1,0 +1,69 @@
+"""Arrays that know their unit, and columns, whose names end with one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+#: Units that names of columns end with, ``force_N``; several are a product, ``Pa_m``, and what
+#: comes after ``per`` divides, ``rad_per_s``. A name that ends with none is dimensionless.
+UNITS = ("Pa", "N", "Nm", "W", "J", "m", "m2", "m3", "s", "kg", "rad", "deg", "C", "K", "Hz")
+
+#: How they are written where that is not the same.
+_WRITTEN = {"Nm": "N m"}
+
+#: Unit of what has none.
+DIMENSIONLESS = "1"
+
+
+class Quantity(np.ndarray):
+    """An array with its unit; results of arithmetic are plain arrays, parts of it keep the unit.
+
+    Attributes
+    ----------
+    units
+        ``"Pa"``, ``"m3/s"``, ``"1"``.
+    """
+
+    units: str
+
+    def __new__(cls, values: Any, units: str) -> Quantity:
+        """Of an array, which is not copied."""
+        found = np.asarray(values).view(cls)
+        found.units = units
+        return found
+
+    def __array_finalize__(self, source: Any) -> None:
+        self.units = getattr(source, "units", DIMENSIONLESS)
+
+    def __array_wrap__(self, array: np.ndarray, *_: Any) -> Any:
+        # The unit of a product, or of a count, is not that of its factor.
+        return np.asarray(array)[()]
+
+    def __repr__(self) -> str:
+        return f"{np.asarray(self)!r} {self.units}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Quantity, (np.asarray(self), self.units)
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """Name and unit of a column: ``side_flow_m3_per_s`` is ``side_flow`` in ``m3/s``."""
+    words = column.split("_")
+    first = len(words)
+    while first > 1 and (words[first - 1] in UNITS or words[first - 1] == "per"):
+        first -= 1
+    if words[first : first + 1] == ["per"]:
+        first += 1
+    unit = " ".join(_WRITTEN.get(word, word) for word in words[first:]).replace(" per ", "/")
+    return "_".join(words[:first]), unit or DIMENSIONLESS
+
+
+def with_unit(name: str, unit: str) -> str:
+    """The column of a quantity: the inverse of `split_unit`."""
+    if unit == DIMENSIONLESS:
+        return name
+    for short, written in _WRITTEN.items():
+        unit = unit.replace(written, short)
+    return f"{name}_{unit.replace('/', '_per_').replace(' ', '_')}"

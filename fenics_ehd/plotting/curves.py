@@ -1,0 +1,274 @@
+"""Curves over the crank's angle: any columns of a history."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+from scipy.integrate import trapezoid
+from scipy.interpolate import PchipInterpolator
+
+from fenics_ehd.plotting.picture import WIDTH, legend, plt, style, with_unit
+from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
+
+#: Joints by name, each of one or more runs.
+Rows = Mapping[str, Sequence[ShownJoint]]
+
+#: Height of a panel, alone and of several [inches].
+ALONE, STACKED = 4.0, 2.7
+
+#: What columns of angles that go around end with.
+AROUND = "_angle_deg"
+
+#: Share of an initial value problem in which its film gets thin, which would hide the rest.
+BUILD_UP = 0.1
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Columns that share an axis.
+
+    Attributes
+    ----------
+    label
+        Of the axis, its unit in brackets.
+    columns
+        What they are called by their names, or by patterns of these: then what the star stands for.
+    factor
+        To that unit.
+    extreme
+        Of every curve that is marked and told, `numpy.argmax` or `numpy.argmin`.
+    mean
+        Whether means over time are drawn and told.
+    scale
+        ``"zero"``: linear from zero on; ``"linear"``; ``"log"``; ``"angle"``: once around.
+    budget
+        What the run's error budget calls it, whose total is drawn as a band; empty: it does not.
+    unchanged
+        Whether columns that are all zero are drawn.
+    """
+
+    label: str
+    columns: Mapping[str, str]
+    factor: float = 1.0
+    extreme: Callable[[np.ndarray], np.intp] | None = None
+    mean: bool = False
+    scale: str = "zero"
+    budget: str = ""
+    unchanged: bool = False
+
+    def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
+        """What those that a history has, known and not all zero, are called."""
+        shown = {}
+        for pattern, called in self.columns.items():
+            for name, values in columns.items():
+                if fnmatchcase(name, pattern) and (self.unchanged or _told(values)):
+                    star = name.removesuffix(pattern.removeprefix("*")).strip("_.")
+                    shown[name] = called or star.replace("_", " ")
+        return shown
+
+    def figure(self, value: float) -> str:
+        """A value with the unit of the axis."""
+        return with_unit(value, self.label)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Panels beside or below each other, a row of them for every joint.
+
+    Attributes
+    ----------
+    name
+        Of the quantity and of the files.
+    panels
+        In the order in which they are drawn.
+    whole
+        Whether they are of a run, not of its joints.
+    needed
+        Column without which there is nothing to draw; empty: any of them will do.
+    """
+
+    name: str
+    panels: tuple[Panel, ...]
+    whole: bool = False
+    needed: str = ""
+
+    def has(self, joint: ShownJoint) -> bool:
+        """Whether there is anything to draw."""
+        if self.needed and not _told(joint.columns.get(self.needed)):
+            return False
+        return any(panel.found(joint.columns) for panel in self.panels)
+
+    def draw(self, rows: Rows) -> Figure:
+        """The figure."""
+        cells = [
+            (title, joints, panel)
+            for title, joints in rows.items()
+            for panel in self.panels
+            if any(panel.found(joint.columns) for joint in joints)
+        ]
+        height = ALONE if len(cells) == 1 else STACKED * len(cells)
+        figure, axes = plt.subplots(
+            len(cells), figsize=(WIDTH, height), layout="constrained", sharex=True, squeeze=False
+        )
+        for place, (title, joints, panel) in zip(axes.flat, cells, strict=True):
+            draw_panel(place, joints, panel)
+            place.set_title(title, loc="left", fontweight="bold")
+            place.label_outer()
+        return figure
+
+    def difference(self, rows: Rows) -> Figure:
+        """The figure of the second run of every row less the first."""
+        less = {title: [subtracted(*joints)] for title, joints in rows.items()}
+        panels = tuple(
+            replace(panel, scale="linear", extreme=_largest, mean=False, budget="", unchanged=True)
+            for panel in self.panels
+        )
+        figure = replace(self, panels=panels).draw(less)
+        for axes in figure.axes:
+            axes.axhline(0.0, color="0.3", linewidth=0.8, zorder=1)
+        return figure
+
+
+def _told(values: np.ndarray | None) -> bool:
+    """Whether a column is known and not all zero."""
+    return values is not None and bool(np.any(np.nan_to_num(values)))
+
+
+def _largest(values: np.ndarray) -> np.intp:
+    return np.argmax(np.abs(values))
+
+
+def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
+    """One set of axes, with the curves of the same joint of one or more runs."""
+    over = common_axis(joints)
+    curves = [(joint, *found) for joint in joints for found in panel.found(joint.columns).items()]
+    for number, (joint, column, called) in enumerate(curves):
+        look = style(number)
+        x, y = over_cycle(joint, panel.factor * joint.columns[column], over)
+        figures = []
+        if panel.extreme is not None:
+            place = panel.extreme(y)
+            axes.plot(x[place], y[place], "o", color=look["color"], markersize=5, zorder=4)
+            figures.append(f"{panel.figure(y[place])} at {said(x[place], over)}")
+        if (worth := _worth(joint, panel.budget)) is not None:
+            extreme, largest = worth
+            # Pressures are judged over their peak, films place by place.
+            half = largest * (y.max() if panel.extreme is np.argmax else y)
+            axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
+            figures[-1] += f" ± {100 * extreme:.2g} %"
+        if panel.mean:
+            average = panel.factor * _average(joint, column)
+            axes.axhline(average, color=look["color"], linewidth=0.8, alpha=0.7, zorder=1)
+            figures.append(f"mean {panel.figure(average)}")
+        told = ", ".join(filter(None, (joint.run.name if len(joints) > 1 else "", called)))
+        label = ": ".join(filter(None, (told, ", ".join(figures))))
+        if panel.scale == "angle":
+            y = np.where(np.abs(np.diff(y, append=y[-1])) > 180.0, np.nan, y)  # once around
+        axes.plot(x, y, label=label or None, **look)
+    _lay_out(axes, joints, panel, over)
+
+
+def _worth(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
+    """Estimated relative errors of an extreme and over the cycle, None where there are none."""
+    budget = joint.run.figures.get(joint.name, {}).get("error_budget", {})
+    if quantity not in budget:
+        return None
+    errors = budget[quantity]["total"], budget["largest_over_cycle"][quantity]["total"]
+    return None if any(isinstance(error, str) for error in errors) else errors
+
+
+def _average(joint: ShownJoint, column: str) -> float:
+    """As the summary has it, else of the cycle."""
+    figures = joint.run.figures.get(joint.name, {})
+    for name in (f"cycle_mean_{column}", f"mean_{column}"):
+        if name in figures:
+            return figures[name]
+    return float(mean(joint.columns[column], joint.columns[TIME]))
+
+
+def mean(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Over time, of values of all instants, shape (t, ...)."""
+    return trapezoid(values, time, axis=0) / np.ptp(time) if len(time) > 1 else values[0]
+
+
+def said(x: float, over: str) -> str:
+    """A place on the common axis."""
+    return f"{x:.0f}°" if over == ANGLE else f"{x:.3f} ms"
+
+
+def common_axis(joints: Sequence[ShownJoint]) -> str:
+    """Column that curves of these joints are drawn over."""
+    return ANGLE if all(ANGLE in joint.columns for joint in joints) else TIME
+
+
+def over_cycle(joint: ShownJoint, values: np.ndarray, over: str) -> tuple[np.ndarray, np.ndarray]:
+    """Places [degrees] or [ms] in ascending order, and the values there."""
+    x = joint.columns[over] * (1.0 if over == ANGLE else 1e3)
+    order = np.argsort(x, kind="stable")
+    return x[order], values[order]
+
+
+def span(over: str, joints: Sequence[ShownJoint]) -> float:
+    """Distance of ticks on the common axis [degrees] or [ms]."""
+    longest = max(np.ptp(joint.columns[over]) for joint in joints)
+    if over == ANGLE:
+        return 90.0 if longest > 400.0 else 45.0
+    ticks = MaxNLocator(8, steps=[1, 2, 5, 10]).tick_values(0.0, max(1e3 * longest, 1e-9))
+    return float(ticks[1] - ticks[0])
+
+
+def _lay_out(axes: Axes, joints: Sequence[ShownJoint], panel: Panel, over: str) -> None:
+    """Limits, labels, legend."""
+    axes.set_ylabel(panel.label)
+    told = "".join(f", {joint.run.told}" for joint in joints[:1] if joint.run.told)
+    axes.set_xlabel(("crank angle [°]" if over == ANGLE else "time [ms]") + told)
+    axes.margins(x=0)
+    axes.xaxis.set_major_locator(MultipleLocator(span(over, joints)))
+    if panel.scale == "log":
+        axes.set_yscale("log")
+        axes.grid(alpha=0.15, which="minor")
+    elif panel.scale == "angle":
+        axes.set(ylim=(-180, 180), yticks=np.arange(-180, 181, 90))
+    elif panel.scale == "zero":
+        curves = [line.get_data() for line in axes.lines if len(line.get_xdata()) > 2]
+        high = axes.get_ylim()[1]
+        if panel.extreme is np.argmin and all(joint.run.starts for joint in joints):
+            late = [y[x >= x[0] + BUILD_UP * np.ptp(x)] for x, y in curves]
+            high = 1.15 * max(np.nanmax(y) for y in late)
+        lowest = min(np.nanmin(y) for _, y in curves)
+        axes.set_ylim(1.05 * lowest if lowest < 0.0 else 0.0, high)
+    legend(axes)
+
+
+def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
+    """Columns of the second run less those of the first, where both are known."""
+    over = common_axis((first, second))
+    x = [np.sort(joint.columns[over]) for joint in (first, second)]
+    low, high = max(v[0] for v in x), min(v[-1] for v in x)
+    both = np.unique(np.concatenate(x))
+    both = both[(both >= low) & (both <= high)]
+    values = {
+        column: _at(second, column, over, both) - _at(first, column, over, both)
+        for column in (first.columns.keys() & second.columns.keys()) - {over}
+    }
+    for column in values:
+        if column.endswith(AROUND):
+            values[column] = (values[column] + 180.0) % 360.0 - 180.0
+    return replace(second, columns=values | {over: both})
+
+
+def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.ndarray:
+    """Along cubics that do not overshoot: straight lines would leave a saw of their own errors."""
+    x, order = np.unique(joint.columns[over], return_index=True)
+    values = joint.columns[column][order]
+    if column.endswith(AROUND):
+        values = np.unwrap(values, period=360.0)
+    if len(x) < 2 or not np.isfinite(values).all():
+        return np.interp(places, x, values)
+    return PchipInterpolator(x, values)(places)

@@ -1,0 +1,126 @@
+"""Pictures of runs: which joints, which quantities, one run or several in one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.plotting.curves import Curves, Rows
+from fenics_ehd.plotting.picture import SETTINGS, in_formats, plt, save
+from fenics_ehd.plotting.quantities import OF_EVERY_RUN, QUANTITIES, Subtractable
+from fenics_ehd.plotting.shown import ShownJoint, ShownRun
+
+
+def plot_run(directory: str | Path) -> list[Path]:
+    """The pictures that a run leaves in its own folder, of what its models tell."""
+    pictures = Pictures({"": directory})
+    return [path for name in OF_EVERY_RUN for path in pictures.draw(name, directory)]
+
+
+class Pictures:
+    """Pictures of the last cycle of one or more runs.
+
+    Parameters
+    ----------
+    runs
+        Their folders by the name to show in legends.
+    joints
+        Lubricated joints by name; none: all.
+    difference
+        Whether to draw the second run less the first.
+
+    Raises
+    ------
+    InputError
+        A folder holds no history.
+    SettingsError
+        No such joint, or a difference of other than two runs.
+    """
+
+    def __init__(
+        self,
+        runs: Mapping[str, str | Path],
+        joints: Sequence[str] = (),
+        *,
+        difference: bool = False,
+    ):
+        if difference and len(runs) != 2:
+            raise SettingsError(f"--difference: that of 2 runs, of {len(runs)} there is none")
+        self._runs = [ShownRun(name, folder) for name, folder in runs.items()]
+        self._difference, self._joints = difference, joints
+        self._rows = _rows(self._runs, joints)
+
+    @property
+    def names(self) -> list[str]:
+        """Quantities there is something to draw of."""
+        return [name for name in QUANTITIES if self._having(name)]
+
+    def require(self, names: Sequence[str]) -> None:
+        """Refuse quantities that the runs do not have.
+
+        Raises
+        ------
+        SettingsError
+            Naming those that they have.
+        """
+        for name in names:
+            if name not in QUANTITIES or not self._having(name):
+                of = " and ".join(str(run.directory) for run in self._runs)
+                joints = f" for {', '.join(self._joints)}" if self._joints else ""
+                what = "no difference of it" if self._difference else "no such quantity"
+                raise SettingsError(
+                    f"--quantity {name}: {what}{joints} in {of}; there is {', '.join(self.names)}"
+                )
+
+    def draw(self, name: str, directory: str | Path) -> list[Path]:
+        """Write a picture in each of `FORMATS`; none where there is nothing to draw."""
+        rows, quantity = self._having(name), QUANTITIES[name]
+        if not rows:
+            return []
+        with plt.rc_context(SETTINGS):
+            if self._difference:
+                assert isinstance(quantity, Subtractable)
+                figure = quantity.difference(
+                    {_less(t, *joints): joints for t, joints in rows.items()}
+                )
+            else:
+                figure = quantity.draw(rows)
+            return save(figure, in_formats(directory, self._file(name)))
+
+    def _file(self, name: str) -> str:
+        return "-".join([name, *self._joints, *["difference"] * self._difference])
+
+    def _having(self, name: str) -> Rows:
+        """Joints, or runs as a whole, of which a quantity can be drawn."""
+        quantity, rows = QUANTITIES[name], self._rows
+        whole = isinstance(quantity, Curves) and quantity.whole
+        # Works of two runs do not begin at the same instant.
+        if self._difference and (whole or not isinstance(quantity, Subtractable)):
+            return {}
+        if whole:
+            rows = {"": [run.whole for run in self._runs]}
+        found = {title: [j for j in joints if quantity.has(j)] for title, joints in rows.items()}
+        least = 2 if self._difference else 1
+        return {title: joints for title, joints in found.items() if len(joints) >= least}
+
+
+def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:
+    """What a difference is of."""
+    return ": ".join(filter(None, (title, f"{second.run.name} less {first.run.name}")))
+
+
+def _rows(runs: Sequence[ShownRun], joints: Sequence[str]) -> Rows:
+    """Joints by name; the only one of each run stands beside those of the others."""
+    known = list(dict.fromkeys(name for run in runs for name in run.joints))
+    for name in joints:
+        if name not in known:
+            raise SettingsError(
+                f"--joint {name}: no lubricated joint of {runs[0].directory}; there is "
+                f"{', '.join(known) or 'none'}"
+            )
+    if not joints and all(len(run.joints) == 1 for run in runs):
+        return {" / ".join(known): [joint for run in runs for joint in run.joints.values()]}
+    return {
+        name: [run.joints[name] for run in runs if name in run.joints] for name in joints or known
+    }

@@ -1,0 +1,303 @@
+"""Derivatives of what a run answers, through its steps, against scaling laws and other runs."""
+
+import json
+
+import numpy as np
+import pytest
+from command_line import call, exit_of
+from scene_cases import RIGID_ROD, tables_of, write_scene
+from scipy.integrate import solve_ivp
+
+from fenics_ehd.base.errors import SensitivityError, SettingsError
+from fenics_ehd.multibody.cycle_figures import extreme_weights, mean_weights
+from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.scenes.scene_file import scene_of
+from fenics_ehd.study.sensitivity import (
+    DIFFERENCES,
+    THROUGH,
+    differences,
+    number_of,
+    scene_sensitivity,
+)
+
+#: The shipped loaded journal on a coarse film: massless, so that its orbit depends on groups only.
+JOURNAL = {"joints.bearing.cells": [16, 3], "time.tolerance": 3e-4, "time.largest_step": 0.1}
+FILM, PRESSURE = "bearing.min_film_thickness", "bearing.max_pressure"
+CLEARANCE, VISCOSITY, LOAD = "joints.bearing.clearance", "lubricants.oil.viscosity", "load.scale"
+CLEARANCE_OF_ROD = "joints.big_end.clearance"
+
+
+def scene(name, *changes):
+    tables = tables_of(name, {key: v for change in changes for key, v in change.items()})
+    return scene_of(tables, name)
+
+
+def elasticities(found):
+    """By name of the figure and key."""
+    return {
+        (figure.name, number.key): found.elasticity(figure, number)
+        for figure in found.figures
+        for number in found.numbers
+    }
+
+
+@pytest.fixture(scope="module")
+def journal():
+    """Derivatives of the loaded journal along what its Sommerfeld number consists of."""
+    return scene_sensitivity(
+        scene("loaded-journal", JOURNAL, {"joints.bearing.cells": [12, 2], "time.tolerance": 1e-3}),
+        [FILM, PRESSURE],
+        [CLEARANCE, VISCOSITY, LOAD],
+    )
+
+
+def test_derivatives_obey_sommerfeld_scaling(journal, figure):
+    # h / c and p over the load are functions of eta / (load (c / R)^2) alone: with a the derivative
+    # along the viscosity those along load and clearance follow, to c / R of the journal's radius.
+    found = elasticities(journal)
+    worst = 0.0
+    for name, load, clearance in (("min_film_thickness_m", 0, 1), ("max_pressure_Pa", 1, 0)):
+        a = found[name, VISCOSITY]
+        worst = max(
+            worst,
+            abs(found[name, "forces.load.scale"] - (load - a)),
+            abs(found[name, CLEARANCE] - (clearance - 2 * a)),
+        )
+    assert found["min_film_thickness_m", VISCOSITY] > 0.3
+    name = "Sommerfeld scaling of a journal's derivatives, largest elasticity off"
+    figure("derivatives", name, worst, most=2e-3)
+
+
+def test_all_of_them_went_through_the_steps(journal):
+    assert set(journal.methods.values()) == {THROUGH}
+    assert journal.seconds["differences"] < 0.1 * journal.seconds["run"]
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_runs_and_the_error_falls_with_the_tolerance(figure):
+    # Differences of runs at a tolerance at which their steps leave 1e-4 of them.
+    fine = scene("loaded-journal", JOURNAL, {"time.tolerance": 1e-5, "time.periodicity": 1e-5})
+    viscosity = number_of(fine, VISCOSITY)
+    errors = []
+    for tolerance in (1e-3, 1e-5):
+        coarse = scene("loaded-journal", JOURNAL, {"time.tolerance": tolerance})
+        found = scene_sensitivity(coarse, [FILM, PRESSURE], [VISCOSITY])
+        if not errors:
+            expected = differences(fine, viscosity, found.figures, 0.01)
+        errors.append(
+            max(abs(found.derivatives[f, VISCOSITY] / expected[f] - 1) for f in found.figures)
+        )
+    assert errors[1] < 0.3 * errors[0]
+    name = "derivatives along the viscosity against runs, loaded journal"
+    figure("derivatives", name, errors[1], most=0.01, unit="%")
+
+
+@pytest.mark.slow
+def test_mass_and_speed_of_a_rigid_slider_crank(figure):
+    machine = scene("slider-crank", RIGID_ROD, {"time.tolerance": 2e-5})
+    keys = ["bodies.piston.mass", "drives.crank.speed"]
+    found = scene_sensitivity(machine, ["min_film_thickness"], keys)
+    worst = 0.0
+    for number in found.numbers:
+        expected = differences(machine, number, found.figures, 0.01)
+        for own, slope in expected.items():
+            worst = max(worst, abs(found.derivatives[own, number.key] / slope - 1))
+    assert found.derivatives[found.figures[0], "drives.crank.speed"] < 0
+    name = "derivatives along mass and speed against runs, rigid slider-crank"
+    figure("derivatives", name, worst, most=0.01, unit="%")
+
+
+def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
+    # A pendulum falls on a lubricated hinge, whose mean force is the momentum that it gave: the
+    # film is thin against the pendulum's length, an ideal hinge gives the same.
+    tables = {
+        "bodies.pendulum": {
+            "kind": "rigid", "mass": 2.0, "inertia": 0.01, "centre": [0.3, 0.0],
+            "angle": -60.0, "points": {"hook": [0.0, 0.0]},
+        },
+        "joints.hinge": {
+            "kind": "lubricated", "journal": "ground", "bore": "pendulum.hook",
+            "clearance": 50e-6, "radius": 0.02, "width": 0.02, "cells": [12, 2],
+            "viscosity": 0.05,
+        },
+        "forces.gravity": {"kind": "gravity"},
+        "time": {"end": 0.05, "tolerance": 1e-5, "first_step": 1e-6},
+    }  # fmt: skip
+    nested = {"bodies": {}, "joints": {}, "forces": {}}
+    for key, value in tables.items():
+        table, _, name = key.partition(".")
+        if name:
+            nested[table][name] = value
+        else:
+            nested[key] = value
+    pendulum = scene_of(nested, "pendulum")
+    figure_name, key = "hinge.mean_force_x", "bodies.pendulum.angle"
+    found = scene_sensitivity(pendulum, [figure_name], [key, "bodies.pendulum.mass"])
+
+    def mean_force(angle, mass):
+        inertia = 0.01 + mass * 0.3**2
+
+        def rates(_, y):
+            return [y[1], -mass * 9.81 * 0.3 * np.cos(y[0]) / inertia]
+
+        end = 0.05
+        solved = solve_ivp(rates, (0, end), [np.radians(angle), 0.0], rtol=1e-10, atol=1e-12)
+        # What the bearing gives: mass times the mean acceleration of its centre, along x.
+        y = solved.y[:, -1]
+        return mass * (-0.3 * np.sin(y[0]) * y[1]) / end
+
+    for name, slope in (
+        (key, (mean_force(-59.9, 2.0) - mean_force(-60.1, 2.0)) / 0.2),
+        ("bodies.pendulum.mass", (mean_force(-60.0, 2.01) - mean_force(-60.0, 1.99)) / 0.02),
+    ):
+        # Of the pendulum on the hinge, not of the hinge on the pendulum.
+        assert found.derivatives[found.figures[0], name] == pytest.approx(-slope, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        ("clearence", "did you mean joints.bearing.clearance"),
+        ("bearing.cells", "no number that changes a little"),
+        ("barus", "0 stands for what is off"),
+        ("time.tolerance", "says how the scene is run"),
+        ("journal.position", "is a pair: ask along bodies.journal.position.x"),
+        ("bearing.lubricant", "no number that changes a little"),
+    ],
+)
+def test_keys_without_a_derivative_are_refused(key, told):
+    with pytest.raises((SensitivityError, SettingsError), match=told):
+        number_of(scene("loaded-journal", JOURNAL), key)
+
+
+def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
+    path = write_scene(tmp_path / "s.toml", "loaded-journal", JOURNAL)
+    status, out, err = exit_of(
+        capfd, "sensitivity", path, "--of", "min_film_thicknes", "--to", "clearance"
+    )
+    assert (status, out) == (2, "")
+    assert "SensitivityError" in err
+    assert "did you mean bearing.min_film_thickness?" in err
+
+
+def test_the_command_prints_a_table_and_json(tmp_path, capfd):
+    once = {"time.periodic": False, "time.revolutions": 0.1, "time.tolerance": 1e-3}
+    path = write_scene(tmp_path / "s.toml", "loaded-journal", JOURNAL, once)
+    asked = ("sensitivity", path, "--of", "min_film_thickness", "--to", "clearance")
+    status, out, _ = exit_of(capfd, *asked, "--json")
+    found = json.loads(out)["quantities"]["bearing.min_film_thickness_m"]
+    along = found["along"][CLEARANCE]
+    assert not status
+    assert along["method"] == THROUGH
+    assert along["elasticity"] == pytest.approx(along["derivative"] * along["at"] / found["value"])
+    assert call(*asked) == 0
+    assert f"{along['elasticity']:.4f}  {THROUGH}" in capfd.readouterr().out
+
+
+def test_an_extreme_between_steps_is_that_of_a_parabola():
+    times = np.array([0.0, 0.2, 0.5, 0.9, 1.0])
+    values = 3.0 - 2.0 * (times - 0.62) ** 2
+    weights, time = extreme_weights(times, values, None, 1)
+    assert time == pytest.approx(0.62)
+    assert weights @ values == pytest.approx(3.0)
+    # A number that moves and lifts the parabola: what counts is the lift at its top.
+    moved = 3.0 + 1e-6 * (1 + times) - 2.0 * (times - 0.62) ** 2
+    assert weights @ (moved - values) / 1e-6 == pytest.approx(1.62)
+
+
+def test_an_extreme_across_the_ends_of_a_cycle():
+    times = np.linspace(0.1, 1.0, 10)
+    values = np.cos(2 * np.pi * (times - 0.03))
+    weights, time = extreme_weights(times, values, 1.0, 1)
+    assert time == pytest.approx(0.03, abs=2e-3)
+    assert weights @ values == pytest.approx(1.0, abs=2e-3)
+
+
+def test_means_of_a_cycle_converge_and_those_of_a_run_are_those_of_a_summary():
+    errors = []
+    for count in (20, 40):
+        even = np.linspace(0.0, 1.0, count + 1)[1:]
+        times = even + 0.05 * np.sin(2 * np.pi * even)
+        # The mean of exp(sin) is the modified Bessel function I_0(1).
+        values = np.exp(np.sin(2 * np.pi * times))
+        errors.append(abs(mean_weights(times, 1.0) @ values - 1.2660658777520082))
+    assert errors[1] < 0.2 * errors[0]
+    integrals = Integrals(times[0], {"v": values[0]})
+    for time, value in zip(times[1:], values[1:], strict=True):
+        integrals.add(time, {"v": value})
+    assert mean_weights(times, None) @ values == pytest.approx(integrals.means["v"], rel=1e-12)
+
+
+@pytest.mark.slow
+def test_a_slider_crank_with_an_elastic_rod(figure):
+    machine = scene(
+        "slider-crank",
+        {
+            "joints.big_end.cells": [20, 5],
+            "time.tolerance": 3e-6,
+            "time.periodicity": 1e-5,
+            "bodies.rod.reduction.estimate_error": False,
+        },
+    )
+    keys = [CLEARANCE_OF_ROD, VISCOSITY, "bodies.piston.mass", "drives.crank.speed"]
+    found = scene_sensitivity(machine, ["min_film_thickness", "max_pressure"], keys)
+    worst = 0.0
+    for number in found.numbers:
+        for own, slope in differences(machine, number, found.figures, 0.01).items():
+            error = abs(found.derivatives[own, number.key] - slope) * number.value
+            worst = max(worst, error / found.values[own])
+    name = "derivatives against runs, slider-crank with an elastic rod, largest elasticity off"
+    figure("derivatives", name, worst, most=3e-3)
+
+
+@pytest.mark.slow
+def test_geometry_goes_by_differences():
+    machine = scene(
+        "slider-crank",
+        {
+            "joints.big_end.cells": [12, 3],
+            "time.tolerance": 1e-3,
+            "bodies.rod.reduction.estimate_error": False,
+        },
+    )
+    found = scene_sensitivity(
+        machine, ["min_film_thickness"], ["big_end_wall", "joints.big_end.clearance"]
+    )
+    assert list(found.methods.values()) == [DIFFERENCES, THROUGH]
+    assert all(np.isfinite(slope) for slope in found.derivatives.values())
+
+
+@pytest.mark.slow
+def test_a_film_whose_heat_is_balanced_takes_its_temperature_along():
+    heated = scene(
+        "loaded-journal",
+        JOURNAL,
+        {
+            "lubricants.oil": {"grade": "ISO VG 46"},
+            "joints.bearing.heat": {"supply_temperature": 60.0, "tolerance": 1e-3},
+            "time.tolerance": 1e-4,
+        },
+    )
+    # At one temperature the film's is -0.3: the wider bearing is the cooler one.
+    found = scene_sensitivity(heated, ["min_film_thickness"], [CLEARANCE])
+    clearance, own = found.numbers[0], found.figures[0]
+    expected = differences(heated, clearance, [own])[own] * clearance.value / found.values[own]
+    assert expected > 0.1
+    assert found.elasticity(own, clearance) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.slow
+def test_friction_of_an_elastic_rod_counts_what_fills():
+    rubbing = scene(
+        "slider-crank",
+        {
+            "joints.big_end.friction": True,
+            "joints.big_end.cells": [20, 5],
+            "time.tolerance": 3e-5,
+            "bodies.rod.reduction.estimate_error": False,
+        },
+    )
+    found = scene_sensitivity(rubbing, ["mean_friction_power"], [CLEARANCE_OF_ROD, "piston.mass"])
+    for number in found.numbers:
+        for own, slope in differences(rubbing, number, found.figures).items():
+            assert found.derivatives[own, number.key] == pytest.approx(slope, rel=0.02)

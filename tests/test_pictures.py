@@ -1,0 +1,462 @@
+"""Pictures of runs: which there are, and that they show what the history holds."""
+
+import json
+from fnmatch import fnmatch
+from pathlib import Path
+from shutil import copytree
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from recorded_runs import short_run
+
+from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.base.units import Quantity
+from fenics_ehd.cli.main import main
+from fenics_ehd.film.grid import uniform_grid
+from fenics_ehd.multibody.history_layout import assemble_result
+from fenics_ehd.plotting import bores, shown
+from fenics_ehd.plotting.picture import COLOURS, plt
+from fenics_ehd.plotting.pictures import Pictures, plot_run
+from fenics_ehd.plotting.quantities import OF_EVERY_RUN, QUANTITIES
+from fenics_ehd.plotting.shown import ShownFilm, ShownJoint, ShownRun
+from fenics_ehd.results.run_folder import RESULTS
+
+#: Steps of a cycle, short and long ones.
+TURN = 360.0 * np.linspace(0.0, 1.0, 40) ** 1.5
+
+CLEARANCE = 20e-6
+
+
+def joint(name="big_end", run="one", figures=None, **columns):
+    """A joint of a run in memory."""
+    angle = np.radians(TURN)
+    own = {
+        "time_s": 1e-4 * TURN,
+        "crank_angle_deg": TURN,
+        "max_pressure_Pa": 1e6 * (30 + 10 * np.sin(angle)),
+        "min_film_thickness_m": 1e-6 * (3 + np.cos(angle)),
+        "force_N": 1e3 * (3 + np.cos(angle)),
+        "force_angle_deg": 30.0 + 90.0 * np.sin(angle),
+        "eccentricity_in_bore_x_m": 0.5 * CLEARANCE * np.cos(angle),
+        "eccentricity_in_bore_y_m": 0.4 * CLEARANCE * np.sin(angle),
+        "eccentricity_ratio": np.hypot(0.5 * np.cos(angle), 0.4 * np.sin(angle)),
+    }
+    return ShownJoint(
+        SimpleNamespace(name=run, figures=figures or {}, told="", starts=False), name, own | columns
+    )
+
+
+def drawn(quantity, *runs, difference=False):
+    """Axes of a picture of joints of one or more runs, one row for each name."""
+    rows = {}
+    for one in runs:
+        rows.setdefault(one.name, []).append(one)
+    found = QUANTITIES[quantity]
+    figure = found.difference(rows) if difference else found.draw(rows)
+    axes = figure.axes
+    plt.close(figure)
+    return axes
+
+
+def curves(axes):
+    """Lines that are curves over a cycle, not marks, means or circles."""
+    return [
+        line for line in axes.lines if len(line.get_xdata()) > 2 and line.get_marker() == "None"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "column", "factor", "told"),
+    [
+        ("max_pressure", "max_pressure_Pa", 1e-6, "40 MPa at 9"),
+        ("min_film_thickness", "min_film_thickness_m", 1e6, "2.00"),
+    ],
+)
+def test_a_curve_is_its_column_over_the_crank_angle(quantity, column, factor, told):
+    one = joint()
+    (axes,) = drawn(quantity, one)
+    (line,) = curves(axes)
+    np.testing.assert_array_equal(line.get_xdata(), TURN)
+    np.testing.assert_allclose(line.get_ydata(), factor * one.columns[column])
+    values = factor * one.columns[column]
+    worst = values.argmax() if quantity == "max_pressure" else values.argmin()
+    (mark,) = (line for line in axes.lines if line.get_marker() == "o")
+    assert mark.get_xydata().tolist() == [[TURN[worst], values[worst]]]
+    assert f"{values[worst]:.4g}" in axes.get_legend().get_texts()[0].get_text()
+    assert f"at {TURN[worst]:.0f}°" in axes.get_legend().get_texts()[0].get_text()
+    assert axes.get_ylim()[0] == 0.0
+
+
+@pytest.mark.parametrize("quantity", ["max_pressure", "min_film_thickness"])
+def test_the_band_is_the_error_that_the_run_states(quantity):
+    budget = {quantity: {"total": 0.02}, "largest_over_cycle": {quantity: {"total": 0.05}}}
+    one = joint(figures={"big_end": {"error_budget": budget}})
+    (axes,) = drawn(quantity, one)
+    (line,) = curves(axes)
+    y = line.get_ydata()
+    half = 0.05 * (y.max() if quantity == "max_pressure" else y)
+    (band,) = axes.collections
+    lower, upper = (band.get_paths()[0].vertices[:, 1][s] for s in (slice(1, 41), slice(42, 82)))
+    np.testing.assert_allclose(lower, y - half)
+    np.testing.assert_allclose(upper, (y + half)[::-1])
+    assert axes.get_legend().get_texts()[0].get_text().endswith("± 2 %")
+    budget[quantity]["total"] = "not estimated"
+    (axes,) = drawn(quantity, one)
+    assert not axes.collections
+
+
+def test_equal_curves_of_two_runs_are_both_seen():
+    (axes,) = drawn("max_pressure", joint(run="one"), joint(run="two"))
+    one, two = curves(axes)
+    assert one.get_label().startswith("one: ")
+    assert two.get_label().startswith("two: ")
+    # The later one, on top, has gaps through which the other shows.
+    assert [one.get_linestyle(), two.get_linestyle()] == ["-", "--"]
+    assert one.get_color() != two.get_color()
+
+
+def test_colours_differ_in_grey():
+    grey = sorted(np.array([to_rgb(c) for c in COLOURS[:4]]) @ [0.299, 0.587, 0.114])
+    assert np.diff(grey).min() > 0.15
+
+
+def test_joints_have_a_panel_each():
+    panels = drawn("max_pressure", joint("front"), joint("back"))
+    assert [axes.get_title(loc="left") for axes in panels] == ["front", "back"]
+
+
+def test_averages_are_those_over_time():
+    torque = TURN / 360.0
+    (axes,) = drawn("friction", joint(friction_torque_Nm=torque))
+    assert "mean 0.5 N m" in axes.get_legend().get_texts()[0].get_text()
+    level = [line for line in axes.lines if len(line.get_xdata()) == 2]
+    np.testing.assert_allclose(level[0].get_ydata(), 0.5)
+
+
+def test_flows_are_all_those_that_end_as_one():
+    one = joint(side_flow_m3_per_s=1e-6 + 0 * TURN, **{"inlet.flow_m3_per_s": 2e-6 + 0 * TURN})
+    (axes,) = drawn("flow", one)
+    assert [line.get_label().partition(":")[0] for line in curves(axes)] == ["side", "inlet"]
+
+
+def test_an_angle_goes_once_around_without_a_line_across():
+    place = (TURN + 200.0) % 360.0 - 180.0
+    (axes,) = drawn("places", joint(max_pressure_angle_deg=place))
+    (line,) = curves(axes)
+    y = line.get_ydata()
+    assert np.nanmax(np.abs(np.diff(y))) < 180.0
+    assert np.isnan(y).sum() == 1
+
+
+def test_the_orbit_is_that_in_the_clearance_circle():
+    one = joint()
+    (axes,) = drawn("orbit", one)
+    path, circle = curves(axes)
+    angle, size = path.get_data()
+    found = size * np.exp(1j * angle)
+    x, y = (one.columns[f"eccentricity_in_bore_{axis}_m"] / CLEARANCE for axis in "xy")
+    np.testing.assert_allclose(found, x + 1j * y, atol=1e-12)
+    np.testing.assert_array_equal(circle.get_ydata(), 1.0)
+    assert axes.get_ylim() == (0.0, 1.0)
+    assert [text.get_text() for text in axes.texts][:3] == ["0", "45", "90"]
+
+
+def test_an_orbit_beyond_the_clearance_is_all_seen():
+    (axes,) = drawn("orbit", joint(eccentricity_ratio=1.5 + 0 * TURN))
+    assert axes.get_ylim()[1] > 1.5
+
+
+def test_the_load_diagram_is_that_of_the_load_in_the_bore():
+    one = joint()
+    (axes,) = drawn("force", one)
+    (path,) = curves(axes)
+    np.testing.assert_allclose(path.get_ydata(), 1e-3 * one.columns["force_N"])
+    np.testing.assert_allclose(
+        np.degrees(path.get_xdata()), one.columns["force_angle_deg"], atol=1e-9
+    )
+
+
+def test_a_difference_is_that_at_equal_crank_angles():
+    first = joint(max_pressure_Pa=1e6 * TURN)
+    later = np.linspace(0.0, 360.0, 90)
+    columns = {name: np.interp(later, TURN, values) for name, values in joint().columns.items()}
+    second = joint(**columns | {"max_pressure_Pa": 1e6 * (1.5 * later + 10.0)})
+    (axes,) = drawn("max_pressure", first, second, difference=True)
+    (line,) = curves(axes)
+    x, y = line.get_data()
+    assert set(x) == set(TURN) | set(later)
+    np.testing.assert_allclose(y, 0.5 * x + 10.0)
+    assert "190 MPa at 360°" in axes.get_legend().get_texts()[0].get_text()
+
+
+def test_a_difference_of_vectors_is_that_of_components():
+    first, second = joint(), joint(force_N=2 * joint().columns["force_N"])
+    (axes,) = drawn("force", first, second, difference=True)
+    along_x, along_y = curves(axes)
+    columns = first.columns
+    load = 1e-3 * columns["force_N"] * np.exp(1j * np.radians(columns["force_angle_deg"]))
+    np.testing.assert_allclose(along_x.get_ydata(), load.real, atol=1e-12)
+    np.testing.assert_allclose(along_y.get_ydata(), load.imag, atol=1e-12)
+
+
+def filmed(width=0.02, cells=(8, 2), peak=0.0, run="one", **columns):
+    """A joint with the fields of its film: pressure and gap waves that go around the bore."""
+    grid = uniform_grid(0.025, width, cells)
+    angle, height = grid.node_positions.T
+    time = np.radians(TURN)[:, None]
+    along = 1.0 - (2 * height / width) ** 2
+    gap = CLEARANCE * (1 - 0.6 * np.cos(angle - time) + 0.1 * np.cos(2 * angle))
+    pressure = 1e6 * (20 + peak) * np.maximum(np.cos(angle - time), 0.0) * along
+    peak, thin = (x.argmax(axis=1) for x in (pressure, -gap))
+    rows = np.arange(len(TURN))
+    places = {
+        "max_pressure_Pa": pressure[rows, peak],
+        "max_pressure_angle_deg": np.degrees(angle[peak]),
+        "max_pressure_height_m": height[peak],
+        "min_film_thickness_m": gap[rows, thin],
+        "min_film_angle_deg": np.degrees(angle[thin]),
+        "min_film_height_m": height[thin],
+    }
+    one = joint(run=run, **places | columns)
+    one.__dict__["film"] = ShownFilm(grid, CLEARANCE, pressure, gap, None)
+    return one
+
+
+@pytest.mark.parametrize(("quantity", "sign"), [("pressure_map", 1), ("film_map", -1)])
+def test_a_map_marks_the_extreme_of_all_nodes_and_steps(quantity, sign):
+    one = filmed()
+    axes, _ = drawn(quantity, one)
+    values = {"pressure_map": 1e-6 * one.film.pressure, "film_map": 1e6 * one.film.gap}[quantity]
+    worst = values.max() if sign > 0 else values.min()
+    assert axes.get_title(loc="right").startswith(f"{worst:.4g} ")
+    angle, height = (
+        np.degrees(one.film.grid.node_positions.T[0]),
+        one.film.grid.node_positions[:, 1],
+    )
+    node = np.unravel_index((sign * values).argmax(), values.shape)[1]
+    ((x, y),) = next(line for line in axes.lines if line.get_marker() == "o").get_xydata()
+    found = (sign * values).max(axis=0)
+    marked = np.isclose((angle - x + 180) % 360 - 180, 0, atol=1e-6) & np.isclose(1e3 * height, y)
+    assert marked.sum() == 1
+    assert found[marked] == pytest.approx(found[node], rel=1e-12)
+
+
+def test_maps_of_different_meshes_are_subtracted_place_by_place():
+    coarse, fine = filmed(), filmed(cells=(16, 4), peak=10.0)
+    axes, _ = drawn("pressure_map", coarse, fine, difference=True)
+    assert axes.get_title(loc="right").startswith("10 MPa")
+    with pytest.raises(SettingsError, match="20 mm and 30 mm wide"):
+        drawn("pressure_map", coarse, filmed(width=0.03), difference=True)
+
+
+def test_between_drawn_bore_and_journal_lies_the_film():
+    film = filmed().film
+    for step in (0, 17):
+        gap, _, place = bores.profile(film, step)
+        angle = np.linspace(-np.pi, np.pi, len(gap))
+        bore = bores.outward(gap, place, film.clearance)
+        e = place[0] * np.cos(angle) + place[1] * np.sin(angle)
+        np.testing.assert_allclose(film.clearance + bore - e, gap, atol=1e-18)
+        # The bore's own centre: no first harmonic is left in its shape.
+        assert abs(np.mean(bore[:-1] * np.exp(1j * angle[:-1]))) < 1e-12 * film.clearance * 1e3
+        assert np.hypot(*place) == pytest.approx(0.6 * CLEARANCE, rel=1e-3)  # of the mesh
+
+
+def test_energies_are_those_exchanged_and_lost():
+    angle = np.radians(TURN)
+    stored = 100 + np.sin(angle)
+    whole = joint(
+        "", stored_energy_J=stored - stored[0], drive_work_J=np.sin(angle),
+        applied_work_J=0 * angle, film_work_J=2 * angle, damping_work_J=angle,
+        energy_defect_J=1e-4 * angle,
+    )  # fmt: skip
+    panels = drawn("energy", whole)
+    names = [[line.get_label() for line in curves(axes)] for axes in panels]
+    # What nothing was exchanged by is not in the legend.
+    assert names == [
+        ["kinetic and strain energy", "drive"],
+        ["film", "structural damping"],
+        ["defect of the balance"],
+    ]
+
+
+def test_the_basis_error_is_drawn_where_it_is_known():
+    known = joint(basis_error_estimate_m=1e-8 * (2 + np.sin(np.radians(TURN))))
+    assert QUANTITIES["basis_error"].has(known)
+    assert not QUANTITIES["basis_error"].has(joint(basis_error_estimate_m=np.nan * TURN))
+    (axes,) = drawn("basis_error", known)
+    assert axes.get_yscale() == "log"
+    assert len(curves(axes)) == 2
+
+
+def test_pictures_of_a_former_run_go_with_it():
+    for name in QUANTITIES:
+        for file in (f"{name}.png", f"{name}-big_end.svg", f"{name}-big_end-difference.png"):
+            assert any(fnmatch(file, pattern) for pattern in RESULTS), file
+
+
+def test_the_command_and_its_page_name_every_quantity(capsys):
+    assert plot("--help") == 0
+    told = capsys.readouterr().out
+    page = (Path(__file__).parents[1] / "docs" / "pictures.md").read_text()
+    for name in QUANTITIES:
+        assert name in told
+        assert f"`{name}`" in page
+
+
+def shown_run(monkeypatch, time, angle, cycle=None, **summary):
+    """A run in memory whose peak pressure is its step's number [MPa]."""
+    steps = np.arange(len(time))
+    units = {
+        "time": "s", "run/time": "s", "run/crank_angle": "deg", "joints/a/max_pressure": "Pa",
+        "run/cycle": "1", "run/cycle_time": "s", "state/coordinates": "m", "state/rates": "m/s",
+    }  # fmt: skip
+    values = {"time": time, "run/time": time, "run/crank_angle": angle}
+    values |= {"joints/a/max_pressure": 1e6 * steps}
+    values |= {f"state/{name}": np.zeros((len(time), 1)) for name in ("coordinates", "rates")}
+    if cycle is not None:
+        start = np.array([time[cycle < number].max(initial=0.0) for number in cycle])
+        values |= {"run/cycle": cycle, "run/cycle_time": time - start}
+    found = {path: Quantity(np.asarray(v, float), units[path]) for path, v in values.items()}
+    result = assemble_result(found, ["joints/a/eccentricity_x"], {}, {"joint": "a", **summary})
+    monkeypatch.setattr(shown, "load_results", lambda _: result)
+    run = ShownRun("", "folder")
+    return run, run.joints["a"].columns
+
+
+def test_a_periodic_cycle_begins_as_it_ends(monkeypatch):
+    time = np.array([2.1, 2.5, 4.0])
+    angle = np.array([40.0, 200.0, 760.0])
+    run, columns = shown_run(monkeypatch, time, angle, np.full(3, 2), cycle_used="last of 2")
+    # The cycle before is not in the folder: the time since its end is.
+    assert columns["max_pressure_Pa"].tolist() == [2e6, 0.0, 1e6, 2e6]
+    assert columns["crank_angle_deg"].tolist() == [40.0, 40.0, 200.0, 760.0]
+    assert columns["time_s"][0] == 0.0
+    assert not run.starts
+    assert run.told == ""
+
+
+def test_a_search_that_was_stopped_shows_its_last_whole_cycle(monkeypatch):
+    time = np.array([0.5, 1.0, 1.5, 2.0, 2.5])
+    cycle = np.array([1, 1, 2, 2, 3])
+    run, columns = shown_run(
+        monkeypatch, time, 360.0 * time, cycle, cycle_used="cycle 3, not complete"
+    )
+    assert columns["time_s"].tolist() == [0.0, 0.5, 1.0]
+    assert columns["max_pressure_Pa"].tolist() == [3e6, 2e6, 3e6]
+    assert run.told == ""
+
+
+def test_another_run_shows_its_last_full_cycle_from_its_start(monkeypatch):
+    time = np.array([1.0, 2.0, 3.0, 4.0])
+    angle = 360.0 + 180.0 * time
+    run, columns = shown_run(
+        monkeypatch, time, angle, cycle_used="last of 2", cycle_start_s=2.5, cycle_end_s=4.0
+    )
+    assert columns["time_s"].tolist() == [0.0, 0.5, 1.5]
+    assert columns["max_pressure_Pa"].tolist() == [1.5e6, 2e6, 3e6]
+    assert columns["crank_angle_deg"].tolist() == [90.0, 180.0, 360.0]
+    assert not run.starts
+
+
+def test_a_run_without_a_full_cycle_says_so_on_its_axis(monkeypatch):
+    told = "whole run: no full cycle"
+    run, columns = shown_run(monkeypatch, np.array([1.0, 2.0, 3.0]), np.zeros(3), cycle_used=told)
+    assert run.starts
+    assert "crank_angle_deg" not in columns
+    (axes,) = drawn("max_pressure", run.joints["a"])
+    assert axes.get_xlabel() == f"time [ms], {told}"
+
+
+@pytest.fixture(scope="module")
+def bearings(tmp_path_factory):
+    """Two bearings of one shaft, which are equal."""
+    folder, time = tmp_path_factory.mktemp("bearings"), "end = 2e-3\ntolerance = 1e-3"
+    return short_run(folder, "rotor-two-bearings", time)
+
+
+def plot(*arguments):
+    """Exit status of the command."""
+    with pytest.raises(SystemExit) as end:
+        main(["plot", *map(str, arguments)])
+    return end.value.code
+
+
+def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):
+    out = tmp_path / "pictures"
+    chosen = ["--joint", "left", "--quantity", "force", "--quantity", "film_map"]
+    assert plot(bearings.directory, *chosen, "-o", out) == 0
+    files = [out / f"{n}-left.{s}" for n in ("force", "film_map") for s in ("png", "svg")]
+    assert capsys.readouterr().out.split() == [str(path) for path in files]
+    assert set(out.iterdir()) == set(files)
+
+
+def test_all_that_there_is_without_a_choice_and_the_same_every_time(bearings, tmp_path):
+    pictures = Pictures({"": bearings.directory})
+    assert {"max_pressure", "orbit", "force", "film_map", "bore", "energy"} <= set(pictures.names)
+    assert not {"friction", "contact", "flow"} & set(pictures.names)
+    for name in ("force", "bore"):
+        first, second = (pictures.draw(name, tmp_path / folder) for folder in ("a", "b"))
+        for one, other in zip(first, second, strict=True):
+            assert one.read_bytes() == other.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--quantity", "friction"], "--quantity friction: no such quantity in"),
+        (["--quantity", "speed"], "there is max_pressure, min_film_thickness, orbit, force"),
+        (["--joint", "middle"], "--joint middle: no lubricated joint of"),
+        (["--joint", "middle"], "there is left, right"),
+        (["--difference"], "--difference: that of 2 runs"),
+    ],
+)
+def test_what_is_not_there_is_named_with_what_there_is(arguments, told, bearings, tmp_path, capsys):
+    assert plot(bearings.directory, *arguments, "-o", tmp_path / "none") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line
+    assert not (tmp_path / "none").exists()
+
+
+def test_the_error_budget_is_drawn_by_component(bearings, tmp_path):
+    run = copytree(bearings.directory, tmp_path / "run")
+    assert "error_budget" not in Pictures({"": run}).names
+    time = [0.0, 1e-3, 2e-3]
+    over = {
+        "time_s": time, "max_pressure_Pa": [1e6, 4e6, 2e6], "min_film_thickness_m": [4e-6] * 3,
+        "more_max_pressure_Pa": [0.0, 4e4, 0.0], "more_min_film_thickness_m": [1e-8] * 3,
+    }  # fmt: skip
+    (run / "error_budget.json").write_text(json.dumps({"left": {"film_mesh": over}}))
+    joints = ShownRun("", run).joints
+    assert QUANTITIES["error_budget"].has(joints["left"])
+    assert not QUANTITIES["error_budget"].has(joints["right"])
+    pressure, film = drawn("error_budget", joints["left"])
+    (line,) = curves(pressure)
+    assert line.get_label() == "film mesh"
+    expected = np.interp(joints["left"].columns["time_s"], time, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(line.get_ydata(), expected, atol=1e-12)
+    np.testing.assert_allclose(curves(film)[0].get_ydata(), 0.25)
+    (run / "error_budget.json").write_text("[]")
+    with pytest.raises(InputError, match="not the error budget"):
+        Pictures({"": run}).draw("error_budget", tmp_path)
+
+
+def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
+    same = copytree(bearings.directory, tmp_path / "same")
+    assert (
+        plot(bearings.directory, same, "--difference", "--quantity", "orbit", "-o", tmp_path) == 0
+    )
+    assert (tmp_path / "orbit-difference.svg").is_file()
+    assert plot(bearings.directory, same, "--difference", "--quantity", "bore") == 2
+    assert "no difference of it" in capsys.readouterr().err
+
+
+def test_a_run_leaves_what_needs_only_its_history(bearings, tmp_path):
+    names = {path.stem for path in plot_run(bearings.directory)}
+    assert names >= {"max_pressure", "min_film_thickness", "orbit", "force", "energy"}
+    assert names <= set(OF_EVERY_RUN)
+    assert not {"film_map", "bore"} & names
+    with pytest.raises(InputError, match="history"):
+        plot_run(tmp_path)

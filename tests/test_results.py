@@ -1,0 +1,287 @@
+"""What a run answers in memory and what is read from its folder are one object."""
+
+import json
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+from types import ModuleType
+
+import h5py
+import numpy as np
+import pytest
+from csv_history import read_history
+from mechanism_cases import film, rigid_rod, slider_crank
+from report_cases import write_history, write_study
+
+from fenics_ehd import load_results
+from fenics_ehd.base.columns import Quantity, split_unit, with_unit
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.results.recorded_run import RecordedRun, history_of
+
+END = 2e-5
+
+#: Writes a history, tells how far it is and ends as it is told to.
+WRITER = """
+import os, signal, sys
+import numpy as np
+from fenics_ehd.results.history_file import HistoryWriter
+folder, steps = sys.argv[1], int(sys.argv[2])
+attributes = {"state/coordinates": {"names": [], "units": []}}
+with HistoryWriter(folder, {}, attributes) as history:
+    for i in range(steps):
+        fields = {"state/coordinates": np.zeros(0), "state/rates": np.zeros(0)}
+        history.add({"time_s": i, "drive_work_J": 2.0 * i}, fields)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+#: Reads a file with one wrong bit, again and again, in a process that HDF5 may crash.
+DAMAGE = """
+import random, sys
+from pathlib import Path
+from fenics_ehd import load_results
+from fenics_ehd.base.errors import InputError
+path, chance, named = Path(sys.argv[1], "history.h5"), random.Random(1), 0
+content = path.read_bytes()
+for _ in range(30):
+    damaged = bytearray(content)
+    damaged[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
+    path.write_bytes(damaged)
+    try:
+        load_results(sys.argv[1])
+    except InputError as error:
+        named += len(str(error).splitlines()) == 1
+print(named)
+"""
+
+
+def one_film():
+    return slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (12, 2)))
+
+
+def two_films():
+    films = (film(22.5e-3, 22e-3, 17e-6, 0.01, (12, 2)), film(11e-3, 20e-3, 12e-6, 0.01, (8, 2)))
+    return slider_crank(rigid_rod(), *films)
+
+
+def recorded(mechanism, folder):
+    """The same short run in memory and in a folder."""
+    run, again = (Run(mechanism, Steps(tolerance=1e-2), END) for _ in range(2))
+    memory, tracker = Recorder(run), Tracker(again.equations, again.norm)
+    for step in run.until(END):
+        memory.add(step)
+    on_disk = RecordedRun(again, tracker, END, None)
+    with history_of(on_disk, folder) as history:
+        for _ in on_disk.steps(history):
+            pass
+    (folder / "summary.json").write_text(json.dumps({"status": "complete", **on_disk.figures()}))
+    return memory.result(), load_results(folder)
+
+
+@pytest.fixture(scope="module", params=[one_film, two_films])
+def both(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    return *recorded(request.param(), folder), folder
+
+
+def test_memory_and_disk_are_one_object(both):
+    memory, disk, folder = both
+    assert type(memory) is type(disk)
+    assert memory.columns.keys() == disk.columns.keys()
+    for name, values in memory.columns.items():
+        np.testing.assert_array_equal(disk.columns[name], values)
+    for name in ("time", "coordinates", "rates", "quasi_static"):
+        np.testing.assert_array_equal(getattr(disk, name), getattr(memory, name))
+    for name, body in memory.bodies.items():
+        np.testing.assert_array_equal(disk.bodies[name].coordinates, body.coordinates)
+        np.testing.assert_array_equal(body.angle, body.coordinates[:, 2])
+        assert {n: q.units for n, q in disk.bodies[name].items()} == {
+            "x": "m", "y": "m", "angle": "rad", "speed": "rad/s",
+        }  # fmt: skip
+    assert memory.figures.keys() == disk.figures.keys() == memory.joints.keys()
+    assert disk.newton_iterations == memory.newton_iterations > len(disk)
+    # The CSV says the same with ten digits.
+    for name, values in read_history(folder).items():
+        np.testing.assert_allclose(disk.columns[name], values, rtol=1e-9, atol=1e-300)
+
+
+def test_films_have_pressure_and_gap_at_their_nodes(both):
+    memory, disk, _ = both
+    for name, joint in disk.joints.items():
+        found, exact = joint.film, memory.joints[name].film
+        for field in ("pressure", "gap", "angle", "height", "cells"):
+            ours, theirs = getattr(found, field), getattr(exact, field)
+            np.testing.assert_allclose(ours, theirs, rtol=1e-7)
+            assert ours.units == theirs.units
+        assert (found.pressure.units, found.gap.units) == ("Pa", "m")
+        np.testing.assert_allclose(found.pressure.max(axis=1), joint.max_pressure, rtol=1e-7)
+        # The run also watches Gauss points.
+        assert (found.gap.min(axis=1) >= joint.min_film_thickness * (1 - 1e-7)).all()
+        # Cells tile the bore; in a rigid one the gap is c - e . n.
+        corners = found.cells[:, [0, 1, 2]]
+        around = np.mod(np.diff(found.angle[corners[:, :2]], axis=1), 2 * np.pi).ravel()
+        along = found.height[corners[:, 2]] - found.height[corners[:, 0]]
+        assert np.sum(around * along) == pytest.approx(2 * np.pi * np.ptp(found.height))
+        normal = np.column_stack([np.cos(found.angle), np.sin(found.angle)])
+        expected = found.clearance - joint.eccentricity @ normal.T
+        np.testing.assert_allclose(found.gap, expected, rtol=1e-6)
+
+
+def test_some_steps_and_no_films(both):
+    _, disk, folder = both
+    half = disk.each(lambda values: values[::2])
+    assert len(half) == -(-len(disk) // 2)
+    name = next(iter(disk.joints))
+    np.testing.assert_array_equal(half.joints[name].film.gap, disk.joints[name].film.gap[::2])
+    small = load_results(folder, films=False)
+    np.testing.assert_array_equal(small.joints[name].force, disk.joints[name].force)
+    with pytest.raises(InputError, match="films were not read"):
+        _ = small.joints[name].film
+    with pytest.raises(AttributeError, match=r"no 'temperature' here, only .*max_pressure"):
+        _ = disk.joints[name].temperature
+
+
+def test_every_dataset_has_its_unit(both):
+    *_, folder = both
+    found = {}
+    with h5py.File(folder / "history.h5") as file:
+        assert (file.attrs["format"], file.attrs["format_version"]) == (b"fenics_ehd history", 2)
+        file.visititems(
+            lambda path, item: (
+                found.update({path: item.attrs["units"].astype(str)})
+                if isinstance(item, h5py.Dataset)
+                else None
+            )
+        )
+        state = file["state/coordinates"]
+        names, units = (list(state.attrs[name].astype(str)) for name in ("names", "units"))
+        assert len(names) == len(units) == state.shape[1]
+    assert dict(zip(names, units, strict=True))["joints/big_end/eccentricity_x"] == "m"
+    assert found["time"] == found["run/step"] == "s"
+    assert found["joints/big_end/film/gap"] == "m"
+    assert found["run/newton_iterations"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "unit"),
+    [
+        ("side_flow_m3_per_s", "side_flow", "m3/s"),
+        ("groove.flow_m3_per_s", "groove.flow", "m3/s"),
+        ("friction_torque_Nm", "friction_torque", "N m"),
+        ("contact_sliding_Pa_m", "contact_sliding", "Pa m"),
+        ("speed_rad_per_s", "speed", "rad/s"),
+        ("force_x_N", "force_x", "N"),
+        ("newton_iterations", "newton_iterations", "1"),
+        ("contact_share", "contact_share", "1"),
+    ],
+)
+def test_columns_end_with_their_unit(column, name, unit):
+    assert split_unit(column) == (name, unit)
+    assert with_unit(name, unit) == column
+
+
+def test_parts_keep_their_unit_and_products_have_none():
+    force = Quantity([1.0, 2.0, 4.0], "N")
+    assert force[1:].units == force.reshape(3, 1).units == "N"
+    assert type(force * 2.0) is type(np.sqrt(force)) is np.ndarray
+    assert isinstance(force.max(), float)
+    assert pickle.loads(pickle.dumps(force)).units == "N"
+
+
+def test_a_killed_run_is_read_up_to_its_last_whole_steps(tmp_path):
+    working = tmp_path / ".run-0123"
+    working.mkdir()
+    command = [sys.executable, "-c", WRITER, working, "130"]
+    assert subprocess.run(command).returncode == -signal.SIGKILL
+    found = load_results(tmp_path)
+    np.testing.assert_array_equal(found.run.drive_work, 2.0 * np.arange(100))
+    assert "killed" in found.status
+    assert found.summary == found.figures == found.scene == {}
+    assert len(read_history(working)["time_s"]) == 130
+
+
+def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_path):
+    study = write_study(tmp_path, [])
+    write_history(study, "one", steps=30, periodic=True)
+    with h5py.File(study.folder("one") / "history.h5", "r+") as file:
+        file["run/cycle"][:] = np.repeat([1, 2, 3], 10)
+    found = load_results(study.folder("one"))
+    assert np.all(np.diff(found.time) > 0)
+    assert len(found) == 30
+    last = found.last_cycle()
+    np.testing.assert_array_equal(last.time, found.run.cycle_time[10:20])
+    film = found.joints["big_end"].film
+    np.testing.assert_array_equal(last.joints["big_end"].film.pressure, film.pressure[10:20])
+    assert len(last.last_cycle()) == 10
+
+
+def test_what_cannot_be_read_is_one_line(tmp_path):
+    with pytest.raises(InputError, match=r"no: no such folder"):
+        load_results(tmp_path / "no")
+    with pytest.raises(InputError, match=r"not a results folder, it has no history\.h5"):
+        load_results(tmp_path)
+    with h5py.File(tmp_path / "history.h5", "w") as file:
+        file["coordinates"] = np.zeros((3, 2))  # as 0.1 wrote it
+    with pytest.raises(InputError, match=r"layout 1, this program reads 2: run the scene anew"):
+        load_results(tmp_path)
+    study = write_study(tmp_path, [])
+    write_history(study, "one", steps=8)
+    folder = study.folder("one")
+    with h5py.File(folder / "history.h5", "r+") as file:
+        file["run/drive_work"] = np.zeros(7)
+        file["run/drive_work"].attrs["units"] = np.bytes_("J")
+    # A run that was killed may be so, one that ended may not.
+    assert len(load_results(folder)) == 7
+    (folder / "summary.json").write_text('{"status": "complete", "basis_error_estimate_m": null}')
+    with pytest.raises(InputError, match="its arrays have 7 to 8 steps"):
+        load_results(folder)
+    with h5py.File(folder / "history.h5", "r+") as file:
+        del file["run/drive_work"]
+    assert np.isnan(load_results(folder).summary["basis_error_estimate_m"])
+    (folder / "summary.json").write_text("[")
+    with pytest.raises(InputError, match=r"summary\.json: not a summary of a run"):
+        load_results(folder)
+
+
+def test_a_damaged_file_is_named_and_crashes_nothing(both, tmp_path):
+    shutil.copy(both[2] / "history.h5", tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", DAMAGE, tmp_path], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    # The bits of numbers have no checksum.
+    assert 0 < int(done.stdout) < 30
+
+
+def test_a_table_of_pandas_where_it_is(both, monkeypatch):
+    memory, *_ = both
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match="needs pandas, which is not installed"):
+        memory.to_dataframe()
+    pandas = ModuleType("pandas")
+    pandas.Index = lambda values, name: (name, values)
+    pandas.DataFrame = lambda columns, index: (columns, index)
+    monkeypatch.setitem(sys.modules, "pandas", pandas)
+    columns, (name, time) = memory.to_dataframe()
+    assert name == "time_s" not in columns
+    np.testing.assert_array_equal(time, memory.time)
+    assert "kinetic_energy_J" in columns
+
+
+def test_reading_needs_neither_dolfinx_nor_mpi(both):
+    *_, folder = both
+    code = (
+        "import sys, fenics_ehd; fenics_ehd.load_results(sys.argv[1]);"
+        "print([n for n in ('dolfinx', 'petsc4py', 'mpi4py', 'scipy', 'matplotlib') "
+        "if n in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, folder], capture_output=True, text=True, env=os.environ
+    )
+    assert done.stdout.strip() == "[]", done.stderr
