@@ -142,10 +142,14 @@ class Derivatives:
 
     def __init__(self, record: CycleRecord, numbers: Sequence[Number]):
         equations = record.run.equations
-        if equations.densities:
-            name = equations.system.films[next(iter(equations.densities))].name
+        dense = [
+            place.name
+            for place in equations.system.films
+            if not place.film.film.parameters.lubricant.density_law.constant
+        ]
+        if dense:
             raise SensitivityError(
-                f"joints.{name}: the oil is denser under pressure, and derivatives of its density "
+                f"joints.{dense[0]}: the oil is denser under pressure, and derivatives of its density "
                 "are not known: take an oil of constant density, or differences of runs"
             )
         balances = Balances(equations.system, AMOUNT) if equations.system.heated else None
