@@ -149,8 +149,8 @@ class Derivatives:
         ]
         if dense:
             raise SensitivityError(
-                f"joints.{dense[0]}: the oil is denser under pressure, and derivatives of its density "
-                "are not known: take an oil of constant density, or differences of runs"
+                f"joints.{dense[0]}: the oil is denser under pressure, and derivatives of its "
+                "density are not known: take an oil of constant density, or differences of runs"
             )
         balances = Balances(equations.system, AMOUNT) if equations.system.heated else None
         temperatures = {} if balances is None else balances.temperatures
