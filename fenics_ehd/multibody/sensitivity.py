@@ -142,14 +142,15 @@ class Derivatives:
 
     def __init__(self, record: CycleRecord, numbers: Sequence[Number]):
         equations = record.run.equations
-        laws = {
-            p.name: p.film.film.parameters.lubricant.density_law for p in equations.system.films
-        }
-        name = next((name for name, law in laws.items() if not law.constant), None)
-        if name is not None:
+        dense = [
+            place.name
+            for place in equations.system.films
+            if not place.film.film.parameters.lubricant.density_law.constant
+        ]
+        if dense:
             raise SensitivityError(
-                f"joints.{name}: the oil is denser under pressure, and derivatives of its density "
-                "are not known: take an oil of constant density, or differences of runs"
+                f"joints.{dense[0]}: the oil is denser under pressure, and derivatives of its "
+                "density are not known: take an oil of constant density, or differences of runs"
             )
         balances = Balances(equations.system, AMOUNT) if equations.system.heated else None
         temperatures = {} if balances is None else balances.temperatures
