@@ -438,6 +438,15 @@ def test_the_error_budget_is_drawn_by_component(bearings, tmp_path):
     expected = np.interp(joints["left"].columns["time_s"], time, [0.0, 1.0, 0.0])
     np.testing.assert_allclose(line.get_ydata(), expected, atol=1e-12)
     np.testing.assert_allclose(curves(film)[0].get_ydata(), 0.25)
+    # Times of the budget count from the run's start, those of the picture from the cycle's.
+    summary = json.loads((run / "summary.json").read_text())
+    middle = 0.5 * summary["cycle_end_s"]
+    cycle = {"cycle_used": "last of 2", "cycle_start_s": middle}
+    (run / "summary.json").write_text(json.dumps(summary | cycle))
+    late = ShownRun("", run).joints["left"].columns
+    assert late["time_s"][0] == 0.0
+    expected = 0.01 * np.interp(middle + late["time_s"], time, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(late["film_mesh.pressure_error"], expected, atol=1e-12)
     (run / "error_budget.json").write_text("[]")
     with pytest.raises(InputError, match="not the error budget"):
         Pictures({"": run}).draw("error_budget", tmp_path)
