@@ -257,6 +257,11 @@ class Result:
         return str(self.summary.get("cycle_used", ""))
 
     @property
+    def cycle_start(self) -> float:
+        """Where that part begins, since the run's start [s]."""
+        return float(self.summary.get("cycle_start_s", 0.0))
+
+    @property
     def periodicity_defect(self) -> float:
         """Largest change of a film from the cycle's start to its end, over the film; or nan."""
         return self._figure("periodicity_defect")

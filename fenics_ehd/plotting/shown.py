@@ -94,12 +94,12 @@ class ShownRun:
         self.name, self.directory = name, Path(directory)
         result = load_results(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
-        used = str(result.summary.get("cycle_used", ""))
+        used = result.cycle_used
         cycles = result.run.get("cycle")
         # Of a search that was stopped the last whole cycle, if there is one.
         whole = used.startswith("last") or (cycles is not None and cycles[0] != cycles[-1])
         self.told = "" if whole else used
-        start = 0.0 if cycles is not None else float(result.summary.get("cycle_start_s", 0.0))
+        start = 0.0 if cycles is not None else result.cycle_start
         self._start = start
         self.starts = start <= 0.0 and not (whole and cycles is not None)
         if whole and cycles is not None:
