@@ -6,6 +6,7 @@ from pathlib import Path
 from shutil import copytree
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -462,6 +463,17 @@ def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
     assert (tmp_path / "orbit-difference.svg").is_file()
     assert plot(bearings.directory, same, "--difference", "--quantity", "bore") == 2
     assert "no difference of it" in capsys.readouterr().err
+
+
+def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, capsys):
+    other = copytree(bearings.directory, tmp_path / "other")
+    with h5py.File(other / "history.h5", "a") as file:
+        for name in ("left", "right"):
+            file.move(f"joints/{name}", f"joints/{name}most")
+    assert plot(bearings.directory, other, "--difference", "-o", tmp_path / "none") == 2
+    assert "left, right of the first and leftmost, rightmost of the second" in (
+        capsys.readouterr().err
+    )
 
 
 def test_a_run_leaves_what_needs_only_its_history(bearings, tmp_path):
