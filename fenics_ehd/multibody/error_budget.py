@@ -71,9 +71,6 @@ SETTLED = 0.3
 #: Gap errors below this, relative to the film, stand for what they do to it and to the pressure.
 SMALL = 1e-3
 
-#: Near an extreme the quantity is within this of it.
-NEAR = 0.1
-
 Found = TypeVar("Found")
 
 
@@ -346,8 +343,11 @@ class Estimator:
                 values[component] = abs(moved)
                 together += moved
             values["start"], over["start"] = self._start(place.name, quantity)
-            found[quantity] = values | {"total": total(values, together)}
-            largest[quantity] = over | {"total": total(over)}
+            whole, largest_whole = total(values, together), total(over)
+            if not isinstance(whole, str) and not isinstance(largest_whole, str):
+                largest_whole = max(largest_whole, whole)  # the extreme is of the cycle
+            found[quantity] = values | {"total": whole}
+            largest[quantity] = over | {"total": largest_whole}
         return found | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
