@@ -18,12 +18,12 @@ from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.error_budget import (
     COMPONENTS,
     QUANTITIES,
-    gathered,
     judged,
 )
 from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, total
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.other_films import finer_grid, on_finer_films, with_finer_films
+from fenics_ehd.multibody.recorder import gathered
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.step_solver import CoupledSteps

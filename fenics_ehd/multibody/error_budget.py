@@ -42,6 +42,7 @@ from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Cha
 from fenics_ehd.multibody.other_films import FINER, on_finer_films, with_finer_films
 from fenics_ehd.multibody.part_mesh import flexibility_error
 from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.recorder import gathered
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.step_solver import CoupledSteps
@@ -384,11 +385,6 @@ def judged(run: Run, end: float, cycles: Cycles | None = None) -> tuple[Tracker,
     course = course_of(run.equations.system, gathered(rows), gathered(fields))
     began = start if cycles is None else cycles.began
     return tracker, Estimator(run, cycles, began, course, tracker).budget()
-
-
-def gathered(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-    """Columns of rows."""
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _observed(system: System, place: FilmPlace, outward: np.ndarray) -> np.ndarray:
