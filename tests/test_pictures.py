@@ -348,6 +348,7 @@ def test_a_search_that_was_stopped_shows_its_last_whole_cycle(monkeypatch):
     assert columns["time_s"].tolist() == [0.0, 0.5, 1.0]
     assert columns["max_pressure_Pa"].tolist() == [3e6, 2e6, 3e6]
     assert run.told == ""
+    assert not run.figures  # of the cycle that is not shown
 
 
 def test_another_run_shows_its_last_full_cycle_from_its_start(monkeypatch):

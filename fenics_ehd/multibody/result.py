@@ -19,6 +19,9 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 NAN = float("nan")
 
+#: Share of a period that a whole cycle may lack: rounding.
+WHOLE = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Quantities(Mapping[str, Quantity]):
@@ -318,6 +321,9 @@ class Result:
         numbers = np.asarray(self.run.get("cycle", np.zeros(len(self))))
         if not len(numbers) or numbers[0] == numbers[-1]:
             return self
-        chosen = np.flatnonzero(numbers == numbers[-1] - 1)
+        time, last = np.asarray(self.run["cycle_time"]), numbers[-1]
+        if time[-1] < (1.0 - WHOLE) * time[numbers < last][-1]:
+            last -= 1
+        chosen = np.flatnonzero(numbers == last)
         part = self.each(lambda values: values[chosen])
         return replace(part, time=part.run["cycle_time"])

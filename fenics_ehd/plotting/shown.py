@@ -81,6 +81,8 @@ class ShownRun:
         Of its steps [s], and of the crank [degrees], 0 where nothing turns.
     starts
         Whether it is that of an initial value problem from its start on.
+    figures
+        Of joints in the summary, as far as they are of that cycle.
     told
         What is to be said of a cycle that is not a full one, else nothing.
 
@@ -103,6 +105,8 @@ class ShownRun:
         self._start = start
         self.starts = start <= 0.0 and not (whole and cycles is not None)
         if whole and cycles is not None:
+            if not used.startswith("last"):
+                self.figures = {}  # they are of the cycle after it
             self._close(result.last_cycle())
         else:
             self._from(result, start)
