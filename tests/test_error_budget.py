@@ -201,6 +201,28 @@ def test_a_run_says_what_it_is_worth(folders):
     assert "film mesh" in table[0]
 
 
+def test_a_budget_that_was_interrupted_is_the_same_after_all(folders, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    folder = folders / "stopped"
+    with monkeypatch.context() as patched:
+        patched.setattr("fenics_ehd.scenes.run.estimated", stop)
+        assert call("run", folders / "scene.toml", "--no-plots", "-o", folder) == 130
+    assert json.loads((folder / "summary.json").read_text())["status"] == "interrupted"
+    assert call("run", "--resume", folder, "--no-plots") == 0
+    names = ("history.csv", "error_budget.json")
+    whole, found = (
+        [(folders / run / name).read_bytes() for name in names] for run in ("judged", "stopped")
+    )
+    assert found == whole
+    found, whole = (
+        json.loads((folders / run / "summary.json").read_text()) for run in ("stopped", "judged")
+    )
+    for key in ("error_budget", "periodicity_defect", "error_budget_iterations"):
+        assert found[key] == whole[key]
+
+
 def test_who_asks_for_no_budget_has_the_same_run(folders):
     plain = json.loads((folders / "plain" / "summary.json").read_text())
     assert not any("error_budget" in key for key in plain)
