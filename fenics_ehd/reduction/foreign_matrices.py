@@ -4,7 +4,7 @@ Abaqus writes them with ``*MATRIX GENERATE`` and ``*MATRIX OUTPUT``. ``FORMAT=MA
 rows of node, degree of freedom, node, degree of freedom, value, separated by commas, which is what
 ``*MATRIX INPUT`` reads, one triangle or both (Abaqus 2016, Keywords Reference Guide, that keyword).
 ``FORMAT=COORDINATE`` is rows of row, column, value, separated by spaces, as Exudyn reads it
-(jgerstmayr/EXUDYN, exudyn/FEM.py, ``ReadStiffnessMatrixFromAbaqus``). Abaqus itself was not at hand.
+(jgerstmayr/EXUDYN, exudyn/FEM.py, ``ReadStiffnessMatrixFromAbaqus``). Not tried with Abaqus.
 
 CalculiX writes them with ``*FREQUENCY, SOLVER=MATRIXSTORAGE``: ``JOB.sti`` and ``JOB.mas``, rows of
 row, column, value, the upper triangle with 14 digits, and ``JOB.dof``, the node and the direction
