@@ -413,7 +413,7 @@ def test_steps_that_converge_at_once_need_no_search():
     mechanism = mechanism_with("lagrange", residual=True)
     going = Run(mechanism, Steps(tolerance=1e-5), 2.5e-4)
     steps = list(going.until(2.5e-4))
-    assert going._solve.solves == len(steps) + sum(sum(s.rejected.values()) for s in steps)
+    assert going.solve.solves == len(steps) + sum(sum(s.rejected.values()) for s in steps)
 
 
 def test_a_rigid_body_has_no_elastic_columns():

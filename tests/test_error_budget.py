@@ -161,7 +161,7 @@ def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
             abs(own - mesh) / own / estimates["total"],
         )
         name = f"rigid rod, {family}: {quantity}, true error over its estimate"
-        figure("Error budget", name, found[quantity][-1], most=WITHIN)
+        figure("error budget", name, found[quantity][-1], most=WITHIN)
     # The thinnest film is estimated as too far off, by up to eight times (`docs/error-budget.md`).
     assert found["max_pressure"][-1] > 1 / (2 * WITHIN), found
 

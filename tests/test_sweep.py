@@ -97,7 +97,8 @@ def test_row_is_that_of_a_run_on_its_own(swept, tmp_path, capfd):
     changed = SLIDER_CRANK.replace("clearance = 1.7e-05", "clearance = 14e-6")
     assert changed != SLIDER_CRANK
     alone = write_scene(tmp_path, changed)
-    status, _, errors = exit_of(capfd, "run", alone, "-o", tmp_path / "out", "--no-plots")
+    options = ("--no-plots", "--no-error-budget")
+    status, _, errors = exit_of(capfd, "run", alone, "-o", tmp_path / "out", *options)
     assert status == 0, errors
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     kept = json.loads((swept / "runs" / "0001" / "summary.json").read_text())

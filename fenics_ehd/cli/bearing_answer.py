@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -63,7 +64,19 @@ def summary(result: BearingResult) -> dict[str, Any]:
             "critical_mass_kg": linear.critical_mass,
             "whirl_frequency_ratio": linear.whirl_ratio,
         }
-    return {**values, "settings": attrs.asdict(result.settings)}
+    return {**values, "settings": _plain(result.settings)}
+
+
+def _plain(value: Any) -> Any:
+    """Settings as JSON has them, a shape with its kind."""
+    if attrs.has(type(value)):
+        return {a.name: _plain(getattr(value, a.name)) for a in attrs.fields(type(value))}
+    if is_dataclass(value):
+        own = {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.init}
+        return {"kind": type(value).__name__, **own}
+    if isinstance(value, tuple | list):
+        return [_plain(entry) for entry in value]
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _degrees(angle: float | None) -> float | None:

@@ -40,9 +40,9 @@ def plot(
     if len(runs) < len(directories):
         runs = {str(d): Path(d) for d in directories}
     folder = Path(target or directories[0])
+    require_writable(folder)
     pictures = Pictures(runs, joints, difference=difference)
     pictures.require(quantities)
-    require_writable(folder)
     for name in quantities or pictures.names:
         for path in pictures.draw(name, folder):
             click.echo(path)
