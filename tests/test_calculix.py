@@ -88,7 +88,7 @@ def compliance(part):
 
 def test_ring_of_c3d20_is_the_same_body(tmp_path, figure):
     theirs, ours, order = both(tmp_path, ring_solid("hex"), "serendipity")
-    group = "CalculiX"
+    group = "part and reduction"
     name = "ring of C3D20, matrices of CalculiX: largest difference of "
     figure(group, name + "K", difference(theirs.stiffness, ours.stiffness, order), most=1e-12)
     # The mass by 3 points a direction there, by 4 here.
@@ -133,5 +133,5 @@ def test_c3d10_with_an_exact_mass_differs_by_the_rule_for_k_alone(tmp_path, figu
     # Exact where edges are straight: what is left are the arcs. Observed order: 3.3.
     assert (np.log2(np.divide(*differences)) > 3).all()
     name = "ring of C3D10, 24 cells around, K of CalculiX, exact mass: largest difference of "
-    figure("CalculiX", name + "the bore's flexibility", differences[1][0], most=2e-3)
-    figure("CalculiX", name + "six frequencies of M4", differences[1][1], most=2e-3)
+    figure("part and reduction", name + "the bore's flexibility", differences[1][0], most=2e-3)
+    figure("part and reduction", name + "six frequencies of M4", differences[1][1], most=2e-3)

@@ -19,6 +19,7 @@ from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.structure import assemble_structure
 from fenics_ehd.reduction import (
     Structure,
+    check_structure,
     load_body,
     load_dependent,
     read_abaqus,
@@ -181,6 +182,22 @@ def test_held_nodes_are_held(small, tmp_path):
     files = write_abaqus(tmp_path, "labels", (penalty, small[1]), numbers)
     again = read_abaqus(*files)
     np.testing.assert_array_equal(again.stiffness.toarray(), k)
+
+
+def test_nodes_in_a_wrong_order_are_found(small, tmp_path):
+    numbers = 1 + np.arange(small[0].shape[0] // 3)
+    swapped = numbers.copy()
+    swapped[[20, 21]] = swapped[[21, 20]]
+    arguments = ring_arguments()
+    files = write_abaqus(tmp_path, "labels", small, numbers)
+    for order in (numbers, swapped):
+        found = read_abaqus(*files, order)
+        part = Structure(**arguments | {"stiffness": found.stiffness, "mass": found.mass})
+        if order is swapped:
+            with pytest.raises(StructureError, match="rigid"):
+                check_structure(part)
+        else:
+            check_structure(part)
 
 
 GOOD = {
