@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from fenics_ehd.base.errors import SensitivityError, SettingsError
 from fenics_ehd.multibody.cycle_figures import extreme_weights, mean_weights
 from fenics_ehd.multibody.integrals import Integrals
+from fenics_ehd.multibody.sensitivity import figure_of
 from fenics_ehd.scenes.scene_file import scene_of
 from fenics_ehd.study.sensitivity import (
     DIFFERENCES,
@@ -178,6 +179,24 @@ def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
     assert (status, out) == (2, "")
     assert "SensitivityError" in err
     assert "did you mean bearing.min_film_thickness?" in err
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("max_pressure_angle", "did you mean bearing.max_pressure"),
+        ("max_pressure_angle_deg", "unknown quantity max_pressure_angle_deg"),
+        ("mean_max_pressure", "did you mean bearing.max_pressure"),
+    ],
+)
+def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
+    columns = ("max_pressure_Pa", "max_pressure_angle_deg", "side_flow_m3_per_s")
+    curves = {"bearing": dict.fromkeys(columns, np.zeros(3))}
+    with pytest.raises(SensitivityError, match=told):
+        figure_of(name, curves)
+    assert figure_of("mean_side_flow", curves).column == "side_flow_m3_per_s"
+    with pytest.raises(SensitivityError, match="no joint is lubricated"):
+        figure_of("max_pressure", {})
 
 
 def test_the_command_prints_a_table_and_json(tmp_path, capfd):

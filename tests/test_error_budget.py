@@ -18,12 +18,12 @@ from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.error_budget import (
     COMPONENTS,
     QUANTITIES,
-    gathered,
     judged,
 )
 from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, total
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.other_films import finer_grid, on_finer_films, with_finer_films
+from fenics_ehd.multibody.recorder import gathered
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.step_solver import CoupledSteps
@@ -186,7 +186,9 @@ def test_a_run_says_what_it_is_worth(folders):
         assert 0.0 < own["film_mesh"] < 0.5
         assert 0.0 <= own["start"] < 1e-2
         assert own["total"] >= 0.5 * own["film_mesh"]
-        assert budget["largest_over_cycle"][quantity]["film_mesh"] > 0.0
+        largest = budget["largest_over_cycle"][quantity]
+        assert largest["film_mesh"] > 0.0
+        assert largest["total"] >= own["total"]
     assert summary["error_budget_notes"] == {}
     curves = json.loads((folders / "judged" / "error_budget.json").read_text())["bearing"]
     assert set(curves) == {"step_size", "film_mesh"}
@@ -197,6 +199,28 @@ def test_a_run_says_what_it_is_worth(folders):
     table = budget_table({"bearing": summary}, summary)
     assert len(table) == 5
     assert "film mesh" in table[0]
+
+
+def test_a_budget_that_was_interrupted_is_the_same_after_all(folders, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    folder = folders / "stopped"
+    with monkeypatch.context() as patched:
+        patched.setattr("fenics_ehd.scenes.run.estimated", stop)
+        assert call("run", folders / "scene.toml", "--no-plots", "-o", folder) == 130
+    assert json.loads((folder / "summary.json").read_text())["status"] == "interrupted"
+    assert call("run", "--resume", folder, "--no-plots") == 0
+    names = ("history.csv", "error_budget.json")
+    whole, found = (
+        [(folders / run / name).read_bytes() for name in names] for run in ("judged", "stopped")
+    )
+    assert found == whole
+    found, whole = (
+        json.loads((folders / run / "summary.json").read_text()) for run in ("stopped", "judged")
+    )
+    for key in ("error_budget", "periodicity_defect", "error_budget_iterations"):
+        assert found[key] == whole[key]
 
 
 def test_who_asks_for_no_budget_has_the_same_run(folders):

@@ -6,6 +6,7 @@ from pathlib import Path
 from shutil import copytree
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -347,6 +348,7 @@ def test_a_search_that_was_stopped_shows_its_last_whole_cycle(monkeypatch):
     assert columns["time_s"].tolist() == [0.0, 0.5, 1.0]
     assert columns["max_pressure_Pa"].tolist() == [3e6, 2e6, 3e6]
     assert run.told == ""
+    assert not run.figures  # of the cycle that is not shown
 
 
 def test_another_run_shows_its_last_full_cycle_from_its_start(monkeypatch):
@@ -440,6 +442,15 @@ def test_the_error_budget_is_drawn_by_component(bearings, tmp_path):
     expected = np.interp(joints["left"].columns["time_s"], time, [0.0, 1.0, 0.0])
     np.testing.assert_allclose(line.get_ydata(), expected, atol=1e-12)
     np.testing.assert_allclose(curves(film)[0].get_ydata(), 0.25)
+    # Times of the budget count from the run's start, those of the picture from the cycle's.
+    summary = json.loads((run / "summary.json").read_text())
+    middle = 0.5 * summary["cycle_end_s"]
+    cycle = {"cycle_used": "last of 2", "cycle_start_s": middle}
+    (run / "summary.json").write_text(json.dumps(summary | cycle))
+    late = ShownRun("", run).joints["left"].columns
+    assert late["time_s"][0] == 0.0
+    expected = 0.01 * np.interp(middle + late["time_s"], time, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(late["film_mesh.pressure_error"], expected, atol=1e-12)
     (run / "error_budget.json").write_text("[]")
     with pytest.raises(InputError, match="not the error budget"):
         Pictures({"": run}).draw("error_budget", tmp_path)
@@ -453,6 +464,17 @@ def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
     assert (tmp_path / "orbit-difference.svg").is_file()
     assert plot(bearings.directory, same, "--difference", "--quantity", "bore") == 2
     assert "no difference of it" in capsys.readouterr().err
+
+
+def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, capsys):
+    other = copytree(bearings.directory, tmp_path / "other")
+    with h5py.File(other / "history.h5", "a") as file:
+        for name in ("left", "right"):
+            file.move(f"joints/{name}", f"joints/{name}most")
+    assert plot(bearings.directory, other, "--difference", "-o", tmp_path / "none") == 2
+    assert "left, right of the first and leftmost, rightmost of the second" in (
+        capsys.readouterr().err
+    )
 
 
 def test_a_run_leaves_what_needs_only_its_history(bearings, tmp_path):

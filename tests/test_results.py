@@ -212,6 +212,8 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
     write_history(study, "one", steps=30, periodic=True)
     with h5py.File(study.folder("one") / "history.h5", "r+") as file:
         file["run/cycle"][:] = np.repeat([1, 2, 3], 10)
+        file["run/cycle_time"][:] = 1e-3 * np.concatenate([np.arange(1, 11)] * 3)
+        file["run/cycle_time"][20:] *= 0.9
     found = load_results(study.folder("one"))
     assert np.all(np.diff(found.time) > 0)
     assert len(found) == 30
@@ -220,6 +222,11 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
     film = found.joints["big_end"].film
     np.testing.assert_array_equal(last.joints["big_end"].film.pressure, film.pressure[10:20])
     assert len(last.last_cycle()) == 10
+    # One that was stopped while its last cycle, which is whole, was judged.
+    with h5py.File(study.folder("one") / "history.h5", "r+") as file:
+        file["run/cycle_time"][20:] /= 0.9
+    last = load_results(study.folder("one")).last_cycle()
+    assert set(last.run.cycle) == {3.0}
 
 
 def test_what_cannot_be_read_is_one_line(tmp_path):

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from scene_cases import RIGID_ROD, ROD_OF_A_FILE, write_scene
 from test_stress import all_nodes
 
+from fenics_ehd.cli.stress import last_rows
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import save_body
@@ -21,7 +22,6 @@ from fenics_ehd.reduction.basis_file import von_mises
 from fenics_ehd.results.part_fields import gather_part
 from fenics_ehd.results.run_folder import RESULTS
 from fenics_ehd.scenes.elastic_part import elastic_part
-from fenics_ehd.scenes.last_cycle import last_cycle
 from fenics_ehd.scenes.scene_text import as_stored
 
 #: The paper's machine for a tenth of a revolution, its rod coarse.
@@ -173,17 +173,14 @@ def test_a_model_that_changed_since_the_run_is_refused(folder, capfd):
     assert "bodies.rod was made with model = rod.geo" in message
 
 
-def test_last_cycle_is_a_revolution_of_a_run_that_has_no_period():
-    def scene(**settings):
-        time = SimpleNamespace(**{"periodic": False, "revolutions": 0.0, "of": "crank"} | settings)
-        return SimpleNamespace(time=time, speed_of=lambda body: -2 * np.pi)
+def test_instants_are_those_of_the_cycle_that_the_figures_are_of():
+    """Of a periodic run all that it keeps."""
 
-    time = np.linspace(0.0, 2.5, 26)
-    assert last_cycle(scene(periodic=True, revolutions=2.0), time)[0] == slice(None)
-    assert last_cycle(scene(), time)[0] == slice(None)
-    rows, words = last_cycle(scene(revolutions=2.5), time)
-    assert time[rows][0] == pytest.approx(1.5)
-    assert words == "the last revolution of crank"
-    rows, words = last_cycle(scene(revolutions=0.5), time[:6])
-    assert len(time[:6][rows]) == 6
-    assert "less than a revolution" in words
+    def rows(time, start):
+        return last_rows(SimpleNamespace(run=SimpleNamespace(time=time), cycle_start=start))
+
+    time = np.linspace(0.0, 5.0, 26)
+    assert time[rows(time, 1.0)][0] == pytest.approx(1.0)
+    assert time[rows(time, 1.1)][0] == pytest.approx(1.2)
+    assert rows(time, 0.0) == slice(0, None)
+    assert rows(time[11:], 2.0) == slice(0, None)

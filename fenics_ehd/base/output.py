@@ -21,6 +21,7 @@ from fenics_ehd.base.errors import CavitationError, EhdError, InputError
 from fenics_ehd.base.whole_file import naming, whole_hdf5, write_whole
 
 __all__ = [
+    "ERROR_BUDGET",
     "FAILED_FILM",
     "SCENE_NAME",
     "SUMMARY",
@@ -36,6 +37,9 @@ __all__ = [
 
 #: Where the film of a failed solve is kept.
 FAILED_FILM = "failed_film.h5"
+
+#: Errors of a run over time, by component.
+ERROR_BUDGET = "error_budget.json"
 
 #: Figures of a run and how it ended, written last.
 SUMMARY = "summary.json"

@@ -80,7 +80,6 @@ def _stresses(
     from fenics_ehd.results.load import load_results
     from fenics_ehd.results.run_folder import SCENE_NAME
     from fenics_ehd.results.stress import cycle_stress, figures, write_fields
-    from fenics_ehd.scenes.last_cycle import last_cycle
     from fenics_ehd.scenes.remade_part import remade_part
     from fenics_ehd.scenes.scene_text import as_stored
 
@@ -91,7 +90,7 @@ def _stresses(
     run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)
     bodies, skipped = _bodies(scene, run, folder, chosen)
-    rows, cycle = last_cycle(scene, run.motion.time)
+    rows = last_rows(answer)
     instants = _instants(scene, answer, rows)
     say_reducing(bodies)
     found = {}
@@ -117,7 +116,7 @@ def _stresses(
         }
     return {
         "scene": summary["scene"],
-        "cycle": cycle,
+        "cycle": answer.cycle_used,
         "instants": len(instants["time_s"]),
         "damping": damping,
         "complete": complete,
@@ -126,6 +125,13 @@ def _stresses(
         "versions": versions(),
         "wall_time_s": perf_counter() - start,
     }
+
+
+def last_rows(result: Result) -> slice:
+    """Steps of the cycle that the run's figures are of, its start among them where it is one."""
+    import numpy as np
+
+    return slice(int(np.searchsorted(result.run.time, result.cycle_start * (1 - 1e-9))), None)
 
 
 def _bodies(
@@ -170,7 +176,7 @@ def _instants(scene: Scene, result: Result, rows: slice) -> dict[str, np.ndarray
     """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
     import numpy as np
 
-    found = {"time_s": np.asarray(result.time)[rows]}
+    found = {"time_s": np.asarray(result.run.time)[rows] - result.cycle_start}
     turning = result.bodies.get(scene.time.of)
     if turning is not None and "angle" in turning:
         found[f"{scene.time.of}_angle_deg"] = np.degrees(np.asarray(turning.angle)[rows]) % 360.0
@@ -179,7 +185,7 @@ def _instants(scene: Scene, result: Result, rows: slice) -> dict[str, np.ndarray
 
 def _report(found: Mapping[str, Any], folder: Path) -> str:
     """Worst places in a table."""
-    lines = [f"{found['scene']}: stresses over {found['cycle']}, {found['instants']} instants"]
+    lines = [f"{found['scene']}: stresses over {found['instants']} instants ({found['cycle']})"]
     for name, body in found["bodies"].items():
         half, top = body["half_range"], body["largest_principal"]
         about = f"  {name}: {body['method']} with {body['modes']} modes, {body['nodes']} nodes"

@@ -42,6 +42,7 @@ from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Cha
 from fenics_ehd.multibody.other_films import FINER, on_finer_films, with_finer_films
 from fenics_ehd.multibody.part_mesh import flexibility_error
 from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.recorder import gathered
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.step_solver import CoupledSteps
@@ -70,9 +71,6 @@ SETTLED = 0.3
 
 #: Gap errors below this, relative to the film, stand for what they do to it and to the pressure.
 SMALL = 1e-3
-
-#: Near an extreme the quantity is within this of it.
-NEAR = 0.1
 
 Found = TypeVar("Found")
 
@@ -346,8 +344,11 @@ class Estimator:
                 values[component] = abs(moved)
                 together += moved
             values["start"], over["start"] = self._start(place.name, quantity)
-            found[quantity] = values | {"total": total(values, together)}
-            largest[quantity] = over | {"total": total(over)}
+            whole, largest_whole = total(values, together), total(over)
+            if not isinstance(whole, str) and not isinstance(largest_whole, str):
+                largest_whole = max(largest_whole, whole)  # the extreme is of the cycle
+            found[quantity] = values | {"total": whole}
+            largest[quantity] = over | {"total": largest_whole}
         return found | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
@@ -384,11 +385,6 @@ def judged(run: Run, end: float, cycles: Cycles | None = None) -> tuple[Tracker,
     course = course_of(run.equations.system, gathered(rows), gathered(fields))
     began = start if cycles is None else cycles.began
     return tracker, Estimator(run, cycles, began, course, tracker).budget()
-
-
-def gathered(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-    """Columns of rows."""
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _observed(system: System, place: FilmPlace, outward: np.ndarray) -> np.ndarray:

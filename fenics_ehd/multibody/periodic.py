@@ -126,11 +126,12 @@ class Cycles:
             change = gaps - self._gaps
             lengths = self._run.norm.lengths(gaps)
             self.defect = float(np.max(np.abs(change) / lengths))
-            self._compare(gaps, lengths)
-            former, self._contents = self._contents, self._oil()
-            drained = np.abs(self._contents - former) / np.maximum(
-                self._contents, np.finfo(float).tiny
-            )
+            # What follows is found again where a search that has come to its end is taken up there:
+            # until the next cycle begins nothing is forgotten that it needs.
+            ends = np.stack([self._gaps, gaps])
+            self._compare(ends, lengths)
+            contents = self._oil()
+            drained = np.abs(contents - self._contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
             off = "" if self._heat is None else self._heat.unsettled()
@@ -147,21 +148,20 @@ class Cycles:
                 )
             if self._heat is not None:
                 self._heat.move()
+            self._former = ends
             self._begin(change)
             self.began = self._run.state
             self._contents = self._oil()
             self.number += 1
 
-    def _compare(self, gaps: np.ndarray, lengths: np.ndarray) -> None:
-        """Compare the cycle that ends with the one before."""
-        ends = np.stack([self._gaps, gaps])
+    def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
+        """Compare start and end of a cycle with those of the one before."""
         if len(self._former):
             self.moved, apart = (
                 float(np.sqrt(np.mean((change / lengths) ** 2))) for change in ends - self._former
             )
             self.contraction = apart / self.moved if self.moved else 0.0
-        self.left = float(np.sqrt(np.mean(((gaps - self._gaps) / lengths) ** 2)))
-        self._former = ends
+        self.left = float(np.sqrt(np.mean(((ends[1] - ends[0]) / lengths) ** 2)))
 
     def _steps(self) -> Iterator[MechanismStep]:
         """Accepted steps up to the end of the cycle."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,6 +107,11 @@ def cycle_figures(cycles: Cycles | None) -> dict[str, float]:
     return {"cycles": cycles.number, "periodicity_defect": cycles.defect}
 
 
+def gathered(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """Columns of rows."""
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
 class Recorder:
     """Collects the steps of a run, or of its last cycle.
 
@@ -134,13 +139,12 @@ class Recorder:
     def result(self, cycles: Cycles | None = None) -> Result:
         """Of the steps so far, or of the last cycle of a search."""
         values = {}
-        columns = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
+        columns = gathered(self._rows)
         for column, found in columns.items():
             path, unit = path_of(column, self._tracker.groups)
             values[path] = Quantity(found.astype(float), unit)
         fixed = self._fixed.arrays
-        stored = {p: np.array([fields[p] for fields in self._fields]) for p in self._fields[0]}
-        for path, array in {**fixed, **stored}.items():
+        for path, array in {**fixed, **gathered(self._fields)}.items():
             values[path] = Quantity(array, field_unit(path))
         figures = self._tracker.figures(self._tracker.answer(columns, cycles))
         figures |= cycle_figures(cycles)

@@ -19,6 +19,9 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 NAN = float("nan")
 
+#: Share of a period that a whole cycle may lack: rounding.
+WHOLE = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Quantities(Mapping[str, Quantity]):
@@ -257,6 +260,11 @@ class Result:
         return str(self.summary.get("cycle_used", ""))
 
     @property
+    def cycle_start(self) -> float:
+        """Where that part begins, since the run's start [s]."""
+        return float(self.summary.get("cycle_start_s", 0.0))
+
+    @property
     def periodicity_defect(self) -> float:
         """Largest change of a film from the cycle's start to its end, over the film; or nan."""
         return self._figure("periodicity_defect")
@@ -313,6 +321,9 @@ class Result:
         numbers = np.asarray(self.run.get("cycle", np.zeros(len(self))))
         if not len(numbers) or numbers[0] == numbers[-1]:
             return self
-        chosen = np.flatnonzero(numbers == numbers[-1] - 1)
+        time, last = np.asarray(self.run["cycle_time"]), numbers[-1]
+        if time[-1] < (1.0 - WHOLE) * time[numbers < last][-1]:
+            last -= 1
+        chosen = np.flatnonzero(numbers == last)
         part = self.each(lambda values: values[chosen])
         return replace(part, time=part.run["cycle_time"])

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.errors import SensitivityError
 from fenics_ehd.multibody.cycle_derivative import Curves, CycleDerivatives
 from fenics_ehd.multibody.cycle_figures import extreme_weights, mean_weights
@@ -210,10 +211,12 @@ def figure_of(name: str, curves: Curves) -> Figure:
     }
     alone = len(curves) == 1 and name.partition(".")[0] not in curves
     full = f"{next(iter(curves))}.{name}" if alone else name
-    found = [key for key in known if full in (key, _without_unit(key))]
+    found = [key for key in known if full in (key, split_unit(key)[0])]
     if len(found) == 1:
         return known[found[0]]
-    short = sorted(map(_without_unit, known))
+    if not known:
+        raise SensitivityError(f"unknown quantity {name}: no joint is lubricated")
+    short = sorted(split_unit(key)[0] for key in known)
     close = difflib.get_close_matches(full, short, n=1)
     if close:
         hint = f"did you mean {close[0]}?"
@@ -223,18 +226,9 @@ def figure_of(name: str, curves: Curves) -> Figure:
 
 
 def _figures(joint: str, column: str) -> list[Figure]:
+    if column.endswith("_deg"):  # a place, and it goes around
+        return []
     kind = column.partition("_")[0]
     if kind in KINDS:
         return [Figure(joint, kind, column)]
-    if column.endswith("_deg"):
-        return []
     return [Figure(joint, kind, column) for kind in KINDS]
-
-
-#: What names of columns end with.
-UNITS = ("_Pa", "_m", "_N", "_Nm", "_W", "_m3_per_s", "_m3", "_C")
-
-
-def _without_unit(name: str) -> str:
-    ends = sorted((unit for unit in UNITS if name.endswith(unit)), key=len)
-    return name.removesuffix(ends[-1]) if ends else name

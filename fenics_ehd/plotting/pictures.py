@@ -35,7 +35,7 @@ class Pictures:
     InputError
         A folder holds no history.
     SettingsError
-        No such joint, or a difference of other than two runs.
+        No such joint, or a difference of other than two runs or of two without a joint in common.
     """
 
     def __init__(
@@ -50,6 +50,12 @@ class Pictures:
         self._runs = [ShownRun(name, folder) for name, folder in runs.items()]
         self._difference, self._joints = difference, joints
         self._rows = _rows(self._runs, joints)
+        if difference and all(len(same) < 2 for same in self._rows.values()):
+            first, second = (", ".join(run.joints) or "none" for run in self._runs)
+            raise SettingsError(
+                f"--difference: no lubricated joint is of both runs, {first} of the first and "
+                f"{second} of the second"
+            )
 
     @property
     def names(self) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.output import ERROR_BUDGET
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.shear import in_supply
@@ -26,8 +27,7 @@ ANGLE, TIME = "crank_angle_deg", "time_s"
 #: Column of kinetic and strain energy, less those at the start.
 STORED = "stored_energy_J"
 
-#: Errors over the cycle in the folder of a run, and what it has of each component.
-BUDGET_NAME = "error_budget.json"
+#: What the error budget of a run has of each component.
 BUDGET = (
     "time_s",
     "max_pressure_Pa",
@@ -81,6 +81,8 @@ class ShownRun:
         Of its steps [s], and of the crank [degrees], 0 where nothing turns.
     starts
         Whether it is that of an initial value problem from its start on.
+    figures
+        Of joints in the summary, as far as they are of that cycle.
     told
         What is to be said of a cycle that is not a full one, else nothing.
 
@@ -94,14 +96,17 @@ class ShownRun:
         self.name, self.directory = name, Path(directory)
         result = load_results(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
-        used = str(result.summary.get("cycle_used", ""))
+        used = result.cycle_used
         cycles = result.run.get("cycle")
         # Of a search that was stopped the last whole cycle, if there is one.
         whole = used.startswith("last") or (cycles is not None and cycles[0] != cycles[-1])
         self.told = "" if whole else used
-        start = 0.0 if cycles is not None else float(result.summary.get("cycle_start_s", 0.0))
+        start = 0.0 if cycles is not None else result.cycle_start
+        self._start = start
         self.starts = start <= 0.0 and not (whole and cycles is not None)
         if whole and cycles is not None:
+            if not used.startswith("last"):
+                self.figures = {}  # they are of the cycle after it
             self._close(result.last_cycle())
         else:
             self._from(result, start)
@@ -157,7 +162,7 @@ class ShownRun:
 
     def _errors(self, joint: str) -> dict[str, np.ndarray]:
         """Relative errors by component of the run's error budget, empty without it."""
-        path = run_within(self.directory) / BUDGET_NAME
+        path = run_within(self.directory) / ERROR_BUDGET
         if not path.is_file():
             return {}
         found = {}
@@ -168,7 +173,9 @@ class ShownRun:
                     ("pressure_error", more_pressure / pressure.max()),
                     ("film_error", more_film / film),
                 ):
-                    found[f"{component}.{name}"] = np.interp(self.time, time, error, left=np.nan)
+                    found[f"{component}.{name}"] = np.interp(
+                        self._start + self.time, time, error, left=np.nan
+                    )
         return found
 
     def contact_pressure(self, joint: str, gap: np.ndarray) -> np.ndarray | None:

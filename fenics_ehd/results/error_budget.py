@@ -6,16 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fenics_ehd.base.output import to_json, write_whole
+from fenics_ehd.base.output import ERROR_BUDGET, to_json, write_whole
 from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.error_budget import QUANTITIES, ErrorBudget, Estimator
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.results.history_file import opened_history, read_fields
 from fenics_ehd.results.load import load_results
 from fenics_ehd.results.recorded_run import RecordedRun
-
-#: File of the errors over time.
-BUDGET_NAME = "error_budget.json"
 
 
 def recorded_course(recorded: RecordedRun, directory: Path) -> Course:
@@ -59,7 +56,7 @@ def estimated(
         coarser,
     )
     budget = estimator.budget()
-    write_whole(directory / BUDGET_NAME, to_json(curves(recorded, budget)) + "\n")
+    write_whole(directory / ERROR_BUDGET, to_json(curves(recorded, budget)) + "\n")
     recorded.tracker.worth = budget.joints
     return {
         "error_budget_notes": budget.notes,

@@ -19,6 +19,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import EhdError, InputError, OutputError
 from fenics_ehd.base.lock import locked
 from fenics_ehd.base.output import (
+    ERROR_BUDGET,
     FAILED_FILM,
     SCENE_NAME,
     SUMMARY,
@@ -70,7 +71,7 @@ RESULTS = (
     BODY_NAME,
     "body-*.h5",
     FAILED_FILM,
-    "error_budget.json",
+    ERROR_BUDGET,
     "coarser-*.h5",
     "animation.*",
     "vtk/*.pvd",
