@@ -258,7 +258,8 @@ def test_a_slider_crank_with_an_elastic_rod(figure):
             "bodies.rod.reduction.estimate_error": False,
         },
     )
-    keys = [CLEARANCE_OF_ROD, VISCOSITY, "bodies.piston.mass", "drives.crank.speed"]
+    # Each number costs two runs at this tolerance.
+    keys = [CLEARANCE_OF_ROD, "drives.crank.speed"]
     found = scene_sensitivity(machine, ["min_film_thickness", "max_pressure"], keys)
     worst = 0.0
     for number in found.numbers:

@@ -1,5 +1,6 @@
 """The bore of a part from another program: faces to load matrix and mean motion."""
 
+from itertools import permutations
 from math import factorial
 
 import dolfinx
@@ -18,9 +19,12 @@ from fenics_ehd.base import compat
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.fem.elements import quadratic_element
 from fenics_ehd.reduction.bore import mean_motion
+from fenics_ehd.reduction.faces import (
+    _unrolled as unrolled,
+)
 from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix, surface_gram
 from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.reduction.surface_elements import ELEMENTS, from_cyclic
+from fenics_ehd.reduction.surface_elements import ELEMENTS, package_order
 from fenics_ehd.scenes.elastic_part import elastic_part
 from fenics_ehd.scenes.scene_file import scene_of
 
@@ -203,17 +207,60 @@ def test_mean_motion_of_an_offset_surface_is_about_the_origin():
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
-def test_faces_numbered_around_are_turned(element):
+def test_every_order_of_the_nodes_of_faces_gives_the_same_bore(element):
     kind = ELEMENTS[element]
-    around = np.arange(kind.corners) * 2 * np.pi / kind.corners
-    corners = np.column_stack([np.cos(around), np.sin(around)])
-    middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
-    positions = np.vstack([corners, middles, corners.mean(axis=0)])[: len(kind.nodes)]
-    turned = positions[from_cyclic(np.arange(len(kind.nodes))[None], element)[0]]
-    values, _ = ELEMENTS["bilinear" if kind.corners == 4 else "linear triangle"].tabulate(
-        kind.nodes
-    )
-    np.testing.assert_allclose(turned, values @ turned[: kind.corners], atol=1e-15)
+    nodes, faces = cylinder(element)
+    bore = bore_from_faces(nodes, faces, element)
+    n, size = kind.corners, faces.shape[1]
+    # Every order of the corners, then every one of the others.
+    orders = [[*p, *range(n, size)] for p in permutations(range(n))]
+    orders += [[*range(n), *p] for p in permutations(range(n, size))]
+    for order in orders:
+        found = package_order(unrolled(nodes[faces[:, order]]), faces[:, order], element)
+        same_faces(found, faces, kind)
+    around = {3: [0, 1, 2, 5, 3, 4], 4: [0, 1, 3, 2, 4, 6, 7, 5, 8]}[n][:size]
+    in_turn = [p for pair in zip(around[:n], around[n : 2 * n], strict=False) for p in pair]
+    for order in (around, [*in_turn, *around[2 * n :]])[: 1 + (size > n)]:
+        again = bore_from_faces(nodes, faces[:, order], element)
+        assert abs(again.load - bore.load).max() < 1e-13 * abs(bore.load).max()
+        np.testing.assert_allclose(again.reference, bore.reference, atol=1e-11 / RADIUS)
+    np.testing.assert_array_equal(package_order(unrolled(nodes[faces]), faces, element), faces)
+
+
+def same_faces(found, faces, kind):
+    """The same nodes, the same corners, every middle between the two corners it belongs to."""
+    n = kind.corners
+    np.testing.assert_array_equal(np.sort(found), np.sort(faces))
+    np.testing.assert_array_equal(np.sort(found[:, :n]), np.sort(faces[:, :n]))
+    for face, expected in zip(found, faces, strict=True):
+        assert edges_of(face, kind) == edges_of(expected, kind)
+
+
+def edges_of(face, kind):
+    middles = [None] * len(kind.edges) if len(face) == kind.corners else face[kind.corners :]
+    pairs = (frozenset(face[edge]) for edge in kind.edges)
+    return set(zip(pairs, middles[: len(kind.edges)], strict=True))
+
+
+@settings(deadline=None, max_examples=30, derandomize=True)
+@given(
+    st.sampled_from([e for e in ELEMENTS if e != "linear triangle"]),
+    st.integers(3, 40),
+    st.integers(1, 20),
+    st.integers(0, 2**32 - 1),
+)
+def test_order_is_found_on_slender_and_irregular_cells(element, around, along, seed):
+    random = np.random.default_rng(seed)
+    kind = ELEMENTS[element]
+    nodes, faces = cylinder(element, around, along)
+    # Shear, and every face with an order of its own.
+    turn = 0.5 * 2 * np.pi / around * np.sin(np.pi * nodes[:, 2] / WIDTH)
+    c, s = np.cos(turn), np.sin(turn)
+    x, y, z = nodes.T
+    nodes = np.column_stack([c * x - s * y, s * x + c * y, z])
+    n = kind.corners
+    mixed = np.hstack([random.permuted(part, axis=1) for part in (faces[:, :n], faces[:, n:])])
+    same_faces(package_order(unrolled(nodes[mixed]), mixed, element), faces, kind)
 
 
 def without(face):
@@ -255,7 +302,7 @@ def moved(node, shift):
         (replaced(3, 0, -1), "faces name nodes -1 to"),
         (lambda n, f: (n, f.astype(float)), "type float64"),
         (lambda n, f: (n, f[:, [0, 0, 1, 2, 3, 4, 5, 6]]), "face 0 names a node twice"),
-        (lambda n, f: (n, f[:, [0, 1, 3, 2, 4, 7, 6, 5]]), "face 0 .* is folded .*from_cyclic"),
+        (lambda n, f: (n, f[:, [4, 5, 6, 7, 0, 1, 2, 3]]), "face 0 .* is folded .*come first"),
         (lambda n, f: (n, f[:, :7]), r"faces of shape \(36, 7\), serendipity needs \(faces, 8\)"),
         (lambda n, f: (n, f[:0]), r"faces of shape \(0, 8\)"),
         (lambda n, f: (n[:, :2], f), r"nodes have shape \(\d+, 2\)"),

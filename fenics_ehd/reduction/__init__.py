@@ -13,6 +13,7 @@ from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.craig_bampton import craig_bampton
 from fenics_ehd.reduction.export import export_matrix_market, export_npz
 from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
+from fenics_ehd.reduction.foreign_matrices import ForeignMatrices, read_abaqus, read_calculix
 from fenics_ehd.reduction.inertia import InertiaIntegrals
 from fenics_ehd.reduction.load_dependent import full_interface, load_dependent
 from fenics_ehd.reduction.matrices import as_matrix, reorder
@@ -24,6 +25,7 @@ from fenics_ehd.reduction.rigid import rigid
 from fenics_ehd.reduction.snapshots import proper_orthogonal
 from fenics_ehd.reduction.structure import Recovery, Structure
 from fenics_ehd.reduction.structure_file import load_structure, save_structure
+from fenics_ehd.reduction.tetrahedron_mass import tetrahedron_mass
 from fenics_ehd.reduction.two_step import two_step_craig_bampton
 
 __all__ = [
@@ -31,6 +33,7 @@ __all__ = [
     "SELECTIONS",
     "BasisFile",
     "Bore",
+    "ForeignMatrices",
     "InertiaIntegrals",
     "ModeRecord",
     "PointWeights",
@@ -53,12 +56,15 @@ __all__ = [
     "load_structure",
     "mean_motion",
     "proper_orthogonal",
+    "read_abaqus",
+    "read_calculix",
     "reorder",
     "residual_flexibility",
     "rigid",
     "save_basis",
     "save_body",
     "save_structure",
+    "tetrahedron_mass",
     "two_step_craig_bampton",
     "von_mises",
 ]

@@ -9,7 +9,11 @@ import numpy as np
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import Bore, mean_motion, no_cells
 from fenics_ehd.reduction.bore_holes import FEWEST_EDGES, bore_holes
-from fenics_ehd.reduction.surface_elements import SurfaceElement, surface_element
+from fenics_ehd.reduction.surface_elements import (
+    SurfaceElement,
+    package_order,
+    surface_element,
+)
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -30,9 +34,10 @@ def bore_load_matrix(nodes: np.ndarray, faces: np.ndarray, element: str) -> spar
     nodes
         Positions of all nodes of the part, shape (n, 3) [m]; the bore's axis is z.
     faces
-        Global numbers of the nodes of each face, shape (c, k): corners, edge midpoints,
-        centre in the order of `surface_elements`. Which side of a face is its outer one does
-        not matter: the force points away from the axis.
+        Global numbers of the nodes of each face, shape (c, k): corners, then edge midpoints and
+        centre, each in any order (`package_order` finds it), or corners and midpoints in turn.
+        Which side of a face is its outer one does not matter: the force points away from the
+        axis.
     element
         A key of `surface_elements.ELEMENTS`: ``"serendipity"`` (8 nodes), ``"lagrange"``
         (9), ``"triangle"`` (6), ``"bilinear"`` (4) or ``"linear triangle"`` (3).
@@ -107,8 +112,7 @@ def bore_from_faces(
     StructureError
         The faces are no whole cylinder along z about the centre, half of it on either side.
     """
-    nodes, faces, _ = _checked(nodes, faces, element)
-    nodes = nodes - np.asarray(centre)
+    nodes, faces, _ = _checked(nodes, faces, element, np.asarray(centre, dtype=float))
     numbers, cells = _ordered(nodes, faces)
     x = nodes[numbers]
     radii = np.linalg.norm(x[:, :2], axis=1)
@@ -164,8 +168,9 @@ def surface_gram(coordinates: np.ndarray, cells: np.ndarray, element: str) -> sp
 
 
 def _checked(
-    nodes: np.ndarray, faces: np.ndarray, element: str
+    nodes: np.ndarray, faces: np.ndarray, element: str, centre: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, SurfaceElement]:
+    """Nodes from the centre, and faces in the order of the package."""
     nodes, faces = np.asarray(nodes, dtype=float), np.asarray(faces)
     kind = surface_element(element, faces)
     if nodes.ndim != 2 or nodes.shape[1] != 3:
@@ -182,7 +187,17 @@ def _checked(
     used = nodes[np.unique(faces)]
     if not np.isfinite(used).all():
         raise StructureError("a node of the faces has a coordinate that is not finite")
-    return nodes, faces.astype(np.int64), kind
+    nodes = nodes - centre
+    faces = faces.astype(np.int64)
+    return nodes, package_order(_unrolled(nodes[faces]), faces, element), kind
+
+
+def _unrolled(x: np.ndarray) -> np.ndarray:
+    """Nodes of faces (c, k, 3) on the cylinder unrolled, (c, k, 2) [m]."""
+    angle = np.arctan2(x[:, :, 1], x[:, :, 0])
+    middle = x.mean(axis=1, keepdims=True)
+    angle = np.mod(angle - np.arctan2(middle[:, :, 1], middle[:, :, 0]) + np.pi, 2 * np.pi)
+    return np.stack([np.linalg.norm(x[:, :, :2], axis=2).mean() * angle, x[:, :, 2]], axis=2)
 
 
 def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -219,8 +234,7 @@ def _normals(
     if len(folded):
         raise StructureError(
             f"face {folded[0]} with nodes {faces[folded[0]]} is folded or does not face the z "
-            "axis: its nodes must come in the order of surface_elements (from_cyclic turns "
-            "faces numbered around)"
+            "axis: its corners must come first, or corners and middles of edges in turn"
         )
     return values, normals * signs[:, :, None]
 

@@ -11,8 +11,8 @@ each group as dolfinx numbers it. In the reference coordinates (s, t),
                    edges   (.5,.5) (0,.5) (.5,0)        4   3
                                                         0 - 5 - 1
 
-Most programs number corners and edges *around* the cell instead; `from_cyclic` turns
-theirs.
+Most programs number corners and edges *around* the cell instead; `package_order` finds
+the order in the geometry.
 """
 
 from __future__ import annotations
@@ -41,9 +41,12 @@ _TRIANGLE = [(0, 0), (1, 0), (0, 1), (0.5, 0.5), (0, 0.5), (0.5, 0)]
 #: Edges of a cell with n corners: their ends.
 _EDGES = {4: [(0, 1), (0, 2), (1, 3), (2, 3)], 3: [(1, 2), (0, 2), (0, 1)]}
 
-#: Place of each node of ours in the order around the cell: corners, then the edges that
-#: follow each corner.
-_FROM_CYCLIC = {4: [0, 1, 3, 2, 4, 7, 5, 6, 8], 3: [0, 1, 2, 4, 5, 3]}
+#: Orders of four corners that differ in which are opposite, the first and the last here: ours,
+#: that around the cell, the third.
+_OPPOSITE = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1))
+
+#: Relative difference below which the order given is kept.
+_TIE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,22 +165,62 @@ def surface_element(name: str, cells: np.ndarray) -> SurfaceElement:
     return ELEMENTS[name]
 
 
-def from_cyclic(faces: np.ndarray, element: str) -> np.ndarray:
-    """Faces numbered around, as most programs do, in the order of this package.
+def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.ndarray:
+    """Faces numbered in any order, in that of this package.
+
+    The order is found in the geometry, face by face. Opposite corners: of the three ways to pair
+    four corners, that of the diagonals is the longest, as in a convex quadrilateral the diagonals
+    together are longer than two opposite sides. The other nodes: those pairings with middles of
+    edges and the centre whose squared distances have the smallest sum. Corners come first, or
+    every other one (corner, middle, corner, ...), whichever puts middles where they belong.
 
     Parameters
     ----------
+    positions
+        Of the nodes of each face, where it is nearly flat, shape (c, k, d).
     faces
-        Node numbers, shape (c, k): the corners in order around the face, then the edge
-        midpoints, the first one between the first two corners, then the centre.
+        Node numbers, shape (c, k).
     element
         A key of `ELEMENTS`.
 
     Returns
     -------
     numpy.ndarray
-        The same numbers, shape (c, k).
+        The same numbers, shape (c, k); faces in order already are what they were.
     """
-    faces = np.asarray(faces)
-    kind = surface_element(element, faces)
-    return faces[:, _FROM_CYCLIC[kind.corners][: faces.shape[1]]]
+    corners = surface_element(element, faces).corners
+    size = faces.shape[1]
+    order, costs = _placed(positions, corners)
+    if size > corners:
+        turn = np.arange(2 * corners).reshape(corners, 2).T.ravel()
+        turn = np.r_[turn, np.arange(2 * corners, size)]
+        other, less = _placed(positions[:, turn], corners)
+        order = np.where((less < (1 - _TIE) * costs)[:, None], turn[other], order)
+    return np.take_along_axis(faces, order, axis=1)
+
+
+def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
+    """Order of nodes (c, k) whose corners come first, and the squared distances that remain."""
+    first = _corner_order(x[:, :corners])
+    targets = np.take_along_axis(x, first[:, :, None], axis=1)
+    middles = targets[:, np.array(_EDGES[corners])].mean(axis=2)
+    targets = np.concatenate([middles, targets.mean(axis=1)[:, None]], axis=1)
+    others = x[:, corners:]
+    count = others.shape[1]
+    squares = ((targets[:, :count, None] - others[:, None]) ** 2).sum(axis=3)
+    ways = np.array(list(itertools.permutations(range(count))), dtype=np.int64)
+    costs = squares[:, np.arange(count), ways].sum(axis=2)
+    costs[:, 0] *= 1 - _TIE
+    best = np.argmin(costs, axis=1)
+    return np.hstack([first, corners + ways[best]]), costs[np.arange(len(x)), best]
+
+
+def _corner_order(x: np.ndarray) -> np.ndarray:
+    """Order of corners (c, 3 or 4), of four so that the first and the last are opposite."""
+    if x.shape[1] == 3:
+        return np.tile(np.arange(3), (len(x), 1))
+    orders = np.array(_OPPOSITE)
+    ends = x[:, orders]
+    lengths = np.linalg.norm(ends[:, :, :2] - ends[:, :, :1:-1], axis=3).sum(axis=2)
+    lengths[:, 0] *= 1 + _TIE
+    return orders[np.argmax(lengths, axis=1)]
