@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import example_parts
+import meshio
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -192,6 +193,9 @@ def test_first_order_cells_get_straight_edges(kind):
         (["rod.step", "--bore", "1", "--point", "1", "-o", "x.msh"], "face 1 is asked for twice"),
         (["rod.step", "--bore", "1", "--bore", "2", "-o", "x.msh"], "'bore' is named twice"),
         (["rod.step", "--bore", "1", "-o", "x.stl"], "must end with .msh"),
+        (["rod.step", "--bore", "1", "-o", "none/x.msh"], "there is no folder none"),
+        (["turned.msh", "--unit", "mm", "--bore", "1", "-o", "turned.msh"], "the file to read"),
+        (["nan.vtu"], "no finite numbers"),
         (["rod.inp"], "above 5: give its --unit"),
         (["text.inp", "--unit", "mm"], "it needs one kind of solid cells"),
         (["text.step"], "Gmsh cannot mesh"),
@@ -202,6 +206,8 @@ def test_what_cannot_be_is_named(parts, arguments, message, monkeypatch):
     monkeypatch.chdir(parts)
     for ending in ("inp", "step", "vtu"):
         Path(f"text.{ending}").write_text("nothing\n")
+    corners = np.vstack([np.full(3, np.nan), np.eye(3)])
+    meshio.write("nan.vtu", meshio.Mesh(corners, [("tetra", [[0, 1, 2, 3]])]))
     with pytest.raises((MeshError, SettingsError), match=message):
         CliRunner().invoke(cli, ["part", *arguments], catch_exceptions=False, standalone_mode=False)
     assert not Path("x.msh").exists()
