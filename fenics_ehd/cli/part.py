@@ -102,6 +102,14 @@ def part(
         return
     if (target is None) != (not bores):
         raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
+    figures_given = {
+        "--youngs-modulus": (youngs_modulus, 0.0, 1e18),
+        "--poissons-ratio": (poissons_ratio, -1.0, 0.49),
+        "--density": (density, 0.0, 1e6),
+    }
+    for option, (value, low, high) in figures_given.items():
+        if not low < value < high:
+            raise SettingsError(f"{option} {value:g} must lie between {low:g} and {high:g}")
     if target is not None and Path(target).suffix != ".msh":
         raise SettingsError(f"-o {target}: a model's name must end with .msh")
     opened = open_part(Path(file), unit, angle)
@@ -191,6 +199,9 @@ def _checked(
         other = place_part(opened, placed.named, max(around / COARSER, 8))
     else:
         other = placed.refined()
+    if opened.drawn and len(other.solid.cells) == len(placed.solid.cells):
+        # Neither has cells around the bores smaller than the largest that a drawing gets.
+        return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         other.write(file)
