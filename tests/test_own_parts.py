@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import example_parts
+import meshio
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -192,6 +193,12 @@ def test_first_order_cells_get_straight_edges(kind):
         (["rod.step", "--bore", "1", "--point", "1", "-o", "x.msh"], "face 1 is asked for twice"),
         (["rod.step", "--bore", "1", "--bore", "2", "-o", "x.msh"], "'bore' is named twice"),
         (["rod.step", "--bore", "1", "-o", "x.stl"], "must end with .msh"),
+        (["rod.step", "--bore", "1", "-o", "none/x.msh"], "there is no folder none"),
+        (["turned.msh", "--unit", "mm", "--bore", "1", "-o", "turned.msh"], "the file to read"),
+        (["rod.step", "--density", "-5"], "--density -5 must lie between 0 and"),
+        (["rod.step", "--youngs-modulus", "nan"], "--youngs-modulus nan must lie between"),
+        (["rod.step", "--poissons-ratio", "0.5"], "must lie between -1 and 0.49"),
+        (["nan.vtu"], "no finite numbers"),
         (["rod.inp"], "above 5: give its --unit"),
         (["text.inp", "--unit", "mm"], "it needs one kind of solid cells"),
         (["text.step"], "Gmsh cannot mesh"),
@@ -202,6 +209,15 @@ def test_what_cannot_be_is_named(parts, arguments, message, monkeypatch):
     monkeypatch.chdir(parts)
     for ending in ("inp", "step", "vtu"):
         Path(f"text.{ending}").write_text("nothing\n")
+    corners = np.vstack([np.full(3, np.nan), np.eye(3)])
+    meshio.write("nan.vtu", meshio.Mesh(corners, [("tetra", [[0, 1, 2, 3]])]))
     with pytest.raises((MeshError, SettingsError), match=message):
         CliRunner().invoke(cli, ["part", *arguments], catch_exceptions=False, standalone_mode=False)
     assert not Path("x.msh").exists()
+
+
+def test_mesh_error_is_not_told_from_the_same_mesh(parts, tmp_path):
+    target = tmp_path / "x.msh"
+    asked = ["part", str(parts / "rod.step"), "--bore", "1", "--cells-around", "12"]
+    done = CliRunner().invoke(cli, [*asked, "-o", str(target), "--json"], catch_exceptions=False)
+    assert json.loads(done.stdout)["flexibility_mesh_error"] == "not estimated"

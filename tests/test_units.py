@@ -76,6 +76,8 @@ def test_lengths_are_decimal(number, unit):
         ({"joints.big_end.clearance": "17 s"}, "clearance = '17 s' must be a number in m or"),
         ({"joints.big_end.clearance": "17 mn"}, "= '17 mn' must be a number in m: 'mn' is no unit"),
         ({"joints.big_end.clearance": "17"}, "= '17' must be a finite number in m, or one with"),
+        ({"joints.big_end.clearance": "1e999 m"}, "= '1e999 m' must be a finite number in m"),
+        ({"joints.big_end.clearance": f"{'1' * 5000} m"}, "m' must be a finite number in m"),
         ({"joints.big_end.clearance": "17 mm"}, "clearance = 0.017 must be below 0.005: in m"),
         ({"drives.crank.speed": "80 Hz"}, "speed = '80 Hz' must be a number in rad/s or a unit"),
         ({"bodies.crank.points.pin": ["48 s", 0]}, "must be two numbers [x, y] in m"),

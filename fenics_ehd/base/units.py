@@ -22,6 +22,9 @@ WRITTEN = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
 )
 
+#: Characters of a number; Python converts no integer of more than 4300 digits.
+LONGEST = 400
+
 #: Powers of ten that a prefix stands for; u, and the micro and mu signs.
 PREFIXES = {"n": -9, "u": -6, "\u00b5": -6, "\u03bc": -6, "m": -3, "c": -2, "k": 3, "M": 6, "G": 9}
 
@@ -134,7 +137,7 @@ def in_unit(written: str, wanted: str) -> float:
         What is to be written instead.
     """
     match = WRITTEN.fullmatch(written)
-    if match is None:
+    if match is None or len(match[1]) > LONGEST:
         raise SettingsError(f"must be a finite number{_told(wanted)}, or one with its unit")
     number, symbol = Fraction(match[1]), match[2]
     if wanted in SCALES:
@@ -145,7 +148,7 @@ def in_unit(written: str, wanted: str) -> float:
     if have is None or want is None or have.powers != want.powers:
         raise SettingsError(f"must be a number{_told(wanted)} or a unit like it: {symbol} is none")
     ratio, turns = number * have.factor / want.factor, have.turns - want.turns
-    return float(ratio) * pi**turns if turns else float(ratio)
+    return _finite(ratio, wanted) * pi**turns if turns else _finite(ratio, wanted)
 
 
 def _temperature(number: Fraction, symbol: str, wanted: str) -> float:
@@ -156,7 +159,15 @@ def _temperature(number: Fraction, symbol: str, wanted: str) -> float:
             raise SettingsError(f"must be a temperature in {wanted}, F or K: {symbol} is none")
         size = have.factor, Fraction(0)
     (degree, zero), (own, origin) = size, SCALES[wanted]
-    return float((number * degree + zero - origin) / own)
+    return _finite((number * degree + zero - origin) / own, wanted)
+
+
+def _finite(number: Fraction, wanted: str) -> float:
+    """Nearest float."""
+    try:
+        return float(number)
+    except OverflowError:
+        raise SettingsError(f"must be a finite number{_told(wanted)}") from None
 
 
 def _told(wanted: str) -> str:

@@ -90,13 +90,26 @@ def part(
     CalculiX, Nastran and what else meshio reads). Without -o its faces are listed with their
     numbers; with it and a --bore a .msh file is written, in metres, the bore's axis along z.
     """
+    from mpi4py import MPI
+
+    import fenics_ehd.base.petsc_start  # noqa: F401 - collective: every rank starts PETSc
     from fenics_ehd.base.output import require_writable, to_json
     from fenics_ehd.fem.drawn_part import open_part, place_part
     from fenics_ehd.fem.material import Material
     from fenics_ehd.fem.part_check import worst_cell
 
+    if MPI.COMM_WORLD.rank:  # one does it all
+        return
     if (target is None) != (not bores):
         raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
+    figures_given = {
+        "--youngs-modulus": (youngs_modulus, 0.0, 1e18),
+        "--poissons-ratio": (poissons_ratio, -1.0, 0.49),
+        "--density": (density, 0.0, 1e6),
+    }
+    for option, (value, low, high) in figures_given.items():
+        if not low < value < high:
+            raise SettingsError(f"{option} {value:g} must lie between {low:g} and {high:g}")
     if target is not None and Path(target).suffix != ".msh":
         raise SettingsError(f"-o {target}: a model's name must end with .msh")
     opened = open_part(Path(file), unit, angle)
@@ -105,6 +118,10 @@ def part(
         click.echo(to_json({"file": file, "faces": listed}) if as_json else face_table(listed))
         return
     require_writable(target)
+    if Path(target).exists() and Path(target).samefile(file):
+        raise SettingsError(f"-o {target}: that is the file to read, give another name")
+    if not Path(target).absolute().parent.is_dir():
+        raise SettingsError(f"-o {target}: there is no folder {Path(target).parent}")
     named = _named(opened, bores, points, held)
     placed = place_part(opened, named, around)
     placed.write(Path(target))
@@ -182,6 +199,9 @@ def _checked(
         other = place_part(opened, placed.named, max(around / COARSER, 8))
     else:
         other = placed.refined()
+    if opened.drawn and len(other.solid.cells) == len(placed.solid.cells):
+        # Neither has cells around the bores smaller than the largest that a drawing gets.
+        return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         other.write(file)

@@ -55,6 +55,7 @@ def stress(
     """
     from mpi4py import MPI
 
+    import fenics_ehd.scenes.remade_part  # noqa: F401 - PETSc and SLEPc start and end on all ranks
     from fenics_ehd.base.output import to_json, write_whole
     from fenics_ehd.results.run_folder import STRESS
 

@@ -70,6 +70,8 @@ def read_mesh(path: Path, unit: str) -> Solid:
     cells = np.concatenate([block.data[:, :count] for block in blocks]).astype(np.int64)
     points = np.asarray(mesh.points, dtype=float) * UNITS[unit]
     solid = used(Solid(points, cells, kind) if quadratic else raised(points, cells, kind))
+    if not np.isfinite(solid.points).all():
+        raise MeshError(f"{path}: a node has coordinates that are no finite numbers")
     longest = np.ptp(solid.points, axis=0).max()
     if longest > LONGEST:
         raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
