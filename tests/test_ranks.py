@@ -102,3 +102,15 @@ def test_error_of_the_rank_that_works_alone(folder):
     assert "MPI_ABORT" not in errors
     status, said, errors = two_ranks(f"{COMMAND} run scene0.toml --no-plots -o out", folder)
     assert (status, said) == (0, []), errors
+
+
+@pytest.mark.slow
+def test_stress_ends_on_two_ranks(folder):
+    elastic = SHORT | {"bodies.rod.reduction": {"method": "m4", "estimate_error": False}}
+    write_scene(folder / "elastic.toml", "slider-crank-paper", elastic)
+    line = f"{COMMAND} run elastic.toml --no-plots --no-error-budget -o out"
+    status, _, errors = two_ranks(line, folder)
+    assert status == 0, errors
+    status, _, errors = two_ranks(f"{COMMAND} stress out", folder)
+    assert status == 0, errors
+    assert (folder / "out" / "stress.json").is_file()
