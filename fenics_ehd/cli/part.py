@@ -86,7 +86,7 @@ def part(
 ) -> None:
     """List the faces of FILE, or make it a model that scenes take.
 
-    FILE is a drawing (STEP, IGES, BREP) or a mesh of tetrahedra or hexahedra (Gmsh, Abaqus,
+    FILE is a drawing (STEP, IGES) or a mesh of tetrahedra or hexahedra (Gmsh, Abaqus,
     CalculiX, Nastran and what else meshio reads). Without -o its faces are listed with their
     numbers; with it and a --bore a .msh file is written, in metres, the bore's axis along z.
     """
@@ -196,12 +196,9 @@ def _checked(
     if not opened.drawn and here.unknowns > MOST_REFINED:
         return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     if opened.drawn:
-        other = place_part(opened, placed.named, max(around / COARSER, 8))
+        other = place_part(opened, placed.named, around, COARSER)
     else:
         other = placed.refined()
-    if opened.drawn and len(other.solid.cells) == len(placed.solid.cells):
-        # Neither has cells around the bores smaller than the largest that a drawing gets.
-        return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         other.write(file)

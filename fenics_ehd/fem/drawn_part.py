@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.errors import MeshError, SettingsError
+from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.faces import SHARP, Face, find_faces
 from fenics_ehd.fem.part_mesh import placement, round_bore, write_part
 from fenics_ehd.fem.refine import refined
 from fenics_ehd.fem.solid import CORNERS, Solid
-from fenics_ehd.fem.solid_file import COARSE, DRAWINGS, UNITS, SizeAt, mesh_drawing, read_mesh
+from fenics_ehd.fem.solid_file import COARSE, DRAWINGS, SizeAt, mesh_drawing, read_mesh
 
 #: Cells around cylinders without a name: the rim of an oil hole needs 6.
 AROUND_OTHERS = 12
@@ -95,15 +96,11 @@ class OpenedPart:
 
 
 def _length(text: str) -> float:
-    match = re.fullmatch(r"([0-9.eE+-]+)\s*([a-z]+)", text)
     try:
-        if match is None:
-            raise ValueError
-        return float(match[1]) * UNITS[match[2]]
-    except (ValueError, KeyError):
+        return in_unit(text, "m")
+    except SettingsError:
         raise MeshError(
-            f"face {text!r}: give its number, or its radius with a unit of {', '.join(UNITS)}: "
-            "22.5mm"
+            f"face {text!r}: give its number, or its radius with a unit: 22.5mm"
         ) from None
 
 
@@ -113,7 +110,7 @@ def open_part(path: Path, unit: str = "m", sharp: float = SHARP) -> OpenedPart:
     Parameters
     ----------
     path
-        STEP, IGES or BREP, or any mesh that meshio reads.
+        STEP or IGES, or any mesh that meshio reads.
     unit
         Of a mesh.
     sharp
@@ -124,6 +121,8 @@ def open_part(path: Path, unit: str = "m", sharp: float = SHARP) -> OpenedPart:
     MeshError
         See `read_mesh` and `mesh_drawing`.
     """
+    if not 1.0 <= sharp <= 90.0:
+        raise MeshError(f"--angle {sharp:g} degrees must be 1 to 90")
     if not path.is_file():
         raise MeshError(f"part {str(path)!r}: there is no such file")
     labels = None
@@ -158,8 +157,11 @@ class NamedFaces:
         return single | ({"held": tuple(self.held)} if self.held else {})
 
 
-def bore_sizes(part: OpenedPart, named: NamedFaces, around: float) -> SizeAt:
-    """Size of the cells of a drawing: so many around each bore, larger ones away from it."""
+def bore_sizes(part: OpenedPart, named: NamedFaces, around: float, coarser: float = 1.0) -> SizeAt:
+    """Size of the cells of a drawing: so many around each bore, larger ones away from it.
+
+    All of them are larger by a factor of `coarser`.
+    """
     cells = dict.fromkeys(range(1, len(part.faces) + 1), float(AROUND_OTHERS))
     cells |= dict.fromkeys(named.points.values(), around / 2)
     cells |= dict.fromkeys(named.bores.values(), around)
@@ -171,7 +173,7 @@ def bore_sizes(part: OpenedPart, named: NamedFaces, around: float) -> SizeAt:
             2 * np.pi * c.radius / count + GROWTH * float(c.distance(x[None, :])[0])
             for c, count in sized
         ]
-        return min([coarse, *sizes])
+        return coarser * min([coarse, *sizes])
 
     return size
 
@@ -226,8 +228,12 @@ def _rounded(part: PlacedPart) -> PlacedPart:
     return replace(part, solid=replace(part.solid, points=points), moved=moved)
 
 
-def place_part(part: OpenedPart, named: NamedFaces, around: float) -> PlacedPart:
+def place_part(
+    part: OpenedPart, named: NamedFaces, around: float, coarser: float = 1.0
+) -> PlacedPart:
     """Turn a part into its frame, a drawing meshed with so many cells around its bores.
+
+    All cells of a drawing are larger by a factor of `coarser`.
 
     Raises
     ------
@@ -240,7 +246,7 @@ def place_part(part: OpenedPart, named: NamedFaces, around: float) -> PlacedPart
         numbers[face.facets] = number
     if part.labels is not None:
         owner = dict(zip(part.labels.tolist(), numbers.tolist(), strict=True))
-        solid, labels = mesh_drawing(part.path, bore_sizes(part, named, around))
+        solid, labels = mesh_drawing(part.path, bore_sizes(part, named, around, coarser))
         facets = solid.facets()
         numbers = np.array([owner[label] for label in labels.tolist()])
     first, *others = (faces[number - 1].cylinder for number in named.bores.values())

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.interrupt import interrupt_kept
@@ -16,7 +18,7 @@ with interrupt_kept():
     import gmsh
 
 #: Drawings, whose units are in the file.
-DRAWINGS = (".step", ".stp", ".iges", ".igs", ".brep")
+DRAWINGS = (".step", ".stp", ".iges", ".igs")
 
 #: Metres of a unit of length.
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
@@ -72,10 +74,21 @@ def read_mesh(path: Path, unit: str) -> Solid:
     solid = used(Solid(points, cells, kind) if quadratic else raised(points, cells, kind))
     if not np.isfinite(solid.points).all():
         raise MeshError(f"{path}: a node has coordinates that are no finite numbers")
+    _require_one_piece(path, cells)
     longest = np.ptp(solid.points, axis=0).max()
     if longest > LONGEST:
         raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
     return solid
+
+
+def _require_one_piece(path: Path, cells: np.ndarray) -> None:
+    owners = np.repeat(np.arange(len(cells)), cells.shape[1])
+    shape = len(cells), int(cells.max()) + 1
+    holds = coo_matrix((np.ones(cells.size), (owners, cells.ravel())), shape=shape).tocsr()
+    pieces = connected_components(holds.T @ holds, directed=False)[1]
+    count = len(np.unique(pieces[cells[:, 0]]))
+    if count > 1:
+        raise MeshError(f"{path} has {count} solids, it must have one: export the part alone")
 
 
 def mesh_drawing(path: Path, size: SizeAt | None = None) -> tuple[Solid, np.ndarray]:
@@ -84,7 +97,7 @@ def mesh_drawing(path: Path, size: SizeAt | None = None) -> tuple[Solid, np.ndar
     Parameters
     ----------
     path
-        STEP, IGES or BREP; lengths in its own unit.
+        STEP or IGES; lengths in its own unit.
     size
         Of the cells; None: coarse ones.
 
@@ -115,7 +128,8 @@ def mesh_drawing(path: Path, size: SizeAt | None = None) -> tuple[Solid, np.ndar
             gmsh.model.mesh.setSizeCallback(lambda d, t, x, y, z, *_: at(np.array([x, y, z])))
         for name in ("FromPoints", "ExtendFromBoundary"):
             gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", coarse)
+        if size is None:
+            gmsh.option.setNumber("Mesh.MeshSizeMax", coarse)
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)
         # Straight cells beside curved ones where a facet bulges through them.
