@@ -43,6 +43,7 @@ SLOW = {
     ("docs/pictures.md", "Two runs"),
     ("docs/results.md", "Results of a run"),
     ("docs/results.md", "In ParaView"),
+    ("docs/tutorial-motorcycle.md", "What is known, written down"),
     ("docs/tutorial-motorcycle.md", "The answer"),
     ("docs/tutorial-motorcycle.md", "What if"),
     *(
