@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hand_made_rod import CLEARANCE
-from mechanism_cases import REVOLUTION, SPEED
+from mechanism_cases import REVOLUTION
 from oil_cases import (
     CLOSED,
     ETA,
@@ -17,7 +17,12 @@ from oil_cases import (
 )
 from oracle_compressible import CompressibleArc
 from rough_cases import surfaces
-from test_conserved_oil import GROOVE, assert_oil_derivatives, flown
+from test_conserved_oil import (
+    GROOVE,
+    assert_oil_derivatives,
+    assert_steps_are_those_of_the_film_alone,
+    flown,
+)
 from test_coupled_steps import mechanism_with
 
 from fenics_ehd.base.errors import SettingsError
@@ -25,7 +30,6 @@ from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.film import Lubricant
 from fenics_ehd.film.lubricant import Barus, DowsonHigginson
-from fenics_ehd.film.mass_conserving import MassConservingFilm
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION
 from fenics_ehd.multibody.run import Run, Steps
@@ -89,22 +93,10 @@ def test_the_density_counts_in_that_test():
 
 def test_one_step_formulas_solve_what_a_film_that_conserves_its_oil_does():
     film = oil_film((24, 4), regions=(GROOVE,), oil=DENSE)
-    end = 0.3 * REVOLUTION
-    control = Steps(tolerance=1e-5, order=1, largest=0.05)
+    control, end = Steps(tolerance=1e-5, order=1, largest=0.05), 0.3 * REVOLUTION
     run = Run(whirling(film, 0.8, 150.0, filling=0.9), control, end)
-    alone = MassConservingFilm(film)
-    (place,) = run.equations.system.films
-    gap = place.film.gap(run.state.x[0, place.xi], run.state.rate[0, place.xi], SPEED)
-    content, time = alone.filled(gap, 0.9), 0.0
-    content = np.where(alone.balance.reservoir, alone.filled(gap), content)
-    for step in run.until(end):
-        (state,) = step.solution.films
-        found = alone.solve(state.gap, content, step.time - time)
-        content, time = found.content, step.time
-        largest = found.pressure.max()
-        np.testing.assert_allclose(state.pressure, found.pressure, atol=1e-5 * (largest + 1e3))
-        np.testing.assert_allclose(state.content, content, atol=1e-6 * content.max())
-    assert largest > 1e7
+    _, largest = assert_steps_are_those_of_the_film_alone(film, run, end, 0.9)
+    assert largest[-1] > 1e7
 
 
 # --- Balance

@@ -1,4 +1,4 @@
-"""The cylinder through scattered points."""
+"""The circle and the cylinder through scattered points."""
 
 from __future__ import annotations
 
@@ -43,6 +43,14 @@ class Cylinder:
         return np.hypot(np.linalg.norm(across, axis=1) - self.radius, beyond)
 
 
+def fit_circle(plane: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre (2,) and radius of the circle through points, shape (n, 2), by least squares."""
+    # Of a circle, x^2 + y^2 is linear in x and y.
+    rows = np.column_stack([2 * plane, np.ones(len(plane))])
+    found = np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0]
+    return found[:2], float(np.sqrt(max(found[2] + found[:2] @ found[:2], 0.0)))
+
+
 def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     """Cylinder through points by least squares, begun from the normals of the surface.
 
@@ -60,10 +68,7 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     size = np.linalg.norm(points - middle, axis=1).max()
     x = (points - middle) / size
     plane = x @ across.T
-    # Of a circle, x^2 + y^2 is linear in x and y.
-    rows = np.column_stack([2 * plane, np.ones(len(x))])
-    found = np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0]
-    reach = np.sqrt(max(found[2] + found[:2] @ found[:2], 0.0))
+    found, reach = fit_circle(plane)
 
     def line(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         tilted = axis + unknowns[2:4] @ across
@@ -75,7 +80,7 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
         offset = offset - np.outer(offset @ direction, direction)
         return np.linalg.norm(offset, axis=1) - unknowns[4]
 
-    best = least_squares(off, [*found[:2], 0.0, 0.0, reach], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    best = least_squares(off, [*found, 0.0, 0.0, reach], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     start, direction = line(best)
     height = (x - start) @ direction
     centre = middle + size * (start + 0.5 * (height.min() + height.max()) * direction)

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.solid import Solid, raised, used
 
 with interrupt_kept():
@@ -19,9 +20,6 @@ with interrupt_kept():
 
 #: Drawings, whose units are in the file.
 DRAWINGS = (".step", ".stp", ".iges", ".igs")
-
-#: Metres of a unit of length.
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 #: A part longer than this in metres is in millimetres [m].
 LONGEST = 5.0
@@ -70,7 +68,7 @@ def read_mesh(path: Path, unit: str) -> Solid:
         )
     kind, count, quadratic = CELLS[kinds[0]]
     cells = np.concatenate([block.data[:, :count] for block in blocks]).astype(np.int64)
-    points = np.asarray(mesh.points, dtype=float) * UNITS[unit]
+    points = np.asarray(mesh.points, dtype=float) * in_unit(f"1 {unit}", "m")
     solid = used(Solid(points, cells, kind) if quadratic else raised(points, cells, kind))
     if not np.isfinite(solid.points).all():
         raise MeshError(f"{path}: a node has coordinates that are no finite numbers")

@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx import fem
 
 from fenics_ehd.base import compat
+from fenics_ehd.fem.cylinder_fit import fit_circle
 
 #: Cell on the boundary of each solid cell.
 _FACETS = {"hexahedron": "quadrilateral", "tetrahedron": "triangle"}
@@ -42,10 +43,8 @@ class SurfaceMesh:
 
 def cylinder_centre(x: np.ndarray) -> np.ndarray:
     """Centre of the cylinder along z that nodes lie on, shape (m, 3) to (3,) [m]."""
-    # Of a circle, x^2 + y^2 is linear in x and y.
-    plane, middle = x[:, :2] - x[:, :2].mean(axis=0), x.mean(axis=0)
-    rows = np.column_stack([2 * plane, np.ones(len(x))])
-    middle[:2] += np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0][:2]
+    middle = x.mean(axis=0)
+    middle[:2] += fit_circle(x[:, :2] - x[:, :2].mean(axis=0))[0]
     middle[2] = 0.5 * (x[:, 2].min() + x[:, 2].max())
     return middle
 

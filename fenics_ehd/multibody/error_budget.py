@@ -42,7 +42,7 @@ from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Cha
 from fenics_ehd.multibody.other_films import FINER, on_finer_films, with_finer_films
 from fenics_ehd.multibody.part_mesh import flexibility_error
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.recorder import gathered
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.step_solver import CoupledSteps
@@ -373,18 +373,12 @@ def judged(run: Run, end: float, cycles: Cycles | None = None) -> tuple[Tracker,
     SolverError
         See `Run.until` and `Cycles`.
     """
-    tracker, start = Tracker(run.equations, run.norm), run.state
-    rows: list[dict[str, float]] = []
-    fields: list[dict[str, np.ndarray]] = []
+    recorder, start = Recorder(run), run.state
     for step in run.until(end) if cycles is None else cycles:
-        if tracker.begins(cycles):
-            rows, fields = [], []
-        row, stored = tracker.add(step)
-        rows.append(row)
-        fields.append(stored)
-    course = course_of(run.equations.system, gathered(rows), gathered(fields))
+        recorder.add(step, cycles)
+    course = course_of(run.equations.system, *recorder.rows())
     began = start if cycles is None else cycles.began
-    return tracker, Estimator(run, cycles, began, course, tracker).budget()
+    return recorder.tracker, Estimator(run, cycles, began, course, recorder.tracker).budget()
 
 
 def _observed(system: System, place: FilmPlace, outward: np.ndarray) -> np.ndarray:

@@ -119,34 +119,43 @@ class Recorder:
     ----------
     run
         At its start.
+
+    Attributes
+    ----------
+    tracker
+        What they have shown.
     """
 
     def __init__(self, run: Run):
         self._fixed = Fixed.of(run.equations.system)
-        self._tracker = Tracker(run.equations, run.norm)
+        self.tracker = Tracker(run.equations, run.norm)
         self._rows: list[dict[str, float]] = []
         self._fields: list[dict[str, np.ndarray]] = []
 
     def add(self, step: MechanismStep, cycles: Cycles | None = None) -> None:
         """Account for an accepted step, of a periodic search in its current cycle."""
-        if self._tracker.begins(cycles):
+        if self.tracker.begins(cycles):
             self._rows, self._fields = [], []
-        row, fields = self._tracker.add(step)
+        row, fields = self.tracker.add(step)
         self._rows.append(row | cycle_columns(cycles, step.time))
         # Copies: parts of larger arrays would keep these.
         self._fields.append({path: np.array(values) for path, values in fields.items()})
 
+    def rows(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Columns, and fields by path, of the steps so far or of the last cycle."""
+        return gathered(self._rows), gathered(self._fields)
+
     def result(self, cycles: Cycles | None = None) -> Result:
         """Of the steps so far, or of the last cycle of a search."""
         values = {}
-        columns = gathered(self._rows)
+        columns, fields = self.rows()
         for column, found in columns.items():
-            path, unit = path_of(column, self._tracker.groups)
+            path, unit = path_of(column, self.tracker.groups)
             values[path] = Quantity(found.astype(float), unit)
         fixed = self._fixed.arrays
-        for path, array in {**fixed, **gathered(self._fields)}.items():
+        for path, array in {**fixed, **fields}.items():
             values[path] = Quantity(array, field_unit(path))
-        figures = self._tracker.figures(self._tracker.answer(columns, cycles))
+        figures = self.tracker.figures(self.tracker.answer(columns, cycles))
         figures |= cycle_figures(cycles)
-        summary = {"status": self._tracker.verdict(), **figures}
+        summary = {"status": self.tracker.verdict(), **figures}
         return assemble_result(values, self._fixed.names, self._fixed.films, summary)
