@@ -7,6 +7,11 @@ import os
 # As the command line does, before numpy is imported: results to the last bit depend on it.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+# Processes of pytest-xdist inherit what MPI set for the one that starts them: no mpirun would
+# start from there.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for variable in [name for name in os.environ if name.startswith(("OMPI_", "PMIX_"))]:
+        del os.environ[variable]
 
 import pytest
 

@@ -22,6 +22,7 @@ from fenics_ehd.fem.models import model_path
 from fenics_ehd.fem.part_check import part_figures, worst_cell
 from fenics_ehd.fem.refine import refined
 from fenics_ehd.fem.solid import EDGES, Solid, raised
+from fenics_ehd.film.surface import Surface
 from fenics_ehd.reduction.bore_holes import bore_holes
 
 STEEL = Material(210e9, 0.3, 7850.0)
@@ -121,6 +122,14 @@ def test_part_lies_as_scenes_want_it(parts, name, tmp_path):
     mesh = build_mesh(tmp_path / "part.msh", comm=MPI.COMM_SELF)
     assert mesh.cell == ("hexahedron" if name == "turned.msh" else "tetrahedron")
     assert set(mesh.groups) == {"part", "bore", "pin"}
+
+
+def test_rounded_hexahedra_carry_a_film(parts):
+    made = placed(parts / "turned.msh")
+    nodes, cells = np.unique(made.surfaces()["bore"], return_inverse=True)
+    cells = cells.reshape(-1, 8)[:, [0, 1, 3, 2, 4, 7, 5, 6]]
+    surface = Surface.on_cylinder(made.solid.points[nodes], cells, "serendipity")
+    assert surface.covered == pytest.approx(2 * np.pi * surface.width, rel=1e-9)
 
 
 @pytest.mark.slow

@@ -72,7 +72,8 @@ def round_bore(
     """Points with those of a bore along z put on its cylinder, and the largest move [m].
 
     Middles of facets' edges go half way in angle and height, the isoparametric bore is then the
-    best quadratic one. Nodes at the ends within the same distance of a plane are put on it.
+    best quadratic one. Nodes at the ends within the same distance of a plane are put on it, and
+    corners of quadrilaterals along one line of the bore or around it on that.
 
     Parameters
     ----------
@@ -106,6 +107,9 @@ def round_bore(
     offset = 0.5 * (low + high) if abs(low + high) < near else 0.0
     for end in (low, high):
         new[corners[np.abs(x[:, 2] - end) < near], 2] = end - offset
+    if count == 4:
+        # Rounded ones are no parallelograms, as films on them need.
+        new[corners] = _lined_up(new[corners] - centre, cylinder.radius) + centre
     for side in range(count):
         a, b = new[facets[:, side]], new[facets[:, (side + 1) % count]]
         middle = 0.5 * (a + b) - centre
@@ -122,6 +126,27 @@ def round_bore(
             f"above {PROJECTED:g} radii: choose a face that is round"
         )
     return new, moved
+
+
+def _lined_up(x: np.ndarray, radius: float) -> np.ndarray:
+    """Points on a cylinder about z, equal angles and heights made exactly so."""
+    angle = np.arctan2(x[:, 1], x[:, 0])
+    ordered = np.sort(angle)
+    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
+    start = ordered[np.argmax(gaps)] + 0.5 * gaps.max()  # no line of nodes lies there
+    angle = _levels(np.mod(angle - start, 2 * np.pi), FLAT) + start
+    z = _levels(x[:, 2], FLAT * radius)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+
+
+def _levels(values: np.ndarray, near: float) -> np.ndarray:
+    """Values (n,), those that lie within `near` of the next one replaced by their mean."""
+    order = np.argsort(values)
+    first = np.diff(values[order], prepend=-np.inf) > near
+    level = np.empty(len(values), dtype=np.int64)
+    level[order] = np.cumsum(first) - 1
+    lowest = values[order][first]
+    return (lowest + np.bincount(level, values - lowest[level]) / np.bincount(level))[level]
 
 
 def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> None:
