@@ -126,7 +126,7 @@ class RecordedRun:
 
     def figures(self, columns: Mapping[str, np.ndarray] | None) -> dict[str, Any]:
         """What ``summary.json`` has of it, with the columns of its history, if they can be read."""
-        answer = None if columns is None else self.tracker.answer(columns, self.cycles)
+        answer = None if columns is None else self.tracker.answer(columns)
         return self.tracker.figures(answer) | cycle_figures(self.cycles) | self.margin
 
 
