@@ -294,7 +294,7 @@ def test_the_basis_error_is_drawn_where_it_is_known():
 
 def test_pictures_of_a_former_run_go_with_it():
     for name in QUANTITIES:
-        for file in (f"{name}.png", f"{name}-big_end.svg", f"{name}-big_end-difference.png"):
+        for file in (f"{name}.png", f"{name}-big_end.svg", f"{name}-big_end-comparison.png"):
             assert any(fnmatch(file, pattern) for pattern in RESULTS), file
 
 
@@ -467,6 +467,16 @@ def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
         plot(bearings.directory, same, "--difference", "--quantity", "orbit", "-o", tmp_path) == 0
     )
     assert (tmp_path / "orbit-difference.svg").is_file()
+    own = bearings.directory / "max_pressure.png"
+    assert plot(bearings.directory) == 0
+    before = own.read_bytes()
+    capsys.readouterr()
+    assert plot(bearings.directory, same, "--quantity", "max_pressure") == 0
+    names = capsys.readouterr().out.split()
+    assert [Path(name).name for name in names] == [
+        f"max_pressure-comparison.{ending}" for ending in ("png", "svg")
+    ]
+    assert own.read_bytes() == before
     assert plot(bearings.directory, same, "--difference", "--quantity", "bore") == 2
     assert "no difference of it" in capsys.readouterr().err
 
