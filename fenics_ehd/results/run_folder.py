@@ -19,6 +19,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import EhdError, InputError, OutputError
 from fenics_ehd.base.lock import locked
 from fenics_ehd.base.output import (
+    ACCURACY,
     ERROR_BUDGET,
     FAILED_FILM,
     SCENE_NAME,
@@ -72,6 +73,7 @@ RESULTS = (
     "body-*.h5",
     FAILED_FILM,
     ERROR_BUDGET,
+    ACCURACY,
     "coarser-*.h5",
     "animation.*",
     "vtk/*.pvd",
