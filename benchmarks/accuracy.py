@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
@@ -28,6 +29,7 @@ from tqdm import tqdm
 from fenics_ehd.base.errors import EhdError
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.scenes.accuracy import begun
+from fenics_ehd.scenes.accuracy_step import status_of
 from fenics_ehd.scenes.accurate_run import run_accurately
 from fenics_ehd.scenes.build import build_mechanism
 from fenics_ehd.scenes.fields import FEWEST_CELLS
@@ -73,7 +75,7 @@ def tried(scene: Scene, references: References, exact: Mapping[str, list[float]]
     except EhdError:
         return None
     seconds = process_time() - began
-    return Tried(true_error(extremes_of(tracker), exact), seconds, tracker.verdict() == "complete")
+    return Tried(true_error(extremes_of(tracker), exact), seconds, status_of(tracker) == "complete")
 
 
 def around(scene: Scene) -> Iterator[dict[str, Any]]:
@@ -98,7 +100,12 @@ def chosen(scene: Scene, accuracy: float) -> tuple[Scene, dict[str, Any]]:
     with TemporaryDirectory() as folder:
         built = build_mechanism(pilot, MPI.COMM_SELF)
         last, _, summary = run_accurately(
-            pilot, built, Path(folder), lambda own: tqdm(disable=True), search, interval=1e9
+            pilot,
+            built,
+            Path(folder),
+            lambda own: tqdm(total=1.0, disable=True),
+            search,
+            interval=1e9,
         )
     return last, summary
 

@@ -4,16 +4,22 @@ import json
 import tomllib
 from dataclasses import replace
 from math import inf
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import call
+from mpi4py import MPI
 from scene_cases import LOADED_JOURNAL, write_scene
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.errors import AccuracyError, SettingsError
 from fenics_ehd.cli.accuracy import accuracy_lines
-from fenics_ehd.multibody.error_budget import QUANTITIES
-from fenics_ehd.scenes.accuracy import begun, choosable
+from fenics_ehd.multibody.error_budget import COMPONENTS, QUANTITIES
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.accuracy import begun, choosable, search_of
 from fenics_ehd.scenes.accuracy_choice import (
     LOOSEST,
     MOST_CELLS,
@@ -23,8 +29,12 @@ from fenics_ehd.scenes.accuracy_choice import (
     JudgedRun,
     cheapest,
 )
+from fenics_ehd.scenes.accuracy_step import account
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.coarse_part import counts, part_cells
 from fenics_ehd.scenes.given import changed
 from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.study.case import make_case
 
 #: A journal bearing whose runs take less than a second.
 QUICK = LOADED_JOURNAL | {"joints.bearing.cells": [16, 3], "output.plots": False}
@@ -216,6 +226,70 @@ def test_its_scene_is_run_again_without_a_pilot(tight_run):
     assert "accuracy" not in same
     for key in ("max_pressure_Pa", "min_film_thickness_m", "steps"):
         assert same[key] == found[key]
+
+
+def test_a_search_is_found_again_in_its_folder(tight_run):
+    search = search_of(tight_run)
+    search.leave(tight_run)
+    assert search_of(tight_run) == search
+    assert search.met
+    assert not search.wanted
+    assert search_of(tight_run.parent) is None
+
+
+def test_an_error_that_is_not_estimated_is_refused_by_name():
+    scene, search = begun(changed(read_scene("four-bar"), {"output.accuracy": 0.01}))
+    known = dict.fromkeys(COMPONENTS, 1e-3) | dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
+    lacking = known | {"film_mesh": NOT_ESTIMATED}
+    budget = {"max_pressure": known | {"total": 2e-3}, "min_film_thickness": lacking}
+    recorded = SimpleNamespace(tracker=SimpleNamespace(worth={"pin": budget}))
+    notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
+    with pytest.raises(AccuracyError, match=r"joints.pin by film mesh .* the oil is compressible"):
+        account(search, scene, recorded, notes)
+
+
+def test_a_finer_mesh_of_a_part_is_one_that_its_model_has():
+    rod = read_scene("slider-crank").bodies["rod"]
+    for factor in (0.5, 1.0, 1.2, 3.0):
+        cells = part_cells(rod, factor)
+        assert cells["bore_cells_around"] % 10 == 0
+        for key in counts(rod):
+            assert cells[key] >= factor * rod.geometry[key]
+        assert cells["bore_radius"] == rod.geometry["bore_radius"]
+    assert part_cells(rod, 1.0) == rod.geometry
+
+
+def test_cases_of_a_study_have_their_own_settings():
+    asked = changed(read_scene("four-bar"), {"output.accuracy": 0.01})
+    with pytest.raises(SettingsError, match="drop it"):
+        make_case("one", asked, {"time.tolerance": 1e-3})
+
+
+def extremes(scene):
+    """Peak pressure and thinnest film of the four-bar's pin."""
+    built = build_mechanism(scene, MPI.COMM_SELF)
+    run = Run(built.mechanism, built.steps, scene.span)
+    tracker, cycles = Tracker(run.equations, run.norm), Cycles(run, scene.span, 1e-4)
+    for step in cycles:
+        tracker.begins(cycles)
+        tracker.add(step)
+    found = tracker.extremes["rocker_end"]
+    return np.array([getattr(found, quantity) for quantity in QUANTITIES])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("accuracy", [0.03, 0.01])
+def test_true_errors_meet_the_accuracy(tmp_path, accuracy, figure):
+    directory = tmp_path / "run"
+    scene = write_scene(tmp_path / "scene.toml", "four-bar")
+    assert call("run", scene, "--accuracy", accuracy, "--no-plots", "-o", directory) == 0
+    summary = json.loads((directory / "summary.json").read_text())
+    own = np.array([summary["max_pressure_Pa"], summary["min_film_thickness_m"]])
+    fine = {"joints.rocker_end.cells": [60, 10], "time.tolerance": 3e-6}
+    exact = extremes(changed(read_scene("four-bar"), fine))
+    error = float(np.abs(own / exact - 1.0).max())
+    name = f"four-bar, {100 * accuracy:g} % asked: true error of the run"
+    figure("error budget", name, error, most=accuracy)
 
 
 def test_an_option_that_is_no_accuracy_is_refused(tmp_path, capfd):

@@ -59,6 +59,7 @@ SLOW = {
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
     ("docs/error-budget.md", "What a run is worth"),
+    ("docs/accuracy.md", "Ask for an accuracy"),
 }
 
 
@@ -98,6 +99,7 @@ DOCUMENTS = (
             "own-part",
             "mechanisms",
             "error-budget",
+            "accuracy",
             "pictures",
             "results",
         )

@@ -7,11 +7,12 @@ from math import inf
 from typing import Any
 
 from fenics_ehd.base.errors import AccuracyError
-from fenics_ehd.multibody.energy import ENERGY_LIMIT, NET_LIMIT, RESOLVED, trusted
+from fenics_ehd.multibody.energy import ENERGY_LIMIT, trusted
 from fenics_ehd.multibody.error_budget import COMPONENTS, FILM_ORDERS, QUANTITIES
 from fenics_ehd.multibody.error_shares import NOT_APPLICABLE
 from fenics_ehd.multibody.other_films import FINER
 from fenics_ehd.multibody.part_mesh import PART_ORDER
+from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.recorded_run import RecordedRun
 from fenics_ehd.scenes.accuracy import Search
 from fenics_ehd.scenes.accuracy_choice import (
@@ -27,7 +28,7 @@ from fenics_ehd.scenes.scene import Scene, meshed
 
 #: Share of the accuracy that all components together are aimed at, and that a part's mesh, a basis
 #: and the start may take of it.
-AIM, PART_SHARE, BASIS_SHARE, START_SHARE = 0.9, 0.25, 0.25, 0.1
+AIM, PART_SHARE, BASIS_SHARE, START_SHARE = 0.7, 0.25, 0.25, 0.1
 
 #: Runs after the pilot, at most.
 RUNS = 3
@@ -88,16 +89,16 @@ def account(
                 for key in COMPONENTS
                 if any(key in own for own in errors.values())
             },
-            "status": recorded.tracker.verdict(),
+            "status": status_of(recorded.tracker),
             "processor_time_s": recorded.processor_time + worth["error_budget_processor_time_s"],
         }
     )
     if search.met:
-        return {"accuracy": search.figures()}
+        return {"accuracy": search.figures(), "status": "complete"}
     if len(search.runs) <= RUNS:
         values = _next(search, scene, recorded, errors)
         search.wanted = {k: v for k, v in values.items() if v != search.chosen[k]}
-    found: dict[str, Any] = {"accuracy": search.figures()}
+    found = {"accuracy": search.figures(), "status": search.runs[-1]["status"]}
     if not search.wanted:
         found["warnings"] = [*scene.warnings, _missed(search)]
     return found
@@ -202,23 +203,35 @@ def _judged(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors)
         run.control.order,
         min(FORCED, run.state.time / run.control.largest_step / steps),
         "time.tolerance" in search.kept,
-        *_trusted(recorded),
+        *_trusted(recorded.tracker),
     )
 
 
-def _trusted(recorded: RecordedRun) -> tuple[float, float]:
-    """Largest share of the steps' error with which the run is to be trusted, and least cells.
+def status_of(tracker: Tracker) -> str:
+    """``"complete"``, or why a judged run cannot be trusted.
 
-    The defect of the energy is by the steps and falls as their error does. Beyond that a run is
-    distrusted whose film has too few cells.
+    The defect of the energy over that put in for good stands for errors of the film by the steps,
+    as far as nobody knows these. Of a judged run they are known: a four-bar with three times the
+    limit is 0.3 % off in the peak and 0.5 % in the film, as it says itself.
     """
-    balance, verdict = recorded.tracker.balance, recorded.tracker.verdict()
-    if verdict == "complete" or balance is None:
+    told, balance = tracker.verdict(), tracker.balance
+    if balance is None or told != trusted(balance.error, balance.net_error):
+        return told
+    return trusted(balance.error, 0.0)
+
+
+def _trusted(tracker: Tracker) -> tuple[float, float]:
+    """Largest share of the steps' error with which a run is to be trusted, and least cells.
+
+    The defect of the energy falls as the steps' error does. Of what else is distrusted the film has
+    too few cells.
+    """
+    balance = tracker.balance
+    if status_of(tracker) == "complete" or balance is None:
         return inf, 0.0
-    if trusted(balance.error, balance.net_error) == "complete":
-        return inf, FINER
-    net = max(NET_LIMIT / balance.net_error, RESOLVED / balance.error)
-    return AIM * min(net, ENERGY_LIMIT / balance.error), 0.0
+    if balance.error > ENERGY_LIMIT:
+        return AIM * ENERGY_LIMIT / balance.error, 0.0
+    return inf, FINER
 
 
 def _missed(search: Search) -> str:
