@@ -62,6 +62,7 @@ SLOW = {
     ("docs/own-scene.md", "Settings"),
     ("docs/own-scene.md", "Another machine"),
     ("docs/error-budget.md", "What a run is worth"),
+    ("docs/accuracy.md", "Ask for an accuracy"),
 }
 
 #: Programs that sections need and that not every machine has.
@@ -104,6 +105,7 @@ DOCUMENTS = (
             "own-part",
             "mechanisms",
             "error-budget",
+            "accuracy",
             "pictures",
             "results",
         )
