@@ -166,7 +166,7 @@ class Tracker:
     def _grouped(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
         """Columns of a joint or body, whose groups are kept."""
         found = {f"{prefix}{name}": value for name, value in figures.items()}
-        if found.keys() - self.groups.keys():
+        if not found.keys() <= self.groups.keys():
             self.groups |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
         return found
 
