@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
 
 from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings
@@ -16,7 +17,6 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.rigid_body import RigidBody, ground
 from fenics_ehd.multibody.simulation import simulate, simulate_periodic
-from tests.journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
 
 TURN = 2 * np.pi / OMEGA
 

@@ -20,6 +20,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import EhdError, InputError, OutputError
 from fenics_ehd.base.lock import locked
 from fenics_ehd.base.output import (
+    ACCURACY,
     ERROR_BUDGET,
     FAILED_FILM,
     SCENE_NAME,
@@ -60,6 +61,7 @@ RESULTS = (
     FIELDS_NAME,
     CHECKPOINT,
     SCENE_NAME,
+    ACCURACY,
     "body-*.h5",
     "coarser-*.h5",
 )
