@@ -184,9 +184,8 @@ class Tracker:
         extremes.add(
             step.time - self._start, figures["max_pressure_Pa"], figures["min_film_thickness_m"]
         )
-        if not place.film.film.parameters.lubricant.viscosity_law.constant:
-            steepest = steepest_thickening(place.film.film, film.pressure)
-            extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
+        steepest = steepest_thickening(place.film.film, film.pressure)
+        extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
         figures |= self._places[place.name].columns(step, film.pressure, gap)
         if place.name in self.contacts:
             record = self.contacts[place.name]
