@@ -20,6 +20,7 @@ from sweep_cases import COMMAND, exit_of, scene_as, sweep_inline
 from fenics_ehd import load_results
 from fenics_ehd.base.errors import InputError, InUseError, SettingsError
 from fenics_ehd.reduction import load_body
+from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.scene_file import shipped_names
 from fenics_ehd.scenes.scene_text import scene_text
 from fenics_ehd.study.curves import Reference, StoredRun
@@ -29,7 +30,7 @@ from fenics_ehd.study.plan import REFERENCE, make_study
 from fenics_ehd.study.run import run_study
 from fenics_ehd.study.sweep import make_sweep
 from fenics_ehd.study.table import COLUMNS, ERRORS
-from fenics_ehd.study.variants import film, full, m3, m4, planned_cells, rigid, steps
+from fenics_ehd.study.variants import film, full, m3, m4, rigid, steps
 from fenics_ehd.study.work import CaseTask
 
 

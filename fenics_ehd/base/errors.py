@@ -22,6 +22,10 @@ class SettingsError(InputError):
     """A scene file or option holds a key or a value that cannot be used."""
 
 
+class AccuracyError(InputError):
+    """An accuracy is asked of figures whose errors are not estimated."""
+
+
 class SensitivityError(InputError):
     """A derivative is asked of what a run does not tell, or along what has none."""
 

@@ -21,6 +21,7 @@ from fenics_ehd.base.errors import CavitationError, EhdError, InputError
 from fenics_ehd.base.whole_file import naming, whole_hdf5, write_whole
 
 __all__ = [
+    "ACCURACY",
     "ERROR_BUDGET",
     "FAILED_FILM",
     "SCENE_NAME",
@@ -40,6 +41,9 @@ FAILED_FILM = "failed_film.h5"
 
 #: Errors of a run over time, by component.
 ERROR_BUDGET = "error_budget.json"
+
+#: How settings were chosen that meet an accuracy.
+ACCURACY = "accuracy.json"
 
 #: Figures of a run and how it ended, written last.
 SUMMARY = "summary.json"

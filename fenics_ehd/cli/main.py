@@ -82,6 +82,11 @@ def cli() -> None:
     default=None,
     help="Estimate what the figures are worth, see output.error_budget.",
 )
+@click.option(
+    "--accuracy",
+    help="Choose meshes, steps and modes so that estimated errors meet this, 1% say, see "
+    "output.accuracy.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
 @click.option(
     "--multiplier",
@@ -101,6 +106,7 @@ def run(
     vtk: bool,
     frames: int,
     error_budget: bool | None,
+    accuracy: str | None,
     overwrite: bool,
     multiplier: bool,
     as_json: bool,
@@ -125,9 +131,10 @@ def run(
             overwrite,
             multiplier,
             error_budget=error_budget,
+            accuracy=accuracy,
         )
         return
-    if body or method or directory or vtk or overwrite or error_budget is not None:
+    if body or method or directory or vtk or overwrite or accuracy or error_budget is not None:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     run.resume(Path(resume), plots, interval, as_json, multiplier)

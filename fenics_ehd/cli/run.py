@@ -15,16 +15,19 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.output import complete_result, require_writable, to_json
 from fenics_ehd.base.settings import read_toml
+from fenics_ehd.cli.accuracy import accuracy_lines, say_next, with_accuracy
 from fenics_ehd.cli.cycle_lines import cycle_line, multiplier_line, place_lines
 from fenics_ehd.cli.error_budget import beside, budget_table
 from fenics_ehd.cli.notices import say_reducing, warn_of
 from fenics_ehd.results.checkpoint import CHECKPOINT, load_run_state
 from fenics_ehd.results.progress import progress_bar
 from fenics_ehd.results.run_folder import RunFolder, first_rank_folder
+from fenics_ehd.scenes.accuracy import Search, begun, keeping, search_of
+from fenics_ehd.scenes.accurate_run import run_accurately
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.given import with_body, with_method
-from fenics_ehd.scenes.run import run_scene, stored_scene
-from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.run import stored_scene
+from fenics_ehd.scenes.scene import Scene, meshed
 from fenics_ehd.scenes.scene_text import as_stored
 
 if TYPE_CHECKING:  # slow to import, for ParaView series only
@@ -48,11 +51,12 @@ def run(
     multiplier: bool = False,
     *,
     error_budget: bool | None = None,
+    accuracy: str | None = None,
 ) -> None:
     """Run a scene; collective until it is built.
 
-    `frames`, of a ParaView series, `body`, a file, and `error_budget` take the place of what the
-    scene says.
+    `frames`, of a ParaView series, `body`, a file, `error_budget` and `accuracy` take the place of
+    what the scene says; a `method` is kept whatever an accuracy chooses.
     """
     scene = as_stored(name)
     if body is not None:
@@ -61,6 +65,10 @@ def run(
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
     if method is not None:
         scene = with_method(scene, method)
+    if accuracy is not None:
+        scene = with_accuracy(scene, accuracy)
+    if method is not None and scene.output.accuracy:
+        scene = keeping(scene, [f"bodies.{part}.reduction" for part in meshed(scene)])
     if frames is not None:
         scene = replace(scene, output=attrs.evolve(scene.output, paraview=True, frames=frames))
     if error_budget is not None:
@@ -71,13 +79,22 @@ def run(
         )
     warn_of(scene.warnings)
     require_writable(directory)
+    scene, search = begun(scene)
     with first_rank_folder(directory, overwrite) as folder:
         built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
         parts = _whole_parts(built) if scene.output.paraview else {}
         # The time integration is serial: other ranks have done their share.
         if folder is not None:
             _finish(
-                scene, built, folder, interval, plots, as_json, parts=parts, multiplier=multiplier
+                scene,
+                built,
+                folder,
+                interval,
+                plots,
+                as_json,
+                parts=parts,
+                multiplier=multiplier,
+                search=search,
             )
 
 
@@ -104,7 +121,18 @@ def resume(
             return
         former = load_run_state(folder.path)
         scene, built = stored_scene(folder.path)
-        _finish(scene, built, folder, interval, plots, as_json, former, multiplier=multiplier)
+        search = search_of(folder.path)
+        _finish(
+            scene,
+            built,
+            folder,
+            interval,
+            plots,
+            as_json,
+            former,
+            multiplier=multiplier,
+            search=search,
+        )
 
 
 def _finish(
@@ -117,6 +145,7 @@ def _finish(
     former: Mapping[str, Any] | None = None,
     parts: Mapping[str, PartFields] | None = None,
     multiplier: bool = False,
+    search: Search | None = None,
 ) -> None:
     """Integrate, draw, print; `parts` go into a ParaView series.
 
@@ -125,15 +154,25 @@ def _finish(
     VerificationError
         The run is not complete.
     """
-    bar = progress_bar(scene.span)
-    summary = run_scene(
-        scene, built, folder.path, bar, interval=interval, former=former, multiplier=multiplier
+    first = built
+    scene, built, summary = run_accurately(
+        scene,
+        built,
+        folder.path,
+        lambda own: progress_bar(own.span),
+        search,
+        interval=interval,
+        former=former,
+        multiplier=multiplier,
+        told=say_next,
     )
     if plots and scene.output.plots:
         from fenics_ehd.plotting.pictures import plot_run
 
         plot_run(folder.path)
     if scene.output.paraview:
+        if built is not first:
+            parts = {**(parts or {}), **_whole_parts(built)}
         _write_series(scene, built, folder.path, parts or {})
     click.echo(to_json(summary) if as_json else report(summary, folder.directory))
     if summary["status"] != "complete":
@@ -188,7 +227,7 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
                 f"{joint['mean_dissipated_power_W']:.3f} W dissipated"
             )
         lines += place_lines(joint) + real_film(joint)
-    lines += budget_table(joints, summary)
+    lines += budget_table(joints, summary) + accuracy_lines(summary)
     lines += cycle_line(summary)
     if "cycles" in summary:
         lines.append(

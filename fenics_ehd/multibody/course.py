@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.multibody.between_nodes import BetweenNodes
 from fenics_ehd.multibody.system import System
 
@@ -98,8 +99,7 @@ def course_of(
     system: System, columns: Mapping[str, np.ndarray], fields: Mapping[str, np.ndarray]
 ) -> Course:
     """Of a history's rows, see `Tracker.add`, one a step."""
-    several = len(system.films) > 1
-    prefixes = [f"{place.name}." if several else "" for place in system.films]
+    prefixes = [joint_prefix(place.name, system.films) for place in system.films]
     states = ("state/coordinates", "state/quasi_static")
     x = np.hstack([fields[name] for name in states if name in fields])
     paths = [f"joints/{place.name}/film" for place in system.films]

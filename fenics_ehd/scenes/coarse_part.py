@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import attrs
 from mpi4py import MPI
 
@@ -14,6 +16,9 @@ from fenics_ehd.scenes.scene import Scene
 
 #: The models' cells around a bore are a multiple of this.
 AROUND = 10
+
+#: Of a factor, that makes no cell more.
+ROUNDING = 1e-9
 
 
 def coarser_part(scene: Scene, name: str) -> ReducedBody:
@@ -33,18 +38,31 @@ def coarser_part(scene: Scene, name: str) -> ReducedBody:
 
 def _halved(name: str, settings: schema.FlexibleSettings) -> dict[str, float]:
     """Parameters of the model with half the cells."""
-    geometry = dict(settings.geometry)
-    counts = [key for key in geometry if "cells" in key or "layers" in key]
-    for key in counts:
-        step = AROUND if "around" in key else 1
-        half = step * -(-int(geometry[key]) // int(COARSER * step))
-        if "around" in key and not half < geometry[key]:
+    geometry, found = part_cells(settings, 1.0 / COARSER), counts(settings)
+    for key in found:
+        if "around" in key and not geometry[key] < settings.geometry[key]:
             raise SettingsError(
-                f"bodies.{name}.geometry.{key} = {geometry[key]:g}: no coarser mesh of the part"
+                f"bodies.{name}.geometry.{key} = {settings.geometry[key]:g}: no coarser mesh of "
+                "the part"
             )
-        geometry[key] = half
-    if not counts or settings.cells != "hex":
+    if not found:
         raise SettingsError(
             f"bodies.{name}.geometry gives no numbers of cells: no coarser mesh of the part"
         )
+    return geometry
+
+
+def counts(settings: schema.FlexibleSettings) -> tuple[str, ...]:
+    """Parameters of a part's model that are numbers of its cells."""
+    if settings.cells != "hex":
+        return ()
+    return tuple(key for key in settings.geometry if "cells" in key or "layers" in key)
+
+
+def part_cells(settings: schema.FlexibleSettings, factor: float) -> dict[str, float]:
+    """Parameters of a part's model with so many times its cells."""
+    geometry = dict(settings.geometry)
+    for key in counts(settings):
+        step = AROUND if "around" in key else 1
+        geometry[key] = step * ceil(int(geometry[key]) * factor / step - ROUNDING)
     return geometry

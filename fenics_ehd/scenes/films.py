@@ -22,7 +22,7 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.contact import rough_surfaces
 from fenics_ehd.scenes.fields import FEWEST_CELLS
 from fenics_ehd.scenes.heat import joint_heat, joint_lubricant
-from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.scene import Scene, meshed
 from fenics_ehd.scenes.shapes import ROUND, joint_shapes
 from fenics_ehd.scenes.supplies import check_supply, feeds, holes_of, recesses
 
@@ -115,6 +115,26 @@ def check_thin_film(clearance: float, radius: float, key: str) -> None:
         raise SettingsError(f"{both.format(f'below {THIN_FILM:g}')}: the film is taken as thin")
     if too_narrow(clearance, radius):
         raise SettingsError(f"{both.format(f'at least {SMALLEST_RATIO:g}')}: lengths are in metres")
+
+
+def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
+    """Cells around and along that a film will have, as far as its settings tell."""
+    settings = scene.joints[joint]
+    if settings.cells:
+        around, along = settings.cells
+        return around, along
+    elastic = scene.elastic_bore(settings)
+    if elastic is None or elastic[0] not in meshed(scene):
+        return DEFAULT_CELLS
+    part = scene.bodies[elastic[0]]
+    if part.cells != "hex":
+        return DEFAULT_CELLS
+    names = ("bore_cells_around", "bore_cells_along")
+    around, along = (
+        int(part.geometry.get(name, cells))
+        for name, cells in zip(names, DEFAULT_CELLS, strict=True)
+    )
+    return around, along
 
 
 def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -> Film:

@@ -20,6 +20,8 @@ from fenics_ehd.results.error_budget import estimated
 from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, record_run
 from fenics_ehd.results.run_folder import SCENE_NAME
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.accuracy import Search
+from fenics_ehd.scenes.accuracy_step import account
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.coarse_part import coarser_part
 from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
@@ -42,6 +44,7 @@ def run_scene(
     former: Mapping[str, Any] | None = None,
     judged: bool = True,
     multiplier: bool = False,
+    search: Search | None = None,
 ) -> dict[str, Any]:
     """Integrate a scene, serially, and leave its results in a folder.
 
@@ -61,6 +64,8 @@ def run_scene(
         Whether it says what its figures are worth, if the scene wants that.
     multiplier
         Whether the largest multiplier of a periodic solution is found, too.
+    search
+        For settings that meet an accuracy, which takes account of the run.
 
     Returns
     -------
@@ -79,7 +84,7 @@ def run_scene(
     judge = None
     if judged and scene.output.error_budget and lubricated_joints(scene):
         coarser = coarser_parts(scene, directory, former is None)
-        judge = partial(estimated, coarser=coarser)
+        judge = partial(_worth, scene=scene, coarser=coarser, search=search)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     return record_run(
@@ -98,6 +103,18 @@ def run_scene(
         former=former,
         judge=judge,
     )
+
+
+def _worth(
+    recorded: RecordedRun,
+    directory: Path,
+    scene: Scene,
+    coarser: Mapping[str, ReducedBody],
+    search: Search | None,
+) -> dict[str, Any]:
+    """What the summary has of a run's budget, and of the search for an accuracy."""
+    found = estimated(recorded, directory, coarser)
+    return found if search is None else found | account(search, scene, recorded, found)
 
 
 def coarser_parts(scene: Scene, directory: Path, new: bool) -> dict[str, ReducedBody]:

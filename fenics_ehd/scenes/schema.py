@@ -446,6 +446,18 @@ class OutputSettings:
     part_mesh_error: bool = flag(
         False, "whether parts are meshed again, half as fine, to know what their meshes are worth"
     )
+    accuracy: float = number(
+        0.0,
+        "that estimated errors of peak pressures and thinnest films must meet: meshes, steps and "
+        "modes are chosen for it, 0: as written",
+        least=0,
+        below=0.5,
+        usual=(1e-3, 0.1),
+        example="0.01 for 1 %",
+    )
+    accuracy_keeps: tuple[str, ...] = names(
+        "keys that stay as written, of those that accuracy chooses: tolerance, joints.pin.cells"
+    )
     paraview: bool = flag(False, "ParaView series of bodies and films")
     frames: int = count(60, "of the series", least=2)
 

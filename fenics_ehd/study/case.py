@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fenics_ehd import __version__
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body_file import FORMAT_VERSION
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
@@ -71,6 +72,11 @@ def make_case(name: str, scene: Scene, values: Mapping[str, Any]) -> Case:
         A value that cannot be used, or there is no such model.
     """
     own = with_values(scene, values)
+    if own.output.accuracy:
+        raise SettingsError(
+            f"output.accuracy = {own.output.accuracy:g}: cases are compared with the settings that "
+            "they have: drop it"
+        )
     return Case(name, own, needed_bodies(own), tuple(values.values()))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenics_ehd.scenes.fields import FEWEST_CELLS, NONE
-from fenics_ehd.scenes.films import DEFAULT_CELLS
+from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
 
 #: Stands for the cells of every film, as many times the scene's own in both directions.
@@ -109,23 +109,3 @@ def _times(scene: Scene, joint: str, factor: float) -> list[int]:
         max(int(factor * cells + 0.5), least)
         for cells, least in zip(own, FEWEST_CELLS, strict=True)
     ]
-
-
-def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
-    """Cells around and along that a film will have, as far as its settings tell."""
-    settings = scene.joints[joint]
-    if settings.cells:
-        around, along = settings.cells
-        return around, along
-    elastic = scene.elastic_bore(settings)
-    if elastic is None or elastic[0] not in meshed(scene):
-        return DEFAULT_CELLS
-    part = scene.bodies[elastic[0]]
-    if part.cells != "hex":
-        return DEFAULT_CELLS
-    names = ("bore_cells_around", "bore_cells_along")
-    around, along = (
-        int(part.geometry.get(name, cells))
-        for name, cells in zip(names, DEFAULT_CELLS, strict=True)
-    )
-    return around, along

@@ -1,0 +1,165 @@
+"""Runs that are to meet an accuracy: what they are off, and what they cost beside the cheapest.
+
+    python benchmarks/accuracy.py [--only four-bar ...] [--accuracy 0.03 0.01] [--cache FOLDER]
+
+For each scene and accuracy a row of what `output.accuracy` comes to: the largest estimate of the
+run chosen; its largest true error, against the reference of `benchmarks/error_budget.py`, which has
+three times the scene's own cells either way at a thirtieth of its tolerance; processor time of the
+pilot, and of all there is: pilot with its budget, and integration of the chosen run. Beside it the
+cheapest of a grid that meets the accuracy truly and may be trusted, and the time over its time.
+The grid varies one setting at a time around the choice: tolerances times 1/10, 1/4, 4, 10, cells
+times 0.7, 0.85, 1.2, 1.5; all of it is given once more as it is chosen.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+from typing import Any
+
+from error_budget import SCENES, STRICT, References, changed, extremes_of, finer
+from mpi4py import MPI
+from tqdm import tqdm
+
+from fenics_ehd.base.errors import EhdError
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.accuracy import begun
+from fenics_ehd.scenes.accuracy_step import status_of
+from fenics_ehd.scenes.accurate_run import run_accurately
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.fields import FEWEST_CELLS
+from fenics_ehd.scenes.scene import Scene, lubricated_joints
+from fenics_ehd.scenes.scene_text import stored
+
+TOLERANCES, CELLS = (0.1, 0.25, 4.0, 10.0), (0.7, 0.85, 1.2, 1.5)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A run of a grid: largest true error, processor time, whether it may be trusted."""
+
+    error: float
+    seconds: float
+    trusted: bool
+
+
+def true_error(own: Mapping[str, list[float]], exact: Mapping[str, list[float]]) -> float:
+    """Largest of all joints' figures."""
+    return max(
+        abs(value / better - 1.0)
+        for name in own
+        for value, better in zip(own[name], exact[name], strict=True)
+    )
+
+
+def exact_extremes(scene: Scene, references: References) -> dict[str, list[float]]:
+    """Of the reference of a scene as it is written."""
+    run, _ = references.run(scene)
+    strict = {"time.tolerance": scene.time.tolerance / STRICT}
+    return references.extremes(changed(scene, strict | finer(scene, run, 3)))
+
+
+def tried(scene: Scene, references: References, exact: Mapping[str, list[float]]) -> Tried | None:
+    """A run with given settings; None: it comes to no end."""
+    try:
+        run, cycles = references.run(scene)
+        tracker, began = Tracker(run.equations, run.norm), process_time()
+        for step in run.until(scene.span) if cycles is None else cycles:
+            tracker.begins(cycles)
+            tracker.add(step)
+    except EhdError:
+        return None
+    seconds = process_time() - began
+    return Tried(true_error(extremes_of(tracker), exact), seconds, status_of(tracker) == "complete")
+
+
+def around(scene: Scene) -> Iterator[dict[str, Any]]:
+    """Values of a grid around a scene's, one setting at a time."""
+    yield {}
+    for factor in TOLERANCES:
+        yield {"time.tolerance": min(0.05, factor * scene.time.tolerance)}
+    for factor in CELLS:
+        yield {
+            f"joints.{name}.cells": [
+                max(least, round(factor * cells))
+                for cells, least in zip(scene.joints[name].cells, FEWEST_CELLS, strict=True)
+            ]
+            for name in lubricated_joints(scene)
+        }
+
+
+def chosen(scene: Scene, accuracy: float) -> tuple[Scene, dict[str, Any]]:
+    """The scene of the run that comes out, and the summary of it."""
+    asked = changed(scene, {"output.accuracy": accuracy, "output.error_budget": True})
+    pilot, search = begun(stored(asked))
+    with TemporaryDirectory() as folder:
+        built = build_mechanism(pilot, MPI.COMM_SELF)
+        last, _, summary = run_accurately(
+            pilot,
+            built,
+            Path(folder),
+            lambda own: tqdm(total=1.0, disable=True),
+            search,
+            interval=1e9,
+        )
+    return last, summary
+
+
+def row(name: str, accuracy: float, references: References) -> tuple[str, bool, float]:
+    """Line of the table, whether the true error meets the accuracy, time over the cheapest."""
+    shipped, changes = SCENES[name]
+    scene = changed(shipped, changes)
+    exact = exact_extremes(scene, references)
+    last, summary = chosen(scene, accuracy)
+    found = summary["accuracy"]
+    grid = [tried(changed(last, values), references, exact) for values in around(last)]
+    own = grid[0]
+    assert own is not None
+    good = [run for run in grid if run is not None and run.trusted and run.error <= accuracy]
+    least = min((run.seconds for run in good), default=float("nan"))
+    pilot = found["pilot_processor_time_s"]
+    ratio = (pilot + own.seconds) / least
+    settings = [f"{last.time.tolerance:g}"] + [
+        " x ".join(map(str, last.joints[joint].cells)) for joint in lubricated_joints(last)
+    ]
+    cells = [
+        name,
+        f"{100 * accuracy:g} %",
+        ", ".join(settings),
+        str(len(found["runs"])),
+        f"{100 * found['estimate']:.2f} %",
+        f"{100 * own.error:.2f} %",
+        f"{pilot:.1f} s",
+        f"{own.seconds:.1f} s",
+        f"{least:.1f} s",
+        f"{ratio:.2f}",
+    ]
+    return "| " + " | ".join(cells) + " |", own.error <= accuracy, ratio
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", nargs="*", choices=SCENES, default=list(SCENES))
+    parser.add_argument("--accuracy", nargs="*", type=float, default=[0.03, 0.01])
+    parser.add_argument("--cache", type=Path, default=Path("results/error-budget"))
+    arguments = parser.parse_args()
+    references = References(arguments.cache)
+    header = "scene, asked, chosen, runs, estimate, true, pilot, run, cheapest, time over cheapest"
+    print("| " + " | ".join(header.split(", ")) + " |\n" + "|---" * 10 + "|")
+    found = []
+    for name in arguments.only:
+        for accuracy in arguments.accuracy:
+            line, met, ratio = row(name, accuracy, references)
+            print(line, flush=True)
+            found.append((met, ratio))
+    print(f"met: {sum(met for met, _ in found)} of {len(found)}")
+    print(f"within 1.5 times: {sum(ratio <= 1.5 for _, ratio in found)} of {len(found)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,300 @@
+"""Settings chosen for an accuracy: the rule, the search, and what the chosen run is worth."""
+
+import json
+import tomllib
+from dataclasses import replace
+from math import inf
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from command_line import call
+from mpi4py import MPI
+from scene_cases import LOADED_JOURNAL, write_scene
+
+from fenics_ehd.base.errors import AccuracyError, SettingsError
+from fenics_ehd.cli.accuracy import accuracy_lines
+from fenics_ehd.multibody.error_budget import COMPONENTS, QUANTITIES
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.accuracy import begun, choosable, search_of
+from fenics_ehd.scenes.accuracy_choice import (
+    LOOSEST,
+    MOST_CELLS,
+    TIGHTEST,
+    Figure,
+    FilmMesh,
+    JudgedRun,
+    cheapest,
+)
+from fenics_ehd.scenes.accuracy_step import account
+from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.coarse_part import counts, part_cells
+from fenics_ehd.scenes.given import changed
+from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.study.case import make_case
+
+#: A journal bearing whose runs take less than a second.
+QUICK = LOADED_JOURNAL | {"joints.bearing.cells": [16, 3], "output.plots": False}
+
+
+def judged_run(seed, joints=1, figures=2):
+    """A run with errors of the sizes that pilots have, so many figures a joint."""
+    random = np.random.default_rng(seed)
+    names = [f"joint{k}" for k in range(joints)]
+    films = {
+        name: FilmMesh(
+            (int(random.integers(16, 40)), int(random.integers(3, 10))),
+            float(random.choice([2.0, 4.0])),
+            float(random.choice([1.0, 4.0, 20.0])),
+        )
+        for name in names
+    }
+    found = tuple(
+        Figure(name, *10 ** random.uniform(-4, -1.5, 2), 10 ** random.uniform(-5, -3.5))
+        for name in names
+        for _ in range(figures)
+    )
+    order = int(random.integers(2, 4))
+    return JudgedRun(found, films, 1e-3, order, float(random.uniform(0.0, 0.9)))
+
+
+def errors(run, choice):
+    """Of a choice, by the laws."""
+    films = {
+        name: max(
+            (old / new) ** film.order
+            for old, new in zip(film.cells, choice.cells[name], strict=True)
+        )
+        for name, film in run.films.items()
+    }
+    return run.errors(run.shares(choice.tolerance), films)
+
+
+def within_limits(choice):
+    cells = np.prod(list(choice.cells.values()), axis=1)
+    return choice.tolerance > TIGHTEST and (cells < 0.9 * MOST_CELLS).all()
+
+
+@pytest.mark.parametrize("joints", [1, 3])
+def test_a_choice_meets_the_accuracy_by_its_own_laws(joints):
+    met = 0
+    for seed in range(100):
+        run = judged_run(seed, joints)
+        choice = cheapest(run, 0.01)
+        if within_limits(choice):
+            met += 1
+            assert errors(run, choice).max() <= 0.01 * (1 + 1e-6)
+            assert choice.expected <= 0.01 * (1 + 1e-6)
+    assert met > 80
+
+
+@pytest.mark.parametrize(("figures", "cell"), [(1, 0), (2, 1)])
+def test_a_tighter_accuracy_is_never_coarser(figures, cell):
+    # Where another figure comes to decide, its film may do with a cell less.
+    for seed in range(100):
+        run = judged_run(seed, figures=figures)
+        asked = (0.05, 0.03, 0.02, 0.01, 5e-3, 2e-3)
+        choices = [cheapest(run, accuracy) for accuracy in asked]
+        for loose, tight, accuracy in zip(choices, choices[1:], asked[1:], strict=False):
+            if tight.expected > accuracy:
+                break
+            assert tight.tolerance <= loose.tolerance
+            for cells, more in zip(loose.cells["joint0"], tight.cells["joint0"], strict=True):
+                assert more >= cells - cell
+
+
+def test_nothing_on_a_grid_is_quicker():
+    for seed in range(30):
+        run = judged_run(seed)
+        (film,) = run.films.values()
+        choice = cheapest(run, 0.01)
+        if not within_limits(choice):
+            continue
+        # As if cells came in fractions: what is lost by whole ones is no fault of the rule.
+        best = inf
+        for factor in np.geomspace(film.coarsest, film.finest, 400):
+            left = min(
+                (0.01 - f.rest - f.film_mesh * factor**-film.order) / f.step_size
+                for f in run.figures
+            )
+            step = min(left, run.shares(LOOSEST))
+            if step > 0.0:
+                best = min(best, run.time(step, {"joint0": factor}))
+        around = choice.cells["joint0"][0] / film.cells[0]
+        own = run.time(run.shares(choice.tolerance), {"joint0": around - 1.0 / film.cells[0]})
+        assert own <= 1.1 * best
+
+
+def test_what_is_kept_stays_and_the_rest_makes_up_for_it():
+    run = judged_run(3)
+    figures = (Figure("joint0", 4e-3, 8e-3, 0.0),)
+    run = replace(run, figures=figures, films={"joint0": FilmMesh((20, 5), 4.0, 4.0)})
+    free = cheapest(run, 6e-3)
+    film = replace(run, films={"joint0": FilmMesh((20, 5), 4.0, 4.0, kept=True)})
+    assert cheapest(film, 6e-3).cells == {"joint0": (20, 5)}
+    assert cheapest(film, 6e-3).tolerance < free.tolerance
+    steps = replace(run, kept=True)
+    assert cheapest(steps, 9e-3).tolerance == 1e-3
+    assert cheapest(steps, 9e-3).cells["joint0"] > (20, 5)
+
+
+def test_what_cannot_be_met_is_said_to_be_missed_and_not_paid_for():
+    run = replace(judged_run(3), figures=(Figure("joint0", 4e-3, 8e-3, 2e-2),))
+    choice = cheapest(run, 1e-2)
+    assert 2e-2 < choice.expected <= 2.5e-2
+    assert choice.tolerance > 1e-4
+    assert within_limits(choice)
+
+
+def test_a_distrusted_run_takes_shorter_steps_whatever_its_errors():
+    run = replace(judged_run(3), figures=(Figure("joint0", 1e-4, 1e-4, 0.0),))
+    loose = cheapest(run, 1e-2)
+    tight = cheapest(replace(run, longest=0.2), 1e-2)
+    assert run.shares(tight.tolerance) <= 0.2 < run.shares(loose.tolerance)
+    assert cheapest(replace(run, coarsest=1.5), 1e-2).cells["joint0"] > loose.cells["joint0"]
+
+
+def test_without_an_accuracy_a_scene_is_as_given():
+    scene = read_scene("four-bar")
+    assert begun(scene) == (scene, None)
+
+
+def test_a_pilot_is_coarse_and_leaves_what_is_kept():
+    asked = changed(read_scene("slider-crank"), {"output.accuracy": "1 %"})
+    pilot, search = begun(asked)
+    assert pilot.output.accuracy == 0.0
+    assert pilot.joints["big_end"].cells == (20, 5)
+    assert pilot.time.tolerance == search.chosen["time.tolerance"] > 1e-4
+    assert set(search.chosen) == set(choosable(asked))
+    kept = changed(asked, {"output.accuracy_keeps": ["tolerance", "bodies.rod.reduction.method"]})
+    pilot, search = begun(kept)
+    assert pilot.time.tolerance == asked.time.tolerance
+    assert search.kept == ("time.tolerance", "bodies.rod.reduction")
+    assert set(search.chosen) == {"time.periodicity", "joints.big_end.cells"}
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"output.accuracy_keeps": ["mass"]}, "'mass' is none of what is chosen: time.tolerance"),
+        ({"output.error_budget": False}, "needs output.error_budget = true"),
+        ({"output.accuracy": "1 um"}, "output.accuracy = '1 um'"),
+        ({"output.accuracy": 0.0, "output.accuracy_keeps": ["cells"]}, "without output.accuracy"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(values, told):
+    with pytest.raises(SettingsError, match=told):
+        begun(changed(read_scene("four-bar"), {"output.accuracy": 0.01} | values))
+
+
+@pytest.fixture(scope="module")
+def tight_run(tmp_path_factory):
+    """Folder of a run that the pilot's settings are not enough for."""
+    folder = tmp_path_factory.mktemp("accuracy")
+    scene = write_scene(folder / "scene.toml", "loaded-journal", QUICK, {"output.accuracy": "1 %"})
+    assert call("run", scene, "-o", folder / "run") == 0
+    return folder / "run"
+
+
+def test_a_run_meets_its_accuracy_and_says_how(tight_run, capsys):
+    summary = json.loads((tight_run / "summary.json").read_text())
+    found = summary["accuracy"]
+    assert found["asked"] == 0.01
+    assert found["met"]
+    assert found["estimate"] <= 0.01 < found["pilot_estimate"]
+    budget = summary["error_budget"]
+    assert found["estimate"] == max(budget[quantity]["total"] for quantity in QUANTITIES)
+    assert found["pilot_processor_time_s"] > 0.0
+    lines = "\n".join(accuracy_lines(summary))
+    assert "accuracy, 1 % asked" in lines
+    assert "largest by step size" in lines
+
+
+def test_its_scene_is_run_again_without_a_pilot(tight_run):
+    scene = tomllib.loads((tight_run / "scene.toml").read_text())
+    found = json.loads((tight_run / "summary.json").read_text())
+    chosen = found["accuracy"]["chosen"]
+    assert scene["output"]["accuracy"] == 0.0
+    assert scene["time"]["tolerance"] == chosen["time.tolerance"]
+    assert scene["joints"]["bearing"]["cells"] == chosen["joints.bearing.cells"]
+    again = tight_run.parent / "again"
+    assert call("run", tight_run / "scene.toml", "-o", again) == 0
+    same = json.loads((again / "summary.json").read_text())
+    assert "accuracy" not in same
+    for key in ("max_pressure_Pa", "min_film_thickness_m", "steps"):
+        assert same[key] == found[key]
+
+
+def test_a_search_is_found_again_in_its_folder(tight_run):
+    search = search_of(tight_run)
+    search.leave(tight_run)
+    assert search_of(tight_run) == search
+    assert search.met
+    assert not search.wanted
+    assert search_of(tight_run.parent) is None
+
+
+def test_an_error_that_is_not_estimated_is_refused_by_name():
+    scene, search = begun(changed(read_scene("four-bar"), {"output.accuracy": 0.01}))
+    known = dict.fromkeys(COMPONENTS, 1e-3) | dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
+    lacking = known | {"film_mesh": NOT_ESTIMATED}
+    budget = {"max_pressure": known | {"total": 2e-3}, "min_film_thickness": lacking}
+    recorded = SimpleNamespace(tracker=SimpleNamespace(worth={"pin": budget}))
+    notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
+    with pytest.raises(AccuracyError, match=r"joints.pin by film mesh .* the oil is compressible"):
+        account(search, scene, recorded, notes)
+
+
+def test_a_finer_mesh_of_a_part_is_one_that_its_model_has():
+    rod = read_scene("slider-crank").bodies["rod"]
+    for factor in (0.5, 1.0, 1.2, 3.0):
+        cells = part_cells(rod, factor)
+        assert cells["bore_cells_around"] % 10 == 0
+        for key in counts(rod):
+            assert cells[key] >= factor * rod.geometry[key]
+        assert cells["bore_radius"] == rod.geometry["bore_radius"]
+    assert part_cells(rod, 1.0) == rod.geometry
+
+
+def test_cases_of_a_study_have_their_own_settings():
+    asked = changed(read_scene("four-bar"), {"output.accuracy": 0.01})
+    with pytest.raises(SettingsError, match="drop it"):
+        make_case("one", asked, {"time.tolerance": 1e-3})
+
+
+def extremes(scene):
+    """Peak pressure and thinnest film of the four-bar's pin."""
+    built = build_mechanism(scene, MPI.COMM_SELF)
+    run = Run(built.mechanism, built.steps, scene.span)
+    tracker, cycles = Tracker(run.equations, run.norm), Cycles(run, scene.span, 1e-4)
+    for step in cycles:
+        tracker.begins(cycles)
+        tracker.add(step)
+    found = tracker.extremes["rocker_end"]
+    return np.array([getattr(found, quantity) for quantity in QUANTITIES])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("accuracy", [0.03, 0.01])
+def test_true_errors_meet_the_accuracy(tmp_path, accuracy, figure):
+    directory = tmp_path / "run"
+    scene = write_scene(tmp_path / "scene.toml", "four-bar")
+    assert call("run", scene, "--accuracy", accuracy, "--no-plots", "-o", directory) == 0
+    summary = json.loads((directory / "summary.json").read_text())
+    own = np.array([summary["max_pressure_Pa"], summary["min_film_thickness_m"]])
+    fine = {"joints.rocker_end.cells": [60, 10], "time.tolerance": 3e-6}
+    exact = extremes(changed(read_scene("four-bar"), fine))
+    error = float(np.abs(own / exact - 1.0).max())
+    name = f"four-bar, {100 * accuracy:g} % asked: true error of the run"
+    figure("error budget", name, error, most=accuracy)
+
+
+def test_an_option_that_is_no_accuracy_is_refused(tmp_path, capfd):
+    scene = write_scene(tmp_path / "scene.toml", "loaded-journal", QUICK)
+    assert call("run", scene, "--accuracy", "1 um", "-o", tmp_path / "run") == 2
+    assert "output.accuracy = '1 um'" in capfd.readouterr().err
+    assert call("run", scene, "--accuracy", "1%", "--no-error-budget", "-o", tmp_path / "run") == 2
+    assert "needs output.error_budget = true" in capfd.readouterr().err
