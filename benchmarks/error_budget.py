@@ -6,8 +6,8 @@ Each row is a shipped scene, or one with some settings changed so that its refer
 reference of a component differs from the run in that alone: a thirtieth of the tolerance; three
 times as many cells of every film either way, at that tolerance in both; M4 in place of the method.
 Of the film the reference of twice as many cells stands beside it: what that leaves tells how far
-the reference itself is off. Steps are limited by a quarter of the run's largest, too. References are
-kept in a folder of JSON files and not run again.
+the reference itself is off. Steps are limited by a quarter of the largest of the run, too.
+References are kept in a folder of JSON files and not run again.
 """
 
 from __future__ import annotations
