@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 
+import example_parts
 import numpy as np
 from foreign_parts import OUTER, RADIUS, ring_mesh
 
@@ -10,7 +11,6 @@ from fenics_ehd.fem.part_mesh import write_part
 from fenics_ehd.fem.solid import CORNERS, EDGES, Solid, raised
 
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0
-ELEMENT = {"hex": "C3D20", "tet": "C3D10"}
 
 #: Tetrahedra of a hexahedron in tensor order, all about its diagonal: neighbours fit.
 _KUHN = [(0, a, a | b, 7) for a in (1, 2, 4) for b in (1, 2, 4) if a != b]
@@ -52,24 +52,7 @@ def write_model(path, solid):
 
 def write_deck(path, solid, numbers, held=()):
     """Input of CalculiX that stores the matrices; nodes have the given numbers."""
-    lines = ["*NODE, NSET=ALL"]
-    lines += [
-        ",".join([str(n), *(f"{v:.13e}" for v in x)])
-        for n, x in zip(numbers, solid.points, strict=True)
-    ]
-    lines.append(f"*ELEMENT, TYPE={ELEMENT[solid.kind]}, ELSET=PART")
-    for number, cell in enumerate(numbers[solid.cells], 1):
-        entries = [number, *cell]
-        lines += [
-            ",".join(map(str, entries[i : i + 15])) + ("," if i + 15 < len(entries) else "")
-            for i in range(0, len(entries), 15)
-        ]
-    lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", f"{YOUNG},{POISSON}", "*DENSITY", f"{DENSITY}"]
-    lines += ["*SOLID SECTION, ELSET=PART, MATERIAL=STEEL"]
-    if len(held):
-        lines += ["*BOUNDARY", *(f"{n},1,3" for n in held)]
-    lines += ["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "1", "*END STEP"]
-    path.write_text("\n".join(lines) + "\n")
+    example_parts.write_deck(path, solid, numbers, (YOUNG, POISSON, DENSITY), held)
 
 
 def run_calculix(deck):

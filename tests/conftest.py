@@ -21,6 +21,7 @@ from figures import (  # noqa: F401
     pytest_addoption,
     pytest_collection_modifyitems,
     pytest_configure,
+    pytest_runtest_makereport,
     pytest_sessionfinish,
 )
 from hypothesis import settings

@@ -1,7 +1,8 @@
 """Numbers that a test both asserts and lends to the validation page of the documentation.
 
 ``pytest --figures=FILE tests`` runs the tests with such numbers alone and writes them to FILE,
-if all pass; `make figures` does that for ``docs/validation.json``.
+if all pass; `make figures` does that for ``docs/validation.json``. A test that is skipped, for a
+program that is not installed say, has no numbers: then nothing is written and it says why.
 """
 
 import json
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 RECORDED = pytest.StashKey[list]()
+SKIPPED = pytest.StashKey[list]()
 
 
 def pytest_addoption(parser):
@@ -17,7 +19,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    config.stash[RECORDED] = []
+    config.stash[RECORDED], config.stash[SKIPPED] = [], []
 
 
 def pytest_collection_modifyitems(config, items):
@@ -25,14 +27,36 @@ def pytest_collection_modifyitems(config, items):
         chosen = [item for item in items if "figure" in item.fixturenames]
         config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
         items[:] = chosen
+        missing = sorted({reason for item in chosen for reason in _reasons(item)})
+        if missing:
+            raise pytest.UsageError(f"no figures are written: {'; '.join(missing)}")
+
+
+def _reasons(item):
+    """Why a test is going to be skipped, as far as its marks say."""
+    for mark in item.iter_markers("skipif"):
+        if any(mark.args):
+            yield f"{item.path.name}: {mark.kwargs['reason']}"
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = (yield).get_result()
+    if report.skipped:
+        item.config.stash[SKIPPED].append(f"{item.nodeid}: {report.longrepr[2]}")
 
 
 def pytest_sessionfinish(session, exitstatus):
-    path = session.config.getoption("--figures")
-    if path and exitstatus == 0:
+    config = session.config
+    path = config.getoption("--figures")
+    if path and exitstatus == 0 and config.stash[SKIPPED]:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        lines = "; ".join(config.stash[SKIPPED])
+        config.get_terminal_writer().line(f"\nno figures are written: {lines}")
+    elif path and exitstatus == 0:
         from fenics_ehd.base.output import versions
 
-        document = {"versions": versions(), "figures": session.config.stash[RECORDED]}
+        document = {"versions": versions(), "figures": config.stash[RECORDED]}
         Path(path).write_text(json.dumps(document, indent=1) + "\n")
 
 

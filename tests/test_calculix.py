@@ -33,7 +33,9 @@ from fenics_ehd.reduction import (
 from fenics_ehd.reduction.distributed import multiply
 from fenics_ehd.reduction.static import StaticSolver
 
-pytestmark = pytest.mark.skipif(shutil.which("ccx") is None, reason="ccx is not installed")
+pytestmark = pytest.mark.skipif(
+    shutil.which("ccx") is None, reason="ccx is not installed (Debian: calculix-ccx)"
+)
 
 STEEL = Material(YOUNG, POISSON, DENSITY)
 

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
 
 from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.grid import aligned_grid
+from fenics_ehd.multibody.cycle_answer import EXTREMES, CycleAnswer
 from fenics_ehd.multibody.deformed_bore import nearest_circle
 from fenics_ehd.multibody.forces import PointForce, Torque
 from fenics_ehd.multibody.joint_places import upper_most
@@ -15,7 +17,6 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.rigid_body import RigidBody, ground
 from fenics_ehd.multibody.simulation import simulate, simulate_periodic
-from tests.journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
 
 TURN = 2 * np.pi / OMEGA
 
@@ -129,6 +130,33 @@ def test_search_tells_its_last_cycle_from_its_own_zero():
     found = result.figures["bearing"]
     for key in ("max_pressure_Pa", "min_film_thickness_m"):
         assert found[f"cycle_{key}"] == found[key]
+
+
+def test_search_that_was_stopped_tells_its_last_whole_cycle():
+    """Steps of three cycles, the third cut off: extremes, means and times are of the second."""
+    numbers = np.repeat([1, 2, 3], [4, 5, 2])
+    clock = np.concatenate([np.linspace(0.5, 2.0, 4), np.linspace(0.4, 2.0, 5), [0.4, 0.8]])
+    peak = 10.0 * numbers + np.arange(len(clock)) % 3
+    columns = {name: peak for e in EXTREMES for name in (e.column, *e.places)}
+    columns |= {"time_s": 2.0 * (numbers - 1) + clock, "cycle": numbers, "cycle_time_s": clock}
+    columns |= {"flow_m3_per_s": clock, "crank_angle_deg": 180.0 * clock}
+
+    def answer(steps):
+        part = {name: values[:steps] for name, values in columns.items()}
+        return CycleAnswer.of(None, part, ["flow_m3_per_s"])
+
+    stopped, whole, first = answer(11), answer(9), answer(3)
+    assert stopped.figures() == whole.figures()
+    assert stopped.figures()["cycle_used"] == "last of 2"
+    assert stopped.figures()["cycle_start_s"] == pytest.approx(2.0)
+    assert stopped.figures()["cycle_end_s"] == pytest.approx(4.0)
+    found = stopped.joint("")
+    assert found["cycle_max_pressure_Pa"] == peak[4:9].max()
+    assert found["cycle_min_film_thickness_m"] == peak[4:9].min()
+    # Means of models are those of the cycle under way, unless that is not the one.
+    assert found["cycle_mean_flow_m3_per_s"] == pytest.approx(1.2, abs=0.1)
+    assert "cycle_mean_flow_m3_per_s" not in whole.joint("")
+    assert first.figures()["cycle_used"] == "first cycle: films build up"
 
 
 def test_crank_angle_is_that_of_what_is_driven():

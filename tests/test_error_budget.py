@@ -12,15 +12,24 @@ from scene_cases import LOADED_JOURNAL, write_scene
 from fenics_ehd.cli.error_budget import budget_table
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.beside import Beside
-from fenics_ehd.multibody.course import course_of
+from fenics_ehd.multibody.beside import LONGEST, Beside
+from fenics_ehd.multibody.between_nodes import BetweenNodes
+from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.error_budget import (
     COMPONENTS,
     QUANTITIES,
     judged,
 )
-from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, total
+from fenics_ehd.multibody.error_curves import Change, ErrorCurves
+from fenics_ehd.multibody.error_shares import (
+    LUCK,
+    NOT_APPLICABLE,
+    NOT_ESTIMATED,
+    Extreme,
+    share,
+    total,
+)
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.other_films import finer_grid, on_finer_films, with_finer_films
 from fenics_ehd.multibody.recorder import gathered
@@ -78,7 +87,7 @@ def test_longer_steps_end_where_the_run_ends_and_grow_no_faster(coarse_run):
     assert again.times[-1] == course.times[-1]
     assert np.isin(again.times, course.times).all()
     sizes = np.diff(again.times, prepend=0.0)
-    assert (sizes[1:] / sizes[:-1] < 2.0 + 1e-9).all()
+    assert (sizes[1:] / sizes[:-1] <= LONGEST).all()
     assert len(course.times) / 3 < len(again.times) < 0.6 * len(course.times)
 
 
@@ -131,10 +140,79 @@ def test_a_finer_film_holds_the_same_share_of_oil():
 def test_the_total_is_of_what_is_known():
     values = {"basis": 3e-3, "film_mesh": NOT_ESTIMATED, "step_size": 4e-3, "start": NOT_APPLICABLE}
     assert total(values) == pytest.approx(5e-3)
-    assert total(values, -7e-3) == pytest.approx(7e-3)
-    assert total(values, 1e-3) == pytest.approx(2.5e-3)
-    assert total(values | {"start": 1e-3}, 7e-3) == pytest.approx(8e-3)
     assert total({"basis": NOT_ESTIMATED}) == NOT_ESTIMATED
+
+
+@pytest.mark.parametrize("family", ["lagrange", "serendipity", "bilinear"])
+def test_a_peak_between_nodes_is_met_as_it_passes_them(family):
+    """The largest nodal value is off by the square of the mesh size, this by more."""
+    centres, nodes, between = np.linspace(0.0, 7.0, 200)[:, None], [], []
+    for cells in ((24, 4), (48, 8)):
+        grid = uniform_grid(0.02, 0.01, cells, family)
+        angle, height = grid.node_positions.T
+        values = np.exp(np.cos(angle - centres)) - ((height - 1e-3) / 0.01) ** 2
+        nodes.append(np.abs(values.max(axis=1) - np.e).max())
+        between.append(np.abs(BetweenNodes(grid).largest(values) - np.e).max())
+        np.testing.assert_allclose(BetweenNodes(grid).least(-values), -np.e, rtol=2e-3)
+    assert np.log2(nodes[0] / nodes[1]) < 2.6
+    assert np.log2(between[0] / between[1]) > 3.0
+    assert between[0] < 0.1 * nodes[0]
+
+
+def test_at_the_end_of_a_row_a_film_is_as_its_node_says():
+    grid = uniform_grid(0.02, 0.01, (24, 4))
+    angle, height = grid.node_positions.T
+    assert BetweenNodes(grid).largest((height + 0.0 * angle)[None])[0] == pytest.approx(0.005)
+
+
+def curves(times, peaks, films, sampled=None):
+    none = np.zeros((0, 0))
+    columns = peaks[:, None], films[:, None]
+    return Course(times, none, [], {}, *columns, none, none, sampled or columns)
+
+
+def test_extremes_move_by_what_lies_between_long_steps():
+    """A parabola's vertex moves by what the curve changes there, wherever the steps are."""
+
+    def at(times, rise, delay):
+        curve = 10.0 + rise - (times - 1.03 - delay) ** 2
+        return curves(times, curve, 20.0 - curve)
+
+    short, long = np.linspace(0.0, 2.0, 41), np.linspace(0.0, 2.0, 11)
+    run = at(short, 0.0, 0.0)
+    sampled = run.peaks - 0.05, run.films + 0.05
+    own = ErrorCurves(curves(short, run.peaks[:, 0], run.films[:, 0], sampled), -0.05)
+    change = own.change(run, at(long, -0.3, 0.1), -0.1)
+    peak, film = Extreme("max_pressure", 0, 9.95), Extreme("min_film_thickness", 0, 10.05)
+    # The step before the vertex and that behind it change it differently, the vertex by 0.03.
+    assert peak.moved([change]) == pytest.approx(0.03 / 9.95, rel=0.05)
+    assert film.moved([change]) == pytest.approx(0.03 / 10.05, rel=0.05)
+    # What nodes miss is missed as well.
+    assert peak.moved([change, own.sampling]) == pytest.approx(0.08 / 9.95, rel=0.05)
+    assert peak.over(own.sampling) == pytest.approx(0.05 / 9.95, rel=0.02)
+
+
+def test_what_cancels_is_not_relied_on():
+    times = np.linspace(0.0, 1.0, 51)
+    value = 10.0 - (times[:, None] - 0.5) ** 2
+    more = 0.1 * np.sign(times[:, None] - 0.5)
+    change = Change(times, value, value, more, more)
+    extreme = Extreme("max_pressure", 0, 10.0)
+    assert extreme.near(change) == pytest.approx(0.01, rel=0.02)
+    assert share(0.0, extreme.near(change)) == pytest.approx(0.01 * LUCK, rel=0.02)
+    assert share(-0.03, 0.01) == 0.03
+
+
+def test_a_cycle_is_judged_by_what_is_different_the_second_time():
+    period, contraction = 1.0, 0.5
+    times = np.linspace(0.0, 2.0, 81)[1:]
+    base = 10.0 + np.cos(2 * np.pi * times)
+    grown = base + 0.1 * (1.0 - contraction ** np.ceil(times - 1e-9))
+    run, other = (curves(times, own, own) for own in (base, grown))
+    first = times <= 1.0 + 1e-9
+    course = curves(times[first], base[first], base[first])
+    found = ErrorCurves(course, 0.0, period, contraction).change(run, other, 1.0)
+    np.testing.assert_allclose(found.more_pressure[15:-5], 0.1, rtol=0.05)
 
 
 @pytest.mark.slow
@@ -162,8 +240,7 @@ def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
         )
         name = f"rigid rod, {family}: {quantity}, true error over its estimate"
         figure("error budget", name, found[quantity][-1], most=WITHIN)
-    # The thinnest film is estimated as too far off, by up to eight times (`docs/error-budget.md`).
-    assert found["max_pressure"][-1] > 1 / (2 * WITHIN), found
+    assert min(ratios[-1] for ratios in found.values()) > 1 / (2 * WITHIN), found
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from journal_cases import OMEGA, UNIT_LOAD, C, R, equilibrium, make_film
 from scipy.linalg import expm
 
 from fenics_ehd.film import ShaftMotion, shaft_gap
@@ -13,7 +14,6 @@ from fenics_ehd.multibody.multiplier import largest_multiplier
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.rigid_body import RigidBody, ground
 from fenics_ehd.multibody.run import Run, Steps
-from tests.journal_cases import OMEGA, UNIT_LOAD, C, R, equilibrium, make_film
 
 TURN = 2 * np.pi / OMEGA
 

@@ -294,7 +294,7 @@ def test_the_basis_error_is_drawn_where_it_is_known():
 
 def test_pictures_of_a_former_run_go_with_it():
     for name in QUANTITIES:
-        for file in (f"{name}.png", f"{name}-big_end.svg", f"{name}-big_end-difference.png"):
+        for file in (f"{name}.png", f"{name}-big_end.svg", f"{name}-big_end-comparison.png"):
             assert any(fnmatch(file, pattern) for pattern in RESULTS), file
 
 
@@ -342,13 +342,18 @@ def test_a_periodic_cycle_begins_as_it_ends(monkeypatch):
 def test_a_search_that_was_stopped_shows_its_last_whole_cycle(monkeypatch):
     time = np.array([0.5, 1.0, 1.5, 2.0, 2.5])
     cycle = np.array([1, 1, 2, 2, 3])
-    run, columns = shown_run(
-        monkeypatch, time, 360.0 * time, cycle, cycle_used="cycle 3, not complete"
-    )
+    run, columns = shown_run(monkeypatch, time, 360.0 * time, cycle, cycle_used="last of 2")
     assert columns["time_s"].tolist() == [0.0, 0.5, 1.0]
     assert columns["max_pressure_Pa"].tolist() == [3e6, 2e6, 3e6]
     assert run.told == ""
-    assert not run.figures  # of the cycle that is not shown
+    assert run.figures["a"]["cycle_used"] == "last of 2"
+
+
+def test_a_search_in_its_first_cycle_says_so_on_its_axis(monkeypatch):
+    told, time = "first cycle: films build up", np.array([0.5, 1.0, 1.5])
+    run, _ = shown_run(monkeypatch, time, 360.0 * time, np.ones(3), cycle_used=told)
+    assert run.starts
+    assert run.told == told
 
 
 def test_another_run_shows_its_last_full_cycle_from_its_start(monkeypatch):
@@ -462,6 +467,16 @@ def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
         plot(bearings.directory, same, "--difference", "--quantity", "orbit", "-o", tmp_path) == 0
     )
     assert (tmp_path / "orbit-difference.svg").is_file()
+    own = bearings.directory / "max_pressure.png"
+    assert plot(bearings.directory) == 0
+    before = own.read_bytes()
+    capsys.readouterr()
+    assert plot(bearings.directory, same, "--quantity", "max_pressure") == 0
+    names = capsys.readouterr().out.split()
+    assert [Path(name).name for name in names] == [
+        f"max_pressure-comparison.{ending}" for ending in ("png", "svg")
+    ]
+    assert own.read_bytes() == before
     assert plot(bearings.directory, same, "--difference", "--quantity", "bore") == 2
     assert "no difference of it" in capsys.readouterr().err
 

@@ -5,6 +5,7 @@ A section runs in the folder that its document's earlier sections left behind, a
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -53,7 +54,9 @@ SLOW = {
             "A drawing",
             "A bore with chamfers and an oil hole",
             "A mesh",
+            "A mesh with an oil hole",
             "Hexahedra",
+            "Matrices of CalculiX",
         )
     ),
     ("docs/own-scene.md", "Settings"),
@@ -61,6 +64,9 @@ SLOW = {
     ("docs/error-budget.md", "What a run is worth"),
     ("docs/accuracy.md", "Ask for an accuracy"),
 }
+
+#: Programs that sections need and that not every machine has.
+NEEDS = {("docs/own-part.md", "Matrices of CalculiX"): "ccx"}
 
 
 @dataclass(frozen=True)
@@ -119,6 +125,9 @@ def cases():
     for part in ALL:
         slow = (part.document, part.title) in SLOW
         marks = [pytest.mark.slow] if slow else []
+        if program := NEEDS.get((part.document, part.title)):
+            lacking = shutil.which(program) is None
+            marks.append(pytest.mark.skipif(lacking, reason=f"{program} is not installed"))
         yield pytest.param(part, marks=marks, id=f"{part.document}: {part.title}")
 
 
@@ -172,7 +181,7 @@ def test_nothing_is_exempt_or_slow_without_need():
     lines = [line for part in ALL for _, text in part.blocks for line in text.splitlines()]
     for beginning in EXEMPT:
         assert any(line.startswith(beginning) for line in lines), beginning
-    assert {(part.document, part.title) for part in ALL} >= SLOW
+    assert {(part.document, part.title) for part in ALL} >= SLOW | set(NEEDS)
 
 
 def test_a_stranger_reads_it_in_a_minute():

@@ -75,7 +75,13 @@ def test_an_interrupted_run_goes_on_to_the_same_result(prepared):
     # Its last step, whatever the interval.
     steps = load_checkpoint(folder / CHECKPOINT)["state"]["totals"]["steps"]
     assert steps == len(read_history(folder)["time_s"])
+    # What was made of the run as it was goes, what is nobody's stays.
+    made = [folder / name for name in ("max_pressure-big_end.png", "animation.gif", "stress.json")]
+    for path in (*made, folder / "mine.png"):
+        path.write_bytes(b"")
     assert call("run", "--resume", folder, "--no-plots") == 0
+    assert not any(path.exists() for path in made)
+    (folder / "mine.png").unlink()
     assert_same_results(folder, prepared / "whole")
 
 
@@ -222,7 +228,11 @@ def test_a_run_on_a_full_disk_ends_in_order_and_goes_on(kilobytes, prepared, tmp
 
 def test_a_complete_run_has_nothing_left_to_do(prepared, capsys):
     before = (prepared / "whole" / "history.csv").read_bytes()
+    picture = prepared / "whole" / "bore.png"
+    picture.write_bytes(b"")
     assert call("run", "--resume", prepared / "whole", "--no-plots", "--json") == 0
+    assert picture.exists()
+    picture.unlink()
     assert json.loads(capsys.readouterr().out)["status"] == "complete"
     assert (prepared / "whole" / "history.csv").read_bytes() == before
 

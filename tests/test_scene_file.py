@@ -222,7 +222,7 @@ position = [0.048, 0.0]
     assert built.seconds == 0.0
     with pytest.raises(SettingsError, match=r"method m3: scene case has no model to reduce"):
         made(text, method="m3")
-    with pytest.raises(SettingsError, match=r"bodies\.rod\.points does nothing beside body ="):
+    with pytest.raises(SettingsError, match=r"bodies\.rod\.points do nothing beside body ="):
         made(text, ("position = [0.048, 0.0]\n", 'points = ["pin"]\n'))
     with pytest.raises(SettingsError, match=r"'rod.pni': body rod has no point pni"):
         made(text, ("rod.pin", "rod.pni"))

@@ -2,7 +2,10 @@
 
 import ast
 import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -89,6 +92,24 @@ def test_a_figure_beyond_its_limit_fails(request):
         figure("film", "too much", 2.0, most=1.0)
     with pytest.raises(AssertionError, match="too little: 1, at least 2"):
         figure("film", "too little", 1.0, least=2.0)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_figures_of_a_skipped_test_are_missed(late, tmp_path):
+    skip = "    pytest.skip('no ccx')" if late else "    pass"
+    mark = "" if late else "@pytest.mark.skipif(True, reason='no ccx')\n"
+    test = f"import pytest\nfrom figures import *\n{mark}def test_it(figure):\n{skip}\n"
+    (tmp_path / "test_it.py").write_text(test)
+    (tmp_path / "conftest.py").write_text("from figures import *\n")
+    called = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--figures=f.json"]
+    done = subprocess.run(
+        called, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(TESTS)}, capture_output=True,
+        text=True,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert "no figures are written: test_it.py" in done.stdout + done.stderr
+    assert "no ccx" in done.stdout + done.stderr
+    assert not (tmp_path / "f.json").exists()
 
 
 SOURCE = """# # A title

@@ -20,8 +20,10 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import BodyFileError, MeshError
 from fenics_ehd.base.sealed_file import seal
-from fenics_ehd.fem.geometry import _check_tetrahedra, build_mesh
+from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.models import model_path
+from fenics_ehd.fem.solid import EDGES, GMSH_HEX, GMSH_TET, REFERENCE, Solid
+from fenics_ehd.fem.sound_cells import inside_out
 from fenics_ehd.film.surface import Surface
 from fenics_ehd.film.surface_reading import interpolation_matrix
 from fenics_ehd.reduction import load_body, load_dependent, rigid, save_body
@@ -254,22 +256,30 @@ def test_cells_are_those_that_the_model_gives():
     assert found.cell == "tetrahedron"
 
 
-def test_inverted_tetrahedra_are_refused():
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
-    pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]
-    x = np.vstack([corners, [0.5 * (corners[a] + corners[b]) for a, b in pairs]])
-    gmsh.initialize([""])
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.model.addDiscreteEntity(3, 1)
-        gmsh.model.mesh.addNodes(3, 1, np.arange(1, 11), x.ravel())
-        gmsh.model.mesh.addElementsByType(1, 11, [1], np.arange(1, 11))
-        _check_tetrahedra("part.geo")
-        gmsh.model.mesh.setNode(5, [0.5, 0.9, 0.9], [])
-        with pytest.raises(MeshError, match=r"1 of 1 tetrahedra of part\.geo are turned inside"):
-            _check_tetrahedra("part.geo")
-    finally:
-        gmsh.finalize()
+@pytest.mark.parametrize("kind", ["tet", "hex"])
+def test_cells_that_gmsh_calls_inverted_are_refused(kind):
+    x = np.vstack([REFERENCE[kind], REFERENCE[kind][np.array(EDGES[kind])].mean(axis=1)])
+    random, found = np.random.default_rng(1), []
+    number, rule = {"tet": (11, "Gauss4"), "hex": (17, "Gauss4")}[kind]
+    order = GMSH_TET if kind == "tet" else GMSH_HEX
+    for size in np.linspace(0, 0.5, 40):
+        points = x + size * random.uniform(-1, 1, x.shape)
+        solid = Solid(points, np.arange(len(x))[None, :], kind)
+        gmsh.initialize([""])
+        try:
+            gmsh.option.setNumber("General.Terminal", 0)
+            gmsh.model.addDiscreteEntity(3, 1)
+            gmsh.model.mesh.addNodes(3, 1, np.arange(1, len(x) + 1), points[order].ravel())
+            gmsh.model.mesh.addElementsByType(1, number, [1], np.arange(1, len(x) + 1))
+            places = gmsh.model.mesh.getIntegrationPoints(number, rule)[0]
+            theirs = gmsh.model.mesh.getJacobians(number, places)[1].min()
+        finally:
+            gmsh.finalize()
+        found.append((theirs <= 0, inside_out(solid)[0]))
+    # Ours looks at the edges at corners as well.
+    assert all(ours for theirs, ours in found if theirs)
+    assert not found[0][1]
+    assert {ours for _, ours in found[:20]} == {False, True}
 
 
 @pytest.mark.slow

@@ -8,12 +8,12 @@ from math import pi
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scene_cases import tables_of
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.units import in_unit
 from fenics_ehd.scenes.scene_file import scene_of
 from fenics_ehd.scenes.scene_text import scene_text
-from tests.scene_cases import tables_of
 
 
 @pytest.mark.parametrize(

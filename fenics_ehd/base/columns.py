@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,11 @@ class Quantity(np.ndarray):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Quantity, (np.asarray(self), self.units)
+
+
+def joint_prefix(joint: str, joints: Sized) -> str:
+    """What columns of a lubricated joint begin with: its name, unless it is the only one."""
+    return f"{joint}." if len(joints) > 1 else ""
 
 
 def split_unit(column: str) -> tuple[str, str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.cli.options import json_option, output_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -96,7 +97,7 @@ def part(
     from fenics_ehd.base.output import require_writable, to_json
     from fenics_ehd.fem.drawn_part import open_part, place_part
     from fenics_ehd.fem.material import Material
-    from fenics_ehd.fem.part_check import worst_cell
+    from fenics_ehd.fem.sound_cells import corner_volumes
 
     if MPI.COMM_WORLD.rank:  # one does it all
         return
@@ -124,12 +125,11 @@ def part(
         raise SettingsError(f"-o {target}: there is no folder {Path(target).parent}")
     named = _named(opened, bores, points, held)
     placed = place_part(opened, named, around)
-    placed.write(Path(target))
     figures: dict[str, Any] = {
         "file": target,
         "cells": placed.solid.kind,
         "number_of_cells": len(placed.solid.cells),
-        "worst_cell": worst_cell(placed.solid),
+        "worst_cell": float(corner_volumes(placed.solid).min()),
         "bores": {
             name: {"radius_m": opened.radius(number), "moved_m": placed.moved[name]}
             for name, number in named.bores.items()
@@ -137,10 +137,28 @@ def part(
         "points": list(named.points),
         "held_by": "held" if named.held else "none",
     }
-    if check:
-        material = Material(youngs_modulus, poissons_ratio, density)
-        figures |= _checked(opened, placed, Path(target), around, material)
+    with _whole(Path(target)) as aside:
+        placed.write(aside)
+        if check:
+            material = Material(youngs_modulus, poissons_ratio, density)
+            figures |= _checked(opened, placed, aside, around, material)
     click.echo(to_json(figures) if as_json else made_table(figures))
+
+
+@contextmanager
+def _whole(target: Path) -> Iterator[Path]:
+    """File that becomes the target unless something fails."""
+    from tempfile import TemporaryDirectory
+
+    from fenics_ehd.base.whole_file import naming, put_in_place
+
+    with naming(target), TemporaryDirectory(dir=target.absolute().parent) as folder:
+        aside = Path(folder, target.name)
+        try:
+            yield aside
+        except MeshError as error:
+            raise MeshError(str(error).replace(str(aside), str(target))) from None
+        put_in_place(aside, target)
 
 
 def _pairs(given: Sequence[str], default: str, option: str) -> dict[str, str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from fenics_ehd.base.pictures import PICTURES
 from fenics_ehd.cli.options import output_option
 
 
@@ -16,9 +17,7 @@ from fenics_ehd.cli.options import output_option
     "--quantity",
     "quantities",
     multiple=True,
-    help="What to draw: max_pressure, min_film_thickness, orbit, force, eccentricity, places, "
-    "friction, flow, contact, oil_content, basis_error, error_budget, pressure_map, film_map, "
-    "contact_map, bore, energy [default: all that the runs have].",
+    help=f"What to draw: {', '.join(PICTURES)} [default: all that the runs have].",
 )
 @click.option("--difference", is_flag=True, help="Draw the second of two runs less the first.")
 @output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")
@@ -31,7 +30,8 @@ def plot(
 ) -> None:
     """Draw the last cycle of the joints of one or more runs, several in one picture.
 
-    Prints the names of the pictures, PNG and SVG.
+    Prints the names of the pictures, PNG and SVG. Those of several runs have names of their own,
+    NAME-comparison or NAME-difference.
     """
     from fenics_ehd.base.output import require_writable
     from fenics_ehd.plotting.pictures import Pictures

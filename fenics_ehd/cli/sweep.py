@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.cli.cases import case_bar, table_lines
@@ -111,10 +112,9 @@ def _conclude(plan: Sweep, path: Path, rows: Sequence[Mapping[str, Any]], as_jso
 
 def _of_joints(plan: Sweep) -> list[tuple[str, str, float, str]]:
     """Columns of lubricated joints, which bear their names if there are several."""
-    if len(plan.joints) == 1:
-        return [*JOINT_SHOWN]
+    prefixes = [joint_prefix(joint, plan.joints) for joint in plan.joints]
     return [
-        (f"{joint}.{name}", f"{joint} {heading}", factor, form)
-        for joint in plan.joints
+        (prefix + name, prefix.replace(".", " ") + heading, factor, form)
+        for prefix in prefixes
         for name, heading, factor, form in JOINT_SHOWN
     ]

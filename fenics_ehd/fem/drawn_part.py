@@ -12,10 +12,13 @@ import numpy as np
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.faces import SHARP, Face, find_faces
-from fenics_ehd.fem.part_mesh import placement, round_bore, write_part
+from fenics_ehd.fem.part_mesh import Placement, placement, round_bore, write_part
 from fenics_ehd.fem.refine import refined
 from fenics_ehd.fem.solid import CORNERS, Solid
 from fenics_ehd.fem.solid_file import COARSE, DRAWINGS, SizeAt, mesh_drawing, read_mesh
+
+#: Cells around the bores of a drawing.
+AROUND = 40
 
 #: Cells around cylinders without a name: the rim of an oil hole needs 6.
 AROUND_OTHERS = 12
@@ -192,6 +195,8 @@ class PlacedPart:
         Which faces are surfaces.
     moved
         How far nodes of each bore were moved onto its cylinder [m].
+    place
+        Where the file's points come to lie: matrices of the same nodes are turned likewise.
     """
 
     solid: Solid
@@ -199,6 +204,7 @@ class PlacedPart:
     numbers: np.ndarray
     named: NamedFaces
     moved: Mapping[str, float]
+    place: Placement
 
     def surfaces(self) -> dict[str, np.ndarray]:
         """Facets of every surface."""
@@ -214,7 +220,7 @@ class PlacedPart:
     def refined(self) -> PlacedPart:
         """The same with every cell cut in eight."""
         solid, facets, numbers = refined(self.solid, self.facets, self.numbers)
-        return _rounded(PlacedPart(solid, facets, numbers, self.named, {}))
+        return _rounded(PlacedPart(solid, facets, numbers, self.named, {}, self.place))
 
 
 def _rounded(part: PlacedPart) -> PlacedPart:
@@ -229,7 +235,7 @@ def _rounded(part: PlacedPart) -> PlacedPart:
 
 
 def place_part(
-    part: OpenedPart, named: NamedFaces, around: float, coarser: float = 1.0
+    part: OpenedPart, named: NamedFaces, around: float = AROUND, coarser: float = 1.0
 ) -> PlacedPart:
     """Turn a part into its frame, a drawing meshed with so many cells around its bores.
 
@@ -258,4 +264,4 @@ def place_part(
     towards = [faces[number - 1].centre for number in named.points.values()]
     place = placement(first, towards[0] if towards else None)
     solid = replace(solid, points=place(solid.points))
-    return _rounded(PlacedPart(solid, facets, numbers, named, {}))
+    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place))

@@ -21,6 +21,8 @@ from fenics_ehd.base import compat
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.interrupt import interrupt_kept
 from fenics_ehd.fem.models import check_model
+from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid
+from fenics_ehd.fem.sound_cells import require_sound_cells
 from fenics_ehd.fem.surface_mesh import cylinder_centre
 from fenics_ehd.reduction.bore import BORE
 
@@ -200,7 +202,7 @@ def build_mesh(
             if cells == "tet":
                 for bore in bores:
                     _round_bore(groups.get(bore))
-                _check_tetrahedra(path)
+            require_sound_cells(_meshed(cells), path)
         except MeshError as error:
             failure = str(error)
         except Exception as error:  # Gmsh raises plain Exception
@@ -249,17 +251,15 @@ def _round_bore(group: int | None) -> None:
         gmsh.model.mesh.setNode(node, position, [])
 
 
-def _check_tetrahedra(path: str | Path) -> None:
-    """No curved tetrahedron may be turned inside out."""
-    kind = _GMSH_CELLS["tetrahedron"]
-    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss4")
-    volumes = gmsh.model.mesh.getJacobians(kind, points)[1].reshape(-1, len(weights))
-    inverted = np.count_nonzero(volumes.min(axis=1) <= 0)
-    if inverted:
-        raise MeshError(
-            f"{inverted} of {len(volumes)} tetrahedra of {path} are turned inside out by the "
-            "curvature of the surface: take smaller ones, more cells around and along the bore"
-        )
+def _meshed(cells: str) -> Solid:
+    """The current model's second-order cells."""
+    tags, x, _ = gmsh.model.mesh.getNodes()
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    nodes = gmsh.model.mesh.getElementsByType(_GMSH_CELLS[CELLS[cells]])[1]
+    order = GMSH_TET if cells == "tet" else np.argsort(GMSH_HEX)
+    rows = row[nodes].reshape(-1, 10 if cells == "tet" else 27)
+    return Solid(x.reshape(-1, 3), rows[:, order], cells)
 
 
 def _place_centre_nodes(mesh: Mesh) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.interrupt import interrupt_kept
 from fenics_ehd.fem.cylinder_fit import Cylinder, fit_cylinder
-from fenics_ehd.fem.solid import CORNERS, FACES, Solid
+from fenics_ehd.fem.solid import CORNERS, FACES, GMSH_HEX, GMSH_TET, Solid
 
 with interrupt_kept():
     import gmsh
@@ -24,11 +24,8 @@ PROJECTED = 1e-3
 #: relative to the radius: 0.1 um at 12 mm is 1e-5.
 FLAT = 1e-4
 
-#: Gmsh's cells of 10 and 27 nodes with their facets, and the order of their nodes in `Solid`'s:
-#: edges of Gmsh, faces of Gmsh by their corners.
+#: Gmsh's cells of 10 and 27 nodes with their facets, and its faces by their corners.
 _GMSH = {"tet": (11, 9), "hex": (12, 10)}
-_TET_ORDER = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
-_HEX_ORDER = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
 _HEX_FACES = ((0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7))
 
 
@@ -165,7 +162,7 @@ def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> 
     if solid.kind == "hex":
         points, cells, facets = _with_centres(solid, facets)
     else:
-        cells = cells[:, _TET_ORDER]
+        cells = cells[:, GMSH_TET]
     cell, facet = _GMSH[solid.kind]
     with interrupt_kept():
         gmsh.initialize([""], readConfigFiles=False)
@@ -208,7 +205,7 @@ def _with_centres(
     centre = n + numbers.reshape(len(cells), 6)
     order = [next(i for i, f in enumerate(FACES["hex"]) if {*f} == {*g}) for g in _HEX_FACES]
     whole = n + len(middle) + np.arange(len(cells))[:, None]
-    full = np.hstack([cells[:, _HEX_ORDER], centre[:, order], whole])
+    full = np.hstack([cells[:, GMSH_HEX], centre[:, order], whole])
     place = {tuple(row): n + i for i, row in enumerate(corners[first])}
     named = {
         name: np.hstack([nodes, [[place[tuple(sorted(row[:4]))]] for row in nodes]])

@@ -7,16 +7,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fenics_ehd.fem.solid import CORNERS, EDGES, Solid
+from fenics_ehd.fem.solid import EDGES, REFERENCE, Solid, shape_functions
 
 #: Distance of nodes that are one, relative to the size of the part.
 SAME = 1e-9
-
-_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
-_CORNERS = {
-    "tet": np.vstack([np.zeros(3), np.eye(3)]),
-    "hex": np.array([(x, y, z) for z in (0, 1) for x, y in _SQUARE], dtype=float),
-}
 
 #: Tetrahedra in one by its nodes: at the corners, then about the diagonal from node 6 to 8.
 _TETRAHEDRA = (
@@ -42,7 +36,7 @@ def refined(
     """
     places = np.array([_with_middles(corners, solid.kind) for corners in _children(solid.kind)])
     count = places.shape[1]
-    shapes = _shape_functions(places.reshape(-1, 3), solid.kind)
+    shapes = shape_functions(places.reshape(-1, 3), solid.kind)
     x = np.einsum("mn,cnk->cmk", shapes, solid.points[solid.cells]).reshape(-1, 3)
     # Those of the given mesh come first and keep their numbers.
     every = np.vstack([solid.points, x])
@@ -65,33 +59,13 @@ def _with_middles(corners: np.ndarray, kind: str) -> np.ndarray:
 def _children(kind: str) -> list[np.ndarray]:
     """Corners of the eight in the reference cell."""
     if kind == "hex":
-        return [0.5 * (_CORNERS["hex"] + corner) for corner in _CORNERS["hex"]]
-    nodes = _with_middles(_CORNERS["tet"], "tet")
+        return [0.5 * (REFERENCE["hex"] + corner) for corner in REFERENCE["hex"]]
+    nodes = _with_middles(REFERENCE["tet"], "tet")
     found = []
     for four in _TETRAHEDRA:
         x = nodes[list(four)]
         found.append(x if np.linalg.det(x[1:] - x[0]) > 0 else x[[0, 2, 1, 3]])
     return found
-
-
-def _shape_functions(x: np.ndarray, kind: str) -> np.ndarray:
-    """Of the second-order cell at points of the reference cell, shape (points, nodes)."""
-    edges = np.array(EDGES[kind])
-    if kind == "tet":
-        share = np.column_stack([1 - x.sum(axis=1), x])
-        middle = 4 * share[:, edges[:, 0]] * share[:, edges[:, 1]]
-        return np.hstack([share * (2 * share - 1), middle])
-    # Of the 20-node hexahedron: quadratic along its own edge, linear across; corners without
-    # what the middles take.
-    corner = np.prod(np.where(_CORNERS["hex"] > 0.5, x[:, None], 1 - x[:, None]), axis=2)
-    ends = _CORNERS["hex"][edges]
-    along = np.abs(ends[:, 1] - ends[:, 0])
-    t = x @ along.T
-    across = corner[:, edges[:, 0]] + corner[:, edges[:, 1]]
-    middle = 4 * t * (1 - t) * across
-    taken = np.zeros((len(edges), CORNERS["hex"]))
-    taken[np.arange(len(edges))[:, None], edges] = 0.5
-    return np.hstack([corner - middle @ taken, middle])
 
 
 def _labelled(

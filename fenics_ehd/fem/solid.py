@@ -27,6 +27,19 @@ FACES = {
 #: Corners of a cell.
 CORNERS = {"tet": 4, "hex": 8}
 
+_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+#: Where they are in the reference cell.
+REFERENCE = {
+    "tet": np.vstack([np.zeros(3), np.eye(3)]),
+    "hex": np.array([(x, y, z) for z in (0, 1) for x, y in _SQUARE], dtype=float),
+}
+
+
+#: Gmsh's order of the nodes of a cell, in places of this one's; that of tetrahedra both ways.
+GMSH_TET = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
+GMSH_HEX = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
+
 
 @dataclass(frozen=True, eq=False)
 class Solid:
@@ -59,10 +72,18 @@ class Solid:
 
     def facets(self) -> np.ndarray:
         """Nodes of the facets of the surface, corners, then edges, shape (f, 6) or (f, 8)."""
+        nodes, first, uses = self._faces()
+        return nodes[np.sort(first[uses == 1])]
+
+    def overlaps(self) -> int:
+        """Number of faces that more than two cells share: 0 in a solid."""
+        return int((self._faces()[2] > 2).sum())
+
+    def _faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes of the faces of every cell, the first of each kind, and how often it is there."""
         nodes = self.cells[:, self.face_rows()].reshape(-1, 2 * len(FACES[self.kind][0]))
         corners = np.sort(nodes[:, : len(FACES[self.kind][0])], axis=1)
-        _, first, uses = np.unique(corners, axis=0, return_index=True, return_counts=True)
-        return nodes[np.sort(first[uses == 1])]
+        return nodes, *np.unique(corners, axis=0, return_index=True, return_counts=True)[1:]
 
 
 def raised(points: np.ndarray, corners: np.ndarray, kind: str) -> Solid:
@@ -79,3 +100,23 @@ def used(solid: Solid) -> Solid:
     """Without nodes that no cell has: reference points of assemblies, say."""
     nodes, cells = np.unique(solid.cells, return_inverse=True)
     return Solid(solid.points[nodes], cells.reshape(solid.cells.shape), solid.kind)
+
+
+def shape_functions(x: np.ndarray, kind: str) -> np.ndarray:
+    """Of the second-order cell at points of the reference cell, shape (points, nodes)."""
+    edges = np.array(EDGES[kind])
+    if kind == "tet":
+        share = np.column_stack([1 - x.sum(axis=1), x])
+        middle = 4 * share[:, edges[:, 0]] * share[:, edges[:, 1]]
+        return np.hstack([share * (2 * share - 1), middle])
+    # Of the 20-node hexahedron: quadratic along its own edge, linear across; corners without
+    # what the middles take.
+    corner = np.prod(np.where(REFERENCE["hex"] > 0.5, x[:, None], 1 - x[:, None]), axis=2)
+    ends = REFERENCE["hex"][edges]
+    along = np.abs(ends[:, 1] - ends[:, 0])
+    t = x @ along.T
+    across = corner[:, edges[:, 0]] + corner[:, edges[:, 1]]
+    middle = 4 * t * (1 - t) * across
+    taken = np.zeros((len(edges), CORNERS["hex"]))
+    taken[np.arange(len(edges))[:, None], edges] = 0.5
+    return np.hstack([corner - middle @ taken, middle])

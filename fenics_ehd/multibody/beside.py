@@ -14,11 +14,13 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.errors import StepSizeError
-from fenics_ehd.film import FilmGrid, FilmState
+from fenics_ehd.film import FilmGrid
 from fenics_ehd.multibody.bdf import IntegratorState, Step, StepControl
+from fenics_ehd.multibody.between_nodes import BetweenNodes
 from fenics_ehd.multibody.course import Course
 from fenics_ehd.multibody.differentiation import blended
 from fenics_ehd.multibody.disturbance import Disturbance
+from fenics_ehd.multibody.found_course import FoundCourse
 from fenics_ehd.multibody.solver_state import CoupledState, SolverState
 from fenics_ehd.multibody.step_factors import LEADING
 from fenics_ehd.multibody.step_norm import StepNorm
@@ -28,8 +30,9 @@ from fenics_ehd.multibody.step_solver import CoupledSteps
 #: that are looked for it is little.
 SETTLED = 1.0
 
-#: Largest growth of a step: from one step of the run to two of them.
-LONGEST = 2.0 + 1e-9
+#: Largest growth of a step: from one step of the run to two, which grow themselves. Formulas of
+#: order two are zero-stable below 2.41.
+LONGEST = 2.4
 
 #: Slack in taking a time of the course for that of a table's row, share of the step.
 NEAR_ROW = 1e-2
@@ -64,6 +67,7 @@ class Beside:
             None if own is given else given.interpolation(*own.node_positions.T)
             for own, given in zip(self._own, grids, strict=True)
         ]
+        self._between = [BetweenNodes(own) for own in self._own]
         self.iterations = 0
         self.corners: set[float] = set()
 
@@ -96,7 +100,8 @@ class Beside:
         StepSizeError
             There is no solution near the course.
         """
-        guess, found = _Guess(self, course), _Found(self._solve, self._norm)
+        guess = _Guess(self, course)
+        found = FoundCourse(self._solve, self._norm, self._between)
         row, past = -1, float(state.times[0] - state.times[1]) if len(state.times) > 1 else 0.0
         last = len(course.times) - 1
         while row < last:
@@ -260,43 +265,3 @@ class _Guess:
         self._multipliers = solver.values[0][-self._beside.multipliers :]
         if len(course.multipliers):
             self._multipliers = self._multipliers - course.multipliers[row]
-
-
-class _Found:
-    """Collects a course."""
-
-    def __init__(self, solve: CoupledSteps, norm: StepNorm):
-        self._norm, self._multipliers = norm, 2 * solve.system.m
-        self._size = solve.system.n + solve.equations.responses.size
-        self._voids = solve.equations.voids
-        self._rows: list[tuple[np.ndarray | float, ...]] = []
-        self._films: list[list[FilmState]] = []
-
-    def add(
-        self,
-        step: Step[CoupledState],
-        solver: SolverState,
-        changes: Sequence[np.ndarray | float] | None,
-    ) -> None:
-        """Account for a step in gaps with some changes."""
-        gaps, films = self._norm.film_gaps(step.observed), step.solution.films
-        if changes is not None:
-            gaps = [gap + change for gap, change in zip(gaps, changes, strict=True)]
-        self._films.append(films)
-        multipliers = solver.values[0][len(solver.values[0]) - self._multipliers :]
-        peaks = np.array([film.pressure.max() for film in films])
-        thin = np.array([gap.min() for gap in gaps])
-        x, acceleration = step.x[: self._size], step.acceleration[: self._size]
-        self._rows.append((step.time, x, peaks, thin, multipliers, acceleration))
-
-    def course(self) -> Course:
-        """All of them."""
-        times, x, peaks, thin, multipliers, acceleration = map(
-            np.array, zip(*self._rows, strict=True)
-        )
-        films = list(zip(*self._films, strict=True))
-        pressures = [np.array([state.pressure for state in film]) for film in films]
-        voids = {
-            i: 1.0 - np.array([state.fluid_fraction for state in films[i]]) for i in self._voids
-        }
-        return Course(times, x, pressures, voids, peaks, thin, multipliers, acceleration)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_ehd.base.columns import joint_prefix
+from fenics_ehd.multibody.between_nodes import BetweenNodes
 from fenics_ehd.multibody.system import System
 
 
@@ -25,11 +27,14 @@ class Course:
     voids
         Void fractions of films that keep account of their oil, by the film's number.
     peaks, films
-        Largest pressure and thinnest film of every joint, shape (k, joints) [Pa], [m].
+        Largest pressure and thinnest film of every joint, between its nodes, shape (k, joints)
+        [Pa], [m].
     multipliers
         shape (k, 2 m); none where they are not known.
     accelerations
         Of x, shape (k, n + r); none where they are not known.
+    sampled
+        Of a run: what it says of `peaks` and `films`, at nodes and Gauss points alone.
     """
 
     times: np.ndarray
@@ -40,6 +45,7 @@ class Course:
     films: np.ndarray
     multipliers: np.ndarray
     accelerations: np.ndarray
+    sampled: tuple[np.ndarray, np.ndarray] | None = None
 
     def repeated(self, period: float, start: np.ndarray, angles: list[int], share: float) -> Course:
         """The course of a cycle, and the beginning of the cycle after it.
@@ -75,29 +81,6 @@ class Course:
             twice(self.accelerations),
         )
 
-    def halved(self, time: float, x: np.ndarray) -> Course:
-        """With a point half way to each, from a time [s] and state where the course begins."""
-        first = self.at(np.zeros(1, dtype=int))
-
-        def between(values: np.ndarray, start: np.ndarray) -> np.ndarray:
-            if not len(values):
-                return values
-            found = np.empty((2 * len(values), *values.shape[1:]))
-            found[1::2] = values
-            found[::2] = 0.5 * (values + np.concatenate([start, values[:-1]]))
-            return found
-
-        return Course(
-            between(self.times, np.array([time])),
-            between(self.x, x[None]),
-            [between(p, own) for p, own in zip(self.pressures, first.pressures, strict=True)],
-            {i: between(void, first.voids[i]) for i, void in self.voids.items()},
-            between(self.peaks, first.peaks),
-            between(self.films, first.films),
-            between(self.multipliers, first.multipliers),
-            between(self.accelerations, first.accelerations),
-        )
-
     def at(self, rows: np.ndarray) -> Course:
         """Some of its points."""
         return Course(
@@ -116,8 +99,7 @@ def course_of(
     system: System, columns: Mapping[str, np.ndarray], fields: Mapping[str, np.ndarray]
 ) -> Course:
     """Of a history's rows, see `Tracker.add`, one a step."""
-    several = len(system.films) > 1
-    prefixes = [f"{place.name}." if several else "" for place in system.films]
+    prefixes = [joint_prefix(place.name, system.films) for place in system.films]
     states = ("state/coordinates", "state/quasi_static")
     x = np.hstack([fields[name] for name in states if name in fields])
     paths = [f"joints/{place.name}/film" for place in system.films]
@@ -130,13 +112,17 @@ def course_of(
     def curves(name: str) -> np.ndarray:
         return np.column_stack([columns[f"{prefix}{name}"] for prefix in prefixes])
 
+    between = [BetweenNodes(place.film.film.parameters.grid) for place in system.films]
+    pressures = [fields[f"{path}/pressure"] for path in paths]
+    gaps = [fields[f"{path}/gap"] for path in paths]
     return Course(
         columns["time_s"],
         x,
-        [fields[f"{path}/pressure"] for path in paths],
+        pressures,
         voids,
-        curves("max_pressure_Pa"),
-        curves("min_film_thickness_m"),
+        np.column_stack([own.largest(p) for own, p in zip(between, pressures, strict=True)]),
+        np.column_stack([own.least(gap) for own, gap in zip(between, gaps, strict=True)]),
         np.zeros((0, 2 * system.m)),
         np.zeros((0, x.shape[1])),
+        (curves("max_pressure_Pa"), curves("min_film_thickness_m")),
     )

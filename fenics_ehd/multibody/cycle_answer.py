@@ -1,8 +1,8 @@
 """What a run answers over its last cycle, from the columns of its history.
 
-A search for a periodic solution: its last cycle. Another run: its last full one, the turn of the
-crank before its end, or the two turns of a load over 720 degrees, or the period of loads over time
-if that is longer; else all of it. Which one it was is told.
+A search for a periodic solution: its last whole cycle, see `last_whole_cycle`. Another run: its
+last full one, the turn of the crank before its end, or the two turns of a load over 720 degrees, or
+the period of loads over time if that is longer; else all of it. Which one it was is told.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.integrals import Integrals
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.result import last_whole_cycle
 from fenics_ehd.multibody.system import System
 from fenics_ehd.multibody.tabulated import Curve
 
@@ -62,11 +62,14 @@ class UsedCycle:
         [s].
     told
         Which one, in words.
+    rows
+        Steps after its start, and up to its end.
     """
 
     start: float
     end: float
     told: str
+    rows: slice
 
 
 def cycle_length(system: System) -> tuple[float, float]:
@@ -100,17 +103,20 @@ def last_cycle(system: System, columns: Columns) -> UsedCycle:
         starts.append(float(np.interp(-degrees, -ahead[pair], time[pair])))
     full = int(min(counts, default=0.0) + WHOLE)
     if not full:
-        return UsedCycle(0.0, end, "whole run: no full cycle")
+        return UsedCycle(0.0, end, "whole run: no full cycle", slice(0, None))
     start = min(starts)
-    return UsedCycle(start if start > WHOLE * end else 0.0, end, f"last of {full}")
+    start = start if start > WHOLE * end else 0.0
+    first = int(np.searchsorted(time, start + 1e-9 * (end - start), side="right"))
+    return UsedCycle(start, end, f"last of {full}", slice(min(first, len(time) - 1), None))
 
 
-def searched_cycle(cycles: Cycles, columns: Columns) -> UsedCycle:
-    """The last cycle of a search, complete or not."""
-    end = float(columns["time_s"][-1])
-    complete = end >= cycles.start + (1 - WHOLE) * cycles.period
-    told = f"last of {cycles.number}" if complete else f"cycle {cycles.number}, not complete"
-    return UsedCycle(cycles.start, end, told)
+def searched_cycle(columns: Columns) -> UsedCycle:
+    """That of a search, from its columns: of the last cycle at least."""
+    rows, time = last_whole_cycle(columns["cycle"], columns["cycle_time_s"]), columns["time_s"]
+    end, number = float(time[rows][-1]), int(columns["cycle"][rows][-1])
+    start = float(time[rows][0] - columns["cycle_time_s"][rows][0])
+    told = f"last of {number}" if columns["cycle"][-1] > 1 else "first cycle: films build up"
+    return UsedCycle(start, end, told, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +126,7 @@ class CycleAnswer:
     Attributes
     ----------
     columns
-        Of the run's history, of a search at least those of its last cycle.
+        Of the run's history, of a search those of its last cycle at least.
     used
         Which cycle.
     rates
@@ -132,15 +138,13 @@ class CycleAnswer:
     rates: Sequence[str]
 
     @classmethod
-    def of(
-        cls, system: System, columns: Columns, cycles: Cycles | None, rates: Sequence[str]
-    ) -> CycleAnswer:
+    def of(cls, system: System, columns: Columns, rates: Sequence[str]) -> CycleAnswer:
         """Of a run, or of a search so far."""
-        if cycles is not None:
-            # Means of the models are those of the cycle already.
-            return cls(columns, searched_cycle(cycles, columns), ())
-        used = last_cycle(system, columns)
-        return cls(columns, used, rates if used.start else ())
+        search = "cycle" in columns
+        used = searched_cycle(columns) if search else last_cycle(system, columns)
+        # Means of the models are those of the cycle under way, or the run, already.
+        known = used.rows.stop is None if search else not used.start
+        return cls(columns, used, () if known else rates)
 
     def figures(self) -> dict[str, object]:
         """What the summary says of the cycle itself."""
@@ -164,21 +168,14 @@ class CycleAnswer:
 
     def _extreme(self, prefix: str, extreme: Extreme) -> dict[str, float]:
         """The largest or smallest value of a column, with what was true at that step."""
-        values = extreme.sign * self.columns[prefix + extreme.column][self._first :]
-        row = self._first + int(np.argmax(values))
+        values = extreme.sign * self.columns[prefix + extreme.column][self.used.rows]
+        row = self.used.rows.start + int(np.argmax(values))
         found = {
             f"cycle_{extreme.before}{name}": float(self.columns[prefix + name][row])
             for name in (extreme.column, *extreme.places)
         }
         crank_angle = float(self.columns["crank_angle_deg"][row])
         return found | {f"cycle_{extreme.name}_crank_angle_deg": crank_angle}
-
-    @cached_property
-    def _first(self) -> int:
-        """First row after the start of the cycle."""
-        time = self.columns["time_s"]
-        start = self.used.start + 1e-9 * (self.used.end - self.used.start)
-        return min(int(np.searchsorted(time, start, side="right")), len(time) - 1)
 
     @cached_property
     def _means(self) -> dict[str, float]:
@@ -190,6 +187,6 @@ class CycleAnswer:
             name: float(np.interp(self.used.start, time, self.columns[name])) for name in names
         }
         integrals = Integrals(self.used.start, begin)
-        for row in range(self._first, len(time)):
+        for row in range(*self.used.rows.indices(len(time))):
             integrals.add(time[row], {name: self.columns[name][row] for name in names})
         return integrals.means

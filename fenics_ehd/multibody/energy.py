@@ -111,9 +111,12 @@ class EnergyBalance:
 
         That is what film and damping have dissipated, and what is still stored of it: the least
         since most was stored. What a crank lends and takes back is a hundred times as much and
-        says little of the film.
+        says little of the film. Where no film loses anything there is none to be judged, and what
+        stays may be nothing at all: it is `error` then.
         """
         work = self.work
+        if work["film"] == 0.0:
+            return self.error
         net = work["film"] + work["damping"] + self._kept
         if net > 0.0:
             return self.largest_defect / net

@@ -5,7 +5,7 @@ The last cycle of a periodic run, or all of another one, is solved again beside 
 
 step size
     in steps as long as two or more of the run's: what changes is a multiple of the error, by the
-    order of the formula (Richardson); of a run of many cycles in steps half as long;
+    order of the formula (Richardson); of a run of many cycles by another formula;
 film mesh
     in the same long steps, on films of half as many cells again either way (`other_films`);
 basis
@@ -23,8 +23,8 @@ what is different has found its own cycle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from time import process_time
 from types import MappingProxyType
@@ -32,15 +32,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fenics_ehd.base.errors import EhdError, SettingsError
-from fenics_ehd.multibody.basis_error import BasisErrorEstimate, bore_body, bore_loads, estimate_at
-from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.base.errors import EhdError
+from fenics_ehd.multibody.basis_error import BasisErrorEstimate
+from fenics_ehd.multibody.bdf import IntegratorState, StepControl
 from fenics_ehd.multibody.beside import Beside
 from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.disturbance import Disturbance
-from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Change, relative, total
+from fenics_ehd.multibody.error_curves import SETTLED, Change, ErrorCurves
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Extreme, share, total
+from fenics_ehd.multibody.lacking import lacking_gaps, lacking_in_basis, lacking_in_mesh
 from fenics_ehd.multibody.other_films import FINER, on_finer_films, with_finer_films
-from fenics_ehd.multibody.part_mesh import flexibility_error
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
@@ -52,22 +53,21 @@ from fenics_ehd.reduction import ReducedBody
 
 COMPONENTS = ("basis", "film_mesh", "part_mesh", "step_size", "start")
 
+#: Those of flexible bores.
+OF_BORES = ("basis", "part_mesh")
+
 #: Quantities by their names in a summary.
 QUANTITIES = ("max_pressure", "min_film_thickness")
 
 #: Local error that long steps may have, and least and most steps of the run in one of them.
 LONG_ERROR, STRIDES = 0.03, (2, 4)
 
-#: Share of the course below which the error of the steps is found in half as long ones: those twice
-#: as long may be too long for a mode that they must resolve.
-HALVED = 0.2
+#: Share of the course in the run's steps below which the error of the steps is found in as many of
+#: them by a formula of another blend: long ones may be too long for a mode that they must resolve.
+SMALL_SHARE, OTHER_BLEND = 0.2, 0.5
 
 #: Orders that errors of the film's mesh are taken to have, of 4-node cells and of others.
 FILM_ORDERS = (2.0, 4.0)
-
-#: What differs is followed beyond a cycle's end until this share is left of its beginning, at
-#: most for a second cycle.
-SETTLED = 0.3
 
 #: Gap errors below this, relative to the film, stand for what they do to it and to the pressure.
 SMALL = 1e-3
@@ -129,16 +129,16 @@ class Estimator:
         self._system = run.equations.system
         self._coarser = coarser
         self._extremes, self._former = tracker.extremes, tracker.former
-        share_of_run = len(course.times) / tracker.counts["steps"]
-        self._halve = share_of_run <= HALVED
-        control = run.control
+        control, share_of_run = run.control, len(course.times) / tracker.counts["steps"]
+        self._other_formula = share_of_run <= SMALL_SHARE and control.order > 1
         growth = (LONG_ERROR / control.tolerance) ** (1.0 / (control.order + 1))
         self._stride = int(np.clip(growth, *STRIDES))
         self._began = IntegratorState(**began.points())
         self._grids = [place.film.film.parameters.grid for place in self._system.films]
         self.iterations = 0
-        self._long = course
+        self._long, self._curves = course, ErrorCurves(course, self._began.time)
         if cycles is not None:
+            self._curves = ErrorCurves(course, self._began.time, cycles.period, cycles.contraction)
             size = course.x.shape[1]
             slow = not cycles.contraction < SETTLED
             least = max(cycles.contraction, float(np.finfo(float).tiny))
@@ -151,16 +151,20 @@ class Estimator:
         began = process_time()
         changes: dict[str, Change] = {}
         notes: dict[str, str] = {}
-        again = self._try("step_size", notes, self._longer_steps)
+        again = self._try("step_size", notes, lambda: self._follow(self._long, self._stride))
         if again is not None:
             step = self._try("step_size", notes, lambda: self._change_by_steps(again))
             if step is not None:
                 changes["step_size"] = step
             film = self._try("film_mesh", notes, lambda: self._finer_films(again))
             if film is not None:
-                changes["film_mesh"] = self._change(again, film, self._film_factors())
+                changes["film_mesh"] = self._curves.change(again, film, self._film_factors())
             if any(place.bore for place in self._system.films):
-                for name, lacking in (("basis", self._basis), ("part_mesh", self._part_mesh)):
+                system = self._system
+                for name, lacking in (
+                    ("basis", partial(lacking_in_basis, system)),
+                    ("part_mesh", partial(lacking_in_mesh, system, self._coarser)),
+                ):
                     if name == "basis" or self._coarser:
                         found = self._try(
                             name, notes, partial(self._change_by_gaps, again, lacking)
@@ -172,6 +176,8 @@ class Estimator:
         joints = {
             place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
         }
+        if "film_mesh" in changes:
+            changes["film_mesh"] = changes["film_mesh"].and_also(self._curves.sampling)
         return ErrorBudget(joints, changes, notes, self.iterations, process_time() - began)
 
     @staticmethod
@@ -183,24 +189,31 @@ class Estimator:
             notes[component] = " ".join(str(error).split())
             return None
 
-    def _longer_steps(self) -> Course:
-        beside = Beside(self._run.solve, self._run.control, self._grids)
-        found = beside.follow(self._began, self._long, self._stride)
-        self._corners = beside.corners
+    def _follow(
+        self,
+        course: Course,
+        stride: int,
+        disturbance: Disturbance | None = None,
+        corners: Collection[float] | None = None,
+        control: StepControl | None = None,
+    ) -> Course:
+        beside = Beside(self._run.solve, control or self._run.control, self._grids)
+        found = beside.follow(self._began, course, stride, disturbance, corners)
+        if corners is None:
+            self._corners = beside.corners
         self.iterations += beside.iterations
         return found
 
     def _change_by_steps(self, again: Course) -> Change:
-        order = self._run.control.order
-        if not self._halve:
-            run = self._long.at(np.searchsorted(self._long.times, again.times))
-            return self._change(run, again, -1.0 / (self._stride**order - 1.0))
-        x = self._began.x[0][: self._course.x.shape[1]]
-        beside = Beside(self._run.solve, self._run.control, self._grids)
-        found = beside.follow(self._began, self._long.halved(self._began.time, x), 1)
-        self.iterations += beside.iterations
-        same = found.at(np.searchsorted(found.times, self._long.times))
-        return self._change(self._long, same, 1.0 / (1.0 - 0.5**order))
+        control = self._run.control
+        if not self._other_formula:
+            factor = -1.0 / (self._stride**control.order - 1.0)
+            return self._curves.change(self._long, again, factor)
+        # Errors are as what a blend leaves of the lower order.
+        blend = 0.0 if control.blend else OTHER_BLEND
+        factor = (1.0 - control.blend) / (blend - control.blend)
+        found = self._follow(self._long, 1, control=replace(control, blend=blend))
+        return self._curves.change(self._long, found, factor)
 
     def _film_factors(self) -> np.ndarray:
         """Errors of the films' meshes over what finer ones change."""
@@ -221,134 +234,53 @@ class Estimator:
         self.iterations += beside.iterations
         return found
 
-    def _basis(self) -> dict[str, BasisErrorEstimate]:
-        """What bases lack, by joint."""
-        estimates = {
-            place.name: estimate_at(bore_body(self._system, place), place.bore)
-            for place in self._system.films
-            if place.bore
-        }
-        for name, estimate in estimates.items():
-            if np.isnan(estimate.largest):
-                raise SettingsError(f"{name}: reduction.estimate_error is off")
-        return estimates
-
-    def _part_mesh(self) -> dict[str, BasisErrorEstimate]:
-        """What meshes of parts lack, by joint."""
-        found = {}
-        for place in self._system.films:
-            if place.bore:
-                body = bore_body(self._system, place)
-                if place.bore_body not in self._coarser:
-                    raise SettingsError(f"{place.bore_body}: no coarser mesh of the part is known")
-                error = flexibility_error(body.reduced, self._coarser[place.bore_body])
-                nodes = body.reduced.rows_of(place.bore).nodes
-                found[place.name] = BasisErrorEstimate(error[nodes], body.damping_time)
-        return found
-
     def _change_by_gaps(
         self, again: Course, lacking: Callable[[], Mapping[str, BasisErrorEstimate]]
     ) -> Change:
-        missing = self._missing(again, lacking())
+        periodic = self._cycles is not None
+        began = self._began.time
+        missing = lacking_gaps(self._run.equations, again, began, lacking(), periodic)
         none = np.zeros(len(again.times))
         sizes = np.column_stack(
             [none if change is None else np.abs(change).max(axis=1) for change in missing.observed]
         )
         if not (sizes / again.films).max() > SMALL:
-            more = [sizes / again.films * again.peaks, sizes]
-            return self._over_course(again.times, more)
-        beside = Beside(self._run.solve, self._run.control, self._grids)
-        found = beside.follow(self._began, again, 1, missing, self._corners)
-        self.iterations += beside.iterations
-        return self._change(again, found, 1.0)
-
-    def _missing(self, again: Course, estimates: Mapping[str, BasisErrorEstimate]) -> Disturbance:
-        """What gaps lack along a course."""
-        system, equations = self._system, self._run.equations
-        rows = range(len(again.times))
-        loads = [bore_loads(system, [p[k] for p in again.pressures]) for k in rows]
-        steps = np.diff(again.times, prepend=self._began.time)
-        fields: dict[str, list[np.ndarray]] = {}
-        # Twice, as the memory of the structure is that of the cycle before.
-        for _ in range(2 if self._cycles else 1):
-            fields = {name: [] for name in estimates}
-            for k in rows:
-                for place in system.films:
-                    if place.bore:
-                        own = equations.responses.of_body(place.bore_body)
-                        fields[place.name].append(
-                            estimates[place.name].field(
-                                steps[k], loads[k][place.bore_body], again.accelerations[k][own]
-                            )
-                        )
-        observed = [
-            _observed(system, place, np.array(fields[place.name])) if place.bore else None
-            for place in system.films
-        ]
-        points = [len(place.film.thickness) for place in system.films]
-        return Disturbance(again.times, observed, points)
-
-    def _change(self, before: Course, after: Course, factor: float | np.ndarray) -> Change:
-        """From a course to a changed one, times a factor, over a cycle."""
-        more = [
-            factor * (getattr(after, name) - getattr(before, name)) for name in ("peaks", "films")
-        ]
-        count = int(np.searchsorted(before.times, self._course.times[-1], "right"))
-        if self._cycles is not None:
-            more = [self._settled(before.times, own, count) for own in more]
-        return self._over_course(before.times[:count], more)
-
-    def _over_course(self, times: np.ndarray, more: Sequence[np.ndarray]) -> Change:
-        """Changes at all steps of the run, between those they were found at."""
-        course = self._course
-        found = [
-            np.column_stack(
-                [
-                    np.interp(course.times, times, values[: len(times), joint])
-                    for joint in range(values.shape[1])
-                ]
-            )
-            for values in more
-        ]
-        return Change(course.times, course.peaks, course.films, *found)
-
-    def _settled(self, times: np.ndarray, more: np.ndarray, count: int) -> np.ndarray:
-        """Changes over a cycle, as they are the second time where it was followed twice."""
-        assert self._cycles is not None
-        again = times[count:] - self._cycles.period
-        found = more[:count].copy()
-        if not len(again):
-            return found
-        inside = times[:count] <= again[-1]
-        contraction = min(self._cycles.contraction, 0.9)
-        beyond = contraction / (1.0 - contraction) if contraction > SETTLED else 0.0
-        for joint in range(more.shape[1]):
-            later = np.interp(times[:count][inside], again, more[count:, joint])
-            found[inside, joint] = later + beyond * (later - found[inside, joint])
-        return found
+            return self._curves.given(again.times, sizes / again.films * again.peaks, sizes)
+        found = self._follow(again, 1, missing, self._corners)
+        return self._curves.change(again, found, 1.0)
 
     def _joint(self, i: int, place: FilmPlace, changes: Mapping[str, Change]) -> dict[str, Any]:
         found: dict[str, Any] = {}
         largest: dict[str, Any] = {}
-        extremes = self._extremes[place.name]
+        own = {
+            component: change
+            for component, change in changes.items()
+            if place.bore or component not in OF_BORES
+        }
         for quantity in QUANTITIES:
+            extreme = Extreme(quantity, i, getattr(self._extremes[place.name], quantity))
             values: dict[str, float | str] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
-            over, together = dict(values), 0.0
             if not place.bore:
-                values |= dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
-                over |= dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
-            for component, change in changes.items():
-                if component in ("basis", "part_mesh") and not place.bore:
-                    continue
-                moved, over[component] = relative(change, i, quantity, extremes)
-                values[component] = abs(moved)
-                together += moved
+                values |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
+            over, near = dict(values), dict.fromkeys(own, 0.0)
+            whole = []
+            for component, change in own.items():
+                near[component] = extreme.near(change)
+                if component == "film_mesh":
+                    change = change.and_also(self._curves.sampling)
+                whole.append(change)
+                values[component] = share(extreme.moved([change]), near[component])
+                over[component] = extreme.over(change)
             values["start"], over["start"] = self._start(place.name, quantity)
-            whole, largest_whole = total(values, together), total(over)
-            if not isinstance(whole, str) and not isinstance(largest_whole, str):
-                largest_whole = max(largest_whole, whole)  # the extreme is of the cycle
-            found[quantity] = values | {"total": whole}
-            largest[quantity] = over | {"total": largest_whole}
+            found[quantity], largest[quantity] = values, over
+            largest_whole = over["total"] = total(over)
+            together = extreme.moved(whole) if whole else 0.0
+            start = values["start"]
+            error = share(together, np.sqrt(np.sum(np.square(list(near.values())))))
+            error += 0.0 if isinstance(start, str) else start
+            values["total"] = error if whole else NOT_ESTIMATED
+            if whole and not isinstance(largest_whole, str):
+                over["total"] = max(largest_whole, error)  # the extreme is of the cycle
         return found | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
@@ -379,15 +311,3 @@ def judged(run: Run, end: float, cycles: Cycles | None = None) -> tuple[Tracker,
     course = course_of(run.equations.system, *recorder.rows())
     began = start if cycles is None else cycles.began
     return recorder.tracker, Estimator(run, cycles, began, course, recorder.tracker).budget()
-
-
-def _observed(system: System, place: FilmPlace, outward: np.ndarray) -> np.ndarray:
-    """Change of the gap where it is observed, of outward displacements of the bore's nodes."""
-    bore = place.film.bore
-    assert bore is not None
-    part = bore_body(system, place).reduced.at_bore(place.bore)
-    radial = part.bore_nodes - np.append(part.bore.centre[:2], 0.0)
-    radial[:, 2] = 0.0
-    radial /= np.linalg.norm(radial, axis=1)[:, None]
-    fields = outward[:, :, None] * radial
-    return np.asarray((bore.observed_normal @ fields.reshape(len(outward), -1).T).T)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fenics_ehd.multibody.tracking import Extremes
+from fenics_ehd.multibody.error_curves import Change
 
 #: Said of what cannot be estimated, and of what a run or joint does not have.
 NOT_ESTIMATED, NOT_APPLICABLE = "not estimated", "not applicable"
@@ -16,57 +16,61 @@ NOT_ESTIMATED, NOT_APPLICABLE = "not estimated", "not applicable"
 #: Near an extreme the quantity is within this of it.
 NEAR = 0.1
 
+#: Least error of an extreme over the root mean square of the errors near it: that it stays as it
+#: is while what surrounds it moves is luck, and so is it that errors cancel beyond this.
+LUCK = 0.4
+
 
 @dataclass(frozen=True, eq=False)
-class Change:
-    """Estimated error of a component over time: what the exact solution has more.
+class Extreme:
+    """Of a joint's peak pressure or thinnest film, as a run says it.
 
     Attributes
     ----------
-    times
-        shape (k,) [s].
-    peaks, films
-        Values of the run, shape (k, joints) [Pa], [m].
-    more_pressure, more_film
-        shape (k, joints) [Pa], [m].
+    quantity
+        ``"max_pressure"`` or ``"min_film_thickness"``.
+    joint
+        Its number.
+    value
+        [Pa], [m].
     """
 
-    times: np.ndarray
-    peaks: np.ndarray
-    films: np.ndarray
-    more_pressure: np.ndarray
-    more_film: np.ndarray
+    quantity: str
+    joint: int
+    value: float
+
+    def curves(self, change: Change) -> tuple[np.ndarray, np.ndarray]:
+        """Values of the run and what the exact solution has more, + away from the extreme."""
+        if self.quantity == "max_pressure":
+            return change.peaks[:, self.joint], change.more_pressure[:, self.joint]
+        return -change.films[:, self.joint], -change.more_film[:, self.joint]
+
+    def moved(self, changes: Sequence[Change]) -> float:
+        """Relative change of the extreme by all of them."""
+        curves = [self.curves(change) for change in changes]
+        values = curves[0][0]
+        more = np.sum([own for _, own in curves], axis=0)
+        return float((values + more).max() - values.max()) / abs(self.value)
+
+    def near(self, change: Change) -> float:
+        """Relative root mean square of a change near the extreme."""
+        values, more = self.curves(change)
+        near = values >= values.max() - NEAR * abs(values.max())
+        return float(np.sqrt(np.mean(more[near] ** 2)) / abs(self.value))
+
+    def over(self, change: Change) -> float:
+        """Largest relative change: of pressures over their peak, of films place by place."""
+        values, more = self.curves(change)
+        scale = np.abs(values) if self.quantity == "min_film_thickness" else abs(self.value)
+        return float((np.abs(more) / scale).max())
 
 
-def relative(change: Change, joint: int, quantity: str, extremes: Extremes) -> tuple[float, float]:
-    """Error of an extreme with its sign, and the largest over the cycle, relative."""
-    if quantity == "max_pressure":
-        values, more = change.peaks[:, joint], change.more_pressure[:, joint]
-        extreme = extremes.max_pressure
-        moved = (values + more).max() - values.max()
-        near = values >= (1.0 - NEAR) * values.max()
-        over = np.abs(more).max() / extreme
-    else:
-        values, more = change.films[:, joint], change.more_film[:, joint]
-        extreme = extremes.min_film_thickness
-        moved = (values + more).min() - values.min()
-        near = values <= (1.0 + NEAR) * values.min()
-        over = (np.abs(more) / values).max()
-    # Where an extreme stays as it is while what surrounds it moves, that is luck.
-    least = np.sqrt(np.mean(more[near] ** 2))
-    error = np.copysign(max(abs(moved), least), moved)
-    return float(error / abs(extreme)), float(over)
+def share(moved: float, near: float) -> float:
+    """Error of an extreme by one component."""
+    return max(abs(moved), LUCK * near)
 
 
-def total(values: Mapping[str, Any], together: float = 0.0) -> float | str:
-    """Of components that are known, the start among them, and the sum of those with a sign.
-
-    They may cancel, but not beyond half the root of the sum of their squares.
-    """
+def total(values: Mapping[str, Any]) -> float | str:
+    """Of components that are known: the root of the sum of their squares."""
     known = [value for value in values.values() if not isinstance(value, str)]
-    if not known:
-        return NOT_ESTIMATED
-    start = values.get("start", 0.0)
-    left = abs(together) + (0.0 if isinstance(start, str) else start)
-    spread = float(np.sqrt(np.sum(np.square(known))))
-    return max(left, 0.5 * spread) if together else spread
+    return float(np.sqrt(np.sum(np.square(known)))) if known else NOT_ESTIMATED

@@ -155,7 +155,7 @@ class Recorder:
         fixed = self._fixed.arrays
         for path, array in {**fixed, **fields}.items():
             values[path] = Quantity(array, field_unit(path))
-        figures = self.tracker.figures(self.tracker.answer(columns, cycles))
+        figures = self.tracker.figures(self.tracker.answer(columns))
         figures |= cycle_figures(cycles)
         summary = {"status": self.tracker.verdict(), **figures}
         return assemble_result(values, self._fixed.names, self._fixed.films, summary)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, with_unit
+from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, joint_prefix, with_unit
 from fenics_ehd.base.errors import InputError
 
 if TYPE_CHECKING:  # not there for everyone
@@ -21,6 +21,20 @@ NAN = float("nan")
 
 #: Share of a period that a whole cycle may lack: rounding.
 WHOLE = 1e-6
+
+
+def last_whole_cycle(numbers: np.ndarray, time: np.ndarray) -> slice:
+    """Steps of the last whole cycle of a search, of one that has none all of them.
+
+    Parameters
+    ----------
+    numbers, time
+        Of the cycle at every step, and the time since its start, shape (steps,).
+    """
+    first = int(np.searchsorted(numbers, numbers[-1]))
+    if not first or time[-1] >= (1.0 - WHOLE) * time[first - 1]:
+        return slice(first, None)
+    return slice(int(np.searchsorted(numbers, numbers[-1] - 1)), first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,9 +290,8 @@ class Result:
     @property
     def columns(self) -> dict[str, np.ndarray]:
         """All but films and modes by the names that ``history.csv`` has, units at their end."""
-        several = len(self.joints) > 1
         groups: list[tuple[str, Quantities]] = [("", self.run)]
-        groups += [(f"{name}." * several, joint) for name, joint in self.joints.items()]
+        groups += [(joint_prefix(name, self.joints), own) for name, own in self.joints.items()]
         groups += [(f"{name}.", body) for name, body in self.bodies.items()]
         return {f"{own}{name}": v for own, group in groups for name, v in group.columns.items()}
 
@@ -318,12 +331,8 @@ class Result:
 
         All of any other run, and of one that was stopped in its first cycle.
         """
-        numbers = np.asarray(self.run.get("cycle", np.zeros(len(self))))
-        if not len(numbers) or numbers[0] == numbers[-1]:
+        if not (len(self) and "cycle" in self.run):
             return self
-        time, last = np.asarray(self.run["cycle_time"]), numbers[-1]
-        if time[-1] < (1.0 - WHOLE) * time[numbers < last][-1]:
-            last -= 1
-        chosen = np.flatnonzero(numbers == last)
-        part = self.each(lambda values: values[chosen])
+        rows = last_whole_cycle(*(np.asarray(self.run[key]) for key in ("cycle", "cycle_time")))
+        part = self.each(lambda values: values[rows])
         return replace(part, time=part.run["cycle_time"])

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, require_like
 from fenics_ehd.film.thickening import steepest_thickening
@@ -84,7 +85,6 @@ class Tracker:
         self.groups: dict[str, str] = {}
         self._equations, self._norm = equations, norm
         films = equations.system.films
-        self._several = len(films) > 1
         self.extremes = {place.name: Extremes() for place in films}
         self.former: dict[str, Extremes] = {}
         self.worth: dict[str, dict[str, Any]] = {}
@@ -172,7 +172,7 @@ class Tracker:
 
     def prefix(self, joint: str) -> str:
         """What columns of a joint begin with."""
-        return f"{joint}." if self._several else ""
+        return joint_prefix(joint, self.extremes)
 
     def _joint(
         self, place: FilmPlace, step: MechanismStep, own: FilmIntegrals, gap: np.ndarray
@@ -223,14 +223,12 @@ class Tracker:
             "energy_defect_J": self.balance.defect,
         }
 
-    def answer(
-        self, columns: Mapping[str, np.ndarray], cycles: Cycles | None = None
-    ) -> CycleAnswer:
+    def answer(self, columns: Mapping[str, np.ndarray]) -> CycleAnswer:
         """Of the last cycle, from the columns of a history, see `CycleAnswer`."""
         rates = [
             self.prefix(joint) + name for joint, own in self.rates.items() for name in own.totals
         ]
-        return CycleAnswer.of(self._equations.system, columns, cycles, rates)
+        return CycleAnswer.of(self._equations.system, columns, rates)
 
     def joint_figures(self, answer: CycleAnswer | None = None) -> dict[str, dict[str, Any]]:
         """What ``summary.json`` has of every lubricated joint, by its name."""

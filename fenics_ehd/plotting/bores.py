@@ -27,14 +27,7 @@ class Bores:
 
     The bore is drawn about the centre of the circle that comes nearest to it, as in the orbit:
     what lies between it and the journal is the film, in the section where it is thinnest.
-
-    Attributes
-    ----------
-    name
-        Of the quantity and of the files.
     """
-
-    name: str
 
     def has(self, joint: ShownJoint) -> bool:
         """Whether there is anything to draw."""

@@ -83,8 +83,6 @@ class Curves:
 
     Attributes
     ----------
-    name
-        Of the quantity and of the files.
     panels
         In the order in which they are drawn.
     whole
@@ -93,7 +91,6 @@ class Curves:
         Column without which there is nothing to draw; empty: any of them will do.
     """
 
-    name: str
     panels: tuple[Panel, ...]
     whole: bool = False
     needed: str = ""

@@ -38,8 +38,6 @@ class Map:
 
     Attributes
     ----------
-    name
-        Of the quantity and of the files.
     label
         Of the colours, its unit in brackets.
     nodal
@@ -55,7 +53,6 @@ class Map:
         between the nodes counts too. Empty: the largest value at them.
     """
 
-    name: str
     label: str
     fields: str
     nodal: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -106,7 +103,7 @@ class Map:
             if not np.isclose(np.ptp(height), np.ptp(like.height), rtol=1e-6):
                 raise SettingsError(
                     f"--difference: bores of {title} are {np.ptp(like.height):.4g} mm and "
-                    f"{np.ptp(height):.4g} mm wide, {self.name} is subtracted between equal ones"
+                    f"{np.ptp(height):.4g} mm wide, maps are subtracted between equal ones"
                 )
             angle, height = like.angle, like.height
         around, along = (x.ravel() for x in np.meshgrid(np.radians(angle), 1e-3 * height))

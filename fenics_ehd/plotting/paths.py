@@ -33,8 +33,6 @@ class Paths:
 
     Attributes
     ----------
-    name
-        Of the quantity and of the files.
     label
         Of the vector's size, its unit in brackets.
     vector
@@ -45,7 +43,6 @@ class Paths:
         What the circle of size one is called, empty without any.
     """
 
-    name: str
     label: str
     vector: Callable[[Mapping[str, np.ndarray]], np.ndarray]
     needed: tuple[str, ...]
@@ -77,7 +74,7 @@ class Paths:
             title: [replace(j, columns={**j.columns, **self._components(j)}) for j in joints]
             for title, joints in rows.items()
         }
-        return Curves(self.name, (panel,)).difference(components)
+        return Curves((panel,)).difference(components)
 
     def _components(self, joint: ShownJoint) -> dict[str, np.ndarray]:
         vector = self.vector(joint.columns)

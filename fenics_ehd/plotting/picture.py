@@ -15,15 +15,13 @@ from typing import Any
 
 import matplotlib
 
+from fenics_ehd.base.pictures import FORMATS
 from fenics_ehd.base.whole_file import write_whole
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-
-#: Formats of the pictures of a run.
-FORMATS = ("png", "svg")
 
 BLUE, RED, YELLOW, BLACK = "#004488", "#BB5566", "#DDAA33", "#000000"
 

@@ -80,7 +80,10 @@ class Pictures:
                 )
 
     def draw(self, name: str, directory: str | Path) -> list[Path]:
-        """Write a picture in each of `FORMATS`; none where there is nothing to draw."""
+        """Write a picture in each format; none where there is nothing to draw.
+
+        Those of several runs have names of their own, and leave those of the first alone.
+        """
         rows, quantity = self._having(name), QUANTITIES[name]
         if not rows:
             return []
@@ -95,7 +98,8 @@ class Pictures:
             return save(figure, in_formats(directory, self._file(name)))
 
     def _file(self, name: str) -> str:
-        return "-".join([name, *self._joints, *["difference"] * self._difference])
+        several = ["difference" if self._difference else "comparison"] * (len(self._runs) > 1)
+        return "-".join([name, *self._joints, *several])
 
     def _having(self, name: str) -> Rows:
         """Joints, or runs as a whole, of which a quantity can be drawn."""

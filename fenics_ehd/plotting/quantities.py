@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from matplotlib.figure import Figure
 
+from fenics_ehd.base.pictures import PICTURES
 from fenics_ehd.plotting.bores import Bores
 from fenics_ehd.plotting.curves import Curves, Panel, Rows, mean
 from fenics_ehd.plotting.maps import Map, least, most
@@ -18,10 +19,6 @@ from fenics_ehd.plotting.shown import STORED, ShownJoint
 
 class Picture(Protocol):
     """One picture of one or more runs."""
-
-    @property
-    def name(self) -> str:
-        """Of the quantity and of the files."""
 
     def has(self, joint: ShownJoint) -> bool:
         """Whether there is anything to draw of a joint."""
@@ -38,9 +35,8 @@ class Subtractable(Protocol):
         """Of joints by name, the second run less the first."""
 
 
-_ALL: tuple[Picture, ...] = (
-    Curves(
-        "max_pressure",
+_BY_NAME: dict[str, Picture] = {
+    "max_pressure": Curves(
         (
             Panel(
                 "maximum pressure [MPa]",
@@ -51,8 +47,7 @@ _ALL: tuple[Picture, ...] = (
             ),
         ),
     ),
-    Curves(
-        "min_film_thickness",
+    "min_film_thickness": Curves(
         (
             Panel(
                 "minimum film thickness [µm]",
@@ -63,20 +58,17 @@ _ALL: tuple[Picture, ...] = (
             ),
         ),
     ),
-    Paths(
-        "orbit",
+    "orbit": Paths(
         "eccentricity / clearance",
         orbit,
         ("eccentricity_in_bore_x_m", "eccentricity_in_bore_y_m", "eccentricity_ratio"),
         "clearance",
     ),
-    Paths("force", "load on the bore [kN]", load, ("force_N", "force_angle_deg")),
-    Curves(
-        "eccentricity",
+    "force": Paths("load on the bore [kN]", load, ("force_N", "force_angle_deg")),
+    "eccentricity": Curves(
         (Panel("eccentricity / clearance", {"eccentricity_ratio": ""}, 1.0, np.argmax),),
     ),
-    Curves(
-        "places",
+    "places": Curves(
         (
             Panel(
                 "angle on the bore [°]",
@@ -88,8 +80,7 @@ _ALL: tuple[Picture, ...] = (
             ),
         ),
     ),
-    Curves(
-        "friction",
+    "friction": Curves(
         (
             Panel(
                 "friction torque [N m]",
@@ -107,9 +98,8 @@ _ALL: tuple[Picture, ...] = (
             ),
         ),
     ),
-    Curves("flow", (Panel("flow of oil [cm³/s]", {"*flow_m3_per_s": ""}, 1e6, mean=True),)),
-    Curves(
-        "contact",
+    "flow": Curves((Panel("flow of oil [cm³/s]", {"*flow_m3_per_s": ""}, 1e6, mean=True),)),
+    "contact": Curves(
         (
             Panel("contact force [N]", {"contact_force_N": ""}, mean=True),
             Panel(
@@ -123,11 +113,10 @@ _ALL: tuple[Picture, ...] = (
             ),
         ),
     ),
-    Curves(
-        "oil_content", (Panel("oil in the film [mm³]", {"oil_content_m3": ""}, 1e9, mean=True),)
+    "oil_content": Curves(
+        (Panel("oil in the film [mm³]", {"oil_content_m3": ""}, 1e9, mean=True),)
     ),
-    Curves(
-        "basis_error",
+    "basis_error": Curves(
         (
             Panel(
                 "film, error of the gap [µm]",
@@ -141,8 +130,7 @@ _ALL: tuple[Picture, ...] = (
         ),
         needed="basis_error_estimate_m",
     ),
-    Curves(
-        "error_budget",
+    "error_budget": Curves(
         (
             Panel(
                 "pressure error [% of the peak]", {"*.pressure_error": ""}, 100.0, scale="linear"
@@ -150,8 +138,7 @@ _ALL: tuple[Picture, ...] = (
             Panel("film error [%]", {"*.film_error": ""}, 100.0, scale="linear"),
         ),
     ),
-    Map(
-        "pressure_map",
+    "pressure_map": Map(
         "largest pressure [MPa]",
         "pressure",
         most,
@@ -159,8 +146,7 @@ _ALL: tuple[Picture, ...] = (
         PRESSURES,
         ("max_pressure_Pa", "max_pressure_angle_deg", "max_pressure_height_m"),
     ),
-    Map(
-        "film_map",
+    "film_map": Map(
         "least film thickness [µm]",
         "gap",
         least,
@@ -168,10 +154,9 @@ _ALL: tuple[Picture, ...] = (
         FILMS,
         ("min_film_thickness_m", "min_film_angle_deg", "min_film_height_m"),
     ),
-    Map("contact_map", "mean contact pressure [MPa]", "contact", mean, 1e-6, PRESSURES),
-    Bores("bore"),
-    Curves(
-        "energy",
+    "contact_map": Map("mean contact pressure [MPa]", "contact", mean, 1e-6, PRESSURES),
+    "bore": Bores(),
+    "energy": Curves(
         (
             Panel(
                 "energy, work [J]",
@@ -195,10 +180,10 @@ _ALL: tuple[Picture, ...] = (
         ),
         whole=True,
     ),
-)
+}
 
 #: In the order in which they are drawn.
-QUANTITIES = MappingProxyType({quantity.name: quantity for quantity in _ALL})
+QUANTITIES = MappingProxyType({name: _BY_NAME[name] for name in PICTURES})
 
 #: Those that `fenics-ehd run` draws: what needs no more than its history.
-OF_EVERY_RUN = tuple(q.name for q in _ALL if isinstance(q, Curves | Paths))
+OF_EVERY_RUN = tuple(n for n, q in QUANTITIES.items() if isinstance(q, Curves | Paths))

@@ -97,19 +97,15 @@ class ShownRun:
         result = load_results(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
         used = result.cycle_used
-        cycles = result.run.get("cycle")
-        # Of a search that was stopped the last whole cycle, if there is one.
-        whole = used.startswith("last") or (cycles is not None and cycles[0] != cycles[-1])
-        self.told = "" if whole else used
-        start = 0.0 if cycles is not None else result.cycle_start
-        self._start = start
-        self.starts = start <= 0.0 and not (whole and cycles is not None)
-        if whole and cycles is not None:
-            if not used.startswith("last"):
-                self.figures = {}  # they are of the cycle after it
+        # Over its first cycle a search builds up its films as any other run does at its start.
+        repeated = bool(result.run.get("cycle", np.ones(1))[-1] > 1)
+        self.told = "" if repeated or used.startswith("last") else used
+        self._start = 0.0 if "cycle" in result.run else result.cycle_start
+        self.starts = self._start <= 0.0 and not repeated
+        if repeated:
             self._close(result.last_cycle())
         else:
-            self._from(result, start)
+            self._from(result, self._start)
 
     def _close(self, result: Result) -> None:
         """A cycle begins as it ends."""

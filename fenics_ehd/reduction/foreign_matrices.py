@@ -72,6 +72,14 @@ class ForeignMatrices:
             )
         return places
 
+    def turned(self, turn: ArrayLike) -> ForeignMatrices:
+        """Of the part turned, whose point x is at ``turn @ x``; shape (3, 3)."""
+        from scipy import sparse
+
+        whole = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
+        k, m = ((whole @ matrix @ whole.T).tocsr() for matrix in (self.stiffness, self.mass))
+        return ForeignMatrices(k, m, self.numbers)
+
 
 def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignMatrices:
     """K and M that CalculiX has stored, ``*FREQUENCY, SOLVER=MATRIXSTORAGE``.

@@ -14,13 +14,16 @@ from fenics_ehd.results.history_file import opened_history, read_fields
 from fenics_ehd.results.load import load_results
 from fenics_ehd.results.recorded_run import RecordedRun
 
+#: Of a film, that a course is made of.
+FIELDS = ("pressure", "gap", "fluid_fraction")
+
 
 def recorded_course(recorded: RecordedRun, directory: Path) -> Course:
     """Of a run's last cycle, or all of it."""
     system, first = recorded.run.equations.system, recorded.first_row
     names = ["state/coordinates", "state/quasi_static"]
     for place in system.films:
-        names += [f"joints/{place.name}/film/{name}" for name in ("pressure", "fluid_fraction")]
+        names += [f"joints/{place.name}/film/{name}" for name in FIELDS]
     with opened_history(directory) as file:
         there = [name for name in names if name in file]
     fields = read_fields(directory, tuple(there))

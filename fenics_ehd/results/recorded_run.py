@@ -26,6 +26,7 @@ from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
 from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows
 from fenics_ehd.results.load import load_results
+from fenics_ehd.results.run_folder import clear
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
@@ -126,7 +127,7 @@ class RecordedRun:
 
     def figures(self, columns: Mapping[str, np.ndarray] | None) -> dict[str, Any]:
         """What ``summary.json`` has of it, with the columns of its history, if they can be read."""
-        answer = None if columns is None else self.tracker.answer(columns, self.cycles)
+        answer = None if columns is None else self.tracker.answer(columns)
         return self.tracker.figures(answer) | cycle_figures(self.cycles) | self.margin
 
 
@@ -208,11 +209,10 @@ def record_run(
     SolverError
         See `Run.until` and `Cycles`.
     """
-    rows = None
+    rows = None if former is None else int(former["rows"])
     if former is not None:
         require_same_scene(former, fingerprints, directory)
         recorded.load_state(former["state"])
-        rows = int(former["rows"])
         seconds = float(former["reduction_seconds"])
         about = {**about, "reduction_time_s": seconds, "scene": former["name"]}
     history = history_of(recorded, directory, rows)
@@ -241,6 +241,8 @@ def record_run(
             checkpoints,
         ):
             for step in recorded.steps(history):
+                if history.rows - 1 == rows:
+                    clear(directory)  # what was made of the run as it was
                 checkpoints.follow(recorded)
                 _show(bar, recorded, step)
                 check()

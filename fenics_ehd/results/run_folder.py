@@ -8,6 +8,7 @@ is put in order by whoever opens it next: it holds nothing, or a run to go on wi
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from secrets import token_hex
@@ -27,12 +28,10 @@ from fenics_ehd.base.output import (
     complete_result,
     require_writable,
 )
+from fenics_ehd.base.pictures import FORMATS, PICTURES
 from fenics_ehd.results.checkpoint import CHECKPOINT
 from fenics_ehd.results.csv_file import CSV_NAME
 from fenics_ehd.results.history_file import FIELDS_NAME
-
-#: Body of a run, beside its history, to go on with.
-BODY_NAME = "body.h5"
 
 #: Stresses over the cycle, made of a run's result.
 STRESS = "stress.json"
@@ -40,49 +39,41 @@ STRESS = "stress.json"
 #: Held by the process that works in the folder.
 LOCK = ".lock"
 
-#: Names of pictures, which joints and ``-difference`` may follow.
-PICTURES = (
-    "max_pressure",
-    "min_film_thickness",
-    "orbit",
-    "force",
-    "eccentricity",
-    "places",
-    "friction",
-    "flow",
-    "contact",
-    "oil_content",
-    "basis_error",
-    "error_budget",
-    "pressure_map",
-    "film_map",
-    "contact_map",
-    "bore",
-    "energy",
-)
-
-#: What a run leaves, and what is made of it: stale as soon as there is another one. The summary,
-#: which says that all else is there, goes first and comes last.
-RESULTS = (
+#: What is made of a run that came to an end, stale as soon as it goes on. The summary, which says
+#: that all else is there, goes first and comes last.
+MADE = (
     SUMMARY,
-    CSV_NAME,
-    FIELDS_NAME,
-    CHECKPOINT,
-    SCENE_NAME,
-    BODY_NAME,
-    "body-*.h5",
     FAILED_FILM,
     ERROR_BUDGET,
-    ACCURACY,
-    "coarser-*.h5",
     "animation.*",
     "vtk/*.pvd",
     "vtk/*_[0-9][0-9][0-9][0-9].vtm",
     "vtk/*_[0-9][0-9][0-9][0-9].vtu",
     STRESS,
     "vtk/*_stress.vtu",
-    *(f"{name}{ending}" for name in PICTURES for ending in (".*", "-*.png", "-*.svg")),
+    *(f"{name}{more}.{ending}" for name in PICTURES for more in ("", "-*") for ending in FORMATS),
 )
+
+#: All that a run leaves, stale as soon as there is another one.
+RESULTS = (
+    *MADE,
+    CSV_NAME,
+    FIELDS_NAME,
+    CHECKPOINT,
+    SCENE_NAME,
+    ACCURACY,
+    "body-*.h5",
+    "coarser-*.h5",
+)
+
+
+def clear(directory: Path, patterns: Sequence[str] = MADE) -> None:
+    """Remove files of a run; what a link leads to is nobody's."""
+    if (directory / "vtk").is_symlink():
+        (directory / "vtk").unlink()
+    for pattern in patterns:
+        for stale in directory.glob(pattern):
+            stale.unlink()
 
 
 def require_no_result(directory: Path) -> None:
@@ -210,11 +201,7 @@ class RunFolder:
 
     def _replace(self, ended: Path) -> None:
         """Put the files of a run in the place of a former one's."""
-        if (self.directory / "vtk").is_symlink():
-            (self.directory / "vtk").unlink()
-        for pattern in RESULTS:
-            for stale in self.directory.glob(pattern):
-                stale.unlink()
+        clear(self.directory, RESULTS)
         self._move(_renamed(ended, "moving"))
 
     def _move(self, moving: Path) -> None:

@@ -75,8 +75,8 @@ def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> Non
     idle = [k for k in MODEL_KEYS if k in scene.tables["bodies"][name]]
     if body.body != NONE and idle:
         raise SettingsError(
-            f"{key}.{idle[0]} does nothing beside body = {body.body!r}, which was reduced before: "
-            "drop it, or give a model"
+            f"{key}.{', '.join(idle)} do nothing beside body = {body.body!r}, which was reduced "
+            "before: drop them, or give a model"
         )
 
 

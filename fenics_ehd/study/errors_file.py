@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
 
 if TYPE_CHECKING:  # slow to import, and workers do without
@@ -28,7 +29,7 @@ def write_errors(path: Path, times: np.ndarray, found: Mapping[str, Differences]
     """Write errors at the run's own steps, whole or not at all; the same ones, the same file."""
     arrays = {TIME: times}
     for joint, differences in found.items():
-        prefix = f"{joint}." if len(found) > 1 else ""
+        prefix = joint_prefix(joint, found)
         arrays |= {prefix + PRESSURE: differences.pressure, prefix + FILM: differences.film}
     content = io.BytesIO()
     np.savez(content, **arrays)

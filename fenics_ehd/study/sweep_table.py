@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.lock import locked
 from fenics_ehd.base.output import require_writable, write_whole
@@ -44,9 +45,8 @@ class OtherSweepError(InputError):
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
     """Columns of figures; with several lubricated joints theirs bear the joint's name."""
-    if len(joints) == 1:
-        return (*JOINT_FIGURES, *FIGURES)
-    return (*(f"{joint}.{name}" for joint in joints for name in JOINT_FIGURES), *FIGURES)
+    own = (joint_prefix(joint, joints) + name for joint in joints for name in JOINT_FIGURES)
+    return (*own, *FIGURES)
 
 
 def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:

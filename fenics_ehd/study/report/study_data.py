@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.results.load import load_results
 from fenics_ehd.study.errors_file import errors_path, read_errors
@@ -186,21 +187,15 @@ class JointData:
             return None
         return result.joints[self.name].columns | {"time_s": np.asarray(result.time)}
 
-    def _own(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        found = {k: v for k, v in values.items() if k.startswith(self._prefix)}
-        return {name.removeprefix(self._prefix): value for name, value in found.items()}
-
-    @property
-    def _prefix(self) -> str:
-        return f"{self.title}." if self.title else ""
-
     def errors_over_time(self, run: str) -> History | None:
         """``time_s`` and signed ``pressure_error``, ``film_error`` of a run, None without any."""
         try:
             found = read_errors(errors_path(self.study.folder(run), REFERENCE_RUN))
         except InputError:
             return None
-        return self._own(found) | {"time_s": found["time_s"]}
+        prefix = joint_prefix(self.name, self.study.info["joints"])
+        own = {k.removeprefix(prefix): v for k, v in found.items() if k.startswith(prefix)}
+        return own | {"time_s": found["time_s"]}
 
     def pressures(self, run: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Film nodes, angle [rad] and height [m], and pressures [Pa], shape (steps, nodes)."""
