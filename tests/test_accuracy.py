@@ -166,7 +166,7 @@ def test_a_pilot_is_coarse_and_leaves_what_is_kept():
     asked = changed(read_scene("slider-crank"), {"output.accuracy": "1 %"})
     pilot, search = begun(asked)
     assert pilot.output.accuracy == 0.0
-    assert pilot.joints["big_end"].cells == (20, 5)
+    assert pilot.joints["big_end"].cells == (22, 6)
     assert pilot.time.tolerance == search.chosen["time.tolerance"] > 1e-4
     assert set(search.chosen) == set(choosable(asked))
     kept = changed(asked, {"output.accuracy_keeps": ["tolerance", "bodies.rod.reduction.method"]})
@@ -174,6 +174,16 @@ def test_a_pilot_is_coarse_and_leaves_what_is_kept():
     assert pilot.time.tolerance == asked.time.tolerance
     assert search.kept == ("time.tolerance", "bodies.rod.reduction")
     assert set(search.chosen) == {"time.periodicity", "joints.big_end.cells"}
+
+
+def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
+    scene, before = read_scene("loaded-journal"), (0, 0.1)
+    for accuracy in (0.1, 0.03, 0.01, 3e-3):
+        pilot, _ = begun(changed(scene, {"output.accuracy": accuracy}))
+        now = pilot.joints["bearing"].cells[0], pilot.time.tolerance
+        assert now[0] >= before[0]
+        assert now[1] <= before[1]
+        before = now
 
 
 @pytest.mark.parametrize(
@@ -246,6 +256,86 @@ def test_an_error_that_is_not_estimated_is_refused_by_name():
     notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
     with pytest.raises(AccuracyError, match=r"joints.pin by film mesh .* the oil is compressible"):
         account(search, scene, recorded, notes)
+
+
+def judged_rod(**errors):
+    """Stand-in of a slider-crank's run with some errors of its figures."""
+    grid = SimpleNamespace(cells=(22, 6), family="lagrange")
+    film = SimpleNamespace(film=SimpleNamespace(parameters=SimpleNamespace(grid=grid)))
+    place = SimpleNamespace(name="big_end", bore="bore", bore_body="rod", film=film)
+    budget = dict.fromkeys(COMPONENTS, 1e-4) | errors
+    worth = {"big_end": dict.fromkeys(QUANTITIES, budget | {"total": sum(budget.values())})}
+    system = SimpleNamespace(films=[place])
+    run = SimpleNamespace(
+        equations=SimpleNamespace(system=system),
+        control=SimpleNamespace(order=3, largest_step=2.5e-4),
+        state=SimpleNamespace(time=2.5e-2),
+    )
+    tracker = SimpleNamespace(
+        worth=worth, counts={"steps": 200}, verdict=lambda: "complete", balance=None
+    )
+    return SimpleNamespace(run=run, tracker=tracker, processor_time=1.0)
+
+
+WORTH = {"error_budget_notes": {}, "error_budget_processor_time_s": 0.5}
+
+
+def test_every_component_moves_its_own_setting():
+    values = {"output.accuracy": 0.01, "output.part_mesh_error": True}
+    scene = changed(read_scene("slider-crank"), values)
+
+    def wanted(keeps=(), **errors):
+        kept = changed(scene, {"output.accuracy_keeps": list(keeps)})
+        pilot, search = begun(kept)
+        account(search, pilot, judged_rod(**errors), WORTH)
+        return search.chosen, search.wanted
+
+    before, after = wanted(basis=0.011)
+    assert after["bodies.rod.reduction"]["vibration_modes"] == 12
+    assert after["bodies.rod.reduction"]["method"] == "m4"
+    # Eight times as good with twice the cells, and a quarter of the accuracy is left for it.
+    before, after = wanted(part_mesh=0.02)
+    assert after["bodies.rod.geometry"]["bore_cells_around"] == 40
+    assert "bodies.rod.reduction" not in after
+    before, after = wanted(start=2e-3, film_mesh=0.02)
+    assert after["time.periodicity"] == pytest.approx(0.5 * before["time.periodicity"])
+    # Cycles differ by what steps leave.
+    before, after = wanted(start=0.02)
+    assert after["time.periodicity"] == pytest.approx(0.3 * before["time.tolerance"], rel=0.1)
+    before, after = wanted(film_mesh=0.02)
+    assert after["joints.big_end.cells"] > [22, 6]
+    before, after = wanted(step_size=0.02)
+    assert after["time.tolerance"] < before["time.tolerance"]
+    before, after = wanted(["tolerance", "geometry"], step_size=6e-3, part_mesh=6e-3)
+    assert set(after) <= {"joints.big_end.cells"}
+    assert wanted()[1] == {}
+
+
+def test_joints_of_rigid_bores_have_no_basis():
+    scene, search = begun(changed(read_scene("engine"), {"output.accuracy": 0.01}))
+    recorded = judged_rod(film_mesh=4e-3)
+    rigid = dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
+    own = recorded.tracker.worth["big_end"]["max_pressure"]
+    recorded.tracker.worth["front"] = dict.fromkeys(QUANTITIES, own | rigid)
+    account(search, scene, recorded, WORTH)
+    assert search.met
+    assert search.runs[0]["errors"]["basis"] == 1e-4
+
+
+def test_a_search_ends_and_says_what_is_in_the_way():
+    scene = changed(
+        read_scene("slider-crank"), {"output.accuracy": 0.01, "output.accuracy_keeps": ["cells"]}
+    )
+    scene, search = begun(scene)
+    for _ in range(9):
+        found = account(search, scene, judged_rod(film_mesh=0.02), WORTH)
+        if not search.wanted:
+            break
+        scene = search.go_on(scene)
+    assert not search.met
+    assert len(search.runs) <= 4
+    assert "is not met: the estimate is 0.02" in found["warnings"][-1]
+    assert "film mesh 0.02 (joints.big_end.cells kept)" in found["warnings"][-1]
 
 
 def test_a_finer_mesh_of_a_part_is_one_that_its_model_has():

@@ -42,8 +42,11 @@ def shown(value: Any) -> str:
     """A value in a table."""
     if isinstance(value, list):
         return " x ".join(map(str, value))
+    if isinstance(value, Mapping) and "method" in value:
+        return f"{value['method']}, {value['vibration_modes']} modes"
     if isinstance(value, Mapping):
-        return ", ".join(f"{v}" for k, v in value.items() if k in ("method", "vibration_modes"))
+        around = [f"{cells:g}" for key, cells in value.items() if "cells_around" in key]
+        return f"{' and '.join(around)} cells around"
     return f"{value:g}"
 
 
@@ -56,7 +59,8 @@ def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
     columns = ["pilot", *(f"run {k}" for k in range(1, len(runs)))]
     rows = [[f"accuracy, {share(found['asked'])} asked", *columns]]
     for key in runs[0]["chosen"] | runs[-1]["chosen"]:
-        rows.append([key, *(shown(run["chosen"].get(key, "-")) for run in runs)])
+        values = [run["chosen"].get(key) for run in runs]
+        rows.append([key, *("as given" if value is None else shown(value) for value in values)])
     for key, words in COMPONENTS.items():
         if key in runs[0]["errors"]:
             rows.append([f"largest by {words}", *(share(run["errors"][key]) for run in runs)])

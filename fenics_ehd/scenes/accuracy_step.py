@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -14,6 +15,7 @@ from fenics_ehd.multibody.other_films import FINER
 from fenics_ehd.multibody.part_mesh import PART_ORDER
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.recorded_run import RecordedRun
+from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.accuracy import Search
 from fenics_ehd.scenes.accuracy_choice import (
     ELASTIC,
@@ -22,6 +24,7 @@ from fenics_ehd.scenes.accuracy_choice import (
     FilmMesh,
     JudgedRun,
     cheapest,
+    rounded,
 )
 from fenics_ehd.scenes.coarse_part import counts, part_cells
 from fenics_ehd.scenes.scene import Scene, meshed
@@ -35,6 +38,10 @@ RUNS = 3
 
 #: Vibration modes that a basis may have, cells of a part's mesh around a bore, least periodicity.
 MOST_MODES, MOST_AROUND, TIGHTEST_PERIODICITY = 48, 60, 1e-7
+
+#: Least periodicity over the tolerance of a step: cycles of a small journal under a load of five
+#: rows differ by 0.1 to 0.2 of the tolerance without end.
+NOISE = 0.3
 
 #: Largest share of the steps that may count as forced by the longest one.
 FORCED = 0.9
@@ -85,7 +92,7 @@ def account(
             "chosen": dict(search.chosen),
             "estimate": max(budgets[name][quantity]["total"] for name, quantity in errors),
             "errors": {
-                key: max(own[key] for own in errors.values())
+                key: max(own[key] for own in errors.values() if key in own)
                 for key in COMPONENTS
                 if any(key in own for own in errors.values())
             },
@@ -97,7 +104,7 @@ def account(
         return {"accuracy": search.figures(), "status": "complete"}
     if len(search.runs) <= RUNS:
         values = _next(search, scene, recorded, errors)
-        search.wanted = {k: v for k, v in values.items() if v != search.chosen[k]}
+        search.wanted = {k: v for k, v in values.items() if v != search.chosen.get(k)}
     found = {"accuracy": search.figures(), "status": search.runs[-1]["status"]}
     if not search.wanted:
         found["warnings"] = [*scene.warnings, _missed(search)]
@@ -130,49 +137,66 @@ def _errors(
 
 def _next(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -> dict[str, Any]:
     """Values for the next run by key."""
-    values, asked = dict(search.chosen), search.asked
-    left = {figure: dict(own) for figure, own in errors.items()}
-
-    def scale(component: str, share: float, joints: set[str] | None = None) -> None:
-        for (joint, _), own in left.items():
-            if component in own and (joints is None or joint in joints):
-                own[component] *= share
-
-    def largest(component: str, joints: set[str] | None = None) -> float:
-        found = [
-            own.get(component, 0.0)
-            for (joint, _), own in left.items()
-            if joints is None or joint in joints
-        ]
-        return max(found, default=0.0)
-
-    if "time.periodicity" in values and largest("start") > START_SHARE * asked:
-        share = START_SHARE * asked / largest("start")
-        periodicity = max(TIGHTEST_PERIODICITY, share * values["time.periodicity"])
-        scale("start", periodicity / values["time.periodicity"])
-        values["time.periodicity"] = periodicity
+    left, asked = _Left({figure: dict(own) for figure, own in errors.items()}), search.asked
+    values = dict(search.chosen)
+    start = left.largest("start") / (START_SHARE * asked)
+    if "time.periodicity" in values and start > 1.0:
+        noise = max(TIGHTEST_PERIODICITY, NOISE * scene.time.tolerance)
+        periodicity = max(values["time.periodicity"] / start, noise)
+        share = min(1.0, periodicity / values["time.periodicity"])
+        left.scale("start", share)
+        values["time.periodicity"] = rounded(share * values["time.periodicity"])
     for name in meshed(scene):
-        joints = {
-            place.name for place in recorded.run.equations.system.films if place.bore_body == name
-        }
-        key, part = f"bodies.{name}.reduction", scene.bodies[name]
-        if key in values and largest("basis", joints) > BASIS_SHARE * asked:
-            modes = part.reduction.vibration_modes
-            more = min(2 * modes, max(modes, MOST_MODES))
-            # Halved at least: the inertia that is neglected begins at higher frequencies.
-            scale("basis", modes / more, joints)
-            values[key] = values[key] | {"vibration_modes": more}
-        key = f"bodies.{name}.geometry"
-        if key not in search.kept and largest("part_mesh", joints) > PART_SHARE * asked:
-            factor = (largest("part_mesh", joints) / (PART_SHARE * asked)) ** (1.0 / PART_ORDER)
-            around = max(part.geometry[k] for k in counts(part) if "around" in k)
-            factor = min(factor, max(1.0, MOST_AROUND / around))
-            scale("part_mesh", factor**-PART_ORDER, joints)
-            values[key] = part_cells(part, factor)
-    choice = cheapest(_judged(search, scene, recorded, left), AIM * asked)
+        films = recorded.run.equations.system.films
+        joints = {place.name for place in films if place.bore_body == name}
+        values |= _part(search, scene.bodies[name], f"bodies.{name}", left, joints)
+    choice = cheapest(_judged(search, scene, recorded, left.errors), AIM * asked)
     values["time.tolerance"] = choice.tolerance
     values |= {f"joints.{name}.cells": list(cells) for name, cells in choice.cells.items()}
     return {key: value for key, value in values.items() if key not in search.kept}
+
+
+def _part(
+    search: Search, part: schema.FlexibleSettings, key: str, left: _Left, joints: Collection[str]
+) -> dict[str, Any]:
+    """Values of a part whose basis or mesh takes too much of the accuracy."""
+    values: dict[str, Any] = {}
+    reduction, modes = search.chosen.get(f"{key}.reduction"), part.reduction.vibration_modes
+    if reduction and left.largest("basis", joints) > BASIS_SHARE * search.asked:
+        more = min(2 * modes, max(modes, MOST_MODES))
+        # Halved at least: the inertia that is neglected begins at higher frequencies.
+        left.scale("basis", modes / more, joints)
+        values[f"{key}.reduction"] = {**reduction, "vibration_modes": more}
+    over = left.largest("part_mesh", joints) / (PART_SHARE * search.asked)
+    if over > 1.0 and counts(part):
+        around = max(part.geometry[k] for k in counts(part) if "around" in k)
+        factor = min(over ** (1.0 / PART_ORDER), max(1.0, MOST_AROUND / around))
+        left.scale("part_mesh", factor**-PART_ORDER, joints)
+        values[f"{key}.geometry"] = part_cells(part, factor)
+    return values
+
+
+@dataclass
+class _Left:
+    """Errors of a run, as they will be."""
+
+    errors: dict[tuple[str, str], dict[str, float]]
+
+    def largest(self, component: str, joints: Collection[str] | None = None) -> float:
+        """Of a component, of some joints or all."""
+        return max((own[component] for own in self._of(component, joints)), default=0.0)
+
+    def scale(self, component: str, share: float, joints: Collection[str] | None = None) -> None:
+        """Leave a share of a component."""
+        for own in self._of(component, joints):
+            own[component] *= share
+
+    def _of(self, component: str, joints: Collection[str] | None) -> list[dict[str, float]]:
+        return [
+            own
+            for (joint, _), own in self.errors.items()
+            if component in own and (joints is None or joint in joints)
+        ]
 
 
 def _judged(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -> JudgedRun:
