@@ -194,7 +194,9 @@ def test_what_cannot_be_asked_is_refused(values, told):
 def tight_run(tmp_path_factory):
     """Folder of a run that the pilot's settings are not enough for."""
     folder = tmp_path_factory.mktemp("accuracy")
-    scene = write_scene(folder / "scene.toml", "loaded-journal", QUICK, {"output.accuracy": "0.3 %"})
+    scene = write_scene(
+        folder / "scene.toml", "loaded-journal", QUICK, {"output.accuracy": "0.3 %"}
+    )
     assert call("run", scene, "-o", folder / "run") == 0
     return folder / "run"
 
