@@ -129,7 +129,8 @@ def _rough() -> Iterator[Case]:
 
 def starved(values: dict | None = None) -> Machine:
     """The main bearing whose journal has a mass, in air, with a groove; tolerance 1e-3."""
-    return Machine("loaded-journal-starved", {"time.tolerance": 1e-3, **(values or {})})
+    usual = {"time.tolerance": 1e-3, f"{JOINT}.cells": [48, 8]}
+    return Machine("loaded-journal-starved", {**usual, **(values or {})})
 
 
 def falling(filling: float, end: float, values: dict | None = None) -> Machine:

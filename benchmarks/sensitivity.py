@@ -1,8 +1,9 @@
-"""Derivatives through the steps beside differences of runs: figures and processor time.
+"""Derivatives through the steps beside differences: elasticities and processor time.
 
     python benchmarks/sensitivity.py [SCENE] [--tolerance 1e-4]
 
-One and five numbers of a scene; two runs for each number in differences, without the reduction.
+One and five numbers of a scene. Differences in the very same steps, of 0.1 and 1 %, and of two runs
+in steps of their own, of 1 %, whose time is told, without the reduction.
 """
 
 from __future__ import annotations
@@ -55,17 +56,24 @@ def main() -> None:
     bodies = build_mechanism(scene, MPI.COMM_SELF).parts
     one = scene_sensitivity(scene, of, to[:1], bodies=bodies)
     five = scene_sensitivity(scene, of, to, bodies=bodies)
-    print("| quantity | along | through the steps | differences |\n|---|---|---|---|")
+    print(
+        "| quantity | along | through the steps | same steps, 0.1 % | same steps, 1 % | own steps |"
+        "\n|---|---|---|---|---|---|"
+    )
     spent = []
     for number in five.numbers:
+        same = [
+            differences(scene, number, five.figures, share, bodies, five.record)
+            for share in (1e-3, 1e-2)
+        ]
         clock = process_time()
-        slopes = differences(scene, number, five.figures, bodies=bodies)
+        same.append(differences(scene, number, five.figures, bodies=bodies))
         spent.append(process_time() - clock)
-        for figure, slope in slopes.items():
-            values = (number.value / five.values[figure] * s for s in
-                      (five.derivatives[figure, number.key], slope))  # fmt: skip
-            own, other = values
-            print(f"| {figure.name} | {number.key} | {own:.4f} | {other:.4f} |", flush=True)
+        for figure in five.figures:
+            per = number.value / five.values[figure]
+            slopes = [five.derivatives[figure, number.key], *(own[figure] for own in same)]
+            values = " | ".join(f"{per * slope:.4f}" for slope in slopes)
+            print(f"| {figure.name} | {number.key} | {values} |", flush=True)
     print(
         "\n| numbers | the run [s] | through the steps [s] | differences [s] |\n|---|---|---|---|"
     )

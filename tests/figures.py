@@ -42,7 +42,7 @@ def _reasons(item):
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item, call):
     report = (yield).get_result()
-    if report.skipped:
+    if report.skipped and isinstance(report.longrepr, tuple):  # else it was expected to fail
         item.config.stash[SKIPPED].append(f"{item.nodeid}: {report.longrepr[2]}")
 
 

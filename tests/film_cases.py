@@ -51,3 +51,13 @@ def force(film, pressure):
 
 def solve(film, *position, guess=None, **motion):
     return film.solve(gap_of(film, shaft(*position, **motion)), guess)
+
+
+def moved(gap, slopes, amount):
+    """A gap so far along the first of its derivatives' directions."""
+    return Gap(
+        gap.thickness + amount * slopes.thickness[..., 0],
+        gap.thickness_rate + amount * slopes.thickness_rate[..., 0],
+        gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
+        gap.sliding_velocity + amount * slopes.sliding_velocity[..., 0],
+    )

@@ -32,7 +32,7 @@ def turning(rotor, speed, damping=0.0):
     body = ShaftBody(rotor, 1.0, damping)
     rest, rates = np.zeros((2, body.size))
     rates[0] = speed
-    found = body.derivatives(rest, rates, rest, lift=np.zeros(2))
+    found = body.balance(rest, rates, rest, lift=np.zeros(2)).derivatives()
     return [part[1:, 1:] for part in (found.acceleration, found.rate, found.position)]
 
 
@@ -164,7 +164,7 @@ def test_gyroscopic_forces_do_no_work():
     rotor = ModalRotor.of(beam_plane(shaft()), 10)
     body = ShaftBody(rotor, 1.0)
     rates = np.append(600.0, np.random.default_rng(3).standard_normal(20))
-    forces = body.forces(np.zeros(21), rates, np.zeros(21), lift=np.zeros(2))
+    forces = body.balance(np.zeros(21), rates, np.zeros(21), lift=np.zeros(2)).forces
     assert np.abs(forces).max() > 1.0
     assert forces @ rates == pytest.approx(0.0, abs=1e-9)
 

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_rod import CLEARANCE, Joint, flexible, make_mechanism, with_residual
+from hand_made_rod import CLEARANCE
 from mechanism_cases import REVOLUTION, SPEED
 from oil_cases import CLOSED, ETA, oil_film, rigid_slider_crank, whirling, with_oil
 from oracle_mass_conserving import ClosedJournalFilm, RoughClosedJournalFilm
-from oracle_quasi_static import massless_coordinates
 from rough_cases import surfaces
 from test_conserved_oil import (
     GROOVE,
     assert_oil_derivatives,
+    assert_patterns_are_massless_coordinates,
     assert_steps_are_those_of_the_film_alone,
     closed_journal_errors,
     flown,
@@ -160,18 +160,6 @@ def test_energy_is_balanced(figure):
 
 @pytest.mark.slow
 def test_residual_patterns_are_coordinates_without_mass():
-    joint = Joint()
-    joint.film = oil_film((12, 3), surfaces=surfaces(2e-6), oil=Lubricant(0.1 * ETA))
-    body = with_residual(joint, flexible(joint)[0])
-    found = [
-        simulate(
-            with_oil(make_mechanism(b, joint, 1e-3), filling=0.95),
-            0.06 * REVOLUTION,
-            tolerance=1e-4,
-        ).columns
-        for b in (body, massless_coordinates(body))
-    ]
-    assert found[0]["max_contact_pressure_Pa"][-1] > 1e5
-    for name in ("max_contact_pressure_Pa", "min_film_thickness_m", "oil_content_m3"):
-        last = [columns[name][-1] for columns in found]
-        assert last[0] == pytest.approx(last[1], rel=2e-3)
+    film = oil_film((12, 3), surfaces=surfaces(2e-6), oil=Lubricant(0.1 * ETA))
+    found = assert_patterns_are_massless_coordinates(film, "max_contact_pressure_Pa")
+    assert found["max_contact_pressure_Pa"][-1] > 1e5

@@ -213,7 +213,7 @@ def test_the_command_prints_a_table_and_json(tmp_path, capfd):
     assert f"{along['elasticity']:.4f}  {THROUGH}" in capfd.readouterr().out
 
 
-def test_an_extreme_between_steps_is_that_of_a_parabola():
+def test_an_extreme_between_steps_is_exact_on_a_parabola():
     times = np.array([0.0, 0.2, 0.5, 0.9, 1.0])
     values = 3.0 - 2.0 * (times - 0.62) ** 2
     weights, time = extreme_weights(times, values, None, 1)
@@ -224,12 +224,24 @@ def test_an_extreme_between_steps_is_that_of_a_parabola():
     assert weights @ (moved - values) / 1e-6 == pytest.approx(1.62)
 
 
-def test_an_extreme_across_the_ends_of_a_cycle():
-    times = np.linspace(0.1, 1.0, 10)
-    values = np.cos(2 * np.pi * (times - 0.03))
-    weights, time = extreme_weights(times, values, 1.0, 1)
-    assert time == pytest.approx(0.03, abs=2e-3)
-    assert weights @ values == pytest.approx(1.0, abs=2e-3)
+def test_an_extreme_across_the_ends_of_a_cycle_converges_and_never_jumps():
+    errors, jumps = [], []
+    for count in (20, 40):
+        times = np.linspace(0.0, 1.0, count + 1)[1:]
+        # From before the last step over the end of the cycle to beyond its first one.
+        places = np.linspace(-1.3, 1.3, 401) / count
+        curves = np.cos(2 * np.pi * (times - places[:, None]))
+        weights, found = zip(*(extreme_weights(times, own, 1.0, 1) for own in curves), strict=True)
+        off = np.abs((np.array(found) - places + 0.5) % 1.0 - 0.5).max()
+        values = np.einsum("ij,ij->i", weights, curves)
+        errors.append((abs(values - 1.0).max(), off))
+        # What a number adds to every step, at the place of the extreme.
+        along = np.array(weights) @ np.sin(2 * np.pi * times)
+        jumps.append((abs(np.diff(values)).max(), abs(np.diff(along)).max()))
+    assert (np.array(errors[1]) < 0.2 * np.array(errors[0])).all()
+    assert errors[1][0] < 2e-4
+    assert jumps[1][0] < 1e-5
+    assert jumps[1][1] < 1.2 * 2 * np.pi * 2.6 / 40 / 400
 
 
 def test_means_of_a_cycle_converge_and_those_of_a_run_are_those_of_a_summary():

@@ -136,12 +136,18 @@ def test_rounded_hexahedra_carry_a_film(parts):
     assert surface.covered == pytest.approx(2 * np.pi * surface.width, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_bores_yield_as_that_of_the_shipped_rod(parts, tmp_path, figure, monkeypatch):
+@pytest.fixture(scope="module")
+def reference():
+    """The shipped rod on a fine mesh."""
     given = {"bore_cells_around": 40, "bore_cells_along": 10, "shank_cells": 24}
     given |= {"big_end_layers": 4, "small_end_layers": 4}
-    reference = part_figures(model_path("conrod"), STEEL, ["bore"], None, given)
-    assert reference.mass == pytest.approx(MASS, rel=1e-4)
+    found = part_figures(model_path("conrod"), STEEL, ["bore"], None, given)
+    assert found.mass == pytest.approx(MASS, rel=1e-4)
+    return found
+
+
+@pytest.mark.slow
+def test_bores_yield_as_that_of_the_shipped_rod(parts, reference, tmp_path, figure):
     worst = 0.0
     for name in ("rod.step", "rod.inp", "turned.msh"):
         stated = made(parts / name, tmp_path / "part.msh")
@@ -153,8 +159,13 @@ def test_bores_yield_as_that_of_the_shipped_rod(parts, tmp_path, figure, monkeyp
     figure(
         "part and reduction", "bores of foreign parts, error over the one stated", worst, most=1.0
     )
-    if shutil.which("ccx") is None:
-        return
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="ccx is not installed (calculix-ccx)")
+def test_matrices_of_calculix_yield_as_the_shipped_rod(
+    parts, reference, tmp_path, figure, monkeypatch
+):
     run_calculix(parts / "calculix.inp")
     text = (Path(__file__).parents[1] / "docs" / "own-part.md").read_text()
     (recipe,) = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
@@ -163,7 +174,12 @@ def test_bores_yield_as_that_of_the_shipped_rod(parts, tmp_path, figure, monkeyp
     exec(recipe.replace("parts/", f"{parts.name}/"), names)
     stated = made(parts / "calculix.inp", tmp_path / "part.msh")
     off = np.abs(compliances(names["rod"]) / reference.compliance - 1).max()
-    assert off < stated["flexibility_mesh_error"] < 0.06
+    figure(
+        "part and reduction",
+        "bore by matrices of CalculiX, error over the one stated",
+        off / stated["flexibility_mesh_error"],
+        most=1.0,
+    )
 
 
 def made(path, target):

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from film_cases import ETA, OMEGA, C, R, make_film
+from film_cases import ETA, OMEGA, C, R, make_film, moved
 from rough_cases import surfaces
 
 from fenics_ehd.base.errors import GapClosedError
-from fenics_ehd.film import Gap, Lubricant
+from fenics_ehd.film import Lubricant
 from fenics_ehd.film.kinematics import GapDerivatives, ShaftMotion, shaft_gap
 from fenics_ehd.film.lubricant import Barus
 from fenics_ehd.film.mass_conserving import MassConservingFilm
@@ -33,15 +33,6 @@ def touching(film, seed=3):
     assert gap.thickness.min() < 0.0 < gap.thickness.min() + 2 * p.surfaces.roughness
     thickness, rate, mean = (x[..., None] for x in direction)
     return gap, GapDerivatives(thickness, rate, mean, 1.7 * mean)
-
-
-def moved(gap, slopes, amount):
-    return Gap(
-        gap.thickness + amount * slopes.thickness[..., 0],
-        gap.thickness_rate + amount * slopes.thickness_rate[..., 0],
-        gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
-        gap.sliding_velocity + amount * slopes.sliding_velocity[..., 0],
-    )
 
 
 def sides(solve, gap, slopes, step=1e-5):

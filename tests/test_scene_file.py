@@ -671,3 +671,45 @@ def test_a_file_without_the_bore_of_a_film_is_named(tmp_path, rod_structure):
     rod["body"] = str(tmp_path / "rod.h5")
     with pytest.raises(SettingsError, match=r"small_end\.bore: .*rod\.h5 has the bores bore"):
         build_mechanism(scene_of(scene, "case"), MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        (
+            {"scene": "slider-crank", "bearing": {"radius": 0.02, "clearance": 1e-5}},
+            r"every old key went: bearing\.radius is now the part's, bore_radius and .* of "
+            r"bodies\.rod\.geometry; bearing\.clearance is now joints\.big_end\.clearance$",
+        ),
+        ({"shaft": {"speed": 1.0}}, r"shaft\.speed is now drives\.shaft\.speed and"),
+        ({"load": {"file": "x"}, "bearing": {}}, r"load\.file is now the same of forces\.load of"),
+        (
+            {"reduction": {"a": 1, "b": 2, "c": 3, "d": 4, "e": 5}},
+            r"reduction\.c is now the same of bodies\.rod\.reduction and 2 more$",
+        ),
+        (
+            {"bodies": {}, "bearing": {"clearance": 1e-5}},
+            r"^unknown table \[bearing\]: bearing\.clearance is now joints\.big_end\.clearance$",
+        ),
+        ({"bodies": {}, "bodyes": {}}, r"^unknown table \[bodyes\]: did you mean bodies\?$"),
+    ],
+)
+def test_old_keys_are_answered_with_new_ones(tables, message):
+    with pytest.raises(SettingsError, match=message):
+        scene_of(tables, "old.toml")
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("youngs_modulus", r"did you mean bodies\.rod\.material\.youngs_modulus\?"),
+        ("clearance", r"did you mean joints\.NAME\.clearance\?"),
+        ("diameter", r"a key of kind shaft"),
+        ("modle", r"did you mean bodies\.rod\.model\?"),
+        ("bore_radius", r"a model's dimensions are keys of bodies\.rod\.geometry$"),
+    ],
+)
+def test_key_in_the_wrong_table(key, message):
+    tables = {"bodies": {"rod": {"kind": "flexible", "model": "conrod", key: 1.0}}}
+    with pytest.raises(SettingsError, match=rf"unknown key bodies\.rod\.{key} of kind.*{message}"):
+        scene_of(tables, "new.toml")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, given_gap, make_film, shaft
+from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, given_gap, make_film, moved, shaft
 
 from fenics_ehd.film import Gap, Lubricant
 from fenics_ehd.film.kinematics import GapDerivatives, shaft_gap_derivatives
@@ -24,15 +24,6 @@ OILS = {
     "Cross and Barus": Lubricant(ETA, viscosity_law=Barus(5e-9), shear_law=Cross(5e5, 1.2, 0.0)),
     "compressible": Lubricant(ETA, viscosity_law=Barus(1e-8), density_law=DowsonHigginson()),
 }
-
-
-def moved(gap, slopes, amount):
-    return Gap(
-        gap.thickness + amount * slopes.thickness[..., 0],
-        gap.thickness_rate + amount * slopes.thickness_rate[..., 0],
-        gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
-        gap.sliding_velocity + amount * slopes.sliding_velocity[..., 0],
-    )
 
 
 def bore_like(film, seed):

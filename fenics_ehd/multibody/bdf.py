@@ -295,8 +295,8 @@ def follow(
     control: StepControl,
     solve: StepSolver[Judged, Carried, Solution],
     tolerance: float,
-) -> IntegratorState[Carried]:
-    """The state after a step to a given time, whatever its error.
+) -> tuple[Step[Solution], IntegratorState[Carried]]:
+    """A step to a given time, whatever its error, and what to go on from.
 
     Parameters
     ----------
@@ -323,8 +323,8 @@ def follow(
             f"{attempt.failure}"
         ) from attempt.cause
     moved = solved.x, solved.rate, asked.acceleration(solved.rate), problem.observe(solved.x)
-    new = Step(time, *moved, solved.solution, attempt.iterations)
-    return state.after(new, state.step, solved.solver, 1 if corner else control.order + 2)
+    new = Step(time, *moved, solved.solution, attempt.iterations, weights=formula.weights)
+    return new, state.after(new, state.step, solved.solver, 1 if corner else control.order + 2)
 
 
 def _next_step(step: float, error: float, order: int, control: StepControl) -> float:

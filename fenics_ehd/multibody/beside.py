@@ -26,9 +26,9 @@ from fenics_ehd.multibody.step_factors import LEADING
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.step_solver import CoupledSteps
 
-#: Newton stops when its last update is below this share of the tolerance of a step: of differences
-#: that are looked for it is little.
-SETTLED = 1.0
+#: Newton stops when what is left of its update is below so many tolerances of a step, but not above
+#: this where that tolerance is smaller: of differences that are looked for it is little.
+SETTLED, LITTLE = 5.0, 5e-4
 
 #: Largest growth of a step: from one step of the run to two, which grow themselves. Formulas of
 #: order two are zero-stable below 2.41.
@@ -174,7 +174,7 @@ class Beside:
         time = float(guess.course.times[row])
         order = state.usable_order(control.order)
         formula = blended(time, state.times, order, control.blend)
-        limit = SETTLED * control.tolerance
+        limit = max(control.tolerance, min(SETTLED * control.tolerance, LITTLE))
         asked = state.implicit_step(self._norm, time, formula, order, limit)
         x, values = guess.at(row)
         predicted = np.concatenate([x, asked.predicted[len(x) :]])

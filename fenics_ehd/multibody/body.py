@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,6 +24,22 @@ class Energies:
     kinetic: float = 0.0
     strain: float = 0.0
     dissipated: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Forces of one body at one instant.
+
+    Attributes
+    ----------
+    forces
+        Generalised, shape (n,).
+    derivatives
+        Makes theirs.
+    """
+
+    forces: np.ndarray
+    derivatives: Callable[[], Derivatives]
 
 
 class Body(Protocol):
@@ -66,28 +83,18 @@ class Body(Protocol):
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
         """A point, or the origin for an empty name, at given coordinates."""
 
-    def forces(
+    def balance(
         self,
         coordinates: np.ndarray,
         rates: np.ndarray,
         accelerations: np.ndarray,
         *,
         lift: np.ndarray,
-    ) -> np.ndarray:
-        """Inertia, stiffness and damping forces, shape (n,), to be balanced by all others.
+    ) -> Balance:
+        """Inertia, stiffness and damping forces, to be balanced by all others.
 
         `lift` is the acceleration that gravity is felt as, against its pull, shape (2,) [m/s^2].
         """
-
-    def derivatives(
-        self,
-        coordinates: np.ndarray,
-        rates: np.ndarray,
-        accelerations: np.ndarray,
-        *,
-        lift: np.ndarray,
-    ) -> Derivatives:
-        """Of `forces`."""
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
         """See there."""

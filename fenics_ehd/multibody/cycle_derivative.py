@@ -23,7 +23,7 @@ from fenics_ehd.multibody.perturbed import Columns, Perturbed, StepView
 from fenics_ehd.multibody.step_derivative import TOLERANCE, Direction, StepDerivatives
 
 #: Largest change over a cycle, over the largest derivative in it; and cycles at most.
-PERIODICITY, MOST_SWEEPS = 1e-3, 30
+PERIODICITY, MOST_SWEEPS = 2e-4, 30
 
 #: Columns of a history over the steps, by joint and name.
 Curves = dict[str, dict[str, np.ndarray]]
@@ -239,5 +239,5 @@ def curves_of(record: CycleRecord) -> Curves:
         asked, own = step.equations_of(equations), step.unknowns(equations)
         equations.begin(asked)
         point = equations.evaluate(own.films, own.rest, own.voids)
-        rows.append(view.columns(asked, point, view.full(point)))
+        rows.append(view.columns(asked, point, view.held(point)))
     return _stacked(rows)

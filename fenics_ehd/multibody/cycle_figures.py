@@ -1,16 +1,18 @@
 """Extremes and means of columns of a history as weights on its steps.
 
-An extreme is that of the parabola through the extreme step and its two neighbours, in a cycle
-across its ends. There the curve is level: the extreme's derivative is that of the curve at the
-place of the extreme, the derivatives of the three steps with the parabola's weights there. A mean
-is the integral of cubics through four steps (`Integrals`).
+An extreme is that of cubics between the steps with the slopes of parabolas through three steps, in
+a cycle across its ends. There the curve is level: the extreme's derivative is that of the curve at
+the place of the extreme, the derivatives of the steps with the cubic's weights there. Curve and
+slope are continuous, so that neither jumps where the extreme passes a step, as that of parabolas
+does (0.3 % of a thinnest film in steps of 6 degrees). A mean is the integral of cubics through four
+steps (`Integrals`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from fenics_ehd.multibody.differentiation import extrapolation_weights
+from fenics_ehd.multibody.differentiation import derivative_weights
 from fenics_ehd.multibody.integrals import last_interval
 
 
@@ -28,22 +30,49 @@ def extreme_weights(
     sign
         1 for a maximum, -1 for a minimum.
     """
-    found = np.zeros(len(times))
+    count = len(times)
+    found = np.zeros(count)
     k = int(np.argmax(sign * values))
     found[k] = 1.0
-    near = np.arange(k - 1, k + 2)
-    if len(times) < 3 or (period is None and not 0 < k < len(times) - 1):
+    near = np.arange(k - 2, k + 3)
+    if period is None:
+        near = near[(near >= 0) & (near < count)]
+    if count < 5 or k in (near[0], near[-1]):
         return found, float(times[k])
-    turns = near // len(times)
-    near = near % len(times)
-    t = times[near] + turns * (period or 0.0)
-    left, right = np.diff(values[near]) / np.diff(t)
-    if left == right:
+    places = near % count
+    t = times[places] + near // count * (period or 0.0)
+    here = k - int(near[0])
+    slope = _slope_weights(t, here)
+    rising = float(slope @ values[places]) * sign
+    if rising == 0.0:
         return found, float(times[k])
-    # The slope is `left` and `right` in the middles of the two intervals, and linear.
-    place = 0.5 * (t[0] + t[1]) + 0.5 * (t[2] - t[0]) * left / (left - right)
-    found[near] = extrapolation_weights(t, float(np.clip(place, t[0], t[2])))
-    return found, float(place % period if period else place)
+    first = here if rising > 0.0 else here - 1
+    length = t[first + 1] - t[first]
+    slopes = [length * (_slope_weights(t, i) if i != here else slope) for i in (first, first + 1)]
+    ends = np.eye(len(t))[first : first + 2]
+    # Of the cubic in s from 0 to 1, by powers of s.
+    rise = ends[1] - ends[0]
+    cubic = np.stack(
+        [ends[0], slopes[0], 3 * rise - 2 * slopes[0] - slopes[1], slopes[0] + slopes[1] - 2 * rise]
+    )
+    own = cubic @ values[places]
+    level = np.roots([3 * own[3], 2 * own[2], own[1]])
+    level = np.clip(level[np.isreal(level)].real, 0.0, 1.0)
+    shares = level[:, None] ** np.arange(4)
+    best = int(np.argmax(sign * (shares @ own)))
+    found[k] = 0.0
+    np.add.at(found, places, shares[best] @ cubic)
+    place = float(t[first] + level[best] * length)
+    return found, place % period if period else place
+
+
+def _slope_weights(times: np.ndarray, i: int) -> np.ndarray:
+    """Weights of the slope at a point, of the parabola through it and its neighbours."""
+    middle = min(max(i, 1), len(times) - 2)
+    order = [i, *(j for j in (middle - 1, middle, middle + 1) if j != i)]
+    found = np.zeros(len(times))
+    found[order] = derivative_weights(times[order])
+    return found
 
 
 def mean_weights(times: np.ndarray, period: float | None) -> np.ndarray:

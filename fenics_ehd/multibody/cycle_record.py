@@ -56,6 +56,8 @@ class RecordedStep:
         Of `Step`.
     values, patterns
         Of the `SolverState` it left: pressures, void fractions, multipliers, drift.
+    corner
+        Whether it ends at a row of a table that forgets what was before.
     """
 
     time: float
@@ -65,6 +67,7 @@ class RecordedStep:
     weights: np.ndarray
     values: np.ndarray
     patterns: int
+    corner: bool
 
     def unknowns(self, equations: StepEquations) -> Unknowns:
         """What solved its equations."""
@@ -153,6 +156,7 @@ class CycleRecord:
                 step.weights,
                 solver.values[0],
                 solver.patterns,
+                len(self.run.state.times) == 1,
             )
         )
 

@@ -39,7 +39,7 @@ from fenics_ehd.multibody.beside import Beside
 from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.error_curves import SETTLED, Change, ErrorCurves
-from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Extreme, share, total
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED, Extreme, shares
 from fenics_ehd.multibody.lacking import lacking_gaps, lacking_in_basis, lacking_in_mesh
 from fenics_ehd.multibody.other_films import FINER, on_finer_films, with_finer_films
 from fenics_ehd.multibody.periodic import Cycles
@@ -252,35 +252,16 @@ class Estimator:
     def _joint(self, i: int, place: FilmPlace, changes: Mapping[str, Change]) -> dict[str, Any]:
         found: dict[str, Any] = {}
         largest: dict[str, Any] = {}
-        own = {
-            component: change
-            for component, change in changes.items()
-            if place.bore or component not in OF_BORES
-        }
+        known: dict[str, str] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
+        if not place.bore:
+            known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
+            changes = {name: own for name, own in changes.items() if name not in OF_BORES}
         for quantity in QUANTITIES:
             extreme = Extreme(quantity, i, getattr(self._extremes[place.name], quantity))
-            values: dict[str, float | str] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
-            if not place.bore:
-                values |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
-            over, near = dict(values), dict.fromkeys(own, 0.0)
-            whole = []
-            for component, change in own.items():
-                near[component] = extreme.near(change)
-                if component == "film_mesh":
-                    change = change.and_also(self._curves.sampling)
-                whole.append(change)
-                values[component] = share(extreme.moved([change]), near[component])
-                over[component] = extreme.over(change)
-            values["start"], over["start"] = self._start(place.name, quantity)
-            found[quantity], largest[quantity] = values, over
-            largest_whole = over["total"] = total(over)
-            together = extreme.moved(whole) if whole else 0.0
-            start = values["start"]
-            error = share(together, np.sqrt(np.sum(np.square(list(near.values())))))
-            error += 0.0 if isinstance(start, str) else start
-            values["total"] = error if whole else NOT_ESTIMATED
-            if whole and not isinstance(largest_whole, str):
-                over["total"] = max(largest_whole, error)  # the extreme is of the cycle
+            start = self._start(place.name, quantity)
+            found[quantity], largest[quantity] = (
+                known | own for own in shares(extreme, changes, self._curves.sampling, *start)
+            )
         return found | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
@@ -292,8 +273,8 @@ class Estimator:
             return NOT_ESTIMATED, NOT_ESTIMATED
         left = cycles.left / (1.0 - cycles.contraction)
         now, then = (getattr(found[joint], quantity) for found in (self._extremes, self._former))
-        share = left / cycles.moved if cycles.moved else 0.0
-        extreme = float(share * abs(now - then) / now)
+        part = left / cycles.moved if cycles.moved else 0.0
+        extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(left))
 
 

@@ -74,3 +74,45 @@ def total(values: Mapping[str, Any]) -> float | str:
     """Of components that are known: the root of the sum of their squares."""
     known = [value for value in values.values() if not isinstance(value, str)]
     return float(np.sqrt(np.sum(np.square(known)))) if known else NOT_ESTIMATED
+
+
+def shares(
+    extreme: Extreme,
+    changes: Mapping[str, Change],
+    sampling: Change,
+    start: float | str,
+    start_over: float | str,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Errors of an extreme, and the largest over the cycle, by component and in total.
+
+    Parameters
+    ----------
+    extreme
+        Of a run.
+    changes
+        By component.
+    sampling
+        What the run's values miss between nodes and steps: known, and part of the film's mesh.
+    start, start_over
+        Distance from the periodic state, of the extreme and over the cycle, or why there is none.
+    """
+    near = {component: extreme.near(change) for component, change in changes.items()}
+    whole = {
+        component: change.and_also(sampling) if component == "film_mesh" else change
+        for component, change in changes.items()
+    }
+    values: dict[str, Any] = {
+        component: share(extreme.moved([change]), near[component])
+        for component, change in whole.items()
+    }
+    over: dict[str, Any] = {name: extreme.over(change) for name, change in whole.items()}
+    values["start"], over["start"] = start, start_over
+    over["total"] = total(over)
+    values["total"] = NOT_ESTIMATED
+    if whole:
+        error = share(
+            extreme.moved(list(whole.values())), float(np.hypot.reduce(list(near.values())))
+        )
+        values["total"] = error + (0.0 if isinstance(start, str) else start)
+        over["total"] = max(over["total"], values["total"])  # the extreme is of the cycle
+    return values, over

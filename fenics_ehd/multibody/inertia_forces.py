@@ -91,12 +91,13 @@ class FrameInertia:
         by_acceleration[:] = m
         by_acceleration[:, 2] = by_acceleration[2] = g_s
         by_acceleration[2, 2] = s @ c_s
-        by_rate[:, 3:] = 2 * omega * g[:, 3:]
-        by_rate[2, 3:] = 2 * omega * c_s[3:]
         by_rate[:, 2] = 2 * (g @ rate - omega * c_s)
         by_rate[2, 2] = 2 * (s @ c_rate)
-        position[:, 3:] = alpha * g[:, 3:] - omega**2 * c[:, 3:]
-        position[2, 3:] = (2 * (omega * c_rate + alpha * c_s) - g @ acceleration)[3:]
+        if n > 3:
+            by_rate[:, 3:] = 2 * omega * g[:, 3:]
+            by_rate[2, 3:] = 2 * omega * c_s[3:]
+            position[:, 3:] = alpha * g[:, 3:] - omega**2 * c[:, 3:]
+            position[2, 3:] = (2 * (omega * c_rate + alpha * c_s) - g @ acceleration)[3:]
         # d(A^T x'')/d theta = -S A^T x''
         position[:, 2] = acceleration[1] * m[:, 0] - acceleration[0] * m[:, 1]
         position[0, 2] -= self._on_fields[1]

@@ -8,12 +8,11 @@ Leimkuhler 1985),
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.multibody.body import Body
+from fenics_ehd.multibody.body import Balance
 from fenics_ehd.multibody.inertia_forces import Derivatives
 from fenics_ehd.multibody.relation import Geometry, Load, Values
 from fenics_ehd.multibody.system import Place, System
@@ -112,12 +111,12 @@ class Motion:
             self._applied.append((own, load))
             self._on_values[own] -= load.value
         self.residual = self._on_values @ values.jacobian
-        for places, body, motion in self._bodies():
-            self.residual[places] += body.forces(*motion, lift=instant.system.lift)
-
-    def _bodies(self) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
-        instant = self.instant
-        return instant.system.each_body(instant.z, self.rates, self.accelerations)
+        self._balances: list[tuple[slice, Balance]] = []
+        system = instant.system
+        for places, body, motion in system.each_body(instant.z, rates, accelerations):
+            balance = body.balance(*motion, lift=system.lift)
+            self.residual[places] += balance.forces
+            self._balances.append((places, balance))
 
     @cached_property
     def _carried(self) -> np.ndarray:
@@ -127,18 +126,21 @@ class Motion:
     def derivatives(self) -> Derivatives:
         """Of the residual along z, v and v', shape (n, n) each."""
         instant, jacobian = self.instant, self.instant.values.jacobian
-        form = instant.form(self.multipliers)
-        damping = np.zeros_like(form)
+        form, damping = instant.form(self.multipliers), None
         for own, load in self._applied:
             if load.position is not None:
                 form[own, own] -= load.position
             if load.rate is not None:
+                damping = np.zeros_like(form) if damping is None else damping
                 damping[own, own] -= load.rate
-        damping = jacobian.T @ damping
-        position = instant.values.bend(self._on_values, form) + damping @ self._carried
-        rate, acceleration = damping @ jacobian, np.zeros_like(position)
-        for places, body, motion in self._bodies():
-            parts = body.derivatives(*motion, lift=instant.system.lift)
+        position = instant.values.bend(self._on_values, form)
+        rate, acceleration = np.zeros_like(position), np.zeros_like(position)
+        if damping is not None:
+            damping = jacobian.T @ damping
+            position += damping @ self._carried
+            rate += damping @ jacobian
+        for places, balance in self._balances:
+            parts = balance.derivatives()
             position[places, places] += parts.position
             rate[places, places] += parts.rate
             acceleration[places, places] = parts.acceleration
@@ -164,10 +166,8 @@ class Motion:
         system = self.instant.system
         power = sum(load.value @ self.value_rates[own] for own, load in self._applied)
         if system.lift.any():
-            zero = np.zeros_like(self.rates)
-            none = np.zeros(2)
+            zero, none = np.zeros_like(self.rates), np.zeros(2)
             for _, body, (z, rates, rest) in system.each_body(self.instant.z, self.rates, zero):
-                weight = body.forces(z, rest, rest, lift=system.lift)
-                weight = weight - body.forces(z, rest, rest, lift=none)
-                power -= weight @ rates
+                lifted, free = (body.balance(z, rest, rest, lift=g) for g in (system.lift, none))
+                power -= (lifted.forces - free.forces) @ rates
         return float(power)

@@ -7,8 +7,8 @@ changes that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -17,8 +17,8 @@ from fenics_ehd.base.errors import SensitivityError
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.shear import in_full_film
 from fenics_ehd.multibody.bdf import Step
-from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.cycle_record import Unknowns, implicit_step
+from fenics_ehd.multibody.film_extremes import FilmRows, FilmStencils
 from fenics_ehd.multibody.implicit_step import ImplicitStep
 from fenics_ehd.multibody.joint_columns import joint_columns
 from fenics_ehd.multibody.joint_rates import joint_rates
@@ -38,6 +38,23 @@ Masks = Mapping[int, np.ndarray]
 #: Of no film.
 NONE: Masks = MappingProxyType({})
 
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What columns are differentiated with, as it is.
+
+    Attributes
+    ----------
+    full
+        Gauss points in full film, of the films in `StepView.sheared`.
+    extremes
+        Where every film has its extremes.
+    """
+
+    full: Masks
+    extremes: Sequence[FilmStencils]
+
+
 #: Pressure of a node that is filled, over the largest: above `shear.PRESSURE_FLOOR`.
 TRACE = 1e-9
 
@@ -53,7 +70,7 @@ class StepView:
 
     def __init__(self, equations: StepEquations, norm: StepNorm):
         self.equations, self.norm = equations, norm
-        self._contacts = ContactRecord.of_all(equations)
+        self._rows = [FilmRows(place) for place in equations.system.films]
         size = equations.system.n + equations.responses.size
         self._none = norm.observe(np.zeros(size))
 
@@ -78,20 +95,31 @@ class StepView:
             found[i] = in_full_film(film.assembly.at_points(nodal)[0])
         return found
 
-    def columns(self, asked: ImplicitStep, point: Point, full: Masks) -> Columns:
+    def held(self, point: Point) -> Held:
+        """What is kept of a step."""
+        gaps = self.norm.film_gaps(self.norm.observe(self.equations.state(point)[0]))
+        extremes = []
+        for rows, own, gap in zip(self._rows, point.films, gaps, strict=True):
+            contact = None if own.touch is None else own.touch.pressure
+            extremes.append(rows.stencils(own.nodal, gap, contact))
+        return Held(self.full(point), extremes)
+
+    def columns(self, asked: ImplicitStep, point: Point, held: Held) -> Columns:
         """Columns of every lubricated joint at the end of a step, by the joint's name.
+
+        Extremes over a film are those of parabolas (`film_extremes`).
 
         Parameters
         ----------
         asked, point
             The step, and its equations.
-        full
+        held
             See there: the oil that is sheared jumps where a point fills.
         """
         equations = self.equations
         x, rate = equations.state(point)
         films = self._films(point)
-        for i, mask in full.items():
+        for i, mask in held.full.items():
             films[i] = replace(films[i], full=mask)
         step: MechanismStep = Step(
             asked.time,
@@ -104,12 +132,14 @@ class StepView:
         )
         gaps = self.norm.film_gaps(step.observed)
         found = {}
-        for place, own, gap in zip(
-            equations.system.films, step.solution.integrals, gaps, strict=True
+        for place, own, gap, extremes in zip(
+            equations.system.films, step.solution.integrals, gaps, held.extremes, strict=True
         ):
             columns = joint_columns(place, step, own.state, gap)
-            if place.name in self._contacts:
-                columns |= self._contacts[place.name].add(asked.time, asked.time, own)
+            columns["max_pressure_Pa"] = extremes.pressure.of(own.state.pressure)
+            columns["min_film_thickness_m"] = extremes.gap.of(gap)
+            if extremes.contact is not None:
+                columns["max_contact_pressure_Pa"] = extremes.contact.of(own.touch.pressure)
             found[place.name] = columns | joint_rates(place, step, own)
         return found
 
@@ -210,9 +240,9 @@ class Perturbed(StepView):
         films = [scale * own for scale, own in zip(self._scales, there.films, strict=True)]
         return self.equations.evaluate(films, there.rest, there.voids)
 
-    def columns_at(self, point: Point, full: Masks) -> Columns:
+    def columns_at(self, point: Point, held: Held) -> Columns:
         """See `StepView.columns`."""
-        return self.columns(self._asked, point, full)
+        return self.columns(self._asked, point, held)
 
 
 def _structure(equations: StepEquations) -> tuple:

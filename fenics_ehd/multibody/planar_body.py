@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.plane import rotation
-from fenics_ehd.multibody.body import FINE_WEIGHT, Energies
+from fenics_ehd.multibody.body import FINE_WEIGHT, Balance, Energies
 from fenics_ehd.multibody.inertia_forces import (
     Derivatives,
     FrameInertia,
@@ -159,7 +159,6 @@ class PlanarBody:
         coordinates: np.ndarray,
         rates: np.ndarray,
         accelerations: np.ndarray,
-        *,
         lift: np.ndarray,
     ) -> FrameInertia:
         return FrameInertia(
@@ -170,32 +169,24 @@ class PlanarBody:
             lift,
         )
 
-    def forces(
+    def balance(
         self,
         coordinates: np.ndarray,
         rates: np.ndarray,
         accelerations: np.ndarray,
         *,
         lift: np.ndarray,
-    ) -> np.ndarray:
+    ) -> Balance:
         """See `Body`."""
-        skipped = 3 - self._frame
-        forces = self._inertia(coordinates, rates, accelerations, lift=lift).forces[skipped:]
+        inertia = self._inertia(coordinates, rates, accelerations, lift)
+        forces = inertia.forces[3 - self._frame :]
         if self.stiffness is not None:
             q = coordinates[self._frame :] + self.damping_time * rates[self._frame :]
             forces[self._frame :] += self.stiffness @ q
-        return forces
+        return Balance(forces, partial(self._derivatives, inertia))
 
-    def derivatives(
-        self,
-        coordinates: np.ndarray,
-        rates: np.ndarray,
-        accelerations: np.ndarray,
-        *,
-        lift: np.ndarray,
-    ) -> Derivatives:
-        """See `Body`."""
-        whole = self._inertia(coordinates, rates, accelerations, lift=lift).derivatives()
+    def _derivatives(self, inertia: FrameInertia) -> Derivatives:
+        whole = inertia.derivatives()
         own = slice(3 - self._frame, None)
         parts = Derivatives(
             whole.position[own, own], whole.rate[own, own], whole.acceleration[own, own]
@@ -208,9 +199,8 @@ class PlanarBody:
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
         """See `Body`."""
-        kinetic = self._inertia(
-            coordinates, rates, np.zeros_like(rates), lift=np.zeros(2)
-        ).kinetic_energy
+        rest = np.zeros_like(rates), np.zeros(2)
+        kinetic = self._inertia(coordinates, rates, *rest).kinetic_energy
         if self.stiffness is None:
             return Energies(kinetic)
         q, q_rate = coordinates[self._frame :], rates[self._frame :]

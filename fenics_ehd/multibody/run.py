@@ -152,7 +152,7 @@ class Run:
         """Through given steps from a state, see `follow`; the run stays where it is."""
         for time, corner in times:
             between()
-            state = follow(self.norm, state, time, corner, self.control, self.solve, tolerance)
+            state = follow(self.norm, state, time, corner, self.control, self.solve, tolerance)[1]
         return state
 
 

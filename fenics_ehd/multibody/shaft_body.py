@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.body import FINE_WEIGHT, Energies
+from fenics_ehd.multibody.body import FINE_WEIGHT, Balance, Energies
 from fenics_ehd.multibody.inertia_forces import Derivatives
 from fenics_ehd.multibody.marker import Marker
 from fenics_ehd.multibody.planar_body import ELASTIC_SHARE
@@ -149,14 +149,14 @@ class ShaftBody:
         """Generalised mass of unit accelerations of the frame at rest, shape (2 modes, 2)."""
         return np.kron(np.eye(2), (self.rotor.shapes.T @ self._moved[0])[:, None])
 
-    def forces(
+    def balance(
         self,
         coordinates: np.ndarray,
         rates: np.ndarray,
         accelerations: np.ndarray,
         *,
         lift: np.ndarray,
-    ) -> np.ndarray:
+    ) -> Balance:
         """See `Body`."""
         q, q_rate, q_acceleration = coordinates[1:], rates[1:], accelerations[1:]
         turned = self._gyroscopic @ (rates[0] * q_rate + 0.5 * accelerations[0] * q)
@@ -164,17 +164,12 @@ class ShaftBody:
         on_q = q_acceleration + turned + damping + self._angular**2 * q + self._carried @ lift
         on_angle = self.polar_inertia * accelerations[0]
         on_angle += 0.5 * q_acceleration @ (self._gyroscopic @ q)
-        return np.concatenate([[on_angle], on_q])
+        derivatives = partial(self._derivatives, coordinates, rates, accelerations)
+        return Balance(np.concatenate([[on_angle], on_q]), derivatives)
 
-    def derivatives(
-        self,
-        coordinates: np.ndarray,
-        rates: np.ndarray,
-        accelerations: np.ndarray,
-        *,
-        lift: np.ndarray,
+    def _derivatives(
+        self, coordinates: np.ndarray, rates: np.ndarray, accelerations: np.ndarray
     ) -> Derivatives:
-        """See `Body`."""
         g, n = self._gyroscopic, self.size
         position, by_rate, by_acceleration = (np.zeros((n, n)) for _ in range(3))
         position[1:, 1:] = np.diag(self._angular**2) + 0.5 * accelerations[0] * g

@@ -180,10 +180,6 @@ class StepEquations:
             change = self.oil(i).within_gap(states[0], gaps[i])
             states[:, self.oil(i).volumes] += change
 
-    def void_fractions(self, i: int, state: np.ndarray) -> np.ndarray:
-        """Of the nodes of one of `voids`, in a state without residual patterns."""
-        return self.oil(i).fractions(state)
-
     def oil(self, i: int) -> ConservedOil:
         """Of one of `voids`."""
         oil = self.oils[i]

@@ -190,7 +190,7 @@ class CoupledSteps:
         for i in self.equations.voids:
             size = self.equations.sizes[i]
             if values is None:
-                start.append(self.equations.void_fractions(i, step.start))
+                start.append(self.equations.oil(i).fractions(step.start))
             else:
                 start.append(np.maximum(values[place : place + size], 0.0))
                 place += size

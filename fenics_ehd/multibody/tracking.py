@@ -166,7 +166,7 @@ class Tracker:
     def _grouped(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
         """Columns of a joint or body, whose groups are kept."""
         found = {f"{prefix}{name}": value for name, value in figures.items()}
-        if found.keys() - self.groups.keys():
+        if not found.keys() <= self.groups.keys():
             self.groups |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
         return found
 
@@ -184,9 +184,8 @@ class Tracker:
         extremes.add(
             step.time - self._start, figures["max_pressure_Pa"], figures["min_film_thickness_m"]
         )
-        if not place.film.film.parameters.lubricant.viscosity_law.constant:
-            steepest = steepest_thickening(place.film.film, film.pressure)
-            extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
+        steepest = steepest_thickening(place.film.film, film.pressure)
+        extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
         figures |= self._places[place.name].columns(step, film.pressure, gap)
         if place.name in self.contacts:
             record = self.contacts[place.name]

@@ -16,6 +16,7 @@ from fenics_ehd.base.output import ERROR_BUDGET
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.shear import in_supply
+from fenics_ehd.multibody.crank_angle import WHOLE
 from fenics_ehd.multibody.joint_contact import joint_contact
 from fenics_ehd.multibody.result import FilmResult, Result
 from fenics_ehd.plotting.recorded import recorded
@@ -35,9 +36,6 @@ BUDGET = (
     "more_max_pressure_Pa",
     "more_min_film_thickness_m",
 )
-
-#: Rounding of a turn.
-WHOLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Model reduction of a structure with a lubricated bore: matrices in, reduced body out.
 
-Needs petsc4py, slepc4py, mpi4py, numpy and h5py; dolfinx is not imported.
+Needs petsc4py, slepc4py, mpi4py, numpy, SciPy and h5py; dolfinx and Gmsh are not imported.
 """
 
 import fenics_ehd.base.petsc_start  # noqa: F401

@@ -16,6 +16,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.key_hints import key_hint, setting_names
 from fenics_ehd.base.settings import build, read_toml, unusual
 from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.moved_keys import hint as moved_hint
 from fenics_ehd.scenes.scene import GROUND, Scene
 from fenics_ehd.scenes.scene_checks import check_names, check_time
 
@@ -108,15 +109,17 @@ def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
     """
     if "bodies" not in tables:
         old = "scene" in tables or OLD & set(tables)
+        moved = f": {moved}" if (moved := moved_hint(tables)) else ""
         raise SettingsError(
             f"{name}: {'a scene file of version 0.1' if old else 'no [bodies.NAME] tables'}; write "
             "bodies, joints, drives and forces: 'fenics-ehd init slider-crank-paper' prints them "
             "with every setting explained"
-            + (", docs/scene-keys.md says where every old key went" if old else "")
+            + (f", docs/scene-keys.md says where every old key went{moved}" if old else "")
         )
     for key in tables:
         if key not in TABLES:
-            raise SettingsError(f"unknown table [{key}]: {key_hint(TABLES, key)}")
+            moved = moved_hint({key: tables[key]})
+            raise SettingsError(f"unknown table [{key}]: {moved or key_hint(TABLES, key)}")
     entries = {table: _entries(table, tables.get(table, {})) for table in schema.KINDS}
     time = _settings(schema.TimeSettings, tables.get("time", {}), "time")
     output = _settings(schema.OutputSettings, tables.get("output", {}), "output")
@@ -157,13 +160,23 @@ def _entry(table: str, name: str, values: Any) -> Any:
 def _settings(cls: type, values: Any, path: str, kind: str = "") -> Any:
     """Settings object; what is said of an unknown key knows the other kinds."""
     known = setting_names(cls, f"{path}.")
-    kinds = schema.KINDS.get(path.partition(".")[0], {})
+    table = path.partition(".")[0]
 
     def hint(key: str) -> str:
         name = key.removeprefix(f"{path}.")
-        having = [other for other, its in kinds.items() if name in setting_names(its)]
+        below = [other for other in known if other.rpartition(".")[2] == name]
+        having = [o for o, its in schema.KINDS.get(table, {}).items() if name in setting_names(its)]
+        elsewhere = [
+            f"{other}.NAME.{name}"
+            for other, its in schema.KINDS.items()
+            if other != table and any(name in setting_names(one) for one in its.values())
+        ]
         of = f" of kind {kind!r}" if kind else ""
-        meant = f"a key of kind {' or '.join(having)}" if having else key_hint(known, key)
-        return f"{of}: {meant}"
+        if having and not below:
+            return f"{of}: a key of kind {' or '.join(having)}"
+        if elsewhere and not below:
+            return f"{of}: did you mean {' or '.join(elsewhere)}?"
+        of_model = f"; a model's dimensions are keys of {path}.geometry" * (kind == "flexible")
+        return f"{of}: {key_hint(known, key)}{of_model}"
 
     return build(cls, values, f"{path}.", hint)

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import SensitivityError, SettingsError
 from fenics_ehd.multibody.cycle_derivative import curves_of
 from fenics_ehd.multibody.cycle_record import CycleRecord
+from fenics_ehd.multibody.held_run import recorded_again
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.sensitivity import (
@@ -21,6 +22,7 @@ from fenics_ehd.multibody.sensitivity import (
     Figure,
     Number,
     figure_of,
+    require_known,
 )
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
@@ -30,10 +32,9 @@ from fenics_ehd.scenes.scene import Scene
 from fenics_ehd.study.keys import resolve_key, scene_values
 
 #: How a derivative was found.
-THROUGH, DIFFERENCES = "through the steps", "differences of runs"
+THROUGH, DIFFERENCES = "through the steps", "differences in the same steps"
 
-#: Change of a number in differences, over its scale. Extremes of runs at the usual tolerance of
-#: 1e-4 differ by some 1e-4 from run to run, a derivative along 1 % by 1 % of its number's.
+#: Change of a number in differences, over its scale.
 STEP = 0.01
 
 #: Keys of an elastic body that no mesh and no reduction reads.
@@ -88,6 +89,8 @@ class SceneSensitivity:
     sweeps, seconds
         Times that the steps were gone through; processor time of the run, of derivatives through
         the steps, of differences [s].
+    record
+        Of the scene's run.
     """
 
     figures: Sequence[Figure]
@@ -97,6 +100,7 @@ class SceneSensitivity:
     methods: Mapping[str, str]
     sweeps: int
     seconds: Mapping[str, float]
+    record: CycleRecord
 
     def elasticity(self, figure: Figure, number: Along) -> float | None:
         """``d ln q / d ln p``; None where one of them is 0."""
@@ -184,7 +188,7 @@ def scene_sensitivity(
     Raises
     ------
     SettingsError, SensitivityError
-        Of keys, before anything is reduced; of figures, after the first step.
+        Of keys, before anything is reduced; of figures and films, after the first step.
     SolverError
         From runs and derivatives.
     """
@@ -192,6 +196,7 @@ def scene_sensitivity(
     seconds: dict[str, float] = {}
     clock = process_time()
     first, bodies = _run(scene, bodies, steps=1)
+    require_known(first.run.equations.system)
     curves = curves_of(first)
     figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
     record, _ = _run(scene, bodies)
@@ -214,12 +219,12 @@ def scene_sensitivity(
         if number.key in through:
             own = {figure: found.derivatives[figure][number.key] for figure in figures}
         else:
-            own = differences(scene, number, figures)
+            own = differences(scene, number, figures, record=record)
         slopes |= {(figure, number.key): slope for figure, slope in own.items()}
     seconds["differences"] = process_time() - clock
     methods = {n.key: THROUGH if n.key in through else DIFFERENCES for n in numbers}
     return SceneSensitivity(
-        figures, found.values, numbers, slopes, methods, derivatives.sweeps, seconds
+        figures, found.values, numbers, slopes, methods, derivatives.sweeps, seconds, record
     )
 
 
@@ -229,6 +234,7 @@ def differences(
     figures: Sequence[Figure],
     share: float = STEP,
     bodies: Mapping[str, ReducedBody] | None = None,
+    record: CycleRecord | None = None,
 ) -> dict[Figure, float]:
     """Derivatives of figures by two whole runs, the number on either side.
 
@@ -240,26 +246,42 @@ def differences(
         Change over the number's scale.
     bodies
         Reduced bodies that the number leaves as they are; None: all are reduced anew.
+    record
+        Of the scene's run, whose steps both take; None: each chooses its own, and figures have the
+        noise of that, some of the tolerance.
     """
     ends = []
     for sign in (1, -1):
-        record = _run(number.change(scene, sign * share), bodies)[0]
-        curves = curves_of(record)
-        ends.append([figure.value(record, curves) for figure in figures])
+        there = number.change(scene, sign * share)
+        if record is None:
+            found = _run(there, bodies)[0]
+        else:
+            run, _ = _begin(there, bodies)
+            span = there.span / scene.span
+            found = recorded_again(record, run, span, alike=bodies is not None)
+        curves = curves_of(found)
+        ends.append([figure.value(found, curves) for figure in figures])
     return {
         figure: (above - below) / (2 * share * number.scale)
         for figure, above, below in zip(figures, *ends, strict=True)
     }
 
 
+def _begin(
+    scene: Scene, bodies: Mapping[str, ReducedBody] | None
+) -> tuple[Run, Mapping[str, ReducedBody]]:
+    """A scene's run at its start, and its reduced bodies."""
+    built = build_mechanism(scene, MPI.COMM_SELF, bodies=bodies)
+    return Run(built.mechanism, built.steps, scene.span), built.parts
+
+
 def _run(
     scene: Scene, bodies: Mapping[str, ReducedBody] | None, steps: int | None = None
 ) -> tuple[CycleRecord, Mapping[str, ReducedBody]]:
     """The record of a scene's run, or of its first steps, and its reduced bodies."""
-    built, time = build_mechanism(scene, MPI.COMM_SELF, bodies=bodies), scene.time
-    run = Run(built.mechanism, built.steps, scene.span)
+    (run, parts), time = _begin(scene, bodies), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     record = CycleRecord(run, cycles)
     for _ in islice(record.follow(run.until(scene.span) if cycles is None else cycles), steps):
         pass
-    return record, built.parts
+    return record, parts

@@ -1,0 +1,143 @@
+"""Derivatives through the steps against differences in the very same steps, solved to round-off.
+
+Neither the control of steps nor places where extremes are known make any noise there: what is
+left is the derivative's own error.
+"""
+
+import numpy as np
+import pytest
+from scene_cases import RIGID_ROD, tables_of
+
+from fenics_ehd.base.errors import SensitivityError
+from fenics_ehd.multibody.film_extremes import Rows
+from fenics_ehd.scenes.scene_file import scene_of
+from fenics_ehd.study.sensitivity import THROUGH, differences, scene_sensitivity
+
+#: The engine with a rigid rod and coarse films.
+ROD = {"position": [0.043, 0.0], "points": {"bore": [0.0, 0.0], "pin": [0.143, 0.0]}}
+RIGID_ENGINE = RIGID_ROD | {
+    "bodies.rod": RIGID_ROD["bodies.rod"] | ROD,
+    "joints.front.cells": [12, 2],
+    "joints.back.cells": [12, 2],
+    "joints.big_end.cells": [12, 2],
+}
+TWO_BEARINGS = {"joints.left.cells": [12, 2], "joints.right.cells": [12, 2]}
+JOURNAL = {"joints.bearing.cells": [20, 4], "time.largest_step": 0.1}
+GROOVE = {"joints.bearing.grooves": [[90.0, 18.0, 2e5]]}
+HOLE = {
+    "kind": "hole",
+    "on": "journal",
+    "angle": 90.0,
+    "diameter": 8e-3,
+    "pressure": 3e5,
+    "resistance": 1e9,
+}
+ROUGH = {
+    "joints.bearing.contact": {
+        "journal_roughness": 0.8e-6,
+        "bore_roughness": 0.8e-6,
+        "asperity_product": 0.04,
+        "asperity_slenderness": 1e-3,
+        "bore_modulus": 210e9,
+        "boundary_friction": 0.1,
+    },
+    "joints.bearing.friction": True,
+    "forces.load.scale": 2.0,
+}
+
+#: Scene, changes, figures, numbers. The place of the rod's mass hardly matters to the peak: runs in
+#: steps of their own do not tell the sign of that derivative.
+MODELS = {
+    "slider-crank": (
+        "slider-crank",
+        RIGID_ROD,
+        ("min_film_thickness", "max_pressure"),
+        ("joints.big_end.clearance", "rod.centre.x", "drives.crank.speed"),
+    ),
+    "supply": (
+        "loaded-journal",
+        JOURNAL | GROOVE | {"joints.bearing.supply": {"inlet": HOLE}, "time.periodicity": 2e-3},
+        ("min_film_thickness", "mean_side_flow", "mean_inlet.flow"),
+        ("inlet.pressure", "inlet.resistance"),
+    ),
+    "contact": (
+        "loaded-journal",
+        JOURNAL | ROUGH,
+        ("min_film_thickness", "max_contact_pressure", "mean_contact_force"),
+        ("journal_roughness", "load.scale"),
+    ),
+    "rotor in two bearings": (
+        "rotor-two-bearings",
+        TWO_BEARINGS,
+        ("left.min_film_thickness", "right.max_pressure"),
+        ("left.clearance", "unbalance.amplitude"),
+    ),
+    "engine of three films": (
+        "engine",
+        RIGID_ENGINE,
+        ("big_end.min_film_thickness", "front.max_pressure"),
+        ("front.clearance", "gas.scale"),
+    ),
+}
+
+
+def largest_error(scene, changes, of, to):
+    """Of derivatives through the steps, over themselves or, of elasticities below 0.1, over 0.1."""
+    own = scene_of(tables_of(scene, {"time.tolerance": 1e-3} | changes), scene)
+    found = scene_sensitivity(own, of, to)
+    assert set(found.methods.values()) == {THROUGH}
+    errors = []
+    for number in found.numbers:
+        same = differences(own, number, found.figures, 1e-3, {}, found.record)
+        for figure, slope in same.items():
+            error = abs(found.derivatives[figure, number.key] - slope)
+            least = abs(0.1 * found.values[figure] / number.scale)
+            errors.append(error / max(abs(slope), least))
+    return max(errors)
+
+
+def test_a_rigid_slider_crank_from_its_start(figure):
+    once = {"time.periodic": False, "time.revolutions": 0.6, "joints.big_end.cells": [8, 2]}
+    error = largest_error(
+        "slider-crank",
+        RIGID_ROD | once,
+        ("min_film_thickness", "max_pressure"),
+        ("joints.big_end.clearance",),
+    )
+    name = "derivatives against differences in the same steps, slider-crank from its start"
+    figure("derivatives", name, error, most=2e-3, unit="%")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_of_films_and_several_joints(model, figure):
+    error = largest_error(*MODELS[model])
+    name = f"derivatives against differences in the same steps, {model}"
+    figure("derivatives", name, error, most=0.01, unit="%")
+
+
+def test_conserved_oil_is_refused_after_one_step():
+    tables = tables_of("loaded-journal-starved", JOURNAL | GROOVE)
+    with pytest.raises(SensitivityError, match=r'joints.bearing.cavitation = "mass-conserving"'):
+        scene_sensitivity(
+            scene_of(tables, "starved"), ["min_film_thickness"], ["bearing.clearance"]
+        )
+
+
+def test_extremes_around_a_film_do_not_jump_from_node_to_node():
+    errors = []
+    for count in (24, 48):
+        angle, height = (
+            grid.ravel()
+            for grid in np.meshgrid(np.linspace(0, 2 * np.pi, count + 1)[:-1], [-1.0, 0.0, 1.0])
+        )
+        rows, found = Rows(angle, height, 2.0), []
+        for place in np.linspace(-0.6, 0.6, 201) * 2 * np.pi / count:
+            values = np.exp(np.cos(angle - place)) * (1.0 - 0.1 * height**2)
+            stencil = rows.extreme(values, 1)
+            assert (height[stencil.places] == 0.0).all()
+            found.append(stencil.of(values))
+        errors.append(np.abs(np.array(found) / np.e - 1.0).max())
+    assert errors[1] < 0.2 * errors[0]
+    # The largest of the nodes is below it by half a distance of nodes squared, over 2.
+    assert errors[1] < 0.03 * 0.5 * (np.pi / 48) ** 2
