@@ -73,7 +73,11 @@ def tried(scene: Scene, references: References, exact: Mapping[str, list[float]]
     except EhdError:
         return None
     seconds = process_time() - began
-    return Tried(true_error(extremes_of(tracker), exact), seconds, status_of(tracker) == "complete")
+    return Tried(
+        true_error(extremes_of(tracker), exact),
+        seconds,
+        status_of(tracker, known=True) == "complete",
+    )
 
 
 def around(scene: Scene) -> Iterator[dict[str, Any]]:

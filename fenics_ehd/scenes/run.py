@@ -21,7 +21,7 @@ from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, recor
 from fenics_ehd.results.run_folder import SCENE_NAME
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.accuracy import Search
-from fenics_ehd.scenes.accuracy_step import account
+from fenics_ehd.scenes.accuracy_step import account, status_of
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.coarse_part import coarser_part
 from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
@@ -114,7 +114,9 @@ def _worth(
 ) -> dict[str, Any]:
     """What the summary has of a run's budget, and of the search for an accuracy."""
     found = estimated(recorded, directory, coarser)
-    return found if search is None else found | account(search, scene, recorded, found)
+    if search is not None:
+        return found | account(search, scene, recorded, found)
+    return found | {"status": status_of(recorded.tracker)}
 
 
 def coarser_parts(scene: Scene, directory: Path, new: bool) -> dict[str, ReducedBody]:
