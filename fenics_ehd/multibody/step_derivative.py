@@ -29,7 +29,9 @@ from fenics_ehd.multibody.step_solver import DENSE_LIMIT, ZERO_PRESSURE
 #: off, 1e-5 less than 0.01 %, at the same cost as corrections shrink a thousandfold.
 TOLERANCE, MAX_CORRECTIONS = 1e-6, 12
 
-#: Share of a number's scale by which it is changed to see which nodes fill.
+#: Share of a number's scale by which it is changed to see which nodes fill. By 1 % of
+#: the friction's derivative it helps where a rod is elastic and harms where a film is coarse
+#: (`docs/sensitivity.md`): a criterion is missing.
 JUMPS = 0.01
 
 #: Steps after which it is looked at again what a correction leaves.
