@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.cli.cases import case_bar, table_lines
@@ -112,6 +111,8 @@ def _conclude(plan: Sweep, path: Path, rows: Sequence[Mapping[str, Any]], as_jso
 
 def _of_joints(plan: Sweep) -> list[tuple[str, str, float, str]]:
     """Columns of lubricated joints, which bear their names if there are several."""
+    from fenics_ehd.base.columns import joint_prefix
+
     prefixes = [joint_prefix(joint, plan.joints) for joint in plan.joints]
     return [
         (prefix + name, prefix.replace(".", " ") + heading, factor, form)

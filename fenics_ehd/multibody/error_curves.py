@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from fenics_ehd.multibody.course import Course
 
@@ -142,5 +141,7 @@ def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.n
     """Smooth curves through values, shape (k, joints); nan where there are none."""
     if len(times) < 2:
         return lambda wanted: np.full((len(wanted), values.shape[1]), np.nan)
+    from scipy.interpolate import Akima1DInterpolator  # slow to import, and for budgets alone
+
     curve = Akima1DInterpolator(times, values)
     return lambda wanted: np.asarray(curve(wanted, extrapolate=False))

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from math import ceil, inf, log10, prod, sqrt
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 #: Time of a Newton iteration without its films, in nodes of a rigid bore's film: 1.5 ms and 2.1 us
 #: a node of a four-bar with one of them (cells 16 x 3 to 48 x 8). A node of an elastic bore's film
@@ -204,6 +203,8 @@ def cheapest(run: JudgedRun, accuracy: float) -> Choice:
     most = max(least, min([most, run.longest, *longest]))
     step = most
     if least < most:
+        from scipy.optimize import minimize_scalar  # slow to import, for runs that miss alone
+
         found = minimize_scalar(
             lambda x: np.log(run.time(np.exp(x), factors(np.exp(x)))),
             bounds=(np.log(least), np.log(most)),
