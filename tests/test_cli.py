@@ -144,7 +144,7 @@ def test_plot_draws_several_runs(scene, tmp_path):
     call("run", scene, "-o", tmp_path / "two", "--no-plots")
     result = call("plot", tmp_path / "one", tmp_path / "two", "-o", tmp_path)
     assert result.returncode == 0, result.stderr
-    assert (tmp_path / "max_pressure.svg").exists()
+    assert (tmp_path / "max_pressure-comparison.svg").exists()
 
 
 def test_options_reach_the_film_solver(scene, tmp_path):
