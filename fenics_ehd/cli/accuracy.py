@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from fenics_ehd.cli.error_budget import COMPONENTS, share
+from fenics_ehd.cli.error_budget import COMPONENTS, aligned, share
 from fenics_ehd.scenes.accuracy import Search
 from fenics_ehd.scenes.given import changed
 from fenics_ehd.scenes.scene import Scene
@@ -66,10 +66,6 @@ def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
             rows.append([f"largest by {words}", *(share(run["errors"][key]) for run in runs)])
     rows.append(["largest total", *(share(run["estimate"]) for run in runs)])
     rows.append(["processor time", *(f"{run['processor_time_s']:.1f} s" for run in runs)])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = [
-        "  " + "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
-        for row in rows
-    ]
     missed = [] if found["met"] else [f"  {summary['warnings'][-1]}"]
+    lines = aligned(rows)
     return lines + [f"  kept as written: {', '.join(found['kept'])}"] * bool(found["kept"]) + missed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 #: Words of the table, by key.
@@ -43,10 +43,15 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
             for quantity, words in ROWS.items():
                 values = [share(errors[quantity][key]) for key in COMPONENTS]
                 rows.append([f"{name}: {words}{where}", *values])
-    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
-    lines = [
-        "  " + "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
-        for row in (header, *rows)
-    ]
     notes = summary.get("error_budget_notes", {})
+    lines = aligned([header, *rows])
     return lines + [f"  {COMPONENTS[key]} not estimated: {why}" for key, why in notes.items()]
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table, names to the left, figures to the right, the first row its heads."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  " + "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
+        for row in rows
+    ]

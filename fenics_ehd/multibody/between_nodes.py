@@ -7,6 +7,8 @@ one and its neighbours, around and along, does not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fenics_ehd.film import FilmGrid
@@ -43,6 +45,16 @@ class BetweenNodes:
     def least(self, values: np.ndarray) -> np.ndarray:
         """Of nodal values of every instant, shape (k, n)."""
         return -self.largest(-values)
+
+
+def extremes(
+    between: Sequence[BetweenNodes], pressures: Sequence[np.ndarray], gaps: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest pressure and least gap of every film, shape (k, films), of nodal ones (k, n) each."""
+    return (
+        np.column_stack([own.largest(p) for own, p in zip(between, pressures, strict=True)]),
+        np.column_stack([own.least(gap) for own, gap in zip(between, gaps, strict=True)]),
+    )
 
 
 def _neighbours(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.base.columns import joint_prefix
-from fenics_ehd.multibody.between_nodes import BetweenNodes
+from fenics_ehd.multibody.between_nodes import BetweenNodes, extremes
 from fenics_ehd.multibody.system import System
 
 
@@ -120,8 +120,7 @@ def course_of(
         x,
         pressures,
         voids,
-        np.column_stack([own.largest(p) for own, p in zip(between, pressures, strict=True)]),
-        np.column_stack([own.least(gap) for own, gap in zip(between, gaps, strict=True)]),
+        *extremes(between, pressures, gaps),
         np.zeros((0, 2 * system.m)),
         np.zeros((0, x.shape[1])),
         (curves("max_pressure_Pa"), curves("min_film_thickness_m")),

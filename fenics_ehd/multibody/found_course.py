@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_ehd.film import FilmState
 from fenics_ehd.multibody.bdf import Step
-from fenics_ehd.multibody.between_nodes import BetweenNodes
+from fenics_ehd.multibody.between_nodes import BetweenNodes, extremes
 from fenics_ehd.multibody.course import Course
 from fenics_ehd.multibody.solver_state import CoupledState, SolverState
 from fenics_ehd.multibody.step_norm import StepNorm
@@ -62,16 +62,12 @@ class FoundCourse:
         voids = {
             i: 1.0 - np.array([state.fluid_fraction for state in films[i]]) for i in self._voids
         }
-        between = self._between
-        peaks = [own.largest(p) for own, p in zip(between, pressures, strict=True)]
-        thin = [own.least(gap) for own, gap in zip(between, gaps, strict=True)]
         return Course(
             times,
             x,
             pressures,
             voids,
-            np.column_stack(peaks),
-            np.column_stack(thin),
+            *extremes(self._between, pressures, gaps),
             multipliers,
             acceleration,
         )
