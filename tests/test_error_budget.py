@@ -229,7 +229,7 @@ def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
             getattr(each.extremes["big_end"], quantity) for each in (tracker, exact, finer)
         )
         estimates = budget.joints["big_end"][quantity]
-        assert set(estimates) == {*COMPONENTS, "total"}
+        assert set(estimates) == {*COMPONENTS, "between_nodes", "total"}
         assert estimates["basis"] == NOT_APPLICABLE
         assert estimates["start"] == NOT_APPLICABLE
         # A mesh three times as fine leaves a ninth of an error of order two.

@@ -95,6 +95,12 @@ def shares(
         What the run's values miss between nodes and steps: known, and part of the film's mesh.
     start, start_over
         Distance from the periodic state, of the extreme and over the cycle, or why there is none.
+
+    Returns
+    -------
+    values, over
+        Of the extreme also ``between_nodes``: what the run's nodes and steps miss of its own curve
+        nearby, as root mean square; what they miss of the extreme is part of the film's mesh.
     """
     near = {component: extreme.near(change) for component, change in changes.items()}
     whole = {
@@ -107,6 +113,7 @@ def shares(
     }
     over: dict[str, Any] = {name: extreme.over(change) for name, change in whole.items()}
     values["start"], over["start"] = start, start_over
+    values["between_nodes"] = extreme.near(sampling)
     over["total"] = total(over)
     values["total"] = NOT_ESTIMATED
     if whole:

@@ -13,7 +13,7 @@ with ``output.part_mesh_error``, cells of their meshes.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
@@ -24,7 +24,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.output import ACCURACY, to_json, write_whole
-from fenics_ehd.scenes.accuracy_choice import LOOSEST, rounded
+from fenics_ehd.scenes.accuracy_choice import rounded
 from fenics_ehd.scenes.coarse_part import counts
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.given import changed
@@ -39,11 +39,13 @@ PILOT_AROUND = {"lagrange": (22, 4.0), "serendipity": (22, 4.0), "bilinear": (48
 FEWEST_AROUND, MOST_AROUND = 16, 48
 
 #: Error of the steps at a tolerance of 1e-3, of order 2 or 3: 0.4 to 1.5 % of shipped scenes; the
-#: share of the accuracy that it is to take in a pilot, and the least tolerance of one.
-STEP_ERROR, PILOT_SHARE, PILOT_TIGHTEST = 0.006, 0.5, 3e-4
+#: share of the accuracy that it is to take in a pilot, and least and largest tolerance of one.
+STEP_ERROR, PILOT_SHARE, PILOT_TIGHTEST, PILOT_LOOSEST = 0.006, 0.5, 3e-4, 3e-3
 
-#: Periodicity over the accuracy.
-PERIODICITY = 0.1
+#: Periodicity over the accuracy, and its least over the tolerance of a step: the steps that a cycle
+#: takes differ from those of the one before. Films of a small journal under a load of five rows and
+#: of a four-bar's pin so change by up to once the tolerance from cycle to cycle, without end.
+PERIODICITY, NOISE = 0.1, 1.0
 
 
 @dataclass
@@ -121,7 +123,7 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
     if not output.error_budget:
         raise SettingsError(f"output.accuracy = {asked:g} needs output.error_budget = true")
     kept = _kept(scene)
-    chosen = {key: value for key, value in _pilot(scene, asked).items() if key not in kept}
+    chosen = {key: value for key, value in _pilot(scene, asked, kept).items() if key not in kept}
     none = {"output.accuracy": 0.0, "output.accuracy_keeps": []}
     return stored(changed(scene, chosen | none)), Search(asked, kept, chosen)
 
@@ -170,15 +172,16 @@ def _kept(scene: Scene) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _pilot(scene: Scene, asked: float) -> dict[str, Any]:
+def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
     """Values of a pilot by key."""
     order = scene.time.order
     tolerance = 1e-3 * (PILOT_SHARE * asked / STEP_ERROR) ** ((order + 1.0) / order)
     values: dict[str, Any] = {
-        "time.tolerance": rounded(float(np.clip(tolerance, PILOT_TIGHTEST, LOOSEST)))
+        "time.tolerance": rounded(float(np.clip(tolerance, PILOT_TIGHTEST, PILOT_LOOSEST)))
     }
     if scene.time.periodic:
-        values["time.periodicity"] = PERIODICITY * asked
+        own = values["time.tolerance"] if "time.tolerance" not in kept else scene.time.tolerance
+        values["time.periodicity"] = max(PERIODICITY * asked, NOISE * own)
     for name in lubricated_joints(scene):
         values[f"joints.{name}.cells"] = list(_pilot_cells(scene, name, asked))
     for name in meshed(scene):

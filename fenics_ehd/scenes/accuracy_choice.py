@@ -1,20 +1,21 @@
 """Film meshes and step tolerance that meet an accuracy in the least time, from a run's errors.
 
 Errors of a run are known by their components (`fenics_ehd.multibody.error_budget`), and how they go
-down with what they cost: that of a film's mesh with its cells, ``cells^-order`` either way, that of
-the steps with their length, ``tolerance^(k / (k + 1))``. Of every figure, the peak pressure or the
-thinnest film of a joint, the components must not exceed the accuracy together,
+down with what they cost: that of a film's mesh with its cells, ``cells^-order`` either way, but
+``cells^-2`` for what a peak between its nodes has more, that of the steps with their length,
+``tolerance^(k / (k + 1))``. Of every figure, the peak pressure or the thinnest film of a joint, the
+components must not exceed the accuracy together,
 
-    rest + step x + film y_j <= accuracy,
+    rest + step x + mesh c_j^-order + between c_j^-2 <= accuracy,
 
-x and y_j the shares that are left of the errors of the steps and of the mesh of the joint j. A run
-of ``forced + (1 - forced) x^(-1/k)`` times as many steps, whose Newton iterations take a time that
-is linear in the nodes, ``y_j^(-2/order)`` times as many of them, takes the time
+x the share that is left of the errors of the steps, c_j times as many cells either way of the film
+of the joint j. A run of ``forced + (1 - forced) x^(-1/k)`` times as many steps, whose Newton
+iterations take a time that is linear in the nodes, takes the time
 
-    (forced + (1 - forced) x^(-1/k)) (OVERHEAD + sum_j weight_j nodes_j y_j^(-2/order)).
+    (forced + (1 - forced) x^(-1/k)) (OVERHEAD + sum_j weight_j nodes_j c_j^2).
 
-For given x the least y_j follow, and the logarithm of the time is convex in x: one search along a
-line finds the cheapest pair.
+For given x the least c_j follow, and the logarithm of the time is convex in that of x: one search
+along a line finds the cheapest.
 """
 
 from __future__ import annotations
@@ -53,14 +54,15 @@ class Figure:
     ----------
     joint
         Whose it is.
-    film_mesh, step_size
-        Of those components.
+    film_mesh, between_nodes, step_size
+        Of the film's solution, of what its nodes may miss of that, of the steps.
     rest
         Of all others together, as they will be.
     """
 
     joint: str
     film_mesh: float
+    between_nodes: float
     step_size: float
     rest: float
 
@@ -74,7 +76,7 @@ class FilmMesh:
     cells
         Around and along.
     order
-        Of its error.
+        Of its solution's error, 4 or 2.
     nodes
         For each cell, those of an elastic bore's film times `ELASTIC`.
     kept
@@ -96,6 +98,18 @@ class FilmMesh:
         """Cells of the coarsest one in one of this."""
         shares = [least / cells for least, cells in zip(FEWEST, self.cells, strict=True)]
         return 1.0 if self.kept else min(1.0, max(shares))
+
+    def error(self, figure: Figure, factor: float) -> float:
+        """Of a figure, on so many times the cells either way."""
+        return figure.film_mesh * factor**-self.order + figure.between_nodes * factor**-2.0
+
+    def factor(self, figure: Figure, error: float) -> float:
+        """Cells that leave this error of a figure, over its own either way."""
+        once, twice = figure.between_nodes, figure.film_mesh
+        if self.order == 2.0:
+            once, twice = once + twice, 0.0
+        # In the square of the cells, of which an error of order 4 takes the square.
+        return sqrt((once + sqrt(once**2 + 4.0 * twice * error)) / (2.0 * error))
 
     def times(self, factor: float) -> tuple[int, int]:
         """So many times the cells, either way."""
@@ -137,10 +151,13 @@ class JudgedRun:
         """What another tolerance leaves of the error of the steps."""
         return float((tolerance / self.tolerance) ** (self.order / (self.order + 1.0)))
 
-    def errors(self, step: float, film: Mapping[str, float]) -> np.ndarray:
-        """Sums of the components of all figures, shares of them left, shape (figures,)."""
+    def errors(self, step: float, factors: Mapping[str, float]) -> np.ndarray:
+        """Sums of all figures' components, as in `time`, shape (figures,)."""
         return np.array(
-            [f.rest + step * f.step_size + film[f.joint] * f.film_mesh for f in self.figures]
+            [
+                f.rest + step * f.step_size + self.films[f.joint].error(f, factors[f.joint])
+                for f in self.figures
+            ]
         )
 
     def time(self, step: float, factors: Mapping[str, float]) -> float:
@@ -174,7 +191,7 @@ def cheapest(run: JudgedRun, accuracy: float) -> Choice:
     least, most = (run.shares(tolerance) for tolerance in (TIGHTEST, max(LOOSEST, run.tolerance)))
     if run.kept:
         least = most = 1.0
-    finest = {name: film.finest**-film.order for name, film in run.films.items()}
+    finest = {name: film.finest for name, film in run.films.items()}
     reach = float(run.errors(least, finest).max())
     if reach >= accuracy:
         accuracy = OUT_OF_REACH * reach
@@ -187,16 +204,14 @@ def cheapest(run: JudgedRun, accuracy: float) -> Choice:
         for figure in run.figures:
             film = run.films[figure.joint]
             left = accuracy - figure.rest - step * figure.step_size
-            if left < film.finest**-film.order * figure.film_mesh:
-                needed = film.finest
-            else:
-                needed = (figure.film_mesh / left) ** (1.0 / film.order)
+            within_reach = left > film.error(figure, film.finest)
+            needed = film.factor(figure, left) if within_reach else film.finest
             found[figure.joint] = max(found[figure.joint], needed)
         return found
 
     # Beyond that not even the finest films leave enough.
     longest = [
-        (accuracy - f.rest - finest[f.joint] * f.film_mesh) / f.step_size
+        (accuracy - f.rest - run.films[f.joint].error(f, finest[f.joint])) / f.step_size
         for f in run.figures
         if f.step_size
     ]
@@ -216,12 +231,11 @@ def cheapest(run: JudgedRun, accuracy: float) -> Choice:
         if run.time(most, factors(most)) <= np.exp(found.fun):
             step = most
     meshes = factors(step)
-    shares = {name: meshes[name] ** -film.order for name, film in run.films.items()}
     tolerance = run.tolerance * step ** ((run.order + 1.0) / run.order)
     return Choice(
         run.tolerance if run.kept else rounded(tolerance),
         {name: film.times(meshes[name]) for name, film in run.films.items()},
-        float(run.errors(step, shares).max()),
+        float(run.errors(step, meshes).max()),
     )
 
 
