@@ -137,6 +137,14 @@ def finer(scene: Scene, run: Run, factor: int) -> dict[str, Any]:
     }
 
 
+def reduced(scene: Scene) -> bool:
+    """Whether M4 has more than a part of it."""
+    return any(
+        isinstance(body, schema.FlexibleSettings) and body.reduction.method != "m4"
+        for body in scene.bodies.values()
+    )
+
+
 def judge(name: str, references: References) -> list[dict[str, Any]]:
     """True errors and estimates of a row's joints."""
     shipped, changes = SCENES[name]
@@ -150,12 +158,8 @@ def judge(name: str, references: References) -> list[dict[str, Any]]:
     step = references.extremes(changed(scene, short))
     twice = references.extremes(changed(scene, short | finer(scene, run, 2)))
     thrice = references.extremes(changed(scene, short | finer(scene, run, 3)))
-    reduced = any(
-        isinstance(body, schema.FlexibleSettings) and body.reduction.method != "m4"
-        for body in scene.bodies.values()
-    )
     basis, total = step, thrice
-    if reduced:
+    if reduced(scene):
         basis = references.extremes(changed(scene, short | {METHOD: "m4"}))
         total = references.extremes(changed(scene, short | {METHOD: "m4"} | finer(scene, run, 3)))
     rows = []
@@ -168,7 +172,7 @@ def judge(name: str, references: References) -> list[dict[str, Any]]:
             true = {
                 "step_size": abs(value - s),
                 "film_mesh": abs(s - f3),
-                "basis": abs(s - b) if reduced else float("nan"),
+                "basis": abs(s - b) if reduced(scene) else float("nan"),
                 "total": abs(value - t),
             }
             rows.append(

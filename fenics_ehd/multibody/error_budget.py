@@ -272,6 +272,8 @@ class Estimator:
         if not cycles.contraction < 1.0:
             return NOT_ESTIMATED, NOT_ESTIMATED
         left = cycles.left / (1.0 - cycles.contraction)
+        if joint not in self._former:  # the first cycle on the orbit of another run
+            return left, left
         now, then = (getattr(found[joint], quantity) for found in (self._extremes, self._former))
         part = left / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)

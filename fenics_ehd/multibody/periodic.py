@@ -59,8 +59,8 @@ class Cycles:
         Change of the films over the last complete cycle.
     angles
         Places of all bodies' angles in the coordinates.
-    began
-        State at the start of the cycle under way.
+    began, halfway
+        State at the start of the cycle under way, and at its middle or before.
     moved
         Change of the films' start from the cycle before the last complete one to that, in the norm
         that `left` and `contraction` are in: root mean square, relative to the films.
@@ -81,6 +81,7 @@ class Cycles:
         self._run, self.period = run, period
         self._periodicity, self._most = periodicity, most
         self.number, self.defect, self.began = 1, float("nan"), run.state
+        self.halfway = run.state
         self.moved = self.left = self.contraction = float("nan")
         self._former = np.zeros((0, len(self._films())))
         system = run.equations.system
@@ -98,6 +99,11 @@ class Cycles:
     def start(self) -> float:
         """Of the cycle under way [s]."""
         return (self.number - 1) * self.period
+
+    def follow(self, former: Cycles) -> None:
+        """Begin after the last cycle of a search that has ended, whose cycles forget as fast."""
+        self._most += former.number
+        self.number, self.contraction = former.number + 1, former.contraction
 
     def _films(self) -> np.ndarray:
         return self._run.norm.gaps(self._run.state.observed[0])
@@ -121,7 +127,10 @@ class Cycles:
             From `Run.until`.
         """
         while True:
-            yield from self._steps()
+            for step in self._steps():
+                if self._run.state.time <= self.start + 0.5 * self.period:
+                    self.halfway = self._run.state
+                yield step
             gaps = self._films()
             change = gaps - self._gaps
             lengths = self._run.norm.lengths(gaps)
@@ -229,6 +238,8 @@ class Cycles:
             **({} if self._heat is None else {"heat": self._heat.stored_state()}),
             "contents": self._contents,
             "began": self.began.points(),
+            "halfway": self.halfway.points(),
+            "most": self._most,
             "former": self._former,
             **{name: getattr(self, name) for name in COMPARED},
         }
@@ -239,6 +250,7 @@ class Cycles:
         self._gaps = np.array(stored["gaps"])
         self._contents = np.array(stored["contents"])
         self.began = IntegratorState(**stored["began"])
+        self.halfway, self._most = IntegratorState(**stored["halfway"]), int(stored["most"])
         self._former = np.array(stored["former"])
         for name in COMPARED:
             setattr(self, name, float(stored[name]))

@@ -112,7 +112,9 @@ class Tracker:
         if cycles is None or cycles.number == self._cycle:
             return False
         self._cycle, self._start = cycles.number, cycles.start
-        self.former, self.extremes = self.extremes, {name: Extremes() for name in self.extremes}
+        # A search that begins on another's orbit has no cycle before its first.
+        self.former = self.extremes if self.counts["steps"] else {}
+        self.extremes = {name: Extremes() for name in self.extremes}
         self.balance = None
         self.crank_angle.restart()
         for estimate in self.estimates.values():

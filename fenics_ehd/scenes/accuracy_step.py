@@ -138,7 +138,7 @@ def _errors(
 
 def _next(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -> dict[str, Any]:
     """Values for the next run by key."""
-    left, asked = _Left({figure: dict(own) for figure, own in errors.items()}), search.asked
+    left, asked = _Left(_whole(recorded, errors)), search.asked
     values = dict(search.chosen)
     start, loosest = left.largest("start") / (START_SHARE * asked), inf
     if "time.periodicity" in values and start > 1.0:
@@ -153,11 +153,21 @@ def _next(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -
         joints = {place.name for place in films if place.bore_body == name}
         values |= _part(search, scene.bodies[name], f"bodies.{name}", left, joints)
     judged = _judged(search, scene, recorded, left.errors)
-    judged = replace(judged, longest=min(judged.longest, judged.shares(loosest)))
+    # No looser than this one, which was not good enough: by the laws that would often be cheaper.
+    judged = replace(judged, longest=min(judged.longest, 1.0, judged.shares(loosest)))
     choice = cheapest(judged, AIM * asked)
     values["time.tolerance"] = choice.tolerance
     values |= {f"joints.{name}.cells": list(cells) for name, cells in choice.cells.items()}
     return {key: value for key, value in values.items() if key not in search.kept}
+
+
+def _whole(recorded: RecordedRun, errors: Errors) -> dict[tuple[str, str], dict[str, float]]:
+    """Components, larger where the total is above their sum: together they move an extreme on."""
+    found = {}
+    for (joint, quantity), own in errors.items():
+        more = max(1.0, recorded.tracker.worth[joint][quantity]["total"] / sum(own.values()))
+        found[joint, quantity] = {key: more * value for key, value in own.items()}
+    return found
 
 
 def _part(

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.base.output import SUMMARY
+from fenics_ehd.multibody.orbit import Orbit
 from fenics_ehd.results.checkpoint import CHECKPOINT
 from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY
 from fenics_ehd.scenes.accuracy import Search
@@ -50,6 +51,7 @@ def run_accurately(
     scene, built, summary
         Of the last run.
     """
+    orbits: list[Orbit] = []
     while True:
         if search is not None:
             search.leave(directory)
@@ -62,6 +64,7 @@ def run_accurately(
             former=former,
             multiplier=multiplier,
             search=search,
+            orbits=orbits,
         )
         if search is None:
             return scene, built, summary

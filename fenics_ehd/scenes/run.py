@@ -12,6 +12,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.base.output import versions, write_whole
+from fenics_ehd.multibody.orbit import Orbit
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tracking import Tracker
@@ -45,6 +46,7 @@ def run_scene(
     judged: bool = True,
     multiplier: bool = False,
     search: Search | None = None,
+    orbits: list[Orbit] | None = None,
 ) -> dict[str, Any]:
     """Integrate a scene, serially, and leave its results in a folder.
 
@@ -66,6 +68,8 @@ def run_scene(
         Whether the largest multiplier of a periodic solution is found, too.
     search
         For settings that meet an accuracy, which takes account of the run.
+    orbits
+        Of runs before it, of which it begins on the last; its own is added, if it is periodic.
 
     Returns
     -------
@@ -86,9 +90,17 @@ def run_scene(
         coarser = coarser_parts(scene, directory, former is None)
         judge = partial(_worth, scene=scene, coarser=coarser, search=search)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
+    last = orbits[-1] if orbits else None
+    entered = last.entered(run, built.parts) if last else None
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
+    recorded = RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles, multiplier)
+    if cycles and last and entered is not None:
+        cycles.follow(last.cycles)
+        recorded.processor_time = recorded.wall_time = entered
+    if cycles and orbits is not None:
+        orbits.append(Orbit(run, cycles, built.parts))
     return record_run(
-        RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles, multiplier),
+        recorded,
         directory,
         {
             "warnings": list(scene.warnings),
