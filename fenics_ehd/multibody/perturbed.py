@@ -78,6 +78,16 @@ class StepView:
         """What the steps observe of a derivative of the state, shape of `StepNorm.observe`."""
         return self.norm.observe(direction) - self._none
 
+    def contents(self, x: np.ndarray) -> np.ndarray:
+        """Oil in a state of the films that keep account of it, over what a round one holds."""
+        equations, voids = self.equations, self.equations.voids
+        if not voids:
+            return np.zeros(0)
+        gaps = self.norm.film_gaps(self.norm.observe(x))
+        balances = [equations.oil(i).balance for i in voids]
+        rounds = [own.volume_scale * own.assembly.area.sum() for own in balances]
+        return np.array(equations.contents(x, gaps)) / rounds
+
     @property
     def sheared(self) -> list[int]:
         """Numbers of the films of which columns depend on the share of the oil that is sheared."""

@@ -26,7 +26,6 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.perturbed import Perturbed
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.system import System
 
 #: Change of a number, over its scale: round-off of the equations over it, and it times their
 #: second derivatives, leave 1e-5 of a derivative.
@@ -136,15 +135,12 @@ class Derivatives:
 
     Raises
     ------
-    SensitivityError
-        See `require_known`.
     PeriodicityError, SolverError
         From `CycleDerivatives`.
     """
 
     def __init__(self, record: CycleRecord, numbers: Sequence[Number]):
         equations = record.run.equations
-        require_known(equations.system)
         balances = Balances(equations.system, AMOUNT) if equations.system.heated else None
         temperatures = {} if balances is None else balances.temperatures
         self.refused, perturbed = [], []
@@ -183,30 +179,6 @@ class Derivatives:
                 for number in self._numbers
             }
         return Sensitivity(values, derivatives)
-
-
-def require_known(system: System) -> None:
-    """Refuse films whose derivatives through the steps are not known.
-
-    Where oil is conserved they were found wrong: of the starved journal's thinnest film along the
-    clearance 3.9, by differences in the same steps -0.4 and -0.8 along 1 and 0.1 %.
-
-    Raises
-    ------
-    SensitivityError
-        An oil is compressible, or a film keeps account of its oil.
-    """
-    for place in system.films:
-        if not place.film.film.parameters.lubricant.density_law.constant:
-            raise SensitivityError(
-                f"joints.{place.name}: the oil is denser under pressure, and derivatives of its "
-                "density are not known: take an oil of constant density, or compare runs"
-            )
-        if place.joint.oil is not None:
-            raise SensitivityError(
-                f'joints.{place.name}.cavitation = "mass-conserving": derivatives of how oil and '
-                'voids move are not known: take cavitation = "reynolds", or compare runs'
-            )
 
 
 def figure_of(name: str, curves: Curves) -> Figure:

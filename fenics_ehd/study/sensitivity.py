@@ -22,7 +22,6 @@ from fenics_ehd.multibody.sensitivity import (
     Figure,
     Number,
     figure_of,
-    require_known,
 )
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
@@ -188,7 +187,7 @@ def scene_sensitivity(
     Raises
     ------
     SettingsError, SensitivityError
-        Of keys, before anything is reduced; of figures and films, after the first step.
+        Of keys, before anything is reduced; of figures, after the first step.
     SolverError
         From runs and derivatives.
     """
@@ -196,7 +195,6 @@ def scene_sensitivity(
     seconds: dict[str, float] = {}
     clock = process_time()
     first, bodies = _run(scene, bodies, steps=1)
-    require_known(first.run.equations.system)
     curves = curves_of(first)
     figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
     record, _ = _run(scene, bodies)
