@@ -192,6 +192,7 @@ def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
         ({"output.accuracy_keeps": ["mass"]}, "'mass' is none of what is chosen: time.tolerance"),
         ({"output.error_budget": False}, "needs output.error_budget = true"),
         ({"output.accuracy": "1 um"}, "output.accuracy = '1 um'"),
+        ({"output.accuracy": 2.0}, "output.accuracy = 2.0 must be below 0.5: 0.01 for 1 %"),
         ({"output.accuracy": 0.0, "output.accuracy_keeps": ["cells"]}, "without output.accuracy"),
     ],
 )

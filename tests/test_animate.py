@@ -35,7 +35,9 @@ from fenics_ehd.results.motion import nearest_steps
 from fenics_ehd.results.paraview import write_run
 from fenics_ehd.results.part_fields import part_of_basis
 from fenics_ehd.results.replay import Replay
+from fenics_ehd.scenes.given import with_body
 from fenics_ehd.scenes.scene_file import shipped
+from fenics_ehd.scenes.scene_text import as_stored, scene_text
 
 #: Clearance of the paper's machines [m].
 CLEARANCE = 17e-6
@@ -366,7 +368,8 @@ def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
 def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text(f"{IDEAL}[time]\nend = 0.02\n")
-    assert call("run", scene, "-o", tmp_path / "out", "--no-plots", capsys=capsys).status == 0
+    shown = call("run", scene, "-o", tmp_path / "out", "--no-plots", capsys=capsys)
+    assert shown.status == 0
     run = recorded(tmp_path / "out")
     bodies = {name: body_view(run, name, None, 100.0) for name in run.bodies}
     axes = Figure().add_subplot()
@@ -387,6 +390,7 @@ def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
     # There is no film: the mechanism alone, and its energies.
     done = call("animate", tmp_path / "out", "--frames", 2, capsys=capsys)
     assert done.status == 0, done.err
+    assert "put in for good" not in shown.out
     drawn = call("plot", tmp_path / "out", capsys=capsys).out.split()
     assert drawn == [str(tmp_path / "out" / f"energy.{suffix}") for suffix in ("png", "svg")]
 
@@ -405,6 +409,20 @@ def test_command_draws_the_part_of_a_basis_and_writes_a_gif(crank, capsys):
     assert "bores" not in done.err
     assert gif(target) == (2, (960, 540), 100)
     assert not list(directory.glob("*.part*"))
+
+
+def test_command_says_how_the_basis_of_a_body_is_made(crank, tmp_path, capsys):
+    run = tmp_path / "run"
+    shutil.copytree(crank.directory, run)
+    target = ["--frames", 2, "-o", tmp_path / "a.gif"]
+    assert "fenics-ehd reduce rod" in call("animate", run, *target, capsys=capsys).err
+    body = crank.directory / "body-rod.h5"
+    read = with_body(as_stored(run / "scene.toml"), str(body), {})
+    (run / "scene.toml").write_text(scene_text(read))
+    said = call("animate", run, *target, capsys=capsys)
+    assert said.status == 0, said.err
+    assert "made where the file of this body is" in said.err
+    assert "reduce rod" not in said.err
 
 
 @pytest.mark.parametrize("rate", [20, 24, 30, 40, 45, 50])

@@ -192,6 +192,18 @@ def test_a_difference_is_that_at_equal_crank_angles():
     assert "190 MPa at 360°" in axes.get_legend().get_texts()[0].get_text()
 
 
+def test_a_difference_keeps_the_order_of_columns_and_tells_what_is_known():
+    unknown = np.where(TURN < 90.0, np.nan, 0.0)
+    errors = {
+        f"{component}.film_error": size * TURN / 360.0 + unknown
+        for component, size in (("step_size", 1e-3), ("film_mesh", 3e-3), ("start", 1e-4))
+    }
+    twice = {name: 2.0 * values for name, values in errors.items()}
+    axes = drawn("error_budget", joint(**errors), joint(**twice), difference=True)
+    told = [line.get_label() for line in curves(axes[-1])]
+    assert told == ["step size: 0.1 % at 360°", "film mesh: 0.3 % at 360°", "start: 0.01 % at 360°"]
+
+
 def test_a_difference_of_vectors_is_that_of_components():
     first, second = joint(), joint(force_N=2 * joint().columns["force_N"])
     (axes,) = drawn("force", first, second, difference=True)

@@ -68,8 +68,8 @@ def number(
     `usual` ones is told so by `unusual`.
     """
     unit = unit_of(help_text)
-    measured = f" in {unit}" if unit else ""
-    hint = f":{measured}, {example}" if example else ""
+    measured = f"in {unit}, " if unit else ""
+    hint = f": {measured}{example}" if example else ""
 
     def check(name: str, value: Any) -> None:
         require_finite(name, value, unit)

@@ -125,16 +125,22 @@ def _shapes(run: Replay, directory: Path, bases: tuple[str, ...]) -> dict[str, P
     from fenics_ehd.plotting.animation_shape import shape_of_bores, shape_of_part
     from fenics_ehd.results.part_fields import parts_of_bases
     from fenics_ehd.results.run_folder import SCENE_NAME
+    from fenics_ehd.scenes.scene import meshed
+    from fenics_ehd.scenes.scene_text import as_stored
 
     parts = {n: b.reduced for n, b in run.bodies.items() if isinstance(b, FlexibleBody)}
     shapes = {name: shape_of_bores(part) for name, part in parts.items()}
     whole = parts_of_bases(run.bodies, bases)
     shapes |= {name: shape_of_part(part) for name, part in whole.items()}
+    models = meshed(as_stored(directory / SCENE_NAME))
     for name in (name for name, shape in shapes.items() if not shape.mesh):
+        made = (
+            f"made by fenics-ehd reduce {name} --scene {directory / SCENE_NAME} --method "
+            f"{parts[name].method} -o body.h5 --basis part.h5"
+            if name in models
+            else "which can be made where the file of this body is"
+        )
         click.echo(
-            f"of {name} only the bores are drawn; all of it with --basis part.h5, made by "
-            f"fenics-ehd reduce {name} --scene {directory / SCENE_NAME} --method "
-            f"{parts[name].method} -o body.h5 --basis part.h5",
-            err=True,
+            f"of {name} only the bores are drawn; all of it with --basis part.h5, {made}", err=True
         )
     return shapes

@@ -116,28 +116,23 @@ def run(
 
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
+    wishes = run.Wishes(plots, interval, as_json, multiplier)
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
-        wanted = frames if vtk else None
-        run.run(
+        changed = run.changed_scene(
             scene,
-            body,
-            method,
-            target,
-            plots,
-            wanted,
-            interval,
-            as_json,
-            overwrite,
-            multiplier,
+            body=body,
+            method=method,
+            frames=frames if vtk else None,
             error_budget=error_budget,
             accuracy=accuracy,
         )
+        run.run(changed, target, overwrite, wishes)
         return
     if body or method or directory or vtk or overwrite or accuracy or error_budget is not None:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
-    run.resume(Path(resume), plots, interval, as_json, multiplier)
+    run.resume(Path(resume), wishes)
 
 
 @cli.command()

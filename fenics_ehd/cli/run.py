@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,25 +38,63 @@ if TYPE_CHECKING:  # slow to import, for ParaView series only
 LARGEST_ESTIMATE = 0.2
 
 
-def run(
+@dataclass(frozen=True)
+class Wishes:
+    """What the command line wants of a run, new or gone on with, beside its scene."""
+
+    plots: bool
+    #: Between two checkpoints [s].
+    interval: float
+    as_json: bool
+    #: Whether the largest multiplier of a periodic solution is found, too.
+    multiplier: bool
+
+
+def run(scene: Scene, directory: Path, overwrite: bool, wishes: Wishes) -> None:
+    """Run a scene; collective until it is built."""
+    if wishes.multiplier and not scene.time.periodic:
+        raise SettingsError(
+            f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
+        )
+    warn_of(scene.warnings)
+    require_writable(directory)
+    scene, search = begun(scene)
+    with first_rank_folder(directory, overwrite) as folder:
+        built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
+        parts = _whole_parts(built) if scene.output.paraview else {}
+        # The time integration is serial: other ranks have done their share.
+        if folder is not None:
+            _finish(scene, built, folder, wishes, search, parts=parts)
+
+
+def changed_scene(
     name: str,
+    *,
     body: str | None,
     method: str | None,
-    directory: Path,
-    plots: bool,
     frames: int | None,
-    interval: float,
-    as_json: bool,
-    overwrite: bool,
-    multiplier: bool = False,
-    *,
-    error_budget: bool | None = None,
-    accuracy: str | None = None,
-) -> None:
-    """Run a scene; collective until it is built.
+    error_budget: bool | None,
+    accuracy: str | None,
+) -> Scene:
+    """A scene with what the command line says in place of it.
 
-    `frames`, of a ParaView series, `body`, a file, `error_budget` and `accuracy` take the place of
-    what the scene says; a `method` is kept whatever an accuracy chooses.
+    Parameters
+    ----------
+    name
+        Of a shipped scene, or its file.
+    body
+        File of a reduced body.
+    method
+        Of its parts; kept whatever an accuracy chooses.
+    frames
+        Of a ParaView series; None: as the scene says.
+    error_budget, accuracy
+        As under ``[output]``; None: as the scene says.
+
+    Raises
+    ------
+    SettingsError
+        Body and method exclude each other.
     """
     scene = as_stored(name)
     if body is not None:
@@ -69,33 +107,12 @@ def run(
         scene = with_accuracy(scene, accuracy)
     if method is not None and scene.output.accuracy:
         scene = keeping(scene, [f"bodies.{part}.reduction" for part in meshed(scene)])
+    output = scene.output
     if frames is not None:
-        scene = replace(scene, output=attrs.evolve(scene.output, paraview=True, frames=frames))
+        output = attrs.evolve(output, paraview=True, frames=frames)
     if error_budget is not None:
-        scene = replace(scene, output=attrs.evolve(scene.output, error_budget=error_budget))
-    if multiplier and not scene.time.periodic:
-        raise SettingsError(
-            f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
-        )
-    warn_of(scene.warnings)
-    require_writable(directory)
-    scene, search = begun(scene)
-    with first_rank_folder(directory, overwrite) as folder:
-        built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
-        parts = _whole_parts(built) if scene.output.paraview else {}
-        # The time integration is serial: other ranks have done their share.
-        if folder is not None:
-            _finish(
-                scene,
-                built,
-                folder,
-                interval,
-                plots,
-                as_json,
-                parts=parts,
-                multiplier=multiplier,
-                search=search,
-            )
+        output = attrs.evolve(output, error_budget=error_budget)
+    return replace(scene, output=output)
 
 
 def _whole_parts(built: Built) -> dict[str, PartFields]:
@@ -109,43 +126,27 @@ def _whole_parts(built: Built) -> dict[str, PartFields]:
     return {name: part for name, part in parts.items() if part is not None}
 
 
-def resume(
-    directory: Path, plots: bool, interval: float, as_json: bool, multiplier: bool = False
-) -> None:
+def resume(directory: Path, wishes: Wishes) -> None:
     """Go on with a run; serial."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
         if done is not None and not (folder.path / CHECKPOINT).exists():
             # A periodic solution keeps its last cycle, and nothing to go on with.
-            click.echo(to_json(done) if as_json else report(done, folder.directory))
+            click.echo(to_json(done) if wishes.as_json else report(done, folder.directory))
             return
         former = load_run_state(folder.path)
         scene, built = stored_scene(folder.path)
-        search = search_of(folder.path)
-        _finish(
-            scene,
-            built,
-            folder,
-            interval,
-            plots,
-            as_json,
-            former,
-            multiplier=multiplier,
-            search=search,
-        )
+        _finish(scene, built, folder, wishes, search_of(folder.path), former)
 
 
 def _finish(
     scene: Scene,
     built: Built,
     folder: RunFolder,
-    interval: float,
-    plots: bool,
-    as_json: bool,
+    wishes: Wishes,
+    search: Search | None,
     former: Mapping[str, Any] | None = None,
     parts: Mapping[str, PartFields] | None = None,
-    multiplier: bool = False,
-    search: Search | None = None,
 ) -> None:
     """Integrate, draw, print; `parts` go into a ParaView series.
 
@@ -161,12 +162,12 @@ def _finish(
         folder.path,
         lambda own: progress_bar(own.span),
         search,
-        interval=interval,
+        interval=wishes.interval,
         former=former,
-        multiplier=multiplier,
+        multiplier=wishes.multiplier,
         told=say_next,
     )
-    if plots and scene.output.plots:
+    if wishes.plots and scene.output.plots:
         from fenics_ehd.plotting.pictures import plot_run
 
         plot_run(folder.path)
@@ -174,7 +175,7 @@ def _finish(
         if built is not first:
             parts = {**(parts or {}), **_whole_parts(built)}
         _write_series(scene, built, folder.path, parts or {})
-    click.echo(to_json(summary) if as_json else report(summary, folder.directory))
+    click.echo(to_json(summary) if wishes.as_json else report(summary, folder.directory))
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
 
@@ -235,9 +236,11 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
             f"{summary['periodicity_defect']:.1e}"
         )
     lines += multiplier_line(summary)
+    # Without a film nothing is put in for good.
+    net = f", {summary['net_energy_balance_error']:.1e} of that put in for good" if joints else ""
     lines += [
         f"  energy balance error    {summary['energy_balance_error']:9.1e}     of the energy "
-        f"exchanged, {summary['net_energy_balance_error']:.1e} of that put in for good",
+        f"exchanged{net}",
         f"  time: reduction {summary['reduction_time_s']:.2f} s, "
         f"integration {summary['wall_time_s']:.2f} s",
         f"  results in {directory}",

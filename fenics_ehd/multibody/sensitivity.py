@@ -205,11 +205,10 @@ def figure_of(name: str, curves: Curves) -> Figure:
     if not known:
         raise SensitivityError(f"unknown quantity {name}: no joint is lubricated")
     short = sorted(split_unit(key)[0] for key in known)
-    close = difflib.get_close_matches(full, short, n=1)
-    if close:
-        hint = f"did you mean {close[0]}?"
-    else:
-        hint = f"known: {', '.join(short)}"
+    if alone:
+        short = [key.partition(".")[2] for key in short]
+    close = difflib.get_close_matches(name, short, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(short)}"
     raise SensitivityError(f"unknown quantity {name}: {hint}")
 
 

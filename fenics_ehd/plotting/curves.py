@@ -150,7 +150,8 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         x, y = over_cycle(joint, panel.factor * joint.columns[column], over)
         figures = []
         if panel.extreme is not None:
-            place = panel.extreme(y)
+            known = np.flatnonzero(np.isfinite(y))  # errors are estimated at some steps only
+            place = known[panel.extreme(y[known])]
             axes.plot(x[place], y[place], "o", color=look["color"], markersize=5, zorder=4)
             figures.append(f"{panel.figure(y[place])} at {said(x[place], over)}")
         if (worth := _worth(joint, panel.budget)) is not None:
@@ -252,7 +253,8 @@ def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
     both = both[(both >= low) & (both <= high)]
     values = {
         column: _at(second, column, over, both) - _at(first, column, over, both)
-        for column in (first.columns.keys() & second.columns.keys()) - {over}
+        for column in first.columns
+        if column in second.columns and column != over
     }
     for column in values:
         if column.endswith(AROUND):
