@@ -20,6 +20,7 @@ RIGID_ENGINE = RIGID_ROD | {
     "joints.back.cells": [12, 2],
     "joints.big_end.cells": [12, 2],
 }
+ELASTIC_ROD = {"joints.big_end.cells": [20, 5], "bodies.rod.reduction.estimate_error": False}
 TWO_BEARINGS = {"joints.left.cells": [12, 2], "joints.right.cells": [12, 2]}
 JOURNAL = {"joints.bearing.cells": [20, 4], "time.largest_step": 0.1}
 GROOVE = {"joints.bearing.grooves": [[90.0, 18.0, 2e5]]}
@@ -158,6 +159,21 @@ def test_a_starved_journal_from_its_start(figure):
 def test_every_model_of_films_and_several_joints(model, figure):
     error = largest_error(*MODELS[model])
     name = f"derivatives against differences in the same steps, {model}"
+    figure("derivatives", name, error, most=0.01, unit="%")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rod", ["rigid", "elastic"])
+def test_friction_where_points_fill_and_empty(rod, figure):
+    # Along 0.1 % hardly one of them does.
+    error = largest_error(
+        "slider-crank",
+        (RIGID_ROD if rod == "rigid" else ELASTIC_ROD) | {"joints.big_end.friction": True},
+        ("mean_friction_power",),
+        ("joints.big_end.clearance", "piston.mass"),
+        share=0.01,
+    )
+    name = f"mean friction's derivatives against differences of 1 % in the same steps, {rod} rod"
     figure("derivatives", name, error, most=0.01, unit="%")
 
 

@@ -141,6 +141,7 @@ class _Number:
     def keep(self) -> None:
         """Take the steps that are left as they were in the sweep before."""
         self.columns += self._former[2][len(self.columns) :]
+        self.largest = max(self.largest, self._former[0])
 
     def end(self, record: CycleRecord) -> float:
         """Take the end of a cycle for the start of the next one; change over the largest."""
@@ -185,6 +186,8 @@ class CycleDerivatives:
     ----------
     sweeps
         Times that the steps were gone through.
+    largest
+        For every number, of all relative changes of gaps, over its own relative change.
     """
 
     def __init__(self, record: CycleRecord, perturbed: Sequence[Perturbed]):
@@ -221,6 +224,11 @@ class CycleDerivatives:
             f"{self.sweeps} of them: forces and drives must repeat with the period whatever the "
             "number is"
         )
+
+    @property
+    def largest(self) -> list[float]:
+        """See there."""
+        return [number.largest for number in self._numbers]
 
     def _sweep(self, *, columns: bool) -> tuple[Curves, list[Curves]]:
         """Go through all steps once."""

@@ -31,6 +31,9 @@ from fenics_ehd.multibody.run import Run
 #: second derivatives, leave 1e-5 of a derivative.
 AMOUNT = 3e-6
 
+#: Change of a gap, relative, up to which derivatives are taken to say what a number does.
+CLOSE = 0.1
+
 #: What a figure is called by, and its sign in `extreme_weights`; a mean has none.
 KINDS = {"max": 1, "min": -1, "mean": 0}
 
@@ -130,6 +133,8 @@ class Derivatives:
         Columns of the history at the steps, by joint and name.
     sweeps
         Times that the steps were gone through for that.
+    reach
+        By number: share of its scale that changes a gap somewhere by `CLOSE`.
     refused
         Names of numbers that change how many unknowns there are: none through the steps.
 
@@ -164,6 +169,10 @@ class Derivatives:
             means = mean_weights(record.times, record.period)
             systems = [own.equations.system for own in perturbed[: len(numbers)]]
             along = balances.total(systems, self.curves, along, means)
+        self.reach = {
+            number.name: CLOSE / max(largest, CLOSE)
+            for number, largest in zip(numbers, solver.largest, strict=False)
+        }
         self.along = {number.name: own for number, own in zip(numbers, along, strict=True)}
 
     def of(self, figures: Sequence[Figure]) -> Sensitivity:

@@ -85,6 +85,9 @@ class SceneSensitivity:
         Along which.
     derivatives, methods
         By figure and key, and by key how they were found.
+    reach
+        By key, of derivatives through the steps: share of the number that changes a film somewhere
+        by a tenth.
     sweeps, seconds
         Times that the steps were gone through; processor time of the run, of derivatives through
         the steps, of differences [s].
@@ -97,6 +100,7 @@ class SceneSensitivity:
     numbers: Sequence[Along]
     derivatives: Mapping[tuple[Figure, str], float]
     methods: Mapping[str, str]
+    reach: Mapping[str, float]
     sweeps: int
     seconds: Mapping[str, float]
     record: CycleRecord
@@ -222,7 +226,15 @@ def scene_sensitivity(
     seconds["differences"] = process_time() - clock
     methods = {n.key: THROUGH if n.key in through else DIFFERENCES for n in numbers}
     return SceneSensitivity(
-        figures, found.values, numbers, slopes, methods, derivatives.sweeps, seconds, record
+        figures,
+        found.values,
+        numbers,
+        slopes,
+        methods,
+        derivatives.reach,
+        derivatives.sweeps,
+        seconds,
+        record,
     )
 
 
