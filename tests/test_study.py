@@ -672,7 +672,7 @@ def test_interrupted_study_goes_on(tmp_path):
         preexec_fn=heed_interrupt,
     )
     deadline = time.monotonic() + 120
-    while len(list(folder.glob("runs/*/summary.json"))) < 4 and process.poll() is None:
+    while len(list(folder.glob("runs/*/outcome.json"))) < 4 and process.poll() is None:
         assert time.monotonic() < deadline
         time.sleep(0.05)
     assert process.poll() is None, "the study was over before it was interrupted"

@@ -61,6 +61,7 @@ def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
                         "derivative": found.derivatives[figure, number.key],
                         "elasticity": found.elasticity(figure, number),
                         "method": found.methods[number.key],
+                        "reach": found.reach.get(number.key),
                     }
                     for number in found.numbers
                 },
@@ -79,11 +80,16 @@ def _table(scene: str, found: SceneSensitivity) -> str:
         lines.append(f"  {figure.joint}.{figure.name} = {found.values[figure]:.6g}")
         for number in found.numbers:
             elasticity = found.elasticity(figure, number)
+            reach = ""
+            if number.key in found.reach:
+                reach = f", reach {100 * found.reach[number.key]:.2g} %"
             relative = "        -" if elasticity is None else f"{elasticity:9.4f}"
             lines.append(
                 f"    {number.key:{width}} = {number.value:<12.6g} "
                 f"{found.derivatives[figure, number.key]:12.5g}  {relative}  "
-                f"{found.methods[number.key]}"
+                f"{found.methods[number.key]}{reach}"
             )
+    if found.reach:
+        lines.append("  reach: change of the number that changes a film somewhere by a tenth")
     seconds = ", ".join(f"{name} {value:.1f} s" for name, value in found.seconds.items() if value)
     return "\n".join([*lines, f"  time: {seconds}"])

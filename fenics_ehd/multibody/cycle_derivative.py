@@ -25,6 +25,9 @@ from fenics_ehd.multibody.step_derivative import TOLERANCE, Direction, StepDeriv
 #: Largest change over a cycle, over the largest derivative in it; and cycles at most.
 PERIODICITY, MOST_SWEEPS = 2e-4, 30
 
+#: Share of a direction that a state is moved by to see what it means.
+SMALL = 1e-6
+
 #: Columns of a history over the steps, by joint and name.
 Curves = dict[str, dict[str, np.ndarray]]
 
@@ -57,11 +60,44 @@ class _Points:
         return _Points(self.times, self.x - other.x, self.rate - other.rate)
 
 
+class _Measure:
+    """What derivatives of a state mean: relative changes of gaps and of oil, and of coordinates.
+
+    Parameters
+    ----------
+    view, x
+        Of which mechanism, and where.
+    """
+
+    def __init__(self, view: StepView, x: np.ndarray):
+        self._view, self._x = view, x
+        self._observed = view.norm.observe(x)
+        self._contents = view.contents(x)
+
+    def changes(self, direction: np.ndarray) -> np.ndarray:
+        """All of them; of oil that is accounted for as heavy as all gaps of a film together."""
+        norm, observed = self._view.norm, self._view.observed(direction)
+        gaps = norm.gaps(self._observed)
+        observed[: len(gaps)] /= norm.lengths(gaps)
+        return np.concatenate([observed, np.sqrt(len(gaps)) * self._oil(direction)])
+
+    def size(self, direction: np.ndarray) -> float:
+        """Largest of them in the norm of the steps."""
+        change = SMALL * self._view.observed(direction)
+        oil = float(np.abs(self._oil(direction)).max(initial=0.0))
+        return max(self._view.norm.error_norm(self._observed, change) / SMALL, oil)
+
+    def _oil(self, direction: np.ndarray) -> np.ndarray:
+        if not len(self._contents):
+            return self._contents
+        return (self._view.contents(self._x + SMALL * direction) - self._contents) / SMALL
+
+
 class _Number:
     """One number on its way to derivatives that repeat themselves."""
 
-    def __init__(self, perturbed: Perturbed, record: CycleRecord, view: StepView):
-        self.perturbed, self._view = perturbed, view
+    def __init__(self, perturbed: Perturbed, record: CycleRecord):
+        self.perturbed = perturbed
         x, rate = perturbed.start(record.start)
         ahead = record.before[:, None] - record.before[0]
         self.points = _Points(record.before, x + ahead * rate, np.tile(rate, (len(ahead), 1)))
@@ -79,9 +115,9 @@ class _Number:
         self._last: list[tuple[float, Direction]] = []
 
     def add(
-        self, step: RecordedStep, observed: np.ndarray, derivatives: StepDerivatives, number: int
+        self, step: RecordedStep, measure: _Measure, derivatives: StepDerivatives, number: int
     ) -> None:
-        """One step of a sweep, and what is observed at its end."""
+        """One step of a sweep, and what derivatives mean at its end."""
         past = step.weights[1:]
         own = past @ self.now.x[: len(past)], past @ self.now.rate[: len(past)]
         guess = self._last[-1][1].unknowns if self._last else None
@@ -90,8 +126,8 @@ class _Number:
         self._last = [*self._last, (step.time, found)][-2 * REACH :]
         self.columns.append(found.columns)
         self._states.append(found.x)
-        self.largest = max(self.largest, self._size(self._view.observed(found.x), observed))
-        self._observed = observed
+        self.largest = max(self.largest, measure.size(found.x))
+        self._measure = measure
 
     @property
     def repeats(self) -> bool:
@@ -100,22 +136,22 @@ class _Number:
         k = len(self._states) - 1
         if not states or not columns[k]:
             return False
-        change = self._view.observed(self._states[k] - states[k])
-        return self._size(change, self._observed) <= PERIODICITY * largest
+        return self._measure.size(self._states[k] - states[k]) <= PERIODICITY * largest
 
     def keep(self) -> None:
         """Take the steps that are left as they were in the sweep before."""
         self.columns += self._former[2][len(self.columns) :]
+        self.largest = max(self.largest, self._former[0])
 
-    def end(self, record: CycleRecord, gaps: np.ndarray) -> float:
+    def end(self, record: CycleRecord) -> float:
         """Take the end of a cycle for the start of the next one; change over the largest."""
         assert record.period is not None
         ends = _Points(record.before, *self._at(record.before + record.period))
-        change = self._view.observed(ends.x[0] - self.points.x[0])
-        defect = self._size(change, gaps)
+        change = ends.x[0] - self.points.x[0]
+        defect = self._measure.size(change)
         self.settled = defect <= PERIODICITY * self.largest + TOLERANCE
         self._ends = [*self._ends, ends][-REMEMBERED:]
-        self._changes = [*self._changes, change / self._lengths(gaps)][-REMEMBERED:]
+        self._changes = [*self._changes, self._measure.changes(change)][-REMEMBERED:]
         if not self.settled and len(self._ends) > 1:
             changes = np.diff(self._changes, axis=0)
             sizes = np.linalg.norm(changes, axis=1)
@@ -135,18 +171,6 @@ class _Number:
             rate.append(weights @ np.array([self._last[i][1].rate for i in near]))
         return np.array(x), np.array(rate)
 
-    def _lengths(self, observed: np.ndarray) -> np.ndarray:
-        """Lengths that it is compared with."""
-        lengths = np.ones_like(observed)
-        gaps = self._view.norm.gaps(observed)
-        lengths[: len(gaps)] = self._view.norm.lengths(gaps)
-        return lengths
-
-    def _size(self, change: np.ndarray, observed: np.ndarray) -> float:
-        """In the norm of the steps."""
-        small = 1e-6
-        return self._view.norm.error_norm(observed, small * change) / small
-
 
 class CycleDerivatives:
     """Derivatives of the steps of a record along numbers.
@@ -162,13 +186,15 @@ class CycleDerivatives:
     ----------
     sweeps
         Times that the steps were gone through.
+    largest
+        For every number, of all relative changes of gaps, over its own relative change.
     """
 
     def __init__(self, record: CycleRecord, perturbed: Sequence[Perturbed]):
         self._record = record
         self._view = StepView(record.run.equations, record.run.norm)
         self._steps = StepDerivatives(self._view)
-        self._numbers = [_Number(own, record, self._view) for own in perturbed]
+        self._numbers = [_Number(own, record) for own in perturbed]
         self.sweeps, self._repeated = 0, False
         self._values: list[Columns] = []
 
@@ -190,8 +216,7 @@ class CycleDerivatives:
             columns = self._sweep(columns=self.sweeps > 0)
             if self._repeated:
                 return columns
-            gaps = self._view.norm.observe(self._record.steps[-1].x)
-            worst = max(number.end(self._record, gaps) for number in self._numbers)
+            worst = max(number.end(self._record) for number in self._numbers)
             if all(number.settled for number in self._numbers) and self.sweeps > 1:
                 return columns
         raise PeriodicityError(
@@ -199,6 +224,11 @@ class CycleDerivatives:
             f"{self.sweeps} of them: forces and drives must repeat with the period whatever the "
             "number is"
         )
+
+    @property
+    def largest(self) -> list[float]:
+        """See there."""
+        return [number.largest for number in self._numbers]
 
     def _sweep(self, *, columns: bool) -> tuple[Curves, list[Curves]]:
         """Go through all steps once."""
@@ -209,9 +239,9 @@ class CycleDerivatives:
         for step in self._record.steps:
             self._steps.begin(step, columns=columns)
             values.append(self._steps.columns)
-            observed = self._view.norm.observe(step.x)
+            measure = _Measure(self._view, step.x)
             for i, number in enumerate(self._numbers):
-                number.add(step, observed, self._steps, i)
+                number.add(step, measure, self._steps, i)
             same = same + 1 if all(number.repeats for number in self._numbers) else 0
             if same > REACH:
                 for number in self._numbers:

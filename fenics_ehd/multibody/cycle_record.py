@@ -132,7 +132,7 @@ class CycleRecord:
         self.steps: list[RecordedStep] = []
         self.before = np.array([run.state.time])
         self.start = run.state.x[0].copy(), run.state.rate[0].copy()
-        self._cycle = 1
+        self._cycle = 1 if cycles is None else cycles.number
 
     def follow(self, steps: Iterable[MechanismStep]) -> Iterator[MechanismStep]:
         """The same steps, recorded."""

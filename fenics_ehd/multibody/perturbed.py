@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -32,11 +31,8 @@ from fenics_ehd.multibody.system import System
 #: Columns of a history at one step, by joint and name.
 Columns = dict[str, dict[str, float]]
 
-#: Points of some films, by the film's number.
+#: Values at points of some films, by the film's number.
 Masks = Mapping[int, np.ndarray]
-
-#: Of no film.
-NONE: Masks = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +49,6 @@ class Held:
 
     full: Masks
     extremes: Sequence[FilmStencils]
-
-
-#: Pressure of a node that is filled, over the largest: above `shear.PRESSURE_FLOOR`.
-TRACE = 1e-9
 
 
 class StepView:
@@ -78,22 +70,29 @@ class StepView:
         """What the steps observe of a derivative of the state, shape of `StepNorm.observe`."""
         return self.norm.observe(direction) - self._none
 
+    def contents(self, x: np.ndarray) -> np.ndarray:
+        """Oil in a state of the films that keep account of it, over what a round one holds."""
+        equations, voids = self.equations, self.equations.voids
+        if not voids:
+            return np.zeros(0)
+        gaps = self.norm.film_gaps(self.norm.observe(x))
+        balances = [equations.oil(i).balance for i in voids]
+        rounds = [own.volume_scale * own.assembly.area.sum() for own in balances]
+        return np.array(equations.contents(x, gaps)) / rounds
+
     @property
     def sheared(self) -> list[int]:
         """Numbers of the films of which columns depend on the share of the oil that is sheared."""
         places = enumerate(self.equations.system.films)
         return [i for i, own in places if own.film.friction or own.joint.heat is not None]
 
-    def full(self, point: Point, filled: Masks = NONE) -> Masks:
-        """Gauss points in full film of the films in `sheared`; some more nodes may be filled."""
-        found = {}
-        for i in self.sheared:
-            film, nodal = self.equations.system.films[i].film.film, point.films[i].nodal
-            if i in filled:
-                nodal = nodal.copy()
-                nodal[filled[i]] = TRACE * nodal.max()
-            found[i] = in_full_film(film.assembly.at_points(nodal)[0])
-        return found
+    def full(self, pressures: Masks) -> Masks:
+        """Gauss points in full film of the films in `sheared`, by pressures of all their nodes."""
+        films = self.equations.system.films
+        return {
+            i: in_full_film(films[i].film.film.assembly.at_points(pressures[i])[0])
+            for i in self.sheared
+        }
 
     def held(self, point: Point) -> Held:
         """What is kept of a step."""
@@ -102,7 +101,7 @@ class StepView:
         for rows, own, gap in zip(self._rows, point.films, gaps, strict=True):
             contact = None if own.touch is None else own.touch.pressure
             extremes.append(rows.stencils(own.nodal, gap, contact))
-        return Held(self.full(point), extremes)
+        return Held(self.full({i: point.films[i].nodal for i in self.sheared}), extremes)
 
     def columns(self, asked: ImplicitStep, point: Point, held: Held) -> Columns:
         """Columns of every lubricated joint at the end of a step, by the joint's name.

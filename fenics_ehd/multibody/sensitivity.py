@@ -26,11 +26,13 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.perturbed import Perturbed
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.system import System
 
 #: Change of a number, over its scale: round-off of the equations over it, and it times their
 #: second derivatives, leave 1e-5 of a derivative.
 AMOUNT = 3e-6
+
+#: Change of a gap, relative, up to which derivatives are taken to say what a number does.
+CLOSE = 0.1
 
 #: What a figure is called by, and its sign in `extreme_weights`; a mean has none.
 KINDS = {"max": 1, "min": -1, "mean": 0}
@@ -131,20 +133,19 @@ class Derivatives:
         Columns of the history at the steps, by joint and name.
     sweeps
         Times that the steps were gone through for that.
+    reach
+        By number: share of its scale that changes a gap somewhere by `CLOSE`.
     refused
         Names of numbers that change how many unknowns there are: none through the steps.
 
     Raises
     ------
-    SensitivityError
-        See `require_known`.
     PeriodicityError, SolverError
         From `CycleDerivatives`.
     """
 
     def __init__(self, record: CycleRecord, numbers: Sequence[Number]):
         equations = record.run.equations
-        require_known(equations.system)
         balances = Balances(equations.system, AMOUNT) if equations.system.heated else None
         temperatures = {} if balances is None else balances.temperatures
         self.refused, perturbed = [], []
@@ -168,6 +169,10 @@ class Derivatives:
             means = mean_weights(record.times, record.period)
             systems = [own.equations.system for own in perturbed[: len(numbers)]]
             along = balances.total(systems, self.curves, along, means)
+        self.reach = {
+            number.name: CLOSE / max(largest, CLOSE)
+            for number, largest in zip(numbers, solver.largest, strict=False)
+        }
         self.along = {number.name: own for number, own in zip(numbers, along, strict=True)}
 
     def of(self, figures: Sequence[Figure]) -> Sensitivity:
@@ -183,30 +188,6 @@ class Derivatives:
                 for number in self._numbers
             }
         return Sensitivity(values, derivatives)
-
-
-def require_known(system: System) -> None:
-    """Refuse films whose derivatives through the steps are not known.
-
-    Where oil is conserved they were found wrong: of the starved journal's thinnest film along the
-    clearance 3.9, by differences in the same steps -0.4 and -0.8 along 1 and 0.1 %.
-
-    Raises
-    ------
-    SensitivityError
-        An oil is compressible, or a film keeps account of its oil.
-    """
-    for place in system.films:
-        if not place.film.film.parameters.lubricant.density_law.constant:
-            raise SensitivityError(
-                f"joints.{place.name}: the oil is denser under pressure, and derivatives of its "
-                "density are not known: take an oil of constant density, or compare runs"
-            )
-        if place.joint.oil is not None:
-            raise SensitivityError(
-                f'joints.{place.name}.cavitation = "mass-conserving": derivatives of how oil and '
-                'voids move are not known: take cavitation = "reynolds", or compare runs'
-            )
 
 
 def figure_of(name: str, curves: Curves) -> Figure:

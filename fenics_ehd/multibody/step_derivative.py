@@ -29,9 +29,9 @@ from fenics_ehd.multibody.step_solver import DENSE_LIMIT, ZERO_PRESSURE
 #: off, 1e-5 less than 0.01 %, at the same cost as corrections shrink a thousandfold.
 TOLERANCE, MAX_CORRECTIONS = 1e-6, 12
 
-#: Share of a number's scale by which it is changed to see which nodes fill. By 1 % of
-#: the friction's derivative it helps where a rod is elastic and harms where a film is coarse
-#: (`docs/sensitivity.md`): a criterion is missing.
+#: Share of a number's scale, to either side, by which it is changed to see which points fill and
+#: empty: a mean friction's derivative is 0.6 % off differences of that size, of a rigid rod and of
+#: an elastic one, and up to 3 % without (`docs/sensitivity.md`).
 JUMPS = 0.01
 
 #: Steps after which it is looked at again what a correction leaves.
@@ -146,38 +146,51 @@ class StepDerivatives:
         self._left[number] = left, age + 1
         x, rate = perturbed.equations.state(point)
         moved = (x - self._step.x) / perturbed.amount, (rate - self._step.rate) / perturbed.amount
-        return Direction(found, *moved, self._along_columns(perturbed, point))
+        return Direction(found, *moved, self._along_columns(perturbed, point, found))
 
-    def _along_columns(self, perturbed: Perturbed, point: Point) -> Columns:
+    def _along_columns(self, perturbed: Perturbed, point: Point, along: Unknowns) -> Columns:
         """Derivatives of the history's columns, if they are wanted."""
         if not self.columns:
             return {}
         found = _slope(perturbed.columns_at(point, self._held), self.columns, perturbed.amount)
         if not self.view.sheared:
             return found
-        # Where a node fills, the sheared share jumps: what the jumps make on average.
+        # Where a point fills or empties, the sheared share jumps: what jumps make on average.
         here = self._point
         forth, back = (
             self.view.columns(
-                self._asked, here, replace(self._held, full=self.view.full(here, filled))
+                self._asked, here, replace(self._held, full=self.view.full(pressures))
             )
-            for filled in (self._filling(point, perturbed, s) for s in (JUMPS, -JUMPS))
+            for pressures in (self._moved(point, perturbed, along, s) for s in (JUMPS, -JUMPS))
         )
-        jumps = _slope(forth, back, JUMPS)
+        jumps = _slope(forth, back, 2.0 * JUMPS)
         return {
             joint: {name: value + jumps[joint][name] for name, value in columns.items()}
             for joint, columns in found.items()
         }
 
-    def _filling(self, point: Point, perturbed: Perturbed, share: float) -> dict[int, np.ndarray]:
-        """Nodes that a change of the number by a share of its scale would fill."""
-        found = {}
+    def _moved(
+        self, point: Point, perturbed: Perturbed, along: Unknowns, share: float
+    ) -> dict[int, np.ndarray]:
+        """Pressures of all nodes after a change of the number by a share of its scale.
+
+        On a changed active set they go on along another line, but the first nodes that fill and
+        empty are right.
+        """
+        equations, found = self.view.equations, {}
         for i in self.view.sheared:
             own, other = self._point.films[i], point.films[i]
-            if own.oil is None:
-                flux = own.defect + share / perturbed.amount * (other.defect - own.defect)
-                empty = np.setdiff1d(np.flatnonzero(flux < 0.0), self._full[i])
-                found[i] = self.view.equations.system.films[i].film.film.free[empty]
+            film = equations.system.films[i].film.film
+            if own.oil is not None:
+                found[i] = own.nodal
+                continue
+            pressures = self._unknowns.films[i] + share * along.films[i]
+            flux = own.defect + share / perturbed.amount * (other.defect - own.defect)
+            diagonal = own.problem.entries(own.nodal[film.free])[film.assembly.pattern.diagonal]
+            filling = -equations.scales[i] * flux / diagonal
+            empty = np.setdiff1d(np.arange(len(flux)), self._full[i])
+            pressures[empty] = filling[empty]
+            found[i] = film.equation.nodal(np.maximum(pressures, 0.0))
         return found
 
     def _kept(self, guess: Unknowns | None) -> Unknowns:

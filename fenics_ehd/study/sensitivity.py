@@ -22,7 +22,6 @@ from fenics_ehd.multibody.sensitivity import (
     Figure,
     Number,
     figure_of,
-    require_known,
 )
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
@@ -86,6 +85,9 @@ class SceneSensitivity:
         Along which.
     derivatives, methods
         By figure and key, and by key how they were found.
+    reach
+        By key, of derivatives through the steps: share of the number that changes a film somewhere
+        by a tenth.
     sweeps, seconds
         Times that the steps were gone through; processor time of the run, of derivatives through
         the steps, of differences [s].
@@ -98,6 +100,7 @@ class SceneSensitivity:
     numbers: Sequence[Along]
     derivatives: Mapping[tuple[Figure, str], float]
     methods: Mapping[str, str]
+    reach: Mapping[str, float]
     sweeps: int
     seconds: Mapping[str, float]
     record: CycleRecord
@@ -188,7 +191,7 @@ def scene_sensitivity(
     Raises
     ------
     SettingsError, SensitivityError
-        Of keys, before anything is reduced; of figures and films, after the first step.
+        Of keys, before anything is reduced; of figures, after the first step.
     SolverError
         From runs and derivatives.
     """
@@ -196,7 +199,6 @@ def scene_sensitivity(
     seconds: dict[str, float] = {}
     clock = process_time()
     first, bodies = _run(scene, bodies, steps=1)
-    require_known(first.run.equations.system)
     curves = curves_of(first)
     figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
     record, _ = _run(scene, bodies)
@@ -224,7 +226,15 @@ def scene_sensitivity(
     seconds["differences"] = process_time() - clock
     methods = {n.key: THROUGH if n.key in through else DIFFERENCES for n in numbers}
     return SceneSensitivity(
-        figures, found.values, numbers, slopes, methods, derivatives.sweeps, seconds, record
+        figures,
+        found.values,
+        numbers,
+        slopes,
+        methods,
+        derivatives.reach,
+        derivatives.sweeps,
+        seconds,
+        record,
     )
 
 
