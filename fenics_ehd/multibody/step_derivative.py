@@ -31,7 +31,7 @@ TOLERANCE, MAX_CORRECTIONS = 1e-6, 12
 
 #: Share of a number's scale, to either side, by which it is changed to see which points fill and
 #: empty: a mean friction's derivative is 0.6 % off differences of that size, of a rigid rod and of
-#: an elastic one, and up to 3 % without (`docs/sensitivity.md`).
+#: an elastic one, up to 14 % without (`docs/sensitivity.md`).
 JUMPS = 0.01
 
 #: Steps after which it is looked at again what a correction leaves.

@@ -165,7 +165,9 @@ def _whole(recorded: RecordedRun, errors: Errors) -> dict[tuple[str, str], dict[
     """Components, larger where the total is above their sum: together they move an extreme on."""
     found = {}
     for (joint, quantity), own in errors.items():
-        more = max(1.0, recorded.tracker.worth[joint][quantity]["total"] / sum(own.values()))
+        known = sum(own.values())
+        total = recorded.tracker.worth[joint][quantity]["total"]
+        more = max(1.0, total / known) if known else 1.0
         found[joint, quantity] = {key: more * value for key, value in own.items()}
     return found
 
