@@ -19,6 +19,7 @@ from journal_cases import (
 from scipy.integrate import quad, solve_ivp
 
 from fenics_ehd.base.errors import PeriodicityError
+from fenics_ehd.film import Lubricant
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import simulate, simulate_periodic
 from fenics_ehd.multibody.tracking import Tracker
@@ -71,6 +72,20 @@ def test_no_load_can_turn_at_half_speed():
     mechanism, period = journal(make_film((12, 2)), ellipse(0.15, 1.0, 1), 4 * np.pi / OMEGA)
     with pytest.raises(PeriodicityError, match=r"after cycles = 2 .* above periodicity = 0.0"):
         simulate_periodic(mechanism, period, cycles=2, tolerance=1e-3, order=2, first=1e-6)
+
+
+def test_oil_as_thin_as_air_is_squeezed_as_any_other_only_sooner():
+    # At rest the film is a function of the load times the time over the viscosity. Its flow is up to
+    # 1e8 times the one that the speed of the film's scale makes, and so is its round-off.
+    ends = []
+    for viscosity in (ETA, 1e-3 * ETA, 1e-6 * ETA):
+        film = make_film((20, 4), oil=Lubricant(viscosity))
+        time = 2e-3 * viscosity / ETA
+        mechanism, _ = journal(film, constant(UNIT_LOAD * np.array([0.8, -0.6])), time, speed=0.0)
+        result = simulate(mechanism, time, tolerance=1e-4, order=2, first=1e-6)
+        ends.append(result.joints["bearing"].eccentricity[-1] / C)
+    assert np.hypot(*ends[0]) > 0.3
+    assert np.abs(np.array(ends[1:]) - ends[0]).max() < 2e-4
 
 
 def short_bearing_force(ratio, rate, width, speed):
