@@ -35,10 +35,11 @@ VG 46 with Roelands' and Cross's laws, a hole in the journal behind a resistance
 bore at 10 bar, an oval barrelled bore, a three-lobed crowned journal, friction; heat in the
 cycles.
 
-The program was wrong in two rows. A steady bearing under Barus' law had 215 MPa where the reduced
+The program was wrong in three rows. A steady bearing under Barus' law had 215 MPa where the reduced
 pressure has 500, and said nothing: where the viscosity grows more than tenfold within a film cell
 it is refused now, as mechanisms call their runs untrustworthy. That a viscosity runs away was no
-`ViscosityError` there.
+`ViscosityError` there. With oil as thin as air no first step was found: round-off of its flow was
+taken for an error.
 
 Wrong expectations, corrected:
 
