@@ -5,8 +5,14 @@ import json
 import pytest
 from command_line import call
 from csv_history import read_history
+from mpi4py import MPI
+from scene_cases import tables_of
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.scenes.build import build_mechanism
 from fenics_ehd.scenes.scene_file import scene_of
 from fenics_ehd.scenes.scene_text import stored
 
@@ -109,3 +115,39 @@ def test_a_bearing_tells_its_temperatures(capsys):
     assert "outlet temperature" in capsys.readouterr().out
     assert call(*line, "--temperature", 70) == 2
     assert "exclude each other" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_conserved_oil_is_warmed_too():
+    # What bodies and supplies put in leaves as heat, and the same oil given at that temperature
+    # makes the same film.
+    found = []
+    for heat in (True, False):
+        at = {} if heat else {"temperature": found[0]["effective_temperature_C"]}
+        scene = scene_of(
+            tables_of(
+                "loaded-journal-starved",
+                {
+                    "joints.bearing.cells": [48, 4],
+                    "joints.bearing.friction": True,
+                    "joints.bearing.initial_filling": 1.0,
+                    "lubricants.oil": OIL | at,
+                    "time.tolerance": 1e-3,
+                    "time.periodicity": 2e-3,
+                }
+                | ({"joints.bearing.heat": {"supply_temperature": 60.0}} if heat else {}),
+            ),
+            "starved",
+        )
+        built = build_mechanism(scene, MPI.COMM_SELF)
+        run = Run(built.mechanism, built.steps, scene.span)
+        cycles, recorder = Cycles(run, scene.span, 2e-3, 20), Recorder(run)
+        for step in cycles:
+            recorder.add(step, cycles)
+        found.append(recorder.result(cycles).figures["bearing"])
+    heated, given = found
+    assert heated["effective_temperature_C"] > 75.0
+    dissipated = heated["mean_dissipated_power_W"]
+    power = heated["mean_film_power_W"] + heated["mean_supply_power_W"]
+    assert power == pytest.approx(dissipated, rel=5e-3)
+    assert given["mean_dissipated_power_W"] == pytest.approx(dissipated, rel=5e-3)

@@ -119,7 +119,8 @@ class ConservedOil:
         joint = place.joint
         assert joint.oil is not None
         self._place, self._filling = place, joint.oil.filling
-        self.balance = OilBalance(joint.film, oil_outside=joint.oil.oil_outside)
+        # Not the joint's own film, which heat does not warm.
+        self.balance = OilBalance(place.film.film, oil_outside=joint.oil.oil_outside)
         self.nodes, self.inside = self.balance.unknown, ~self.balance.dry
         self.volumes = slice(first, first + self.balance.assembly.size)
         self._areas = self.balance.stored(np.ones_like(joint.film.assembly.area))[self.nodes]
