@@ -75,8 +75,8 @@ def test_no_load_can_turn_at_half_speed():
 
 
 def test_oil_as_thin_as_air_is_squeezed_as_any_other_only_sooner():
-    # At rest the film is a function of the load times the time over the viscosity. Its flow is up to
-    # 1e8 times the one that the speed of the film's scale makes, and so is its round-off.
+    # At rest the film is a function of the load times the time over the viscosity. Its flow is
+    # up to 1e8 times the one that the speed of the film's scale makes, and so is its round-off.
     ends = []
     for viscosity in (ETA, 1e-3 * ETA, 1e-6 * ETA):
         film = make_film((20, 4), oil=Lubricant(viscosity))
