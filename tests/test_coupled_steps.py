@@ -18,6 +18,7 @@ from hand_made_rod import (
 )
 from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
+from scipy.interpolate import CubicSpline
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.feed import Feed
@@ -308,11 +309,18 @@ def test_a_sparse_film_gives_the_run_of_a_dense_one(monkeypatch):
     for dense_limit in LIMITS:
         solver = partial(CoupledSteps, dense_limit=dense_limit)
         monkeypatch.setattr("fenics_ehd.multibody.run.CoupledSteps", solver)
-        # Newton's updates end below 1e-8 of the gap: one of them more or less does not count.
-        result = run(mechanism, 0.02, 1e-6)
-        names = ("time_s", "max_pressure_Pa", "min_film_thickness_m", "crank.angle_rad")
-        runs.append([result.columns[name] for name in names])
-    np.testing.assert_allclose(*runs, rtol=1e-6)
+        runs.append(run(mechanism, 0.02, 1e-6).columns)
+    # Newton's updates end below 1e-8 of the gap, a hundredth of the error that the length of the
+    # next step follows: steps differ by more than what is found at the same time.
+    times = [columns["time_s"] for columns in runs]
+    np.testing.assert_allclose(*times, rtol=1e-3)
+    for name in ("max_pressure_Pa", "min_film_thickness_m", "crank.angle_rad"):
+        found, expected = (
+            CubicSpline(own, columns[name])(times[0])
+            for own, columns in zip(times, runs, strict=True)
+        )
+        # Just after the start pressures are small differences of large forces.
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-7 * np.abs(found).max())
 
 
 @pytest.mark.parametrize("family", FAMILIES)
