@@ -51,7 +51,8 @@ class Parts:
 
     def reductor(self, part: schema.FlexibleSettings, element: str = "lagrange") -> Reductor:
         """Of a part, for films of an element."""
-        key = repr((part.model, part.geometry, part.material, part.element, element))
+        mesh = part.model, part.geometry, part.cells, part.element
+        key = repr((*mesh, part.material, part.bores, part.points, part.held_by, element))
         if key not in self._reductors:
             source = elastic_part(part, "part", element, MPI.COMM_SELF).source
             assert not isinstance(source, ReducedBody)
