@@ -175,8 +175,9 @@ def _conserved() -> Iterator[Case]:
     yield Case("conserved oil under 1 GPa", flooded, claims)
     here = everything("bearing", "oil", CLEARANCE) | {f"{JOINT}.friction": True}
     heat = {f"{JOINT}.heat": {"supply_temperature": 60.0}}
-    usual = powers(1e-3), tighter(0.05)
-    full = {f"{JOINT}.initial_filling": 1.0}
+    usual = powers(2e-3), tighter(0.05)
+    # Films as thin as all models leave, on 48 cells, are distrusted by the run itself.
+    full = {f"{JOINT}.initial_filling": 1.0, f"{JOINT}.cells": [96, 8]}
     # Half full everywhere, the gap fills up everywhere at once: an impact of rigid surfaces.
     run_away = (named("viscosity", "roelands", "load"),)
     yield Case("all models, half full", starved(here), run_away, StepSizeError)
