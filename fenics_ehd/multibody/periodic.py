@@ -15,6 +15,7 @@ from fenics_ehd.base.errors import (
     StepSizeError,
 )
 from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.joint_heat import FilmTemperatures
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
@@ -26,6 +27,9 @@ NEAR, REMEMBERED, THINNER = 0.3, 6, 0.3
 #: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
 NOISE = 1e-2
 
+#: Share of a ramp by which a cycle may begin before its end.
+ROUNDING = 1e-9
+
 #: What two cycles tell of how the search goes.
 COMPARED = ("moved", "left", "contraction")
 
@@ -34,7 +38,7 @@ class Cycles:
     """Steps of a run, without a stop in between, until no film changes over a cycle.
 
     Where a joint's heat is balanced, its film takes another temperature with every cycle, and the
-    search ends only when that fits, too.
+    search ends only when that fits, too. A cycle counts that began when all forces had grown.
 
     A cycle maps its start to its end. Where it forgets its start slowly the next one begins at the
     combination of former ends for which the same combination of changes is least (Anderson 1965).
@@ -94,6 +98,9 @@ class Cycles:
         self._ends: list[np.ndarray] = []
         self._changes: list[np.ndarray] = []
         self._heat = FilmTemperatures(system.films) if system.heated else None
+        forces = system.mechanism.forces.items()
+        ramps = [(own.ramp, name) for name, own in forces if isinstance(own, RotatingForce)]
+        self._ramp, self._growing = max(ramps, default=(0.0, ""))
 
     @property
     def start(self) -> float:
@@ -143,7 +150,7 @@ class Cycles:
             drained = np.abs(contents - self._contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
-            off = "" if self._heat is None else self._heat.unsettled()
+            off = self._unsettled()
             if self.number > 1 and self.defect <= self._periodicity and not off:
                 return
             if self.number >= self._most:
@@ -162,6 +169,17 @@ class Cycles:
             self.began = self._run.state
             self._contents = self._oil()
             self.number += 1
+
+    @property
+    def _grown(self) -> bool:
+        """Whether the cycle under way began when no force grew any more."""
+        return self.start >= self._ramp * (1.0 - ROUNDING)
+
+    def _unsettled(self) -> str:
+        """Why the cycle under way cannot be the last one, whatever its films do."""
+        if not self._grown:
+            return f"forces.{self._growing} still grows, over ramp = {self._ramp:g} s"
+        return "" if self._heat is None else self._heat.unsettled()
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
         """Compare start and end of a cycle with those of the one before."""
@@ -192,7 +210,7 @@ class Cycles:
         """Begin the next cycle."""
         state, norm, heat = self._run.state, self._run.norm, self._heat
         n, gaps = state.x.shape[1], self._films()
-        end, near = np.stack([state.x[0], state.rate[0]]), self.defect < NEAR
+        end, near = np.stack([state.x[0], state.rate[0]]), self._grown and self.defect < NEAR
         scales = norm.lengths(gaps)
         if heat is not None:
             # Temperatures go along with the coordinates, and what they are off with the films.
