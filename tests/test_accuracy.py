@@ -499,5 +499,7 @@ def test_an_option_that_is_no_accuracy_is_refused(tmp_path, capfd):
     scene = write_scene(tmp_path / "scene.toml", "loaded-journal", QUICK)
     assert call("run", scene, "--accuracy", "1 um", "-o", tmp_path / "run") == 2
     assert "output.accuracy = '1 um'" in capfd.readouterr().err
+    assert call("run", scene, "--accuracy", "1e-9", "-o", tmp_path / "run") == 2
+    assert "output.accuracy = 1e-09 is below 0.0001" in capfd.readouterr().err
     assert call("run", scene, "--accuracy", "1%", "--no-error-budget", "-o", tmp_path / "run") == 2
     assert "needs output.error_budget = true" in capfd.readouterr().err
