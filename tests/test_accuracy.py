@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import inf
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 from command_line import call
@@ -33,7 +34,7 @@ from fenics_ehd.scenes.accuracy_choice import (
 )
 from fenics_ehd.scenes.accuracy_step import account
 from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.coarse_part import counts, part_cells
+from fenics_ehd.scenes.coarse_part import counts, part_cells, with_counts
 from fenics_ehd.scenes.given import changed
 from fenics_ehd.scenes.scene_file import read_scene
 from fenics_ehd.study.case import make_case
@@ -389,6 +390,14 @@ def test_a_search_ends_and_says_what_is_in_the_way():
     assert len(search.runs) <= 4
     assert "is not met: the estimate is 0.02" in found["warnings"][-1]
     assert "film mesh 0.02 (joints.big_end.cells kept)" in found["warnings"][-1]
+
+
+def test_numbers_of_cells_that_are_not_written_are_those_of_the_model():
+    rod = read_scene("slider-crank").bodies["rod"]
+    bare = attrs.evolve(rod, geometry={"bore_radius": 0.02, "shank_cells": 6})
+    cells = {k: v for k, v in rod.geometry.items() if k in counts(rod)}
+    assert with_counts(bare, "bodies.rod").geometry == cells | bare.geometry
+    assert with_counts(rod, "bodies.rod").geometry == rod.geometry
 
 
 def test_a_finer_mesh_of_a_part_is_one_that_its_model_has():

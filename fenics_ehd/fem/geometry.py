@@ -117,11 +117,31 @@ def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: floa
     gmsh.onelab.setNumber(entry["name"], [float(value)])
 
 
-def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
-    """Mesh a model in a fresh Gmsh session; the caller finalises Gmsh."""
+def _begin_session() -> None:
+    """Gmsh without options of its user, silent."""
     with interrupt_kept():
         gmsh.initialize([""], readConfigFiles=False)
     gmsh.option.setNumber("General.Terminal", 0)
+
+
+def model_parameters(path: Path) -> dict[str, float]:
+    """Numbers that may be given to a model, by name, as they are if nobody does; of a mesh none.
+
+    Serial.
+    """
+    if path.suffix == ".msh":
+        return {}
+    _begin_session()
+    try:
+        with _by_itself(path) as model:
+            return {name: entry["values"][0] for name, entry in _parameters(model).items()}
+    finally:
+        gmsh.finalize()
+
+
+def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
+    """Mesh a model in a fresh Gmsh session; the caller finalises Gmsh."""
+    _begin_session()
     with _by_itself(path) as model:
         known = {} if path.suffix == ".msh" else _parameters(model)
         for name, value in parameters.items():

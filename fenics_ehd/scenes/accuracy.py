@@ -25,7 +25,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.output import ACCURACY, to_json, write_whole
 from fenics_ehd.scenes.accuracy_choice import rounded
-from fenics_ehd.scenes.coarse_part import counts
+from fenics_ehd.scenes.coarse_part import counts, with_counts
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.given import changed
 from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
@@ -43,8 +43,8 @@ FEWEST_AROUND, MOST_AROUND = 16, 48
 #: share of the accuracy that it is to take in a pilot, and least and largest tolerance of one.
 STEP_ERROR, PILOT_SHARE, PILOT_TIGHTEST, PILOT_LOOSEST = 0.006, 0.6, 3e-4, 3e-3
 
-#: Least accuracy: smaller errors were never judged (`docs/error-budget.md`), and 1e-9 would be a run
-#: of 37 hours.
+#: Least accuracy: smaller errors were never judged (`docs/error-budget.md`), and 1e-9 would be 37
+#: hours.
 LEAST = 1e-4
 
 #: Periodicity over the accuracy, and its least over the tolerance of a step: the steps that a cycle
@@ -132,6 +132,16 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
         raise SettingsError(
             f"output.accuracy = {asked:g} is below {LEAST:g}, where errors are not known to be "
             "estimated well: ask for that, or write meshes and steps"
+        )
+    if output.part_mesh_error:
+        scene = changed(
+            scene,
+            {
+                f"bodies.{name}.geometry": with_counts(
+                    scene.bodies[name], f"bodies.{name}"
+                ).geometry
+                for name in meshed(scene)
+            },
         )
     kept = _kept(scene)
     chosen = {key: value for key, value in _pilot(scene, asked, kept).items() if key not in kept}

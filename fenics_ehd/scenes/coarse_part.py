@@ -12,6 +12,7 @@ from fenics_ehd.multibody.part_mesh import COARSER
 from fenics_ehd.reduction import ReducedBody, Structure, rigid
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.part import model_file
 from fenics_ehd.scenes.scene import Scene
 
 #: The models' cells around a bore are a multiple of this.
@@ -29,7 +30,7 @@ def coarser_part(scene: Scene, name: str) -> ReducedBody:
     SettingsError
         Its model has no numbers of cells among its parameters, or too few.
     """
-    settings = scene.bodies[name]
+    settings = with_counts(scene.bodies[name], f"bodies.{name}")
     coarse = attrs.evolve(settings, geometry=_halved(name, settings))
     part = elastic_part(coarse, f"bodies.{name}", scene.film_element(name), MPI.COMM_SELF)
     assert isinstance(part.source, Structure)
@@ -47,9 +48,19 @@ def _halved(name: str, settings: schema.FlexibleSettings) -> dict[str, float]:
             )
     if not found:
         raise SettingsError(
-            f"bodies.{name}.geometry gives no numbers of cells: no coarser mesh of the part"
+            f"bodies.{name}: no coarser mesh of the part: its model {settings.model!r} has no "
+            "numbers of hexahedra"
         )
     return geometry
+
+
+def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
+    """The settings of a part, numbers of cells that are its model's own written out; serial."""
+    from fenics_ehd.fem.geometry import model_parameters  # Gmsh
+
+    own = model_parameters(model_file(settings, key))
+    whole = counts(attrs.evolve(settings, geometry=own))
+    return attrs.evolve(settings, geometry={k: own[k] for k in whole} | settings.geometry)
 
 
 def counts(settings: schema.FlexibleSettings) -> tuple[str, ...]:
