@@ -128,15 +128,25 @@ def model_parameters(path: Path) -> dict[str, float]:
     """Numbers that may be given to a model, by name, as they are if nobody does; of a mesh none.
 
     Serial.
+
+    Raises
+    ------
+    MeshError
+        Gmsh cannot read it.
     """
     if path.suffix == ".msh":
         return {}
-    _begin_session()
     try:
+        _begin_session()
         with _by_itself(path) as model:
             return {name: entry["values"][0] for name, entry in _parameters(model).items()}
+    except MeshError:
+        raise
+    except Exception as error:  # Gmsh raises plain Exception
+        raise MeshError(f"Gmsh cannot read {path}: {error}") from error
     finally:
-        gmsh.finalize()
+        with interrupt_kept():
+            gmsh.finalize()
 
 
 def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
