@@ -1,21 +1,24 @@
 """The search for the cycle that repeats: an affine map, whose fixed point is known, as a run."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from fenics_ehd.base.errors import PeriodicityError
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.multibody import periodic
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.forces import PointForce, RotatingForce
-from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.forces import PointForce, RotatingForce, Torque
+from fenics_ehd.multibody.joints import Speed, SpeedTable
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import Cycles, repeating
 from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.simulation import simulate_periodic
+from fenics_ehd.multibody.tabulated import Curve
 
 #: Multipliers of a cycle: a whirl that dies away slowly, and a film's that dies at once.
 SLOW = 0.93 * np.array([[np.cos(1.3), -np.sin(1.3)], [np.sin(1.3), np.cos(1.3)]])
@@ -38,7 +41,7 @@ class AffineRun:
         system = SimpleNamespace(
             films=["film"],
             heated=False,
-            mechanism=SimpleNamespace(forces={}),
+            mechanism=SimpleNamespace(forces={}, drives={}),
             bodies={"crank": slice(3, 4)},
             each_name=lambda: [("crank", body)],
         )
@@ -144,11 +147,22 @@ def peak(ramp, most):
 
 def test_a_force_that_grows_slowly_is_none_that_repeats():
     # Its films change by less than 1e-2 a cycle: over 300 cycles, for a quarter of the pressure.
-    with pytest.raises(PeriodicityError, match=r"unbalance still grows, over ramp = 6\.28319 s"):
+    with pytest.raises(PeriodicityError, match=r"forces\.unbalance\.ramp = 6\.28319 s is not over"):
         peak(300, 4)
     cycles, pressure = peak(3, 20)
     assert 3 < cycles < 7
     assert pressure == pytest.approx(peak(0, 20)[1], rel=5e-3)
+
+
+def test_a_table_over_time_has_to_be_over():
+    rising = Curve(PchipInterpolator([0.0, 2.0], [100.0, 300.0]), periodic=False)
+    run_up = replace(rotor(5.0, 600.0, 0.5), drives={"rotor": SpeedTable(rising)})
+    assert repeating(run_up)[0] == 2.0
+    torque = Torque("rotor", rising)
+    assert repeating(replace(rotor(5.0, 0.0), drives={}, forces={"drive": torque}))[0] == 2.0
+    over_angle = replace(torque, over_angle=True)
+    assert repeating(replace(rotor(5.0, 0.0), drives={}, forces={"drive": over_angle}))[0] == 0.0
+    assert repeating(rotor(5.0, 600.0, 0.5))[0] == 0.5
 
 
 @pytest.mark.slow

@@ -17,8 +17,11 @@ from fenics_ehd.base.errors import (
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.joint_heat import FilmTemperatures
+from fenics_ehd.multibody.joints import SpeedTable
+from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
+from fenics_ehd.multibody.tabulated import Curve
 
 #: Cycles that change the films by less than this tell where the next one should begin, at most so
 #: many of them; and the share that a film may become thinner by that.
@@ -27,18 +30,37 @@ NEAR, REMEMBERED, THINNER = 0.3, 6, 0.3
 #: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
 NOISE = 1e-2
 
-#: Share of a ramp by which a cycle may begin before its end.
+#: Share of the time that loads and drives take to repeat by which a cycle may begin before it.
 ROUNDING = 1e-9
 
 #: What two cycles tell of how the search goes.
 COMPARED = ("moved", "left", "contraction")
 
 
+def repeating(mechanism: Mechanism) -> tuple[float, str]:
+    """Time from which loads and drives repeat themselves [s], and what takes so long, in words."""
+    found = [(0.0, "")]
+    for name, force in mechanism.forces.items():
+        table, body = force.table or (None, "")
+        if isinstance(force, RotatingForce):
+            found.append((force.ramp, f"forces.{name}.ramp = {force.ramp:g} s"))
+        elif isinstance(table, Curve) and not (table.periodic or body):
+            found.append(
+                (table.last, f"the table of {name}, whose last row is at {table.last:g} s,")
+            )
+    for name, drive in mechanism.drives.items():
+        if isinstance(drive, SpeedTable):
+            last = drive.speed.last
+            found.append((last, f"drives.{name}.table, whose last row is at {last:g} s,"))
+    return max(found)
+
+
 class Cycles:
     """Steps of a run, without a stop in between, until no film changes over a cycle.
 
     Where a joint's heat is balanced, its film takes another temperature with every cycle, and the
-    search ends only when that fits, too. A cycle counts that began when all forces had grown.
+    search ends only when that fits, too. A cycle counts that began when loads and drives repeated
+    themselves, see `repeating`.
 
     A cycle maps its start to its end. Where it forgets its start slowly the next one begins at the
     combination of former ends for which the same combination of changes is least (Anderson 1965).
@@ -98,9 +120,7 @@ class Cycles:
         self._ends: list[np.ndarray] = []
         self._changes: list[np.ndarray] = []
         self._heat = FilmTemperatures(system.films) if system.heated else None
-        forces = system.mechanism.forces.items()
-        ramps = [(own.ramp, name) for name, own in forces if isinstance(own, RotatingForce)]
-        self._ramp, self._growing = max(ramps, default=(0.0, ""))
+        self._repeats, self._changing = repeating(system.mechanism)
 
     @property
     def start(self) -> float:
@@ -171,14 +191,14 @@ class Cycles:
             self.number += 1
 
     @property
-    def _grown(self) -> bool:
-        """Whether the cycle under way began when no force grew any more."""
-        return self.start >= self._ramp * (1.0 - ROUNDING)
+    def _settled(self) -> bool:
+        """Whether the cycle under way began when loads and drives repeated themselves."""
+        return self.start >= self._repeats * (1.0 - ROUNDING)
 
     def _unsettled(self) -> str:
         """Why the cycle under way cannot be the last one, whatever its films do."""
-        if not self._grown:
-            return f"forces.{self._growing} still grows, over ramp = {self._ramp:g} s"
+        if not self._settled:
+            return f"{self._changing} is not over"
         return "" if self._heat is None else self._heat.unsettled()
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
@@ -210,7 +230,7 @@ class Cycles:
         """Begin the next cycle."""
         state, norm, heat = self._run.state, self._run.norm, self._heat
         n, gaps = state.x.shape[1], self._films()
-        end, near = np.stack([state.x[0], state.rate[0]]), self._grown and self.defect < NEAR
+        end, near = np.stack([state.x[0], state.rate[0]]), self._settled and self.defect < NEAR
         scales = norm.lengths(gaps)
         if heat is not None:
             # Temperatures go along with the coordinates, and what they are off with the films.

@@ -52,6 +52,11 @@ class Curve:
         """From the first row to the last."""
         return float(self.curve.x[-1] - self.curve.x[0])
 
+    @property
+    def last(self) -> float:
+        """Place of the last row."""
+        return float(self.curve.x[-1])
+
     def _inside(self, place: float) -> float:
         first, last = self.curve.x[[0, -1]]
         if self.periodic:
