@@ -18,8 +18,7 @@ from fenics_ehd.multibody.differentiation import (
 
 pytestmark = pytest.mark.kernels
 
-#: Derandomised, so that every machine tests the same cases.
-profile = settings(deadline=None, derandomize=True, max_examples=60)
+profile = settings(max_examples=60)
 
 
 @dataclass

@@ -64,7 +64,7 @@ def rough_gap(film, seed):
 
 @pytest.mark.parametrize("family", FAMILIES)
 @given(squeeze=numbers(11, 2, largest=0.5), thickness=numbers(11), velocity=st.floats(-0.5, 0.5))
-@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.data_too_large])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.data_too_large])
 def test_active_set_is_the_best_of_all(family, squeeze, thickness, velocity):
     around, along = SMALL[family]
     film = make_film((around, along), family, width=R)

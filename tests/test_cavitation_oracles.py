@@ -93,7 +93,7 @@ def close(pressure, expected, accuracy=1e-7):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @given(problem=problems())
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_every_solver_finds_the_one_right_active_set(solver, problem):
     matrix, rhs = problem
     expected = enumerate_active_sets(matrix.toarray(), rhs)
@@ -108,7 +108,7 @@ def test_every_solver_finds_the_one_right_active_set(solver, problem):
 
 
 @given(problem=problems(largest=30))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_relaxation_and_pivots_agree_where_active_sets_are_too_many(problem):
     matrix, rhs = problem
     relaxed, pivoted = by_relaxation(matrix, rhs), by_block_pivots(matrix, rhs)
@@ -121,7 +121,7 @@ def test_relaxation_and_pivots_agree_where_active_sets_are_too_many(problem):
 
 
 @given(problem=problems(), start=st.integers(0, 2**9 - 1))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_the_start_does_not_change_the_solution(problem, start):
     matrix, rhs = problem
     n = len(rhs)

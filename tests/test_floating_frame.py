@@ -19,8 +19,7 @@ from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 pytestmark = pytest.mark.kernels
 
-#: Derandomised, so that every machine tests the same cases.
-profile = settings(deadline=None, derandomize=True, max_examples=40)
+profile = settings(max_examples=40)
 
 
 @dataclass

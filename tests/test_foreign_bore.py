@@ -158,7 +158,7 @@ def test_uniform_pressure_pushes_outward_and_is_in_equilibrium(element):
     np.testing.assert_allclose(resultant, 0, atol=1e-13 * work)
 
 
-@settings(deadline=None, max_examples=30, derandomize=True)
+@settings(max_examples=30)
 @given(st.sampled_from(list(ELEMENTS)), st.integers(0, 2**32 - 1))
 def test_neither_numbers_nor_orientation_of_faces_matter(element, seed):
     random = np.random.default_rng(seed)
@@ -242,7 +242,7 @@ def edges_of(face, kind):
     return set(zip(pairs, middles[: len(kind.edges)], strict=True))
 
 
-@settings(deadline=None, max_examples=30, derandomize=True)
+@settings(max_examples=30)
 @given(
     st.sampled_from([e for e in ELEMENTS if e != "linear triangle"]),
     st.integers(3, 40),

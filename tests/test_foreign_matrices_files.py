@@ -132,7 +132,7 @@ def test_matrix_market_and_npz_of_the_page(small, tmp_path, monkeypatch):
         assert abs(to_scipy(found) - given_one).max() < 1e-15 * abs(given_one).max()
 
 
-@settings(deadline=None, max_examples=15, derandomize=True)
+@settings(max_examples=15)
 @given(st.sampled_from(["calculix", "labels"]), st.integers(0, 2**32 - 1))
 def test_any_numbers_rows_and_triangle_give_the_same_matrices(tmp_path_factory, kind, seed):
     folder, random = tmp_path_factory.mktemp("m"), np.random.default_rng(seed)

@@ -132,7 +132,7 @@ def test_rectangular_files_have_the_rows_of_the_stiffness_matrix(folder, argumen
         np.testing.assert_array_equal(whole(matrix), load.toarray())
 
 
-@settings(deadline=None, max_examples=25, derandomize=True)
+@settings(max_examples=25)
 @given(st.integers(1, 4), st.integers(0, 40), st.integers(0, 2**32 - 1))
 def test_entries_in_parts_and_in_any_order_are_summed(nodes, entries, seed):
     random = np.random.default_rng(seed)
@@ -473,7 +473,7 @@ def test_file_that_cannot_be_written_is_named(folder):
 # Numbering of other programs
 
 
-@settings(deadline=None, max_examples=25, derandomize=True)
+@settings(max_examples=25)
 @given(st.integers(1, 5), st.integers(0, 6), st.integers(0, 2**32 - 1))
 def test_reordering_undoes_a_permutation_and_holds_what_is_left_out(nodes, held, seed):
     random = np.random.default_rng(seed)
@@ -519,7 +519,7 @@ def test_dofs_that_do_not_fit_are_named(matrix, dofs, message):
 # Mean motion
 
 
-@settings(deadline=None, max_examples=50, derandomize=True)
+@settings(max_examples=50)
 @given(st.integers(3, 12), st.booleans(), st.floats(-3, 3), st.integers(0, 2**32 - 1))
 def test_mean_motion_of_a_rigid_motion_is_that_motion(nodes, lumped, exponent, seed):
     random = np.random.default_rng(seed)

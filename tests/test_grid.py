@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from film_cases import FAMILIES, R
 from film_grids import graded_grid
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
@@ -57,7 +57,6 @@ def test_interpolation_is_exact_for_the_nodes_and_for_polynomials(family):
     edges=st.lists(st.floats(-10, 10), min_size=1, max_size=4),
     graded=st.booleans(),
 )
-@settings(deadline=None)
 def test_aligned_boundaries_include_every_edge(start, edges, graded):
     grid = (
         graded_grid(R, R, (48, 2), focus=start, ratio=4.0)

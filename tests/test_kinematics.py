@@ -51,7 +51,6 @@ def distance(position, *, perpendicular=False):
 
 
 @given(position=positions)
-@settings(deadline=None)
 def test_thickness_is_the_distance_to_the_shaft(position):
     found = shaft_gap(POINTS, R, C, motion(position)).thickness
     assert np.abs(found - distance(position)).max() < 1e-10 * C
@@ -62,7 +61,6 @@ def test_thickness_is_the_distance_to_the_shaft(position):
 
 
 @given(position=positions, rate=rates, speed=speeds)
-@settings(deadline=None)
 def test_thickness_rate_is_the_rate_of_that_distance_whatever_the_spin(position, rate, speed):
     found = shaft_gap(POINTS, R, C, motion(position, rate, speed)).thickness_rate
     size = C * (1.0 + np.abs(rate).max())
@@ -107,7 +105,7 @@ def test_bore_displacement_adds_to_the_gap_and_its_motion():
 
 
 @given(position=positions, rate=rates, speed=speeds)
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_slopes_are_exact_derivatives(position, rate, speed):
     scale = C * np.array([1, 1, 1 / WIDTH, 1 / WIDTH])
     slopes = shaft_gap_derivatives(POINTS, R, C, motion(position, rate, speed))

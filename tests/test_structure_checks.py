@@ -168,7 +168,7 @@ def test_parts_without_defects_pass(rod_structure):
     check_structure(rod_structure)
 
 
-@settings(deadline=None, max_examples=20, derandomize=True)
+@settings(max_examples=20)
 @given(st.floats(-9, 9), st.floats(-9, 9), st.floats(-3, 3))
 def test_units_do_not_matter(stiffness, mass, length):
     scale = 10.0**length
@@ -190,7 +190,7 @@ def test_units_do_not_matter(stiffness, mass, length):
     )
 
 
-@settings(deadline=None, max_examples=20, derandomize=True)
+@settings(max_examples=20)
 @given(st.integers(0, SIZE // 3 - 3), st.integers(0, 2), st.sampled_from([0.0, -0.05, 1e-12]))
 def test_hidden_null_vectors_of_the_mass_are_found(node, component, value):
     part = ring(mass=hidden(M, 3 * node + component, value), comm=MPI.COMM_SELF)

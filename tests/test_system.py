@@ -63,10 +63,17 @@ def everything(rod_body):
     )
 
 
-def differences(function, x, scale):
-    """Central differences with steps of `scale`, shape (..., n)."""
-    steps = scale * np.eye(len(x))
-    return np.stack([(function(x + h) - function(x - h)) / (2 * scale) for h in steps], axis=-1)
+def differences(function, x, step=1e-3):
+    """Central differences of fourth order, shape (..., n).
+
+    Steps are long, or round-off of forces 1e9 times as large would be what is seen.
+    """
+    columns = []
+    for h in step * np.eye(len(x)):
+        near = function(x + h) - function(x - h)
+        far = function(x + 2 * h) - function(x - 2 * h)
+        columns.append((8 * near - far) / (12 * step))
+    return np.stack(columns, axis=-1)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +82,7 @@ def system(rod_body):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 def test_every_derivative_is_exact(system, seed):
     rng = np.random.default_rng(seed)
     # Elastic coordinates are small, or their stiffness drowns the rest in round-off.
@@ -90,19 +97,17 @@ def test_every_derivative_is_exact(system, seed):
     motion = Motion(instant, v, a, multipliers)
     exact = motion.derivatives()
     found = {
-        "position": (differences(lambda x: residual(x, v, a), z, 1e-6), exact.position),
-        "rate": (differences(lambda x: residual(z, x, a), v, 1e-6), exact.rate),
-        "acceleration": (differences(lambda x: residual(z, v, x), a, 1e-3), exact.acceleration),
-        "jacobian": (
-            differences(lambda x: Instant(system, 0.1, x).defect, z, 1e-6),
-            instant.jacobian,
-        ),
+        "position": (differences(lambda x: residual(x, v, a), z), exact.position),
+        "rate": (differences(lambda x: residual(z, x, a), v), exact.rate),
+        # Linear: any step will do.
+        "acceleration": (differences(lambda x: residual(z, v, x), a, 1.0), exact.acceleration),
+        "jacobian": (differences(lambda x: Instant(system, 0.1, x).defect, z), instant.jacobian),
         "carry": (
-            differences(lambda x: Instant(system, 0.1, x).rate_defect(v), z, 1e-6),
+            differences(lambda x: Instant(system, 0.1, x).rate_defect(v), z),
             motion.carry(),
         ),
         "bend": (
-            differences(lambda x: multipliers @ Instant(system, 0.1, x).jacobian, z, 1e-6),
+            differences(lambda x: multipliers @ Instant(system, 0.1, x).jacobian, z),
             instant.bend(multipliers),
         ),
     }
@@ -110,7 +115,7 @@ def test_every_derivative_is_exact(system, seed):
         # Row by row: forces on frames stand beside elastic ones that are 1e9 times as large.
         largest = np.abs(difference).max(axis=1, keepdims=True)
         error = np.abs(derivative - difference) / np.maximum(largest, 1e-3)
-        assert error.max() < 2e-6, name
+        assert error.max() < 1e-7, name
 
 
 def test_a_pendulum_swings_as_its_differential_equation_says():

@@ -123,7 +123,7 @@ def test_mortar_of_matching_meshes_is_the_identity(family):
         np.testing.assert_allclose(Mortar(surface, film, RADIUS).matrix(), identity, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40)
 @given(
     st.integers(4, 30),
     st.integers(1, 9),
@@ -238,7 +238,7 @@ def test_interpolation_is_exact_for_the_family_and_on_edges(family):
     np.testing.assert_allclose(found, polynomials(surface, points), atol=1e-12)
 
 
-@settings(deadline=None, max_examples=30, derandomize=True)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.95))
 def test_every_point_is_found_in_graded_and_crooked_meshes(seed, grading):
     random = np.random.default_rng(seed)
