@@ -38,20 +38,17 @@ COMPARED = ("moved", "left", "contraction")
 
 
 def repeating(mechanism: Mechanism) -> tuple[float, str]:
-    """Time from which loads and drives repeat themselves [s], and what takes so long, in words."""
+    """Time from which loads and drives repeat themselves [s], and what takes so long."""
     found = [(0.0, "")]
     for name, force in mechanism.forces.items():
         table, body = force.table or (None, "")
         if isinstance(force, RotatingForce):
-            found.append((force.ramp, f"forces.{name}.ramp = {force.ramp:g} s"))
+            found.append((force.ramp, f"forces.{name}.ramp"))
         elif isinstance(table, Curve) and not (table.periodic or body):
-            found.append(
-                (table.last, f"the table of {name}, whose last row is at {table.last:g} s,")
-            )
+            found.append((table.settled, f"the table of {name}"))
     for name, drive in mechanism.drives.items():
         if isinstance(drive, SpeedTable):
-            last = drive.speed.last
-            found.append((last, f"drives.{name}.table, whose last row is at {last:g} s,"))
+            found.append((drive.speed.settled, f"drives.{name}.table"))
     return max(found)
 
 
@@ -121,6 +118,7 @@ class Cycles:
         self._changes: list[np.ndarray] = []
         self._heat = FilmTemperatures(system.films) if system.heated else None
         self._repeats, self._changing = repeating(system.mechanism)
+        self._counted = int(np.ceil(self._repeats * (1.0 - ROUNDING) / period)) + 1
 
     @property
     def start(self) -> float:
@@ -147,12 +145,18 @@ class Cycles:
         Raises
         ------
         PeriodicityError
-            The films still change after so many cycles.
+            The films still change after so many cycles, or loads and drives do.
         HeatError
             The heat of a film cannot leave.
         StepSizeError, FilmTooThinError
             From `Run.until`.
         """
+        if self._counted > self._most:
+            raise PeriodicityError(
+                f"{self._changing} changes until {self._repeats:g} s, so that cycle {self._counted}"
+                f" of {self.period:g} s is the first that could repeat, above cycles = "
+                f"{self._most}: allow more cycles or let it end sooner"
+            )
         while True:
             for step in self._steps():
                 if self._run.state.time <= self.start + 0.5 * self.period:
@@ -170,8 +174,9 @@ class Cycles:
             drained = np.abs(contents - self._contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
-            off = self._unsettled()
-            if self.number > 1 and self.defect <= self._periodicity and not off:
+            off = "" if self._heat is None else self._heat.unsettled()
+            repeats = self.number >= max(self._counted, 2) and self.defect <= self._periodicity
+            if repeats and not off:
                 return
             if self.number >= self._most:
                 still = off or (
@@ -189,17 +194,6 @@ class Cycles:
             self.began = self._run.state
             self._contents = self._oil()
             self.number += 1
-
-    @property
-    def _settled(self) -> bool:
-        """Whether the cycle under way began when loads and drives repeated themselves."""
-        return self.start >= self._repeats * (1.0 - ROUNDING)
-
-    def _unsettled(self) -> str:
-        """Why the cycle under way cannot be the last one, whatever its films do."""
-        if not self._settled:
-            return f"{self._changing} is not over"
-        return "" if self._heat is None else self._heat.unsettled()
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
         """Compare start and end of a cycle with those of the one before."""
@@ -230,7 +224,8 @@ class Cycles:
         """Begin the next cycle."""
         state, norm, heat = self._run.state, self._run.norm, self._heat
         n, gaps = state.x.shape[1], self._films()
-        end, near = np.stack([state.x[0], state.rate[0]]), self._settled and self.defect < NEAR
+        end = np.stack([state.x[0], state.rate[0]])
+        near = self.number >= self._counted and self.defect < NEAR
         scales = norm.lengths(gaps)
         if heat is not None:
             # Temperatures go along with the coordinates, and what they are off with the films.

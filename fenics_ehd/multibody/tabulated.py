@@ -53,9 +53,10 @@ class Curve:
         return float(self.curve.x[-1] - self.curve.x[0])
 
     @property
-    def last(self) -> float:
-        """Place of the last row."""
-        return float(self.curve.x[-1])
+    def settled(self) -> float:
+        """Place from which a curve that is not periodic keeps its value; 0 if it always does."""
+        moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
+        return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 
     def _inside(self, place: float) -> float:
         first, last = self.curve.x[[0, -1]]
