@@ -264,12 +264,19 @@ def test_no_model_is_run_in_place_of_a_body_that_is_missing(prepared, tmp_path, 
 
 @pytest.mark.parametrize(
     ("name", "before", "after"),
-    [("scene.toml", "tolerance = 1e-08", "tolerance = 1e-07"), ("gas.csv", "0,80", "0,90")],
+    [
+        ("scene.toml", "tolerance = 1e-08", "tolerance = 1e-07"),
+        ("gas.csv", "0,80", "0,90"),
+        ("other/gas.csv", "0,80", "0,90"),
+    ],
 )
 def test_another_scene_or_table_is_refused(name, before, after, prepared, tmp_path, capsys):
-    (tmp_path / "gas.csv").write_text("angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n")
+    (tmp_path / "other").mkdir()
+    for folder in (tmp_path, tmp_path / "other"):
+        (folder / "gas.csv").write_text("angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n")
     gas = {"kind": "angle-table", "point": "piston", "angle_of": "crank", "file": "gas.csv"}
-    changes = {"forces.gas": gas, "time.revolutions": 0.005}
+    more = gas | {"file": "other/gas.csv"}
+    changes = {"forces.gas": gas, "forces.more": more, "time.revolutions": 0.005}
     write_scene(tmp_path / "mine.toml", "slider-crank-paper", ROD_OF_A_FILE, TIMES, changes)
     shutil.copy(prepared / "rod.h5", tmp_path)
     run = tmp_path / "run"
@@ -280,7 +287,7 @@ def test_another_scene_or_table_is_refused(name, before, after, prepared, tmp_pa
     assert before in changed.read_text()
     changed.write_text(changed.read_text().replace(before, after))
     assert call("run", "--resume", run, "--no-plots") == 2
-    assert f"{name} changed since the run began" in capsys.readouterr().err
+    assert f"{changed.name} changed since the run began" in capsys.readouterr().err
 
 
 def changed_checkpoint(run, **changes):

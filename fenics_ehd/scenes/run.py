@@ -181,8 +181,11 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
 
 def _fingerprints(scene: Scene, built: Built) -> dict[str, str]:
     """Digests of scene, tables and bodies: a run goes on only with those it began with."""
-    found = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode()).hexdigest()}
-    for path in csv_files(scene.tables):
-        # A name in HDF5 has no slash.
-        found[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
-    return found | {BODY_FILE.format(name): body_digest(body) for name, body in built.parts.items()}
+    found = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
+    for path in dict.fromkeys(csv_files(scene.tables)):
+        # A name in HDF5 has no slash, and files of several folders may have the same one.
+        found.setdefault(path.name, hashlib.sha256()).update(path.read_bytes())
+    digests = {name: digest.hexdigest() for name, digest in found.items()}
+    return digests | {
+        BODY_FILE.format(name): body_digest(body) for name, body in built.parts.items()
+    }
