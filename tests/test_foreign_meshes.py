@@ -18,6 +18,7 @@ from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.silence import printing_kept
 from fenics_ehd.fem.abaqus_deck import read_deck
 from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.gmsh_session import session
 from fenics_ehd.fem.solid import Solid
 from fenics_ehd.fem.solid_file import read_mesh
 
@@ -256,6 +257,19 @@ def test_nothing_but_the_answer_is_printed(name, text, tmp_path):
     done = subprocess.run([*command[:4], "ring.msh", "--json"], cwd=tmp_path, capture_output=True)
     assert json.loads(done.stdout)["file"] == "ring.msh"
     assert done.stdout.startswith(b"{")
+
+
+def test_a_drawing_without_three_of_its_lines(tmp_path, capfd):
+    """Over most such files OpenCASCADE crashes."""
+    with session():
+        example_parts.drawing(tmp_path / "rod.step", drilled=False)
+    lines = (tmp_path / "rod.step").read_text().splitlines(keepends=True)
+    for missing in ([403, 439, 50], [146, 591, 73], [250, 319, 114]):
+        kept = [line for number, line in enumerate(lines) if number not in missing]
+        (tmp_path / "cut.step").write_text("".join(kept))
+        status, out, err = exit_of(capfd, "part", tmp_path / "cut.step", "--json")
+        assert (status, out, len(err.splitlines())) == (2, "", 1)
+        assert "cut.step" in err
 
 
 def test_what_compiled_code_prints_goes_nowhere(capfd):

@@ -5,10 +5,13 @@ import subprocess
 import sys
 
 import pytest
+from calculix_ring import ring_solid, write_model
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import MeshError
+from fenics_ehd.fem.drawn_part import open_part
 from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.gmsh_session import gmsh, session
 from fenics_ehd.fem.models import model_path
 
 #: Where PETSc may be started from.
@@ -106,6 +109,37 @@ def test_mesh_is_read_and_never_run(tmp_path):
     assert read.groups == meshed.groups
     assert read.mesh.geometry.x.shape == meshed.mesh.geometry.x.shape
     assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("ending", ["Unv", "uNV", "Step", "Inp", "mSh", "Geo", "geo"])
+def test_no_ending_makes_a_program_of_a_part(ending, tmp_path):
+    """Gmsh runs what it does not know by its ending, capitals among it."""
+    file = tmp_path / f"part.{ending}"
+    file.write_text(f'SystemCall "touch {tmp_path}/ran";\n')
+    with pytest.raises(MeshError, match=file.name) as found:
+        open_part(file)
+    assert "\n" not in str(found.value)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_capitals_in_an_ending_change_nothing(tmp_path):
+    solid = ring_solid("tet")
+    write_model(tmp_path / "ring.msh", solid)
+    with session():
+        gmsh.option.setNumber("Mesh.SaveAll", 1)
+        gmsh.open(str(tmp_path / "ring.msh"))
+        gmsh.write(str(tmp_path / "ring.unv"))
+    (tmp_path / "ring.unv").rename(tmp_path / "ring.Unv")
+    assert len(open_part(tmp_path / "ring.Unv").solid.cells) == len(solid.cells)
+
+
+def test_a_broken_model_leaves_nothing_to_the_next(tmp_path):
+    (tmp_path / "broken.geo").write_text("Macro a\nPoint(1) = {0, 0, 0;\nIf (1)\nFor i In {0:")
+    with pytest.raises(MeshError, match=r"Gmsh cannot (read|mesh) .*broken\.geo"):
+        build_mesh(tmp_path / "broken.geo", comm=MPI.COMM_SELF)
+    (tmp_path / "rod.geo").write_text(model_path("conrod").read_text())
+    for path in (tmp_path / "rod.geo", model_path("conrod")):
+        assert build_mesh(path, {"shank_cells": 6}, comm=MPI.COMM_SELF).groups
 
 
 @pytest.mark.parametrize(

@@ -12,19 +12,17 @@ import numpy as np
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.faces import SHARP, Face, find_faces
+from fenics_ehd.fem.gmsh_session import COARSE, CellSizes, mesh_drawing
 from fenics_ehd.fem.part_mesh import Placement, placement, round_bore, write_part
 from fenics_ehd.fem.refine import refined
 from fenics_ehd.fem.solid import CORNERS, Solid
-from fenics_ehd.fem.solid_file import COARSE, DRAWINGS, SizeAt, mesh_drawing, read_mesh
+from fenics_ehd.fem.solid_file import DRAWINGS, read_mesh
 
 #: Cells around the bores of a drawing.
 AROUND = 40
 
 #: Cells around cylinders without a name: the rim of an oil hole needs 6.
 AROUND_OTHERS = 12
-
-#: Growth of the cells with the distance from a bore.
-GROWTH = 0.35
 
 #: Largest difference between a radius asked for and a face's, relative.
 RADIUS_MATCH = 1e-3
@@ -160,7 +158,9 @@ class NamedFaces:
         return single | ({"held": tuple(self.held)} if self.held else {})
 
 
-def bore_sizes(part: OpenedPart, named: NamedFaces, around: float, coarser: float = 1.0) -> SizeAt:
+def bore_sizes(
+    part: OpenedPart, named: NamedFaces, around: float, coarser: float = 1.0
+) -> CellSizes:
     """Size of the cells of a drawing: so many around each bore, larger ones away from it.
 
     All of them are larger by a factor of `coarser`.
@@ -169,16 +169,7 @@ def bore_sizes(part: OpenedPart, named: NamedFaces, around: float, coarser: floa
     cells |= dict.fromkeys(named.points.values(), around / 2)
     cells |= dict.fromkeys(named.bores.values(), around)
     sized = [(f.cylinder, cells[n]) for n, f in enumerate(part.faces, 1) if f.cylinder is not None]
-    coarse = COARSE * np.ptp(part.solid.points, axis=0).max()
-
-    def size(x: np.ndarray) -> float:
-        sizes = [
-            2 * np.pi * c.radius / count + GROWTH * float(c.distance(x[None, :])[0])
-            for c, count in sized
-        ]
-        return coarser * min([coarse, *sizes])
-
-    return size
+    return CellSizes(sized, COARSE * float(np.ptp(part.solid.points, axis=0).max()), coarser)
 
 
 @dataclass(frozen=True, eq=False)

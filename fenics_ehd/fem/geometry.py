@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import basix
@@ -20,7 +15,15 @@ from mpi4py import MPI
 from fenics_ehd.base import compat
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.interrupt import interrupt_kept
-from fenics_ehd.fem.models import check_model
+from fenics_ehd.fem.gmsh_session import (
+    HEXAHEDRON_27,
+    SWITCH,
+    TETRAHEDRON_10,
+    TRIANGLE_6,
+    end_session,
+    numbered_nodes,
+    open_model,
+)
 from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid
 from fenics_ehd.fem.sound_cells import require_sound_cells
 from fenics_ehd.fem.surface_mesh import cylinder_centre
@@ -29,18 +32,8 @@ from fenics_ehd.reduction.bore import BORE
 with interrupt_kept():
     import gmsh
 
-#: Gmsh's numbers of the second-order cells and of the triangle on their faces.
-_GMSH_CELLS = {"hexahedron": 12, "tetrahedron": 11}
-_TRIANGLE_6 = 9
-
 #: Cells that can be asked for, by their short names.
-CELLS = {"hex": "hexahedron", "tet": "tetrahedron"}
-
-#: How Gmsh begins the names of what it puts beside a model's own parameters.
-_GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
-
-#: Parameter of a model that can be meshed with either.
-_SWITCH = "tetrahedra"
+CELLS = {"hex": HEXAHEDRON_27, "tet": TETRAHEDRON_10}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,112 +66,18 @@ class PartMesh:
         return self.groups[name]
 
 
-@contextmanager
-def _by_itself(path: Path) -> Iterator[str]:
-    """Name of a model beside which no file of options lies, which Gmsh would obey."""
-    check_model(path)
-    with TemporaryDirectory() as folder:
-        alone = Path(folder, f"model{path.suffix}")
-        if path.suffix == ".msh":
-            alone.symlink_to(path.absolute())
-        else:
-            if set(str(path.absolute())) & set('"\\\n'):
-                raise MeshError(f"model {path}: quotes and backslashes in its path are Gmsh's")
-            alone.write_text(f'Include "{path.absolute()}";\n')
-        yield str(alone)
-
-
-def _parameters(model: str) -> dict[str, Any]:
-    """What ONELAB knows of every number that is a parameter, by the last part of its name."""
-    gmsh.onelab.clear()
-    gmsh.open(model)
-    names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
-    found = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
-    gmsh.clear()
-    # Values survive in ONELAB, so those of a former model would override this one's.
-    gmsh.onelab.clear()
-    return {name: entry for name, entry in found.items() if entry["type"] == "number"}
-
-
-def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: float) -> None:
-    """Give a parameter a value within the limits that the model sets to it."""
-    if name not in known:
-        close = difflib.get_close_matches(name, known, n=2, cutoff=0.55)
-        meant = f"did you mean {' or '.join(close)}? " if close else ""
-        has = f"it has {', '.join(known)}" if known else "it has none"
-        raise MeshError(f"model {model.name} has no parameter {name!r}: {meant}{has}")
-    entry = known[name]
-    if not entry["min"] <= value <= entry["max"]:
-        limits = f"from {entry['min']:g} to {entry['max']:g}"
-        raise MeshError(f"geometry.{name} = {value:g} must be {limits}, says {model.name}")
-    if value not in entry.get("choices", [value]):
-        choices = " or ".join(f"{choice:g}" for choice in entry["choices"])
-        raise MeshError(f"geometry.{name} = {value:g} must be {choices}, says {model.name}")
-    gmsh.onelab.setNumber(entry["name"], [float(value)])
-
-
-def _begin_session() -> None:
-    """Gmsh without options of its user, silent."""
-    with interrupt_kept():
-        gmsh.initialize([""], readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-
-
-def model_parameters(path: Path) -> dict[str, float]:
-    """Numbers that may be given to a model, by name, as they are if nobody does; of a mesh none.
-
-    Serial.
-
-    Raises
-    ------
-    MeshError
-        Gmsh cannot read it.
-    """
-    if path.suffix == ".msh":
-        return {}
-    try:
-        _begin_session()
-        with _by_itself(path) as model:
-            return {name: entry["values"][0] for name, entry in _parameters(model).items()}
-    except MeshError:
-        raise
-    except Exception as error:  # Gmsh raises plain Exception
-        raise MeshError(f"Gmsh cannot read {path}: {error}") from error
-    finally:
-        with interrupt_kept():
-            gmsh.finalize()
-
-
-def _generate(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
-    """Mesh a model in a fresh Gmsh session; the caller finalises Gmsh."""
-    _begin_session()
-    with _by_itself(path) as model:
-        known = {} if path.suffix == ".msh" else _parameters(model)
-        for name, value in parameters.items():
-            _set_parameter(path, known, name, value)
-        if _SWITCH in known and _SWITCH not in parameters:
-            _set_parameter(path, known, _SWITCH, cells == "tet")
-        gmsh.open(model)
-    if not gmsh.model.mesh.getNodes()[0].size:
-        gmsh.model.mesh.generate(3)
-    gmsh.model.mesh.setOrder(2)
-    return {
-        gmsh.model.getPhysicalName(*group): group[1] for group in gmsh.model.getPhysicalGroups()
-    }
-
-
 def _found_cells(path: str | Path, asked: str) -> str:
     """Which cells the current model holds, ``"hex"`` or ``"tet"``, and no other solids."""
     found = set(gmsh.model.mesh.getElementTypes(3))
     if not found:
         raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
-    kind = next((name for name in CELLS if found == {_GMSH_CELLS[CELLS[name]]}), None)
+    kind = next((name for name in CELLS if found == {CELLS[name]}), None)
     if kind is None:
         kinds = ", ".join(gmsh.model.mesh.getElementProperties(cell)[0] for cell in sorted(found))
         raise MeshError(f"model {path} holds {kinds}: mesh it with hexahedra or tetrahedra alone")
     if asked == "tet" != kind:
         raise MeshError(
-            f"model {path} gives no tetrahedra: it needs a parameter {_SWITCH} for cells = 'tet'"
+            f"model {path} gives no tetrahedra: it needs a parameter {SWITCH} for cells = 'tet'"
         )
     if not gmsh.model.getPhysicalGroups(3):
         raise MeshError(f"model {path} has no physical volume: name the part's solid")
@@ -227,7 +126,7 @@ def build_mesh(
     groups, failure = None, None
     if comm.rank == 0:
         try:
-            groups = _generate(Path(path), parameters or {}, cells)
+            groups = open_model(Path(path), parameters or {}, cells)
             cells = _found_cells(path, cells)
             if cells == "tet":
                 for bore in bores:
@@ -235,17 +134,15 @@ def build_mesh(
             require_sound_cells(_meshed(cells), path)
         except MeshError as error:
             failure = str(error)
-        except Exception as error:  # Gmsh raises plain Exception
-            failure = f"Gmsh cannot mesh {path}: {error}"
+    opened = groups is not None
     failure, groups, cells = comm.bcast((failure, groups, cells))
     try:
         if failure:
             raise MeshError(failure)
         mesh, cell_tags, facet_tags = compat.model_to_mesh(gmsh.model, comm)
     finally:
-        if comm.rank == 0:
-            with interrupt_kept():
-                gmsh.finalize()
+        if opened:
+            end_session()
     if serendipity_geometry and cells == "hex":
         _place_centre_nodes(mesh)
     return PartMesh(mesh, cell_tags, facet_tags, groups)
@@ -259,12 +156,9 @@ def _round_bore(group: int | None) -> None:
     """
     if group is None:
         return
-    tags, x, _ = gmsh.model.mesh.getNodes()
-    x = x.reshape(-1, 3)
-    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-    row[tags] = np.arange(len(tags))
+    x, row = numbered_nodes()
     nodes = [
-        gmsh.model.mesh.getElementsByType(_TRIANGLE_6, entity)[1]
+        gmsh.model.mesh.getElementsByType(TRIANGLE_6, entity)[1]
         for entity in gmsh.model.getEntitiesForPhysicalGroup(2, group)
     ]
     triangles = np.concatenate(nodes).reshape(-1, 6)
@@ -283,13 +177,11 @@ def _round_bore(group: int | None) -> None:
 
 def _meshed(cells: str) -> Solid:
     """The current model's second-order cells."""
-    tags, x, _ = gmsh.model.mesh.getNodes()
-    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-    row[tags] = np.arange(len(tags))
-    nodes = gmsh.model.mesh.getElementsByType(_GMSH_CELLS[CELLS[cells]])[1]
+    x, row = numbered_nodes()
+    nodes = gmsh.model.mesh.getElementsByType(CELLS[cells])[1]
     order = GMSH_TET if cells == "tet" else np.argsort(GMSH_HEX)
     rows = row[nodes].reshape(-1, 10 if cells == "tet" else 27)
-    return Solid(x.reshape(-1, 3), rows[:, order], cells)
+    return Solid(x, rows[:, order], cells)
 
 
 def _place_centre_nodes(mesh: Mesh) -> None:

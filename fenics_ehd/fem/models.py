@@ -20,6 +20,11 @@ def model_path(name: str) -> Path:
     return Path(str(resources.files("fenics_ehd.meshes") / f"{name}.geo"))
 
 
+def is_shipped(path: Path) -> bool:
+    """Whether a model is one of the package, which needs no suspicion."""
+    return path.absolute().parent == model_path("conrod").parent
+
+
 def check_model(path: Path) -> None:
     """Refuse what is neither a ``.geo`` model nor a mesh.
 

@@ -56,7 +56,7 @@ def _halved(name: str, settings: schema.FlexibleSettings) -> dict[str, float]:
 
 def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
     """The settings of a part, numbers of cells that are its model's own written out; serial."""
-    from fenics_ehd.fem.geometry import model_parameters  # Gmsh
+    from fenics_ehd.fem.gmsh_session import model_parameters  # Gmsh
 
     own = model_parameters(model_file(settings, key))
     whole = counts(attrs.evolve(settings, geometry=own))

@@ -1,0 +1,337 @@
+"""What Gmsh reads and meshes: models, drawings, meshes that nothing else reads.
+
+A model is a program, and a broken one leaves text in Gmsh's parser for the next; a drawing with a
+line missing ends the process. So all but the models of this package are opened in another process,
+which gives back arrays, or a mesh of Gmsh's own format. Neither MPI nor dolfinx is imported here.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from fenics_ehd.base.child import in_child
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.fem.models import check_model, is_shipped
+from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid
+
+with interrupt_kept():
+    import gmsh
+
+if TYPE_CHECKING:  # slow to import
+    from fenics_ehd.fem.cylinder_fit import Cylinder
+
+T = TypeVar("T")
+
+#: How Gmsh begins the names of what it puts beside a model's own parameters.
+_GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
+
+#: Parameter of a model that can be meshed with hexahedra or tetrahedra.
+SWITCH = "tetrahedra"
+
+#: Gmsh's second-order cells, and the triangle on the faces of the latter.
+HEXAHEDRON_27, TETRAHEDRON_10, TRIANGLE_6 = 12, 11, 9
+
+#: Gmsh's numbers of solid cells, their names in meshio and the order of their nodes there.
+_BY_GMSH = {
+    4: ("tetra", [*range(4)]),
+    11: ("tetra10", GMSH_TET),
+    5: ("hexahedron", [*range(8)]),
+    17: ("hexahedron20", np.argsort(GMSH_HEX).tolist()),
+}
+
+#: Size of cells where nothing asks for smaller ones, relative to the part's longest side.
+COARSE = 1 / 20
+
+#: Growth of the cells with the distance from a cylinder.
+GROWTH = 0.35
+
+
+@contextmanager
+def session() -> Iterator[None]:
+    """Gmsh without options of its user, silent."""
+    begin_session()
+    try:
+        yield
+    finally:
+        end_session()
+
+
+def begin_session() -> None:
+    """Start Gmsh without options of its user, silent."""
+    with interrupt_kept():
+        gmsh.initialize([""], readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+
+
+def end_session() -> None:
+    """End it."""
+    with interrupt_kept():
+        gmsh.finalize()
+
+
+def _called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -> T:
+    """Result of a function of a file, in a process of its own unless the file is the package's.
+
+    Raises
+    ------
+    MeshError
+        Gmsh raises something, or crashes.
+    """
+    try:
+        if is_shipped(path):
+            return function(path, *arguments)
+        lost = MeshError(f"Gmsh crashes when it is to {what} {path}: is the file whole?")
+        return in_child(function, path, *arguments, lost=lost)
+    except MeshError:
+        raise
+    except Exception as error:  # Gmsh raises plain Exception
+        raise MeshError(f"Gmsh cannot {what} {path}: {error}") from None
+
+
+@contextmanager
+def _by_itself(path: Path) -> Iterator[str]:
+    """Name of a file beside which no file of options lies, which Gmsh would obey.
+
+    It ends as Gmsh spells it: a file that ends otherwise, with a capital say, is run as a model.
+    """
+    with TemporaryDirectory() as folder:
+        alone = Path(folder, f"model{path.suffix.lower()}")
+        if alone.suffix == ".geo":
+            if set(str(path.absolute())) & set('"\\\n'):
+                raise MeshError(f"model {path}: quotes and backslashes in its path are Gmsh's")
+            alone.write_text(f'Include "{path.absolute()}";\n')
+        else:
+            alone.symlink_to(path.absolute())
+        yield str(alone)
+
+
+def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of the current model, shape (n, 3), and the row of each by Gmsh's number."""
+    tags, x, _ = gmsh.model.mesh.getNodes()
+    row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    return x.reshape(-1, 3), row
+
+
+# Models
+
+
+def model_parameters(path: Path) -> dict[str, float]:
+    """Numbers that may be given to a model, by name, as they are if nobody does; of a mesh none.
+
+    Serial.
+
+    Raises
+    ------
+    MeshError
+        Gmsh cannot read it.
+    """
+    return {} if path.suffix == ".msh" else _called("read", _values, path)
+
+
+def _values(path: Path) -> dict[str, float]:
+    check_model(path)
+    with session(), _by_itself(path) as model:
+        return {name: entry["values"][0] for name, entry in _parameters(model).items()}
+
+
+def _parameters(model: str) -> dict[str, Any]:
+    """What ONELAB knows of every number that is a parameter, by the last part of its name."""
+    gmsh.onelab.clear()
+    gmsh.open(model)
+    names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
+    found = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
+    gmsh.clear()
+    # Values survive in ONELAB, so those of a former model would override this one's.
+    gmsh.onelab.clear()
+    return {name: entry for name, entry in found.items() if entry["type"] == "number"}
+
+
+def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: float) -> None:
+    """Give a parameter a value within the limits that the model sets to it."""
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=2, cutoff=0.55)
+        meant = f"did you mean {' or '.join(close)}? " if close else ""
+        has = f"it has {', '.join(known)}" if known else "it has none"
+        raise MeshError(f"model {model.name} has no parameter {name!r}: {meant}{has}")
+    entry = known[name]
+    if not entry["min"] <= value <= entry["max"]:
+        limits = f"from {entry['min']:g} to {entry['max']:g}"
+        raise MeshError(f"geometry.{name} = {value:g} must be {limits}, says {model.name}")
+    if value not in entry.get("choices", [value]):
+        choices = " or ".join(f"{choice:g}" for choice in entry["choices"])
+        raise MeshError(f"geometry.{name} = {value:g} must be {choices}, says {model.name}")
+    gmsh.onelab.setNumber(entry["name"], [float(value)])
+
+
+def open_model(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
+    """Numbers of a model's groups by name, its mesh in a session that the caller ends.
+
+    Raises
+    ------
+    MeshError
+        Gmsh cannot mesh it; there is no session then.
+    """
+    with TemporaryDirectory() as folder:
+        mesh = Path(folder, "mesh.msh")
+        groups = _called("mesh", _write_mesh, path, dict(parameters), cells, mesh)
+        begin_session()
+        gmsh.open(str(mesh))
+    return groups
+
+
+def _write_mesh(
+    path: Path, parameters: Mapping[str, float], cells: str, target: Path
+) -> dict[str, int]:
+    """Numbers of a model's groups by name, its mesh in a file."""
+    check_model(path)
+    with session():
+        with _by_itself(path) as model:
+            known = {} if path.suffix == ".msh" else _parameters(model)
+            for name, value in parameters.items():
+                _set_parameter(path, known, name, value)
+            if SWITCH in known and SWITCH not in parameters:
+                _set_parameter(path, known, SWITCH, cells == "tet")
+            gmsh.open(model)
+        if not gmsh.model.mesh.getNodes()[0].size:
+            gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        # Nodes of no cell, too: those with numbers above theirs keep them.
+        for option, value in (("Binary", 1), ("SaveAll", 1), ("MshFileVersion", 4.1)):
+            gmsh.option.setNumber(f"Mesh.{option}", value)
+        gmsh.write(str(target))
+        return {
+            gmsh.model.getPhysicalName(*group): group[1] for group in gmsh.model.getPhysicalGroups()
+        }
+
+
+# Drawings and meshes
+
+
+def read_by_gmsh(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
+    """Points and solid cells by meshio's names.
+
+    Raises
+    ------
+    MeshError
+        Gmsh cannot read it.
+    """
+    return _called("read", _read, path)
+
+
+def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
+    with session(), _by_itself(path) as alone:
+        gmsh.merge(alone)
+        points, row = numbered_nodes()
+        blocks = [
+            (name, row[nodes].reshape(-1, len(order))[:, order])
+            for number, (name, order) in _BY_GMSH.items()
+            if len(nodes := gmsh.model.mesh.getElementsByType(number)[1])
+        ]
+        return points, blocks
+
+
+@dataclass(frozen=True, eq=False)
+class CellSizes:
+    """Size of the cells of a drawing at a point: so many around each cylinder, larger beyond.
+
+    Attributes
+    ----------
+    around
+        Cylinders, and cells around each.
+    largest
+        Of the cells [m].
+    coarser
+        All of them are larger by this factor.
+    """
+
+    around: Sequence[tuple[Cylinder, float]]
+    largest: float
+    coarser: float = 1.0
+
+    def __call__(self, _d: int, _t: int, x: float, y: float, z: float, *_: float) -> float:
+        """As Gmsh asks for it, with the number of an entity before the place [m]."""
+        place = np.array([[x, y, z]])
+        sizes = [
+            2 * np.pi * cylinder.radius / count + GROWTH * float(cylinder.distance(place)[0])
+            for cylinder, count in self.around
+        ]
+        return self.coarser * min([self.largest, *sizes])
+
+
+def mesh_drawing(path: Path, sizes: CellSizes | None = None) -> tuple[Solid, np.ndarray]:
+    """Second-order tetrahedra of a drawing in metres, and the drawing's face of each facet.
+
+    Parameters
+    ----------
+    path
+        STEP or IGES; lengths in its own unit.
+    sizes
+        Of the cells; None: coarse ones.
+
+    Returns
+    -------
+    tuple
+        The solid, and a number for each of its `facets`.
+
+    Raises
+    ------
+    MeshError
+        Gmsh cannot read or mesh it, or it is not one solid.
+    """
+    return _called("mesh", _mesh_drawing, path, sizes)
+
+
+def _mesh_drawing(path: Path, sizes: CellSizes | None) -> tuple[Solid, np.ndarray]:
+    with session(), _by_itself(path) as alone:
+        gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+        gmsh.model.occ.importShapes(alone)
+        gmsh.model.occ.synchronize()
+        volumes = gmsh.model.getEntities(3)
+        if len(volumes) != 1:
+            raise MeshError(f"{path} has {len(volumes)} solids, it must have one: export the part")
+        for name in ("FromPoints", "ExtendFromBoundary"):
+            gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
+        if sizes is None:
+            box = np.array(gmsh.model.getBoundingBox(-1, -1)).reshape(2, 3)
+            gmsh.option.setNumber("Mesh.MeshSizeMax", COARSE * np.ptp(box, axis=0).max())
+        else:
+            gmsh.model.mesh.setSizeCallback(sizes)
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        # Straight cells beside curved ones where a facet bulges through them.
+        gmsh.model.mesh.optimize("HighOrderFastCurving")
+        return _tetrahedra()
+
+
+def _tetrahedra() -> tuple[Solid, np.ndarray]:
+    """The current model's tetrahedra and the entity of each facet."""
+    points, row = numbered_nodes()
+    cells = gmsh.model.mesh.getElementsByType(TETRAHEDRON_10)[1]
+    if not len(cells):
+        raise MeshError("it gives no tetrahedra")
+    kept = row[cells].reshape(-1, 10)[:, GMSH_TET]
+    nodes, cells = np.unique(kept, return_inverse=True)
+    solid = Solid(points[nodes], cells.reshape(kept.shape), "tet")
+    corners, owners = [], []
+    for _, entity in gmsh.model.getEntities(2):
+        triangles = row[gmsh.model.mesh.getElementsByType(TRIANGLE_6, entity)[1]].reshape(-1, 6)
+        corners.append(np.searchsorted(nodes, triangles[:, :3]))
+        owners.append(np.full(len(triangles), entity))
+    facets = solid.facets()
+    known = np.sort(np.vstack([*corners, facets[:, :3]]), axis=1)
+    numbers = np.unique(known, axis=0, return_inverse=True)[1].ravel()
+    label = np.zeros(numbers.max() + 1, dtype=np.int64)
+    drawn = np.concatenate(owners)
+    label[numbers[: len(drawn)]] = drawn
+    return solid, label[numbers[len(drawn) :]]
