@@ -76,7 +76,9 @@ def half_ranges(stress):
 @pytest.mark.parametrize("damping", [True, False])
 def test_command_finds_the_extremes_of_the_run(folder, whole_rod, damping, capfd):
     option = "--damping" if damping else "--no-damping"
-    status, out, _ = exit_of(capfd, "stress", folder, option, "--json")
+    status, out, _ = exit_of(
+        capfd, "stress", folder, option, "--json", "--model", folder.parent / "rod.geo"
+    )
     assert status == 0
     found = json.loads(out)
     assert found == json.loads((folder / "stress.json").read_text())
@@ -105,7 +107,9 @@ def test_command_finds_the_extremes_of_the_run(folder, whole_rod, damping, capfd
 
 
 def test_command_prints_a_table(folder, capfd):
-    status, out, _ = exit_of(capfd, "stress", folder, "--body", "rod", "--complete")
+    status, out, _ = exit_of(
+        capfd, "stress", folder, "--complete", "--model", folder.parent / "rod.geo"
+    )
     assert status == 0
     for words in ("half-range, von Mises", "its mean", "largest principal", "of crank", "piston"):
         assert words in out
@@ -166,11 +170,27 @@ def test_a_model_that_changed_since_the_run_is_refused(folder, capfd):
     text = model.read_text()
     model.write_text(f"{text}\n// thicker\n")
     try:
-        status, _, message = exit_of(capfd, "stress", folder)
+        status, _, message = exit_of(capfd, "stress", folder, "--model", model)
     finally:
         model.write_text(text)
     assert status == 2
     assert "bodies.rod was made with model = rod.geo" in message
+
+
+def test_a_program_that_the_folder_names_runs_only_if_the_user_names_it_too(folder, capfd):
+    model, ran = folder.parent / "rod.geo", folder.parent / "ran"
+    text = model.read_text()
+    model.write_text(f'SystemCall "touch {ran}";\n{text}')
+    try:
+        before = exit_of(capfd, "stress", folder)
+    finally:
+        model.write_text(text)
+    unnamed = exit_of(capfd, "stress", folder)
+    other = exit_of(capfd, "stress", folder, "--model", folder / "scene.toml")
+    assert [before[0], unnamed[0], other[0]] == [2, 2, 2]
+    assert "which is rod.geo" in before[2]
+    assert f"have it run by --model {model}" in unnamed[2] == other[2]
+    assert not ran.exists()
 
 
 def test_instants_are_those_of_the_cycle_that_the_figures_are_of():

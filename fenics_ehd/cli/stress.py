@@ -43,9 +43,21 @@ PARTIAL = ("m1", "m2", "m3")
     help="Add the static answer that the basis misses of the films' pressures and of turning: for "
     "m1, m2 and m3, which know a part of it.",
 )
+@click.option(
+    "--model",
+    "programs",
+    multiple=True,
+    type=click.Path(exists=True, dir_okay=False),
+    help="A .geo model of the run, a program, which may be run. Repeatable.",
+)
 @json_option
 def stress(
-    directory: str, chosen: tuple[str, ...], damping: bool, complete: bool, as_json: bool
+    directory: str,
+    chosen: tuple[str, ...],
+    damping: bool,
+    complete: bool,
+    programs: tuple[str, ...],
+    as_json: bool,
 ) -> None:
     """Stresses of flexible bodies over the last cycle of a run.
 
@@ -64,13 +76,17 @@ def stress(
     if complete and not damping:
         raise click.UsageError("--complete is in balance with the loads: drop --no-damping")
     folder = Path(directory)
-    found = _stresses(folder, chosen, damping, complete)
+    found = _stresses(folder, chosen, damping, complete, programs)
     write_whole(folder / STRESS, to_json(found) + "\n")
     click.echo(to_json(found) if as_json else _report(found, folder))
 
 
 def _stresses(
-    folder: Path, chosen: tuple[str, ...], damping: bool, complete: bool
+    folder: Path,
+    chosen: tuple[str, ...],
+    damping: bool,
+    complete: bool,
+    programs: tuple[str, ...],
 ) -> dict[str, Any]:
     """What ``stress.json`` holds; fields are written on the way."""
     from time import perf_counter
@@ -96,7 +112,7 @@ def _stresses(
     say_reducing(bodies)
     found = {}
     for body in bodies:
-        part = remade_part(scene, body, run.part(body))
+        part = remade_part(scene, body, run.part(body), programs)
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
         coordinates, amplitudes = (values[rows] for values in motion)
         loads = None
