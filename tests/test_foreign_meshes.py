@@ -103,10 +103,13 @@ def test_deck_of_files_that_it_includes(ring, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("*INCLUDE, INPUT=deck.inp\n", "includes itself"),
-        ("*INCLUDE, INPUT=none.inp\n", "none.inp: No such file"),
+        ("*INCLUDE, INPUT=deck.inp\n", "more than 100 files, .*deck.inp: does one include itself"),
+        ("*INCLUDE, INPUT=none.inp\n", "none.inp: no such file"),
         ("*NODE\n1,0,0,0\n", "no C3D4, C3D8.*it needs one kind"),
-        ("*NODE\n1,0,x,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n", "a node: could not convert"),
+        (
+            "*NODE\n1,0,x,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n",
+            "row 1 below .NODE is no number and coor",
+        ),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1\n", "not a number and 4 nodes each"),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,2\n", "node 2, of which no place is given"),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D6\n1,1,1,1,1,1,1\n", "has C3D6: it needs C3D4"),
@@ -121,6 +124,49 @@ def test_deck_that_cannot_be_read(text, message, tmp_path):
     (tmp_path / "deck.inp").write_text(text)
     with pytest.raises(MeshError, match=message):
         read_deck(tmp_path / "deck.inp")
+
+
+HIDDEN = "root:x:0:0,hidden,words\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({f"{n}": f"*INCLUDE, INPUT={n + 1}\n" for n in range(1, 1201)}, "more than 100 files"),
+        ({f"{n}": f"*INCLUDE, INPUT={n + 1}\n" * 2 for n in range(1, 29)}, "more than 100 files"),
+        ({"1": "*INCLUDE, INPUT=/dev/zero\n"}, "/dev/zero: not a regular file"),
+        ({"1": "*INCLUDE, INPUT=pipe\n"}, "pipe: not a regular file"),
+        ({"1": HIDDEN}, "row 2 below"),
+        ({"1": f"*ELEMENT, TYPE=C3D4\n{HIDDEN}"}, "rows of C3D4 are not"),
+        ({"1": "*ELEMENT, TYPE=C3D4\n1, 99999999999999999999,1,1,1\n"}, "elements have node 9"),
+    ],
+)
+def test_includes_end_and_show_nothing(files, message, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "29").write_text("")
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    end = "*ELEMENT, TYPE=C3D4\n"
+    (tmp_path / "deck.inp").write_text(f"*NODE\n1,0,0,0\n*NODE\n*INCLUDE, INPUT=1\n{end}")
+    with pytest.raises(MeshError, match=message) as found:
+        read_deck(tmp_path / "deck.inp")
+    assert "\n" not in str(found.value)
+    assert "hidden" not in str(found.value)
+
+
+@pytest.mark.parametrize("item", ["HDF", "Binary", "tetgen"])
+def test_numbers_in_a_pipe_are_not_waited_for(item, tmp_path):
+    os.mkfifo(tmp_path / "ring.ele")
+    data = f'<DataItem Dimensions="1 3" Format="{item}">{tmp_path}/ring.ele:/x</DataItem>'
+    geometry = f'<Geometry GeometryType="XYZ">{data.replace(":/x", ":/x" * (item == "HDF"))}'
+    text = f'<Xdmf Version="3.0"><Domain><Grid>{geometry}</Geometry></Grid></Domain></Xdmf>'
+    (tmp_path / "ring.xdmf").write_text(text)
+    (tmp_path / "ring.node").write_text("0 3 0 0\n")
+    name = "ring.node" if item == "tetgen" else "ring.xdmf"
+    with pytest.raises(
+        MeshError, match=rf"{name}: meshio cannot .*ring\.ele is not a regular file"
+    ):
+        read_mesh(tmp_path / name, "m")
 
 
 @pytest.mark.parametrize(("ending", "fields"), [("bdf", 0), ("bdf", 1), ("unv", 0)])

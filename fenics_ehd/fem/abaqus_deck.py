@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.sealed_file import named, require_file
 
 #: Cells by their number of nodes, named as meshio does; their nodes are in its order.
 SOLIDS = {4: "tetra", 8: "hexahedron", 10: "tetra10", 20: "hexahedron20"}
@@ -25,6 +26,9 @@ _SCOPES = {
 
 #: What makes or moves nodes and elements without listing them.
 _GENERATORS = {"NCOPY", "NFILL", "NGEN", "NMAP", "SYSTEM", "ELCOPY", "ELGEN"}
+
+#: Most files that a deck includes, each as often as it is included.
+MOST_FILES = 100
 
 
 @dataclass
@@ -55,7 +59,7 @@ def read_deck(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
         It has no solid cells, those of several parts, or what cannot be read.
     """
     scopes, lines = [_Scope()], []
-    for line in _lines(path, ()):
+    for line in _lines(path, []):
         if not line.startswith("*"):
             lines.append(line)
             continue
@@ -79,20 +83,23 @@ def read_deck(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     return _arrays(path, solid[0])
 
 
-def _lines(path: Path, opened: tuple[Path, ...]) -> Iterator[str]:
+def _lines(path: Path, opened: list[Path]) -> Iterator[str]:
     """Lines of a deck and of those that it includes; keywords and their options in one."""
-    if path.resolve() in opened:
-        raise MeshError(f"{path} includes itself")
-    try:
+    opened.append(path)
+    if len(opened) > MOST_FILES:
+        raise MeshError(
+            f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}: does one "
+            "include itself?"
+        )
+    with named(MeshError, str(path)):
+        require_file(path)
         text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise MeshError(f"{path}: {error.strerror}") from None
     text = re.sub(r"^\*\*.*\n?", "", text, flags=re.MULTILINE)
     for line in re.sub(r"^(\*.*,)[ \t]*\n", r"\1", text, flags=re.MULTILINE).splitlines():
         include = re.match(r"\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,]+)", line, flags=re.IGNORECASE)
         if include:
             other = path.parent / include[1].strip().strip('"')
-            yield from _lines(other, (*opened, path.resolve()))
+            yield from _lines(other, opened)
         elif line.strip():
             yield line
 
@@ -106,11 +113,15 @@ def _keyword(line: str) -> tuple[str, str]:
 
 def _arrays(path: Path, scope: _Scope) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     rows = [line.split(",") for line in scope.nodes]
-    try:
-        numbers = np.array([int(row[0]) for row in rows])
-        points = np.array([[float(x) for x in [*row[1:4], "0", "0", "0"][:3]] for row in rows])
-    except ValueError as error:
-        raise MeshError(f"{path}: a node: {error}") from None
+    numbers, points = np.zeros(len(rows), dtype=np.int64), np.zeros((len(rows), 3))
+    for place, row in enumerate(rows):
+        try:
+            numbers[place], points[place] = int(row[0]), [*map(float, row[1:4]), *[0.0] * 3][:3]
+        except (ValueError, OverflowError):
+            # What it says is not shown: it may be any file, which a deck from elsewhere includes.
+            raise MeshError(
+                f"{path}: row {place + 1} below *NODE is no number and coordinates"
+            ) from None
     # A node that is listed twice is where it was put last.
     numbers, last = np.unique(numbers[::-1], return_index=True)
     points = points[::-1][last]

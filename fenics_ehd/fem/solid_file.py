@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from io import StringIO
 from pathlib import Path
+from xml.etree import ElementTree
 
 import meshio
 import numpy as np
@@ -78,12 +79,28 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
         return read_by_gmsh(path)
     try:
         with interrupt_kept(), printing_kept() as said:
+            _require_files(path)
             mesh = _bulk_data(path) or meshio.read(path)
     except (Exception, SystemExit) as error:  # the latter is how meshio refuses a file
         reason = said.getvalue() if isinstance(error, SystemExit) else str(error)
         lines = [line for line in reason.splitlines() if line.strip()] or [type(error).__name__]
         raise MeshError(f"{path}: meshio cannot read it: {lines[0]}") from None
     return mesh.points, [(block.type, block.data) for block in mesh.cells]
+
+
+def _require_files(path: Path) -> None:
+    """Refuse a mesh whose numbers are in a pipe, which would be waited for, or in a device."""
+    others = []
+    if path.suffix.lower() in (".xdmf", ".xmf"):
+        items = [i for i in ElementTree.parse(path).iter("DataItem") if i.get("Format") != "XML"]
+        names = [(item.text or "").partition(":")[0].strip() for item in items]
+        # HDF5 is looked for beside the file, the rest in the working directory.
+        others = [folder / name for name in names if name for folder in (path.parent, Path())]
+    elif path.suffix.lower() in (".node", ".ele"):
+        others = [path.with_suffix(".node"), path.with_suffix(".ele")]
+    for other in others:
+        if other.exists() and not other.is_file():
+            raise ValueError(f"{other} is not a regular file")
 
 
 def _bulk_data(path: Path) -> meshio.Mesh | None:

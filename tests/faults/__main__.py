@@ -29,6 +29,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import accidents
 import binaries
+import parts
 import texts
 from attempt import launch, side_by_side
 from cases import Case
@@ -46,6 +47,7 @@ CLASSES: dict[str, tuple[Callable[[World, Random], Iterator[Case]], int]] = {
     "stopped run": (binaries.stopped_runs, 80),
     "structure": (binaries.structures, 60),
     "matrices": (binaries.matrices, 90),
+    "part files": (parts.part_files, 90),
 }
 
 #: What else is done to it.
