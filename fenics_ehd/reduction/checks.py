@@ -30,6 +30,13 @@ MASS_TOLERANCE = 1e-8
 #: the probability that one is missed.
 _MISSED = 1e-2
 
+#: Largest force of a translation on a node far from supports, relative to the diagonal entry.
+_UNLOADED = 1e-6
+
+#: Largest speed of waves from a node to the next [m/s]: beryllium has 3e4, a part of steel whose
+#: nodes are in millimetres 7e6 and more, of polymer 2e6.
+FASTEST = 1.5e6
+
 #: Smallest energy of any rigid motion of a clamped part, relative to that node by node.
 _HELD = 1e-12
 
@@ -56,7 +63,8 @@ def check_structure(structure: Structure) -> None:
     StructureError
         Sizes do not fit; a value is not finite; K or M is not symmetric, has an empty row or
         a diagonal entry that is not positive; M is singular or not positive definite; some
-        rigid motions cost energy and others do not; bore nodes are not on the bore, or its
+        rigid motions cost energy and others do not; degrees of freedom go component by component;
+        matrices and coordinates are of different units; bore nodes are not on the bore, or its
         load matrix is not one of a pressure that pushes outward; the first bore is not at the
         origin, or two share a node; a boundary point is no mean
         displacement, or two of them are one.
@@ -66,8 +74,10 @@ def check_structure(structure: Structure) -> None:
     for name, matrix in (("stiffness", structure.stiffness), ("mass", structure.mass)):
         _check_diagonal(matrix, name)
         _check_symmetric(matrix, name)
+    _check_order(structure)
     _check_rigid_motions(structure)
     _check_definite(structure.mass)
+    _check_units(structure)
     check_bores(structure)
     _check_attachments(structure)
 
@@ -161,6 +171,46 @@ def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
         raise StructureError(
             f"{name} is not symmetric: relative defect {defect:.1e}, limit "
             f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits"
+        )
+
+
+def _check_order(structure: Structure) -> None:
+    """Translations load only the nodes at supports, unless the degrees of freedom have no nodes."""
+    stiffness, comm = structure.stiffness, structure.comm
+    limit = _UNLOADED * stiffness.getDiagonal().array
+    rows = np.arange(*stiffness.getOwnershipRange())
+    along = np.sqrt([[1.0], [2.0], [3.0]])  # no plane of symmetry has it
+    by_node, by_component = (
+        comm.allreduce(int((np.abs(multiply(stiffness, along[order])[:, 0]) <= limit).sum()))
+        for order in (rows % 3, rows // (stiffness.size[0] // 3))
+    )
+    if by_component > by_node:
+        raise StructureError(
+            "the degrees of freedom go component by component: those of all nodes along x, then y, "
+            "then z; they must go node by node, as reorder(matrix, dofs) brings them with "
+            "dofs = numpy.arange(matrix.shape[0]).reshape(3, -1).T"
+        )
+
+
+def _check_units(structure: Structure) -> None:
+    """Stiffness, mass and the distance of nodes make a speed of waves that a solid may have.
+
+    It takes absolute figures: in any consistent system of units a part is one.
+    """
+    from scipy.spatial import cKDTree
+
+    comm = structure.comm
+    nodes = np.vstack(comm.allgather(structure.coordinates))
+    matrices = structure.stiffness, structure.mass
+    stiffness, mass = (
+        np.concatenate(comm.allgather(matrix.getDiagonal().array)) for matrix in matrices
+    )
+    apart = np.median(cKDTree(nodes).query(nodes, k=2)[0][:, 1])
+    speed = apart * np.sqrt(np.median(stiffness / mass))
+    if speed > FASTEST:
+        raise StructureError(
+            f"stiffness, mass and nodes {apart:.3g} m apart make waves of {speed:.2g} m/s, above "
+            f"{FASTEST:.2g}: give N/m, kg and m; are the coordinates in millimetres?"
         )
 
 
