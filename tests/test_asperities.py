@@ -44,21 +44,25 @@ def test_asperity_pressure_ends_without_a_jump():
     assert not np.array(ends)[:, 1].any()
 
 
-def test_force_of_a_rough_plane_on_a_tilted_one():
-    rough = surfaces().asperities
+@pytest.mark.parametrize("offset", [0.0, 1.5])
+def test_force_of_a_rough_plane_on_a_tilted_one(offset):
+    rough = surfaces(offset=offset).asperities
     # p_c over a wedge, by quadrature of the definition, and by the potential at both ends.
     ends, width = np.array([-0.3e-6, 2e-6]), 1e-2
     factor = 16 * np.sqrt(2) * np.pi / 15 * 0.04**2 * 0.1 * MODULUS
     slope = (ends[1] - ends[0]) / width
     expected = quad(
-        lambda x: factor * integral(2.5, (ends[0] + slope * x) / rough.roughness), 0, width
+        lambda x: factor * integral(2.5, (ends[0] + slope * x) / rough.roughness - offset),
+        0,
+        width,
     )[0]
     potential = rough.touch(ends).potential
     assert (potential[0] - potential[1]) / slope == pytest.approx(expected, rel=1e-9)
 
 
-def test_contact_is_conservative_and_its_stiffness_exact():
-    rough, gap, step = surfaces().asperities, np.linspace(-1e-6, 3.9e-6, 40), 1e-11
+@pytest.mark.parametrize("offset", [0.0, 2.0])
+def test_contact_is_conservative_and_its_stiffness_exact(offset):
+    rough, gap, step = surfaces(offset=offset).asperities, np.linspace(-1e-6, 3.9e-6, 40), 1e-11
     low, middle, high = (rough.touch(gap + x) for x in (-step, 0.0, step))
     for value, slope in (("potential", -middle.pressure), ("pressure", middle.slope)):
         difference = (getattr(high, value) - getattr(low, value)) / (2 * step)
@@ -66,9 +70,9 @@ def test_contact_is_conservative_and_its_stiffness_exact():
 
 
 def test_share_of_true_contact():
-    rough = Asperities(1e-6, 0.04, 0.01, MODULUS)
+    rough = Asperities(1e-6, 0.04, 0.01, MODULUS, 1.2)
     for ratio in (-0.5, 0.0, 1.0, 3.0):
-        expected = np.pi**2 * 0.04**2 * integral(2.0, ratio)
+        expected = np.pi**2 * 0.04**2 * integral(2.0, ratio - 1.2)
         assert rough.contact_share(1e-6 * np.array(ratio)) == pytest.approx(expected, rel=1e-9)
 
 

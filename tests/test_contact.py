@@ -39,7 +39,8 @@ def with_surfaces(mechanism, rough, **changes):
 @pytest.mark.parametrize(("share", "shape"), [(0.5, None), (0.9, None), (0.5, Lobes(3e-6, 0.3))])
 def test_derivatives_equal_central_differences(residual, limit, share, shape):
     # So rough and stiff that contact is everywhere, and as strong as the film.
-    rough = surfaces(CLEARANCE / 2, share, modulus=1e13)
+    # Tips that stand out reach further than they would.
+    rough = surfaces(CLEARANCE / 2, share, modulus=1e13, offset=4 * share - 2)
     mechanism = with_surfaces(mechanism_with("lagrange", residual), rough, journal_shape=shape)
     equations = StepEquations(System(mechanism), dense_limit=limit)
     equations.lead(100)
@@ -200,15 +201,18 @@ def test_scene_settings_of_contact_reach_the_film(tmp_path):
         ("boundary_friction = 0.2", "journal_roughness and bore_roughness are 0"),
         ("bore_roughness = 9e-6", "must be below 0.3 of the clearance"),
         ("bore_roughness = 1e-6\nasperity_radius = 1e-4", "belong together"),
+        ("bore_roughness = 1e-6\nsummit_offset = 2.5", "summit_offset = 2.5 must be at most 2"),
     ):
         scene.write_text(with_keys(text, change))
-        with pytest.raises(SettingsError, match=rf"joints\.big_end\.contact: .*{message}"):
+        with pytest.raises(SettingsError, match=rf"joints\.big_end\.contact.*{message}"):
             read_scene(scene)
     given = "journal_roughness = 0.3e-6\nbore_roughness = 0.4e-6\njournal_modulus = 100e9"
+    given += "\nsummit_offset = 1.2"
     scene.write_text(with_keys(text, given))
     found = read_scene(scene)
     rough = rough_surfaces(found, found.joints["big_end"])
     assert rough.roughness == pytest.approx(0.5e-6)
+    assert rough.asperities.offset == 1.2
     # The bore is of the rod's own material.
     assert rough.asperities.modulus == pytest.approx(1 / (0.91 / 100e9 + 0.91 / 210e9))
 

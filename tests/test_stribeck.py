@@ -63,7 +63,17 @@ def test_flow_factors_change_the_full_film_too():
     assert with_factors.friction_torque > without.friction_torque
 
 
-@pytest.mark.parametrize("settings", [ROUGH, PLAIN], ids=["factors", "plain"])
+def test_tips_that_stand_out_rub_earlier():
+    # Of eta beta sigma = 0.04, 1.15 is what counting them on the surfaces gives.
+    low, high = (at(attrs.evolve(PLAIN, summit_offset=d), 12.0) for d in (0.0, 1.15))
+    assert 4 < high.friction_coefficient / low.friction_coefficient < 5
+    assert high.power_loss == pytest.approx(high.forces.dissipation, rel=3e-3)
+
+
+OUTSTANDING = attrs.evolve(ROUGH, summit_offset=1.5)
+
+
+@pytest.mark.parametrize("settings", [ROUGH, PLAIN, OUTSTANDING], ids=["factors", "plain", "tips"])
 @pytest.mark.parametrize("journal", [0.5e-6, 0.0])
 def test_derivatives_are_exact(settings, journal):
     settings = attrs.evolve(settings, journal_roughness=journal, speed=10.0, squeeze=(1e-6, 0.0))

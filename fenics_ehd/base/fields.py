@@ -58,10 +58,11 @@ def number(
     above: float | None = None,
     least: float | None = None,
     below: float | None = None,
+    most: float | None = None,
     usual: tuple[float, float] | None = None,
     example: str = "",
 ) -> Any:
-    """Real number with limits: `above` and `below` exclusive, `least` inclusive.
+    """Real number with limits: `above` and `below` exclusive, `least` and `most` inclusive.
 
     A text is a number with its unit, which the help text has in brackets. A value beyond a limit,
     perhaps in another unit, is told the unit and the `example`; one whose size is not between the
@@ -77,6 +78,7 @@ def number(
             (above, "above", operator.gt),
             (least, "at least", operator.ge),
             (below, "below", operator.lt),
+            (most, "at most", operator.le),
         ):
             if limit is not None and not holds(value, limit):
                 raise SettingsError(

@@ -67,6 +67,17 @@ def roughness(help_text: str) -> Any:
     )
 
 
+def summit_offset() -> Any:
+    """How far the mean planes of asperities' tips stand out: of Gaussian surfaces up to 1.84."""
+    return number(
+        0.0,
+        "mean planes of the asperities' tips above those of the surfaces, together, over the "
+        "combined roughness [-]; 0: not above, the least contact",
+        least=0,
+        most=2,
+    )
+
+
 def deviation(help_text: str) -> Any:
     """Deviation of a surface from the round one [m], of either sign."""
     return number(

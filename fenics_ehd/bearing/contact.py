@@ -21,7 +21,7 @@ def surfaces_of(settings: BearingSettings) -> RoughSurfaces | None:
     if not roughness:
         return None
     asperities = Asperities(
-        roughness, s.asperity_product, s.asperity_slenderness, s.contact_modulus
+        roughness, s.asperity_product, s.asperity_slenderness, s.contact_modulus, s.summit_offset
     )
     return RoughSurfaces(
         s.journal_roughness, s.bore_roughness, asperities, s.boundary_friction, s.flow_factors

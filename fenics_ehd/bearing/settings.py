@@ -16,6 +16,7 @@ from fenics_ehd.base.quantities import (
     metres,
     radial_clearance,
     roughness,
+    summit_offset,
     too_narrow,
 )
 
@@ -114,6 +115,7 @@ class BearingSettings(OilSettings):
         0.04, "density x radius x roughness of asperities [-]", above=0
     )
     asperity_slenderness: float = number(1e-3, "roughness over radius of asperities [-]", above=0)
+    summit_offset: float = summit_offset()
     contact_modulus: float = number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0)
     boundary_friction: float = number(0.1, "coefficient of friction of asperities", least=0)
     flow_factors: bool = flag(True, "Patir and Cheng's factors of rough surfaces")

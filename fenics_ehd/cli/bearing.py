@@ -139,6 +139,7 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_number("bore_roughness", "rms roughness of the bore [m], 0: smooth.", "SIGMA")
 @_number("asperity_product", "Density x radius x combined roughness of the asperities.", "X")
 @_number("asperity_slenderness", "Combined roughness over radius of the asperities.", "X")
+@_number("summit_offset", "Tips' mean planes above the surfaces', over the roughness.", "D")
 @_number("contact_modulus", "E' of asperities, 1 / E' = sum (1 - nu^2) / E [Pa].", "E")
 @_number("boundary_friction", "Coefficient of friction of asperities that touch.", "MU")
 @click.option(

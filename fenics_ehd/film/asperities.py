@@ -1,9 +1,10 @@
 """Pressure of two rough surfaces whose asperities touch (Greenwood and Tripp 1970).
 
 Asperities are paraboloids of one radius beta, eta of them per area, their heights a Gaussian of
-the combined roughness sigma. Elastic contacts of pairs give, h the distance of the mean planes,
+the combined roughness sigma. Elastic contacts of pairs give, h the distance of the surfaces' mean
+planes, above which those of the asperities' tips lie by d sigma together,
 
-    p_c = (16 sqrt(2) pi / 15) (eta beta sigma)^2 sqrt(sigma / beta) E' F_5/2(h / sigma),
+    p_c = (16 sqrt(2) pi / 15) (eta beta sigma)^2 sqrt(sigma / beta) E' F_5/2(h / sigma - d),
     1 / E' = (1 - nu_1^2) / E_1 + (1 - nu_2^2) / E_2,
     F_n(H) = 1 / sqrt(2 pi) int_H^inf (s - H)^n exp(-s^2 / 2) ds,
 
@@ -61,12 +62,19 @@ class Asperities:
         sigma / beta [-].
     modulus
         E' as above [Pa].
+    offset
+        d as above [-], 0 to 2.
     """
 
     roughness: float
     density_radius: float
     slenderness: float
     modulus: float
+    offset: float = 0.0
+
+    def apart(self, gap: np.ndarray) -> np.ndarray:
+        """Distance of the mean planes of the tips at nominal gaps [m], over the roughness."""
+        return gap / self.roughness - self.offset
 
     @property
     def strength(self) -> float:
@@ -76,7 +84,7 @@ class Asperities:
 
     def touch(self, gap: np.ndarray) -> Touch:
         """At nominal gaps [m] of any shape."""
-        potential, slope, curvature = seven_halves(gap / self.roughness)
+        potential, slope, curvature = seven_halves(self.apart(gap))
         scale = self.strength * 2 / 7
         return Touch(
             scale * self.roughness * potential, -scale * slope, -scale / self.roughness * curvature
@@ -84,7 +92,7 @@ class Asperities:
 
     def contact_share(self, gap: np.ndarray) -> np.ndarray:
         """Share of the nominal area in true contact, 1 at most."""
-        share = np.pi**2 * self.density_radius**2 * _two(gap / self.roughness)
+        share = np.pi**2 * self.density_radius**2 * _two(self.apart(gap))
         return np.minimum(share, 1.0)
 
 

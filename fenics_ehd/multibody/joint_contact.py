@@ -17,7 +17,8 @@ from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.joint_shape import Turned
 from fenics_ehd.multibody.system import FilmPlace
 
-#: h over sigma beyond which contact, below 4e-6 of that at h = 0, is left out of derivatives.
+#: Distance of the tips' mean planes over sigma beyond which contact, below 4e-6 of that at 0, is
+#: left out of derivatives.
 REACH = 4.0
 
 
@@ -52,7 +53,7 @@ class JointContact(FilmContact):
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
         """Whether the contact of a Gauss point counts in derivatives, shape (g,)."""
-        return (thickness.ravel() < REACH * self.surfaces.roughness) & (self.area > 0.0)
+        return (self.surfaces.asperities.apart(thickness.ravel()) < REACH) & (self.area > 0.0)
 
     def outward(self, turned: Turned | None) -> np.ndarray:
         """Change of the gap for unit values of all coordinates, shape (g, k)."""

@@ -32,7 +32,7 @@ def rough_surfaces(scene: Scene, joint: schema.LubricatedSettings) -> RoughSurfa
     return RoughSurfaces(
         contact.journal_roughness,
         contact.bore_roughness,
-        Asperities(roughness, product, slenderness, modulus),
+        Asperities(roughness, product, slenderness, modulus, contact.summit_offset),
         contact.boundary_friction,
         contact.flow_factors,
     )

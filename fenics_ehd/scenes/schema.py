@@ -192,6 +192,7 @@ class ContactSettings:
         0.0, "per area, with asperity_radius in place of both [1/m2], 0: not given", least=0
     )
     asperity_radius: float = number(0.0, "of their tips [m], 0: not given", least=0, below=1e-2)
+    summit_offset: float = quantities.summit_offset()
     journal_modulus: float = quantities.youngs_modulus(210e9)
     journal_poissons_ratio: float = number(0.3, "[-]", above=-1, below=0.5)
     bore_modulus: float = number(
