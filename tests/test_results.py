@@ -196,15 +196,13 @@ def test_parts_keep_their_unit_and_products_have_none():
 
 
 def test_a_killed_run_is_read_up_to_its_last_whole_steps(tmp_path):
-    working = tmp_path / ".run-0123"
-    working.mkdir()
-    command = [sys.executable, "-c", WRITER, working, "130"]
+    command = [sys.executable, "-c", WRITER, tmp_path, "130"]
     assert subprocess.run(command).returncode == -signal.SIGKILL
     found = load_results(tmp_path)
     np.testing.assert_array_equal(found.run.drive_work, 2.0 * np.arange(100))
     assert "killed" in found.status
     assert found.summary == found.figures == found.scene == {}
-    assert len(read_history(working)["time_s"]) == 130
+    assert len(read_history(tmp_path)["time_s"]) == 130
 
 
 def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_path):

@@ -27,6 +27,7 @@ from interrupt_case import interrupted_run, rows_in
 from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 
 from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.folder import claim, listed
 from fenics_ehd.reduction import load_body, save_body
 from fenics_ehd.results.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from fenics_ehd.results.history_file import HistoryWriter, read_fields
@@ -57,14 +58,14 @@ def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
     for run in killed_again_and_again(
         folder, command(prepared, folder.name, every), resume, (15, 45)
     ):
-        assert not any(path.is_file() for path in folder.glob("[!.]*"))
+        assert not (run / "summary.json").exists()
         # What was written can be read, and stays.
         before = (run / "history.csv").read_bytes()
         assert len(read_history(run)["time_s"]) >= next(moments) - 2
         last = before.rfind(b"\n") + 1
         assert (whole / "history.csv").read_bytes()[:last] == before[:last]
     assert_same_results(folder, whole)
-    assert not list(folder.glob(".*"))
+    assert {path.name for path in folder.iterdir()} <= {*listed(folder), "manifest.txt"}
 
 
 def test_an_interrupted_run_goes_on_to_the_same_result(prepared):
@@ -76,7 +77,9 @@ def test_an_interrupted_run_goes_on_to_the_same_result(prepared):
     steps = load_checkpoint(folder / CHECKPOINT)["state"]["totals"]["steps"]
     assert steps == len(read_history(folder)["time_s"])
     # What was made of the run as it was goes, what is nobody's stays.
-    made = [folder / name for name in ("max_pressure-big_end.png", "animation.gif", "stress.json")]
+    names = ("max_pressure-big_end.png", "animation.gif", "stress.json")
+    made = [folder / name for name in names]
+    claim(folder, names)
     for path in (*made, folder / "mine.png"):
         path.write_bytes(b"")
     assert call("run", "--resume", folder, "--no-plots") == 0

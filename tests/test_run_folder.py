@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,8 @@ from hand_made_rod import Joint, make_body
 from scene_cases import ROD_OF_A_FILE, write_scene
 
 from fenics_ehd.base.errors import InputError, InUseError
+from fenics_ehd.base.folder import clear
+from fenics_ehd.base.output import complete_result
 from fenics_ehd.reduction import save_body
 from fenics_ehd.results.checkpoint import CHECKPOINT
 from fenics_ehd.results.run_folder import RunFolder
@@ -34,7 +38,12 @@ def run(tmp_path, capfd):
 
 
 def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    """Files of a folder, and of those in it, by their paths; links by where they lead."""
+    found = (path for path in folder.rglob("*") if path.is_symlink() or path.is_file())
+    return {
+        str(path.relative_to(folder)): (path.is_symlink() and path.readlink()) or path.read_bytes()
+        for path in found
+    }
 
 
 def test_complete_results_are_replaced_only_when_told_to(run, tmp_path, monkeypatch):
@@ -52,9 +61,10 @@ def test_complete_results_are_replaced_only_when_told_to(run, tmp_path, monkeypa
     assert contents(out) == before
     (out / "max_pressure.png").write_text("stale")
     (out / "notes.txt").write_text("not of a run")
+    (out / "orbit-notes.svg").write_text("not of a run either")
     assert run(COARSER, "--overwrite")[0] == 0
     after = contents(out)
-    assert set(after) == set(before) | {"notes.txt"}
+    assert set(after) == set(before) | {"notes.txt", "orbit-notes.svg"}
     assert after["history.csv"] != before["history.csv"]
 
 
@@ -64,7 +74,7 @@ def test_a_run_that_fails_leaves_complete_results_as_they_were(run, tmp_path):
     before = contents(out)
     status, errors = run(FAILS, "--overwrite")
     assert status == 1
-    (failed,) = out.glob(".run-*")
+    failed = out / "replacement"
     assert f"{out}: its complete result stays, this run is in {failed}" in errors
     assert {name: (out / name).read_bytes() for name in before} == before
     assert "failed: the film" in json.loads((failed / "summary.json").read_text())["status"]
@@ -101,31 +111,106 @@ def test_two_runs_do_not_share_a_folder(more, run, tmp_path, capfd):
     assert run(SCENE, *more)[0] == 0
 
 
-def test_links_are_replaced_and_not_followed(run, tmp_path):
+#: What a folder may hold that is not of a run.
+OTHERS = (
+    "rod.h5", "animation.pptx", "orbit-notes.svg", "stress.json", "coarser-housing.h5",
+    ".run-backup/history.csv", ".moving-a1/d/summary.json", ".ended-x/summary.json",
+)  # fmt: skip
+
+#: What a run would write over.
+TAKEN = ("scene.toml", "body-rod.h5", "orbit.png", "summary.json.part", "vtk/mine.vtu")
+
+
+def test_a_folder_that_holds_what_is_not_of_a_run_is_refused(run, tmp_path, monkeypatch):
+    """Before any work, and nothing is touched, nor by a run that needs none of these names."""
+    out = tmp_path / "out"
+    for other in (*OTHERS, *TAKEN):
+        (out / other).parent.mkdir(parents=True, exist_ok=True)
+        (out / other).write_text(f"my {other}")
+    with monkeypatch.context() as patch:
+        patch.delattr("fenics_ehd.scenes.elastic_part.load_body")
+        for name in TAKEN:
+            before = contents(out)
+            for more in ((), ("--overwrite",)):
+                status, errors = run(SCENE, *more)
+                assert status == 2
+                assert re.search(r"out/\S+: not of a former run", errors)
+            assert contents(out) == before
+            (out / name).unlink()
+    before = contents(out)
+    for more in ((), ("--overwrite",)):
+        assert run(SCENE, *more)[0] == 0
+        assert contents(out).items() >= before.items()
+
+
+def test_the_folder_of_the_scene_is_no_folder_for_its_results(run, tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path / "scene.toml", "slider-crank-paper", SCENE)
+    before = contents(tmp_path)
+    assert exit_of(capfd, "run", "scene.toml", "--no-plots", "-o", ".")[0] == 2
+    assert contents(tmp_path) == before
+
+
+LINKS = ("manifest.txt", "history.h5", "summary.json", "vtk", "replacement", "replacement/vtk",
+         ".moving-a1/d", ".ended-x")  # fmt: skip
+
+
+@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("listing", [False, True])
+def test_nothing_is_done_through_links(link, listing, tmp_path):
+    """In a folder of somebody else, who may have written a manifest, too."""
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
-    out.mkdir()
     elsewhere.mkdir()
-    names = ("history.csv", "history.h5", "summary.json", CHECKPOINT, "scene.toml", "body-rod.h5")
-    for name in names:
-        (elsewhere / name).write_text("mine")
-        (out / name).symlink_to(elsewhere / name)
-        (out / f"{name}.part").symlink_to(elsewhere / name)
-    (elsewhere / "vtk").mkdir()
-    (elsewhere / "vtk" / "rod.pvd").write_text("mine")
-    (out / "vtk").symlink_to(elsewhere / "vtk")
+    write_run(elsewhere, "mine", "complete")
+    target = elsewhere / link if link in ("history.h5", "summary.json") else elsewhere
+    if link == "manifest.txt":
+        target = elsewhere / "list"
+        target.write_text("history.h5\n")
+    (out / link).parent.mkdir(parents=True)
+    if link == "replacement/vtk":
+        write_run(out / "replacement", "theirs", "complete")
+    (out / link).symlink_to(target)
+    if listing:
+        for folder in {out, out / "replacement", elsewhere}:
+            names = [path.name + "/" * path.is_dir() for path in folder.glob("*")]
+            if names and not (folder / "manifest.txt").exists():
+                (folder / "manifest.txt").write_text("\n".join(names))
+    before = contents(elsewhere)
+    for options in ({"overwrite": True}, {"resume": True}, {}):
+        with suppress(InputError), RunFolder(out, ["rod"], **options) as folder:
+            clear(folder.path)
+            write_run(folder.path, "new", "complete")
+        assert contents(elsewhere) == before
+
+
+@pytest.mark.parametrize("name", ["../elsewhere/notes", "/notes", "..", "../", "a/b", "\0", "/"])
+def test_a_manifest_that_names_what_is_not_in_its_folder_is_refused(name, run, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "notes").write_text("mine")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "manifest.txt").write_text(f"history.csv\n{name}\n")
+    before = contents(tmp_path)
+    status, errors = run(SCENE)
+    assert status == 2
+    assert "is not in this folder" in errors
+    before["scene.toml"] = (tmp_path / "scene.toml").read_bytes()
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("content", [b"[" * 100_000, b"[]", b"7", b'{"status": 3}'], ids=len)
+def test_a_summary_of_another_kind_is_none(content, tmp_path):
+    (tmp_path / "summary.json").write_bytes(content)
+    assert complete_result(tmp_path) is None
+
+
+def test_a_pipe_in_place_of_a_summary_is_not_waited_for(run, tmp_path, capfd):
     assert run(SCENE)[0] == 0
-    for name in names:
-        assert (elsewhere / name).read_text() == "mine"
-        assert (out / name).is_file()
-        assert not (out / name).is_symlink()
-    assert (elsewhere / "vtk" / "rod.pvd").read_text() == "mine"
-
-
-def test_the_lock_follows_no_link(tmp_path):
-    (tmp_path / ".lock").symlink_to(tmp_path / "victim")
-    with pytest.raises(OSError):
-        RunFolder(tmp_path)
-    assert not (tmp_path / "victim").exists()
+    (tmp_path / "out" / "summary.json").unlink()
+    os.mkfifo(tmp_path / "out" / "summary.json")
+    assert run(SCENE)[0] == 2
+    status, _, errors = exit_of(capfd, "plot", tmp_path / "out")
+    assert status == 2
+    assert "summary.json: not a summary of a run" in errors
 
 
 class Killed(BaseException):
@@ -153,15 +238,20 @@ def test_killed_while_files_are_exchanged(former, status, tmp_path):
     step = 0
     while exchange_until(tmp_path / str(step), former, status, step) == step:
         step += 1
-    assert step >= (1 if former == "complete" and status != "complete" else 9)
+    assert step >= (14 if former == status == "complete" else 0)
 
 
 def exchange_until(out, former, status, step):
     """Kill an exchange before the operation of this number; how many were done before."""
     out.mkdir()
     if former != "nothing":
-        write_run(out, "old", former)
-    folder, done = RunFolder(out, overwrite=True), 0
+        with RunFolder(out, ["rod"]) as folder:
+            write_run(folder.path, "old", former)
+            (folder.path / "orbit.png").write_text("old")
+            (folder.path / "vtk").mkdir()
+            (folder.path / "vtk" / "mine").write_text("not of a run")
+    folder, done = RunFolder(out, ["rod"], overwrite=True), 0
+    clear(folder.path)
 
     def counted(original):
         def operation(*arguments, **options):
@@ -177,7 +267,7 @@ def exchange_until(out, former, status, step):
         try:
             with folder:
                 write_run(folder.path, "new", status)
-                for name in ("rename", "replace", "unlink"):
+                for name in ("replace", "unlink", "rmdir"):
                     patch.setattr(Path, name, counted(getattr(Path, name)))
         except Killed:
             pass
@@ -186,30 +276,29 @@ def exchange_until(out, former, status, step):
         found = state_of(resumed.path)
     keeps = former == "complete" and status != "complete"
     assert found == ("new", status)
-    if not keeps:
-        assert state_of(out) == ("new", status)
-        assert not list(out.glob(".*"))
-    else:
-        assert state_of(out) == ("old", "complete")
+    assert (out / "replacement").exists() == keeps
+    assert state_of(out) == (("old", "complete") if keeps else ("new", status))
+    assert (out / "orbit.png").exists() == keeps
+    assert (out / "vtk" / "mine").exists() == (former != "nothing")
     return done
 
 
-def test_what_was_killed_before_its_first_checkpoint_is_cleared_away(tmp_path):
-    (tmp_path / ".run-0").mkdir()
-    (tmp_path / ".run-0" / "history.csv").write_text("time_s\n")
+def test_nothing_stays_of_a_run_without_a_step(tmp_path):
     with pytest.raises(InputError, match="nosuch: no checkpoint to go on from"):
         RunFolder(tmp_path / "nosuch", resume=True)
-    with RunFolder(tmp_path):
-        assert not (tmp_path / ".run-0").exists()
+    with RunFolder(tmp_path) as folder:
+        (folder.path / "history.csv").write_text("time_s\n")
     assert not list(tmp_path.iterdir())
 
 
-def test_resume_takes_the_run_that_was_killed_last(tmp_path):
-    write_run(tmp_path, "complete", "complete")
-    for number, name in enumerate(("b", "a")):
-        path = tmp_path / f".run-{name}"
-        path.mkdir()
-        write_run(path, name, "killed")
-        os.utime(path / CHECKPOINT, (number, number))
-    with RunFolder(tmp_path, resume=True) as folder:
-        assert folder.path.name == ".run-a"
+def test_resume_takes_the_run_that_was_to_replace_another_one(tmp_path):
+    with RunFolder(tmp_path, ["rod"]) as folder:
+        write_run(folder.path, "old", "complete")
+    folder = RunFolder(tmp_path, ["rod"], overwrite=True)
+    write_run(folder.path, "new", "killed")
+    folder._lock.close()
+    with RunFolder(tmp_path, resume=True) as again:
+        assert again.path == folder.path != tmp_path
+        write_run(again.path, "newer", "complete")
+    assert state_of(tmp_path) == ("newer", "complete")
+    assert not folder.path.exists()

@@ -17,6 +17,7 @@ from fenics_ehd.base.errors import BodyFileError, InputError, OutputError, Struc
 from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.reduction import (
     BasisFile,
+    as_matrix,
     body_digest,
     load_body,
     load_structure,
@@ -154,7 +155,6 @@ WRONG = {
     "short inventory": (put("inventory/dropped", np.zeros(3)), "zip"),
     "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
     "soft loop": (put("mass", h5py.SoftLink("/mass")), "mass is a link, not data"),
-    "link out": (put("mass", h5py.ExternalLink("other.h5", "/mass")), "mass is a link, not data"),
     "hard loop": (
         lambda file: file.__setitem__("points/all", file["/"]),
         "groups in groups without",
@@ -170,6 +170,44 @@ def test_a_body_of_other_contents_is_named(case, tmp_path):
     save_body(flexible(Joint())[0], path)
     forged(path, change)
     assert message in refused("body", path)
+
+
+def external(file):
+    file.create_dataset("more/out", (4,), "f8", external=[("secret", 0, 32)])
+
+
+def virtual(file):
+    layout = h5py.VirtualLayout((4,), "f8")
+    layout[:] = h5py.VirtualSource("other.h5", "x", (4,))
+    file.create_virtual_dataset("more/out", layout)
+
+
+def link(file):
+    file["more/out"] = h5py.ExternalLink("other.h5", "/x")
+
+
+@pytest.mark.parametrize("change", [external, virtual, link], ids=lambda change: change.__name__)
+@pytest.mark.parametrize("kind", [*KINDS, "matrix", "history"])
+def test_what_lies_in_another_file_is_not_followed(kind, change, tmp_path):
+    """Nor is it read from files that another program may have written, and that have no digest."""
+    path = tmp_path / "file.h5"
+    message = "more/out lies in another file"
+    if kind in KINDS:
+        KINDS[kind][0](path)
+        forged(path, change)
+        assert message in refused(kind, path)
+        return
+    path = tmp_path / ("history.h5" if kind == "history" else "k.h5")
+    with h5py.File(path, "w") as file:
+        change(file)
+        file["shape"] = (3, 3)
+        file.attrs["format_version"] = 2
+    read = {
+        "history": lambda: read_fields(tmp_path, ("shape",)),
+        "matrix": lambda: as_matrix(str(path), MPI.COMM_SELF, "stiffness"),
+    }
+    with pytest.raises((InputError, StructureError), match=message):
+        read[kind]()
 
 
 def scaled(**factors):

@@ -4,7 +4,7 @@ import os
 import tomllib
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scene_cases import tables_of
 
@@ -45,6 +45,40 @@ def test_printed_settings_read_back_to_twelve_digits(clearance, modes, geometry)
     assert again.joints["big_end"].clearance == pytest.approx(clearance, rel=1e-11)
     assert again.bodies["rod"].reduction.residual_modes == modes
     assert again.bodies["rod"].geometry == pytest.approx(geometry, rel=1e-11)
+
+
+TEXT = st.text(
+    st.characters(blacklist_categories=["Cs"], blacklist_characters="\0"), min_size=1, max_size=20
+)
+NAME = st.text(st.characters(whitelist_categories=["L", "Nd"]), min_size=1)
+
+
+@given(
+    body=NAME,
+    point=TEXT,
+    hole=NAME,
+    folder=TEXT,
+)
+@example(body="größe", point="hook left", hole="öl", folder="\U0001f600 \\u")
+@example(body="a", point='a "b" = [x] # \x7f\r\n', hole="b", folder="'")
+def test_names_that_need_quotes_read_back(body, point, hole, folder):
+    tables = tables_of("four-bar", {})
+    tables["bodies"][body] = tables["bodies"].pop("rocker") | {"points": {point: [0.12, 0.0]}}
+    tables["joints"]["rocker_end"] |= {
+        "journal": f"{body}.{point}",
+        "supply": {hole: {"kind": "circumferential-groove", "width": 1e-3, "table": folder}},
+    }
+    tables["joints"]["right"]["between"] = ["ground.hook", body]
+    found = scene_of(tables, "case")
+    again = scene_of(tomllib.loads(scene_text(found)), "case")
+    for table in ("bodies", "joints"):
+        assert getattr(again, table) == getattr(found, table)
+
+
+def test_a_name_that_is_no_text_is_one_line():
+    scene = scene_of(tables_of(PAPER, {"bodies.rod.model": "\udcff/rod.geo"}), "case")
+    with pytest.raises(SettingsError, match=r"'.udcff/rod.geo' is no text in UTF-8"):
+        scene_text(scene)
 
 
 def rod(**changes):

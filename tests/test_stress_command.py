@@ -14,13 +14,13 @@ from mpi4py import MPI
 from scene_cases import RIGID_ROD, ROD_OF_A_FILE, write_scene
 from test_stress import all_nodes
 
+from fenics_ehd.base.folder import listed
 from fenics_ehd.cli.stress import last_rows
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.reduction import save_body
 from fenics_ehd.reduction.basis_file import von_mises
 from fenics_ehd.results.part_fields import gather_part
-from fenics_ehd.results.run_folder import RESULTS
 from fenics_ehd.scenes.elastic_part import elastic_part
 from fenics_ehd.scenes.scene_text import as_stored
 
@@ -117,8 +117,9 @@ def test_command_prints_a_table(folder, capfd):
     assert json.loads((folder / "stress.json").read_text())["complete"]
 
 
-def test_stresses_go_with_the_run_they_are_of():
-    assert {"stress.json", "vtk/*_stress.vtu"} <= {*RESULTS}
+def test_stresses_go_with_the_run_they_are_of(folder):
+    assert {"stress.json", "vtk/"} <= {*listed(folder)}
+    assert "rod_stress.vtu" in listed(folder / "vtk")
 
 
 def test_bodies_without_stresses_are_named(folder, capfd):

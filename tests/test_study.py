@@ -19,6 +19,7 @@ from sweep_cases import COMMAND, exit_of, scene_as, sweep_inline
 
 from fenics_ehd import load_results
 from fenics_ehd.base.errors import InputError, InUseError, SettingsError
+from fenics_ehd.base.folder import claim
 from fenics_ehd.reduction import load_body
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.scene_file import shipped_names
@@ -458,21 +459,35 @@ def test_tables_are_those_of_the_study_from_the_beginning(studied, again):
 
 def test_overwriting_forgets_tables_and_report_too(studied, again):
     study = studied[1]
-    (again / "figures").mkdir()
+    claim(again / "figures", ["a.png"])
     for name in ("report.html", "report.md", "figures/a.png"):
         (again / name).write_text("of the former study")
+    (again / "runs" / "mine.txt").write_text("of somebody else")
     with StudyFolder(again, study, overwrite=True) as folder:
-        assert {path.name for path in again.iterdir()} == {"bodies", "study.lock"}
+        assert {path.name for path in again.iterdir()} == {"bodies", "manifest.txt", "runs"}
+        assert {path.name for path in (again / "runs").iterdir()} == {"manifest.txt", "mine.txt"}
         with pytest.raises(KeyboardInterrupt):
             run_study(folder, Interrupted())
     assert {row["status"] for row in read_table(again)} == {"not run"}
     assert json.loads((again / "reference.json").read_text())["status"] == "not run"
 
 
-def test_overwriting_leaves_figures_of_something_else_alone(studied, tmp_path):
-    (tmp_path / "figures").mkdir()
-    with StudyFolder(tmp_path, studied[1], overwrite=True):
-        assert (tmp_path / "figures").exists()
+@pytest.mark.parametrize("name", ["figures/mine.png", "runs/reference/mine", "bodies/mine.h5"])
+@pytest.mark.parametrize("link", [False, True])
+def test_a_folder_that_holds_what_is_not_of_a_study_is_refused(name, link, studied, tmp_path):
+    path = tmp_path / "out" / name
+    (tmp_path / "elsewhere").mkdir()
+    path.parent.parent.mkdir(parents=True)
+    if link:
+        path.parent.symlink_to(tmp_path / "elsewhere")
+        path = tmp_path / "elsewhere" / path.name
+    else:
+        path.parent.mkdir()
+    path.write_text("mine")
+    for overwrite in (False, True):
+        with pytest.raises(InputError, match="not of a former run"):
+            StudyFolder(tmp_path / "out", studied[1], overwrite=overwrite)
+    assert path.read_text() == "mine"
 
 
 @pytest.mark.parametrize(

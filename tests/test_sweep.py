@@ -76,9 +76,9 @@ def test_folder_has_one_body_and_the_histories(swept):
     histories = sorted(path.parent.name for path in swept.glob("runs/*/history.h5"))
     assert histories == ["0001", "0002", "0003", "0004"]
     body = next((swept / "bodies").iterdir())
-    for kept in swept.glob("runs/*"):
+    for kept in swept.glob("runs/*/"):
         names = {path.name for path in kept.iterdir()}
-        fields = {"history.csv", "history.h5", "checkpoint.h5"}
+        fields = {"history.csv", "history.h5", "checkpoint.h5", "manifest.txt"}
         assert names == {*fields, "summary.json", "scene.toml", "body-rod.h5"}
         assert (kept / "body-rod.h5").samefile(body)
 
@@ -259,10 +259,12 @@ def test_rows_of_another_sweep_are_refused_unless_overwritten(
     assert named in str(error.value)
     assert "--overwrite" in str(error.value)
     assert len(rows_of(again)) == 6
+    (again / "runs" / "0001" / "mine.txt").write_text("of somebody else")
     with SweepTable(again, plan, overwrite=True) as table:
         assert table.rows() == []
     assert rows_of(again) == []
-    assert not list((again / "runs").iterdir())
+    left = [str(path.relative_to(again)) for path in (again / "runs").rglob("*") if path.is_file()]
+    assert sorted(left) == ["runs/0001/mine.txt", "runs/manifest.txt"]
     assert list((again / "bodies").iterdir())
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import CavitationError, EhdError, InputError
+from fenics_ehd.base.text_file import read_json
 from fenics_ehd.base.whole_file import naming, whole_hdf5, write_whole
 
 __all__ = [
@@ -108,9 +109,9 @@ def require_complete(directory: Path) -> dict[str, Any]:
 def _summary(directory: Path) -> dict[str, Any] | None:
     """What a summary says that has a status."""
     try:
-        summary = json.loads((directory / SUMMARY).read_text())
-        return summary if "status" in summary else None
-    except (OSError, ValueError, TypeError):
+        summary = read_json(directory / SUMMARY)
+        return summary if isinstance(summary["status"], str) else None
+    except (OSError, LookupError, ValueError, TypeError):
         return None
 
 

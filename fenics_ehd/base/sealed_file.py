@@ -112,6 +112,35 @@ def require_file(path: str | Path) -> None:
         raise ValueError("not a regular file")
 
 
+def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
+    """Open an HDF5 file for reading, `options` as h5py has them.
+
+    Raises
+    ------
+    ValueError, OSError
+        It is none, or data of it lie in other files: what these hold is in no digest, and may be
+        any file of the reader's.
+    """
+    require_file(path)
+    file = h5py.File(path, "r", **options)
+
+    def linked(name: bytes, link: Any) -> str | None:
+        return None if link.type in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT) else name.decode()
+
+    def stored(name: str, item: Any) -> str | None:
+        outside = isinstance(item, h5py.Dataset) and (item.is_virtual or item.external)
+        return name if outside else None
+
+    try:
+        outside = file.id.links.visit(linked, info=True) or file.visititems(stored)
+        if outside:
+            raise ValueError(f"{outside} lies in another file, which is not followed")
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
 def _sealed(path: str | Path) -> bool:
     """Whether a file has a seal.
 
@@ -164,7 +193,7 @@ def open_sealed(
         See `named`.
     """
     sealed = _sealed(path)
-    file = h5py.File(path, "r")
+    file = open_hdf5(path)
     try:
         if file.attrs.get("format") != kind:
             raise ValueError(f"not a {kind}")

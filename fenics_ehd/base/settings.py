@@ -113,13 +113,33 @@ def _bare_words(content: str) -> list[str]:
     return re.split(r"[][{}=,\n]", bare)
 
 
+def toml_string(text: str) -> str:
+    """Text as TOML has it in quotes.
+
+    Raises
+    ------
+    SettingsError
+        It is none, the name of a file with bytes that are no UTF-8 say.
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise SettingsError(f"{text!a} is no text in UTF-8: rename that file or folder") from None
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_key(name: str) -> str:
+    """A key as TOML has it, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_string(name)
+
+
 def _literal(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_literal, value))}]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return json.dumps(value)
+        return toml_string(value)
     if isinstance(value, int):
         return str(value)
     plain = format(value, ".12g")
@@ -156,10 +176,11 @@ def to_toml(settings: Any, path: str = "", *, without: Sequence[str] = ()) -> st
         elif value and (kinds := attribute.metadata.get("kinds")):
             words = {cls: kind for kind, cls in kinds.items()}
             for key, entry in value.items():
-                text = to_toml(entry, f"{name}.{key}.")
-                nested.append(f'\n[{name}.{key}]\nkind = "{words[type(entry)]}"\n{text}')
+                place = f"{name}.{toml_key(key)}"
+                text = to_toml(entry, f"{place}.")
+                nested.append(f'\n[{place}]\nkind = "{words[type(entry)]}"\n{text}')
         elif attribute.metadata.get("table"):
-            lines = [f"{key} = {_literal(entry)}\n" for key, entry in value.items()]
+            lines = [f"{toml_key(key)} = {_literal(entry)}\n" for key, entry in value.items()]
             nested.append(f"\n# {help_text}\n[{name}]\n{''.join(lines)}")
         else:
             own.append(f"{attribute.name} = {_literal(value)}  # {help_text}\n")

@@ -7,6 +7,8 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from secrets import token_hex
+from tempfile import TemporaryDirectory
 
 import h5py
 
@@ -14,6 +16,9 @@ from fenics_ehd.base.errors import OutputError
 
 #: Room for what HDF5 notes of its datasets [bytes].
 BOOKKEEPING = 1 << 18
+
+#: How the name ends that a file has until it is whole.
+PART = ".part"
 
 
 @contextmanager
@@ -43,7 +48,7 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
     with naming(path):
         partial = new_part(path)
         try:
-            with open(partial, "xb") as file:
+            with open(partial, "wb") as file:
                 file.write(content.encode() if isinstance(content, str) else content)
             put_in_place(partial, path)
         except BaseException:
@@ -53,10 +58,30 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
 
 
 def new_part(path: Path) -> Path:
-    """Name beside a file under which it is written, free of what a killed process left there."""
-    partial = path.with_name(path.name + ".part")
-    partial.unlink(missing_ok=True)
-    return partial
+    """An empty file beside another one, to become it: nobody else's, and no former one."""
+    partial = path.with_name(path.name + PART)
+    while True:
+        try:
+            partial.open("xb").close()
+            return partial
+        except FileExistsError:
+            partial = path.with_name(f"{path.name}.{token_hex(4)}{PART}")
+
+
+@contextmanager
+def written_aside(path: Path) -> Iterator[Path]:
+    """Path of the same name in a folder of its own, for a program to write; it then becomes `path`.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written, or the disk was full, which not every program tells.
+    """
+    with naming(path), TemporaryDirectory(dir=path.absolute().parent) as folder:
+        aside = Path(folder, path.name)
+        yield aside
+        require_room(aside, os.statvfs(folder).f_bsize)
+        put_in_place(aside, path)
 
 
 def put_in_place(partial: Path, path: Path) -> None:

@@ -74,16 +74,19 @@ def animate(
     import numpy as np
     from tqdm import tqdm
 
+    from fenics_ehd.base.folder import claim
     from fenics_ehd.plotting.animation import require_animation_format, save_animation
     from fenics_ehd.plotting.animation_figure import draw
     from fenics_ehd.plotting.recorded import recorded
-    from fenics_ehd.results.load import load_results, run_within
+    from fenics_ehd.results.load import load_results
     from fenics_ehd.results.replay import Replay
 
     path = Path(target or Path(directory) / DEFAULT_NAME)
     require_animation_format(path)
     result = load_results(directory).last_cycle()
     run = recorded(directory, result)
+    if target is None:
+        claim(path.parent, [DEFAULT_NAME])
     motion = run.motion
     if len(motion.time) < 2:
         raise InputError(f"{directory}: 1 step on the disk, an animation needs 2: let it run on")
@@ -95,7 +98,7 @@ def animate(
         run,
         columns | {"time_s": np.asarray(result.time)},
         shown,
-        _shapes(run, run_within(Path(directory)), bases),
+        _shapes(run, Path(directory), bases),
         name,
         scale,
     )

@@ -31,14 +31,18 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
 
     DIRECTORY holds a run, also one that was stopped or still goes on. Nothing is meshed for it.
     """
+    from fenics_ehd.base.folder import claim
     from fenics_ehd.base.output import require_writable
     from fenics_ehd.plotting.recorded import recorded
     from fenics_ehd.results.load import load_results
     from fenics_ehd.results.paraview import write_run
     from fenics_ehd.results.part_fields import parts_of_bases
+    from fenics_ehd.results.run_folder import SERIES
 
     folder = Path(target or Path(directory) / "vtk")
     require_writable(folder)
+    if target is None:
+        claim(Path(directory), [SERIES])
     result = load_results(directory).last_cycle()
     run = recorded(directory, result)
     parts = parts_of_bases(run.bodies, bases)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fenics_ehd.base.errors import MeshError, SettingsError
+from fenics_ehd.base.settings import toml_string
 from fenics_ehd.cli.options import json_option, output_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -95,6 +95,7 @@ def part(
 
     import fenics_ehd.base.petsc_start  # noqa: F401 - collective: every rank starts PETSc
     from fenics_ehd.base.output import require_writable, to_json
+    from fenics_ehd.base.whole_file import written_aside
     from fenics_ehd.fem.drawn_part import open_part, place_part
     from fenics_ehd.fem.material import Material
     from fenics_ehd.fem.sound_cells import corner_volumes
@@ -137,28 +138,15 @@ def part(
         "points": list(named.points),
         "held_by": "held" if named.held else "none",
     }
-    with _whole(Path(target)) as aside:
-        placed.write(aside)
-        if check:
-            material = Material(youngs_modulus, poissons_ratio, density)
-            figures |= _checked(opened, placed, aside, around, material)
+    try:
+        with written_aside(Path(target)) as aside:
+            placed.write(aside)
+            if check:
+                material = Material(youngs_modulus, poissons_ratio, density)
+                figures |= _checked(opened, placed, aside, around, material)
+    except MeshError as error:
+        raise MeshError(str(error).replace(str(aside), target)) from None
     click.echo(to_json(figures) if as_json else made_table(figures))
-
-
-@contextmanager
-def _whole(target: Path) -> Iterator[Path]:
-    """File that becomes the target unless something fails."""
-    from tempfile import TemporaryDirectory
-
-    from fenics_ehd.base.whole_file import naming, put_in_place
-
-    with naming(target), TemporaryDirectory(dir=target.absolute().parent) as folder:
-        aside = Path(folder, target.name)
-        try:
-            yield aside
-        except MeshError as error:
-            raise MeshError(str(error).replace(str(aside), str(target))) from None
-        put_in_place(aside, target)
 
 
 def _pairs(given: Sequence[str], default: str, option: str) -> dict[str, str]:
@@ -297,7 +285,7 @@ def made_table(figures: dict[str, Any]) -> str:
     points = ", ".join(f'"{name}"' for name in figures["points"])
     lines += [
         "in a scene:",
-        f'  model = "{figures["file"]}"',
+        f"  model = {toml_string(figures['file'])}",
         f"  bores = [{bores}]",
         f"  points = [{points}]",
         f'  held_by = "{figures["held_by"]}"',

@@ -27,7 +27,7 @@ from fenics_ehd.scenes.accurate_run import run_accurately
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.given import with_body, with_method
 from fenics_ehd.scenes.run import stored_scene
-from fenics_ehd.scenes.scene import Scene, meshed
+from fenics_ehd.scenes.scene import Scene, flexible, meshed
 from fenics_ehd.scenes.scene_text import as_stored
 
 if TYPE_CHECKING:  # slow to import, for ParaView series only
@@ -59,7 +59,7 @@ def run(scene: Scene, directory: Path, overwrite: bool, wishes: Wishes) -> None:
     warn_of(scene.warnings)
     require_writable(directory)
     scene, search = begun(scene)
-    with first_rank_folder(directory, overwrite) as folder:
+    with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
         built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
         parts = _whole_parts(built) if scene.output.paraview else {}
         # The time integration is serial: other ranks have done their share.

@@ -91,11 +91,12 @@ def _stresses(
     """What ``stress.json`` holds; fields are written on the way."""
     from time import perf_counter
 
+    from fenics_ehd.base.folder import claim
     from fenics_ehd.base.output import require_complete, require_writable, versions
     from fenics_ehd.cli.notices import say_reducing
     from fenics_ehd.plotting.recorded import recorded
     from fenics_ehd.results.load import load_results
-    from fenics_ehd.results.run_folder import SCENE_NAME
+    from fenics_ehd.results.run_folder import SCENE_NAME, SERIES, STRESS
     from fenics_ehd.results.stress import cycle_stress, figures, write_fields
     from fenics_ehd.scenes.remade_part import remade_part
     from fenics_ehd.scenes.scene_text import as_stored
@@ -103,6 +104,7 @@ def _stresses(
     start = perf_counter()
     summary = require_complete(folder)
     require_writable(folder)
+    claim(folder, (STRESS, SERIES))
     answer = load_results(folder)
     run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)

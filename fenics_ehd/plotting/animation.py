@@ -13,6 +13,7 @@ from PIL import Image
 
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.output import require_writable
+from fenics_ehd.base.whole_file import written_aside
 from fenics_ehd.plotting.picture import plt
 
 #: Pixels per inch of the file formats: a GIF has no compression in time.
@@ -86,14 +87,11 @@ def save_animation(
     suffix = path.suffix.lower()
     figure.set_dpi(RESOLUTION[suffix])
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The ending tells the encoders the format.
-    partial = path.with_name(f"{path.stem}.part{suffix}")
     write = _write_gif if suffix == ".gif" else _write_mp4
     try:
-        write(figure, show, count, partial, rate, progress)
-        partial.replace(path)
+        with written_aside(path) as aside:
+            write(figure, show, count, aside, rate, progress)
     finally:
-        partial.unlink(missing_ok=True)
         plt.close(figure)
     return path
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.folder import claim
 from fenics_ehd.plotting.curves import Curves, Rows
 from fenics_ehd.plotting.picture import SETTINGS, in_formats, plt, save
 from fenics_ehd.plotting.quantities import OF_EVERY_RUN, QUANTITIES, Subtractable
@@ -95,7 +96,9 @@ class Pictures:
                 )
             else:
                 figure = quantity.draw(rows)
-            return save(figure, in_formats(directory, self._file(name)))
+            pictures = in_formats(directory, self._file(name))
+            claim(Path(directory), [path.name for path in pictures])
+            return save(figure, pictures)
 
     def _file(self, name: str) -> str:
         several = ["difference" if self._difference else "comparison"] * (len(self._runs) > 1)

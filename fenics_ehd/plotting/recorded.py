@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.multibody.result import Result
-from fenics_ehd.results.load import load_results, run_within
+from fenics_ehd.results.load import load_results
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.replay import Replay
 from fenics_ehd.results.run_folder import SCENE_NAME
@@ -35,7 +35,7 @@ def recorded(directory: str | Path, result: Result | None = None) -> Replay:
     SettingsError, BodyFileError
         Scene or bodies cannot be read.
     """
-    folder = run_within(Path(directory))
+    folder = Path(directory)
     if not (folder / SCENE_NAME).is_file():
         raise InputError(f"{folder / SCENE_NAME}: missing, {directory} is not the folder of a run")
     scene = as_stored(folder / SCENE_NAME)

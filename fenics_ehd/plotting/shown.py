@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,13 +13,14 @@ import numpy as np
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.output import ERROR_BUDGET
 from fenics_ehd.base.sealed_file import named
+from fenics_ehd.base.text_file import read_json
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.shear import in_supply
 from fenics_ehd.multibody.crank_angle import WHOLE
 from fenics_ehd.multibody.joint_contact import joint_contact
 from fenics_ehd.multibody.result import FilmResult, Result
 from fenics_ehd.plotting.recorded import recorded
-from fenics_ehd.results.load import load_results, run_within
+from fenics_ehd.results.load import load_results
 
 #: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.
 ANGLE, TIME = "crank_angle_deg", "time_s"
@@ -156,12 +156,12 @@ class ShownRun:
 
     def _errors(self, joint: str) -> dict[str, np.ndarray]:
         """Relative errors by component of the run's error budget, empty without it."""
-        path = run_within(self.directory) / ERROR_BUDGET
+        path = self.directory / ERROR_BUDGET
         if not path.is_file():
             return {}
         found = {}
         with named(InputError, f"{path}: not the error budget of a run"):
-            for component, over in json.loads(path.read_text()).get(joint, {}).items():
+            for component, over in read_json(path).get(joint, {}).items():
                 time, pressure, film, more_pressure, more_film = (np.array(over[k]) for k in BUDGET)
                 for name, error in (
                     ("pressure_error", more_pressure / pressure.max()),

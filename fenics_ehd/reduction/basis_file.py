@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,8 @@ import h5py
 import numpy as np
 
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
-from fenics_ehd.base.sealed_file import HEAD, named, open_sealed, require_numbers, seal
-from fenics_ehd.base.whole_file import new_part
-from fenics_ehd.reduction.rank_file import Rows, append
-from fenics_ehd.reduction.row_blocks import together
+from fenics_ehd.base.sealed_file import named, open_sealed, require_numbers
+from fenics_ehd.reduction.rank_file import Rows, append, sealed_by_ranks
 from fenics_ehd.reduction.structure import Structure
 
 FORMAT = "fenics_ehd part basis"
@@ -65,7 +63,6 @@ def save_basis(
         if len(shape) != 2 or shape != (owned, shapes[0][0][-1]):
             raise SettingsError(f"columns of shape {shape} on a rank with {owned} dofs")
     recovery, path = structure.recovery, Path(path)
-    partial = path.with_name(path.name + ".part")
     tables: dict[str, np.ndarray | Rows] = {
         "nodes": structure.coordinates,
         "basis": columns.reshape(nodes, 3, modes),
@@ -74,20 +71,14 @@ def save_basis(
     if stress and recovery and recovery.stress:
         tables |= _stresses(recovery.stress(columns))
 
-    def begin() -> None:
-        if comm.rank == 0:
-            with h5py.File(new_part(path), "w", userblock_size=HEAD) as file:
-                file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
-                file.attrs["stress_components"] = " ".join(VOIGT)
+    def begin(file: h5py.File) -> None:
+        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
+        file.attrs["stress_components"] = " ".join(VOIGT)
 
     try:
-        together(comm, f"file {path} cannot be written", begin)
-        append(partial, comm, tables)
-        together(comm, f"file {path}", lambda: None if comm.rank else seal(partial, path))
+        with sealed_by_ranks(path, comm, begin) as partial:
+            append(partial, comm, tables)
     except StructureError as error:
-        if comm.rank == 0:
-            with suppress(OSError):
-                partial.unlink()
         raise BodyFileError(f"basis {error}") from error
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import ExportError
+from fenics_ehd.base.folder import claim
 from fenics_ehd.base.whole_file import write_whole
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.inertia import ELASTIC
@@ -96,7 +97,7 @@ def export_matrix_market(body: ReducedBody, directory: str | Path) -> Path:
     body
         Any body with modes.
     directory
-        Folder, made when missing; files of the same names are replaced.
+        Folder, made when missing; files of a former export there are replaced, others refused.
 
     Returns
     -------
@@ -113,12 +114,14 @@ def export_matrix_market(body: ReducedBody, directory: str | Path) -> Path:
 
     if not body.modes:
         raise ExportError("this body is rigid: it has no matrices for Matrix Market, use npz")
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    listed = []
-    for name, value in contents(body).items():
-        if name in _NPZ_ONLY or value.dtype.kind == "U" or not (value.ndim and value.size):
-            continue
+    directory, listed = Path(directory), []
+    matrices = {
+        name: value
+        for name, value in contents(body).items()
+        if not (name in _NPZ_ONLY or value.dtype.kind == "U") and value.ndim and value.size
+    }
+    claim(directory, ["README.txt", *(f"{name}.mtx" for name in matrices)])
+    for name, value in matrices.items():
         matrix = value.reshape(-1, value.shape[-1] if value.ndim > 1 else 1)
         # One triangle would lose what the other has in its last digit.
         one_triangle = name in _SQUARE and np.array_equal(matrix, matrix.T)

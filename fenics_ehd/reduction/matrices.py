@@ -9,13 +9,12 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.sealed_file import require_file, require_numbers, values
+from fenics_ehd.base.sealed_file import open_hdf5, require_file, require_numbers, values
 from fenics_ehd.reduction.row_blocks import (
     RowBlock,
     agree,
@@ -117,7 +116,7 @@ def _read_hdf5(path: str, group: str, comm: MPI.Comm, name: str, rows: int | Non
     """CSR arrays in a group of an HDF5 file; every rank reads its own rows."""
 
     def shape() -> tuple[int, int]:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             csr = file[group]
             height, width = values(csr["shape"]) if "shape" in csr else csr.attrs["shape"]
             for key, kinds in (("indptr", "iu"), ("indices", "iu"), ("data", "fiuc")):
@@ -133,7 +132,7 @@ def _read_hdf5(path: str, group: str, comm: MPI.Comm, name: str, rows: int | Non
     first, last = owned_range(whole, comm, name, rows)
 
     def block() -> RowBlock:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             csr = file[group]
             indptr = csr["indptr"][first : last + 1].astype(np.int64)
             entries = slice(indptr[0], indptr[-1])

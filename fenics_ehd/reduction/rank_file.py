@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.whole_file import BOOKKEEPING, require_room
-from fenics_ehd.reduction.row_blocks import agree
-
-#: How the name ends that a file has until it is whole.
-PART = ".part"
+from fenics_ehd.base.sealed_file import HEAD, seal
+from fenics_ehd.base.whole_file import BOOKKEEPING, PART, new_part, require_room
+from fenics_ehd.reduction.row_blocks import agree, together
 
 #: Bytes of an HDF5 chunk: whole rows.
 _CHUNK = 1 << 18
@@ -33,6 +32,52 @@ class Rows(NamedTuple):
 
     shape: tuple[int, ...]
     blocks: Iterable[np.ndarray]
+
+
+@contextmanager
+def sealed_by_ranks(
+    path: Path, comm: MPI.Comm, begin: Callable[[h5py.File], None], size: int = 0
+) -> Iterator[Path]:
+    """A file beside another one for `append`, which replaces that one in the end; collective.
+
+    Parameters
+    ----------
+    path
+        The same on every rank.
+    comm
+        Ranks that write to it.
+    begin
+        Called on the first rank with the empty file.
+    size
+        Of what it writes [bytes].
+
+    Raises
+    ------
+    StructureError
+        On every rank what any rank could not do; a former file stays then.
+    """
+
+    def on_first(act: Callable[[], Any]) -> Any:
+        return together(
+            comm, f"file {path} cannot be written", lambda: None if comm.rank else act()
+        )
+
+    partial = comm.bcast(on_first(lambda: new_part(path)))
+
+    def start() -> None:
+        require_room(partial, size + BOOKKEEPING)
+        with h5py.File(partial, "w", userblock_size=HEAD) as file:
+            begin(file)
+
+    try:
+        on_first(start)
+        yield partial
+        on_first(lambda: seal(partial, path))
+    except BaseException:
+        if not comm.rank:
+            with suppress(OSError):
+                partial.unlink()
+        raise
 
 
 def append(path: Path, comm: MPI.Comm, arrays: Mapping[str, np.ndarray | Rows]) -> None:

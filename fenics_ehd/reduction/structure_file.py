@@ -36,11 +36,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.sealed_file import HEAD, open_sealed, require_file, seal, values
-from fenics_ehd.base.whole_file import BOOKKEEPING, new_part, require_room
+from fenics_ehd.base.sealed_file import open_hdf5, open_sealed, values
 from fenics_ehd.reduction.bore import Bore
 from fenics_ehd.reduction.boundary_points import PointWeights
-from fenics_ehd.reduction.rank_file import append
+from fenics_ehd.reduction.rank_file import append, sealed_by_ranks
 from fenics_ehd.reduction.row_blocks import before, even_range, together
 from fenics_ehd.reduction.structure import Structure
 
@@ -65,37 +64,33 @@ def save_structure(structure: Structure, path: str | Path) -> None:
     """
     comm = structure.comm
     path = Path(path)
-    partial = path.with_name(path.name + ".part")
     for name in (*structure.attachments, *structure.bores):
         if not name or "/" in name or name == ".":
             raise StructureError(f"name {name!r}: a file needs one without a slash")
 
-    def begin() -> None:
-        if comm.rank == 0:
-            held = [value for bore in structure.bores.values() for value in vars(bore).values()]
-            require_room(new_part(path), sum(getattr(a, "nbytes", 0) for a in held) + BOOKKEEPING)
-            with h5py.File(partial, "w", userblock_size=HEAD) as file:
-                file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
-                # Their order is that of the columns of a basis.
-                file.create_group("attachments", track_order=True)
-                bores = file.create_group("bores")
-                bores.attrs["names"] = list(structure.bores)
-                for name, bore in structure.bores.items():
-                    _write_bore(bores.create_group(name), bore)
+    def begin(file: h5py.File) -> None:
+        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
+        # Their order is that of the columns of a basis.
+        file.create_group("attachments", track_order=True)
+        bores = file.create_group("bores")
+        bores.attrs["names"] = list(structure.bores)
+        for name, bore in structure.bores.items():
+            _write_bore(bores.create_group(name), bore)
 
-    together(comm, f"file {path}", begin)
-    append(partial, comm, {"coordinates": structure.coordinates})
-    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
-    matrices |= {f"bores/{name}/load": bore.load for name, bore in structure.bores.items()}
-    for name, matrix in matrices.items():
-        _append_matrix(partial, comm, name, matrix.getValuesCSR(), matrix.size)
-    for name, three in structure.attachments.items():
-        columns = np.column_stack([v.array for v in three])
-        row, column = np.nonzero(columns)
-        pointers = np.searchsorted(row, np.arange(len(columns) + 1))
-        csr = (pointers, column, columns[row, column])
-        _append_matrix(partial, comm, f"attachments/{name}", csr, (structure.size, 3))
-    together(comm, f"file {path}", lambda: None if comm.rank else seal(partial, path))
+    held = [value for bore in structure.bores.values() for value in vars(bore).values()]
+    size = sum(getattr(array, "nbytes", 0) for array in held)
+    with sealed_by_ranks(path, comm, begin, size) as partial:
+        append(partial, comm, {"coordinates": structure.coordinates})
+        matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
+        matrices |= {f"bores/{name}/load": bore.load for name, bore in structure.bores.items()}
+        for name, matrix in matrices.items():
+            _append_matrix(partial, comm, name, matrix.getValuesCSR(), matrix.size)
+        for name, three in structure.attachments.items():
+            columns = np.column_stack([v.array for v in three])
+            row, column = np.nonzero(columns)
+            pointers = np.searchsorted(row, np.arange(len(columns) + 1))
+            csr = (pointers, column, columns[row, column])
+            _append_matrix(partial, comm, f"attachments/{name}", csr, (structure.size, 3))
 
 
 def _write_bore(group: h5py.Group, bore: Bore) -> None:
@@ -178,8 +173,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
 def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
     """The file; one rank reads all of it, for the digest."""
     if comm.rank:
-        require_file(path)
-        return h5py.File(path, "r")
+        return open_hdf5(path)
     return open_sealed(path, FORMAT, FORMAT_VERSION, remedy="write it again", foreign=True)
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from fenics_ehd import __version__
 from fenics_ehd.base.columns import DIMENSIONLESS
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.sealed_file import named, require_file, require_numbers
+from fenics_ehd.base.sealed_file import named, open_hdf5, require_file, require_numbers
 from fenics_ehd.base.whole_file import BOOKKEEPING, naming, sync_path, whole_hdf5, write_whole
 from fenics_ehd.multibody.history_layout import path_of
 from fenics_ehd.results.csv_file import CSV_NAME, CsvFile
@@ -304,7 +304,7 @@ def _opened(path: Path) -> h5py.File:
     with open(path, "rb") as file:
         # The superblock's consistency flags: open for writing.
         marked = file.read(12)[11:] not in (b"", b"\0")
-    return h5py.File(path, "r", libver="latest", swmr=marked)
+    return open_hdf5(path, libver="latest", swmr=marked)
 
 
 def numbers(dataset: h5py.Dataset) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,12 @@ import h5py
 
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.output import SCENE_NAME, SUMMARY, complete_result
-from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.base.output import SCENE_NAME, SUMMARY
+from fenics_ehd.base.sealed_file import named
+from fenics_ehd.base.text_file import read_json, read_text
 from fenics_ehd.multibody.history_layout import assemble_result
 from fenics_ehd.multibody.result import Result
-from fenics_ehd.results.history_file import FIELDS_NAME, finite, numbers, opened_history
+from fenics_ehd.results.history_file import finite, numbers, opened_history
 
 #: What a film has once.
 MESH = ("angle", "height", "cells")
@@ -30,7 +30,7 @@ def load_results(directory: str | Path, *, films: bool = True) -> Result:
     Parameters
     ----------
     directory
-        Of the run. One that was killed or goes on is found within it.
+        Of the run.
     films
         Whether to read pressures and gaps at all nodes, most of the file.
 
@@ -45,7 +45,7 @@ def load_results(directory: str | Path, *, films: bool = True) -> Result:
         The folder holds no run of at least one step, or files that are damaged or of another
         version.
     """
-    folder = run_within(Path(directory))
+    folder = Path(directory)
     summary = _summary(folder)
     with opened_history(folder) as file:
         values = _read(file, films)
@@ -57,19 +57,6 @@ def load_results(directory: str | Path, *, films: bool = True) -> Result:
         return assemble_result(
             values, names, _films(file) if films else {}, summary, _scene(folder)
         )
-
-
-def run_within(directory: Path) -> Path:
-    """The folder with the files of a run: itself, or one within it.
-
-    A run works in one of its own; there it stays if it is killed. A complete result is what the
-    folder holds; without one the run that wrote last is.
-    """
-    if complete_result(directory):
-        return directory
-    found = [path.parent for path in directory.glob(f".run-*/{FIELDS_NAME}")]
-    found += [directory] * (directory / FIELDS_NAME).exists()
-    return max(found, key=lambda run: (run / FIELDS_NAME).stat().st_mtime, default=directory)
 
 
 def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
@@ -130,8 +117,7 @@ def _summary(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     with named(InputError, f"{path}: not a summary of a run"):
-        require_file(path)
-        found = json.loads(path.read_text())
+        found = read_json(path)
         if not isinstance(found, dict):
             raise ValueError("not an object")
         return _with_nan(found)
@@ -149,5 +135,4 @@ def _scene(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     with named(InputError, f"{path}: not a scene"):
-        require_file(path)
-        return tomllib.loads(path.read_text())
+        return tomllib.loads(read_text(path))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import meshio
 import numpy as np
 
+from fenics_ehd.base.folder import claim
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.result import Result
 from fenics_ehd.results.blocks import DISPLACEMENT, PRESSURE, Block, mechanism_blocks
@@ -72,20 +74,21 @@ def write_series(directory: str | Path, times: np.ndarray, blocks: Sequence[Bloc
         on the bores of whole parts, where it is zero elsewhere; ``gap_m`` is the films'.
     """
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    entries = []
-    for i, time in enumerate(times):
+    frames = [(f"run_{i:04d}.vtm", float(time)) for i, time in enumerate(times)]
+    files = [
+        [f"{block.group}-{block.name}_{i:04d}.vtu" for block in blocks] for i in range(len(times))
+    ]
+    claim(directory, [SERIES, *(frame for frame, _ in frames), *chain(*files)])
+    for i, (frame, _) in enumerate(frames):
         found: dict[str, list[tuple[str, str]]] = {}
-        for block in blocks:
-            file = f"{block.group}-{block.name}_{i:04d}.vtu"
+        for block, file in zip(blocks, files[i], strict=True):
             _write_block(directory / file, block, i)
             found.setdefault(block.group, []).append((block.name, file))
-        entries.append((f"run_{i:04d}.vtm", float(time)))
-        (directory / entries[-1][0]).write_text(_multi_block(found))
+        (directory / frame).write_text(_multi_block(found))
     series = directory / SERIES
     lines = [
         f'    <DataSet timestep="{time:.9e}" part="0" file={quoteattr(file)}/>'
-        for file, time in entries
+        for file, time in frames
     ]
     series.write_text(_xml("Collection", ["  <Collection>", *lines, "  </Collection>"]))
     return series

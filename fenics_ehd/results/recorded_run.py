@@ -26,7 +26,7 @@ from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
 from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows
 from fenics_ehd.results.load import load_results
-from fenics_ehd.results.run_folder import clear
+from fenics_ehd.results.run_folder import clear_made
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
@@ -242,7 +242,7 @@ def record_run(
         ):
             for step in recorded.steps(history):
                 if history.rows - 1 == rows:
-                    clear(directory)  # what was made of the run as it was
+                    clear_made(directory)
                 checkpoints.follow(recorded)
                 _show(bar, recorded, step)
                 check()

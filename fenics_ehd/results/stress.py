@@ -11,6 +11,7 @@ import meshio
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.folder import claim
 from fenics_ehd.fem.nodal_stress import NodalStress
 from fenics_ehd.fem.stress_cycle import (
     HalfRange,
@@ -198,6 +199,6 @@ def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
         "largest_principal_Pa": stress.principal,
         "largest_principal_at_s": time[stress.principal_instants],
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
+    claim(path.parent, [path.name])
     kind = CELL_NAMES[stress.cells.shape[1]]
     meshio.Mesh(stress.nodes, [(kind, stress.cells)], point_data=data).write(path)

@@ -12,7 +12,6 @@ with ``output.part_mesh_error``, cells of their meshes.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from math import ceil
@@ -22,8 +21,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.output import ACCURACY, to_json, write_whole
+from fenics_ehd.base.sealed_file import named
+from fenics_ehd.base.text_file import read_json
 from fenics_ehd.scenes.accuracy_choice import rounded
 from fenics_ehd.scenes.coarse_part import counts, with_counts
 from fenics_ehd.scenes.films import planned_cells
@@ -160,8 +161,9 @@ def search_of(directory: Path) -> Search | None:
     path = directory / ACCURACY
     if not path.exists():
         return None
-    found = json.loads(path.read_text())
-    return Search(**found | {"kept": tuple(found["kept"])})
+    with named(InputError, f"{path}: not the search of a run"):
+        found = read_json(path)
+        return Search(**found | {"kept": tuple(found["kept"])})
 
 
 def choosable(scene: Scene) -> tuple[str, ...]:

@@ -53,8 +53,6 @@ def run_accurately(
     """
     orbits: list[Orbit] = []
     while True:
-        if search is not None:
-            search.leave(directory)
         summary = run_scene(
             scene,
             built,

@@ -11,6 +11,7 @@ from typing import Any
 from mpi4py import MPI
 from tqdm import tqdm
 
+from fenics_ehd.base.folder import clear
 from fenics_ehd.base.output import versions, write_whole
 from fenics_ehd.multibody.orbit import Orbit
 from fenics_ehd.multibody.periodic import Cycles
@@ -19,20 +20,13 @@ from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.results.error_budget import estimated
 from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, record_run
-from fenics_ehd.results.run_folder import SCENE_NAME
-from fenics_ehd.scenes import schema
+from fenics_ehd.results.run_folder import BODY_FILE, COARSER_FILE, SCENE_NAME
 from fenics_ehd.scenes.accuracy import Search
 from fenics_ehd.scenes.accuracy_step import account, status_of
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.coarse_part import coarser_part
-from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
+from fenics_ehd.scenes.scene import Scene, flexible, lubricated_joints, meshed
 from fenics_ehd.scenes.scene_text import as_stored, csv_files, scene_text
-
-#: File of a flexible body beside the history of its run.
-BODY_FILE = "body-{}.h5"
-
-#: Of a coarser mesh of its part.
-COARSER_FILE = "coarser-{}.h5"
 
 
 def run_scene(
@@ -82,6 +76,9 @@ def run_scene(
         See `record_run`.
     """
     if former is None:
+        clear(directory)
+        if search is not None:
+            search.leave(directory)
         write_whole(directory / SCENE_NAME, scene_text(scene))
         for name, body in built.parts.items():
             save_body(body, directory / BODY_FILE.format(name))
@@ -172,11 +169,7 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
     BodyFileError
         A file is missing or cannot be read.
     """
-    return {
-        name: load_body(directory / BODY_FILE.format(name))
-        for name, settings in scene.bodies.items()
-        if isinstance(settings, schema.FlexibleSettings)
-    }
+    return {name: load_body(directory / BODY_FILE.format(name)) for name in flexible(scene)}
 
 
 def _fingerprints(scene: Scene, built: Built) -> dict[str, str]:

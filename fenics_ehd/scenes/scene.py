@@ -83,13 +83,15 @@ class Scene:
         return getattr(self.bodies.get(body), "speed", 0.0)
 
 
+def flexible(scene: Scene) -> tuple[str, ...]:
+    """Names of the flexible bodies."""
+    bodies = scene.bodies.items()
+    return tuple(name for name, body in bodies if isinstance(body, schema.FlexibleSettings))
+
+
 def meshed(scene: Scene) -> tuple[str, ...]:
     """Names of the flexible bodies that are meshed and reduced, not read."""
-    return tuple(
-        name
-        for name, body in scene.bodies.items()
-        if isinstance(body, schema.FlexibleSettings) and body.model != NONE
-    )
+    return tuple(name for name in flexible(scene) if scene.bodies[name].model != NONE)
 
 
 def lubricated_joints(scene: Scene) -> tuple[str, ...]:

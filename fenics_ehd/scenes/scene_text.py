@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fenics_ehd.base.settings import to_toml
+from fenics_ehd.base.settings import to_toml, toml_key
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.scene_checks import MODEL_KEYS
@@ -51,7 +51,7 @@ def scene_text(scene: Scene) -> str:
         kinds = {cls: kind for kind, cls in schema.KINDS[table].items()}
         for name, entry in settings.items():
             kind = "" if name == GROUND else f'kind = "{kinds[type(entry)]}"\n'
-            path = f"{table}.{name}"
+            path = f"{table}.{toml_key(name)}"
             without = MODEL_KEYS if getattr(entry, "body", NONE) != NONE else ()
             blocks.append(f"[{path}]\n{kind}{to_toml(entry, f'{path}.', without=without)}")
     return "\n".join(blocks)

@@ -25,9 +25,9 @@ from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.system import System
 from fenics_ehd.reduction import load_body
 from fenics_ehd.results.load import load_results
+from fenics_ehd.results.run_folder import BODY_FILE
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.run import BODY_FILE
 from fenics_ehd.scenes.scene import Scene, lubricated_joints
 
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.folder import claim
+from fenics_ehd.base.whole_file import write_whole
 
 if TYPE_CHECKING:  # slow to import, and workers do without
     from fenics_ehd.study.curves import Differences
@@ -33,9 +35,8 @@ def write_errors(path: Path, times: np.ndarray, found: Mapping[str, Differences]
         arrays |= {prefix + PRESSURE: differences.pressure, prefix + FILM: differences.film}
     content = io.BytesIO()
     np.savez(content, **arrays)
-    partial = path.with_suffix(".part")
-    partial.write_bytes(content.getvalue())
-    partial.replace(path)
+    claim(path.parent, [path.name])
+    write_whole(path, content.getbuffer())
 
 
 def read_errors(path: Path) -> dict[str, np.ndarray]:

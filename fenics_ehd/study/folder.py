@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import shutil
+import fnmatch
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.lock import locked
+from fenics_ehd.base.folder import claim, clear, listed, locked
 from fenics_ehd.base.output import require_writable, to_json, write_whole
+from fenics_ehd.base.text_file import read_json
 from fenics_ehd.reduction import load_body
-from fenics_ehd.scenes.run import BODY_FILE
+from fenics_ehd.results.run_folder import BODY_FILE
 from fenics_ehd.study.curves import Reference
 from fenics_ehd.study.errors_file import errors_path
 from fenics_ehd.study.outcome import Outcome
@@ -21,9 +21,9 @@ from fenics_ehd.study.plan import Study
 #: Beside the files of an ordinary run: what came of it, and of which settings.
 OUTCOME = "outcome.json"
 
-#: What a study and its report leave in its folder, beside runs and reduced bodies.
-TABLES = ("table.csv", "reference.json", "report.html", "report.md")
-FIGURES = "figures"
+#: What makes a folder a study, and what study and report leave there beside reduced bodies.
+STUDY = "study.json"
+MADE = ("table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/", STUDY)
 
 #: Share of the simulated time that the last step of a complete run may lack.
 ROUND_OFF = 1e-9
@@ -55,30 +55,28 @@ class StudyFolder:
         if not overwrite:
             self._require_same_scene(study.scene.name)
         self.path.mkdir(parents=True, exist_ok=True)
-        self._lock = locked(self.path / "study.lock")
-        if overwrite:
-            self._forget()
+        self._lock = locked(self.path)
+        try:
+            claim(self.path, (*MADE, "bodies/"))
+            if overwrite:
+                clear(self.path, MADE)
+            claim(self.path / "runs", [f"{name}/" for name in study.cases])
+        except BaseException:
+            self._lock.close()
+            raise
 
-    def _forget(self) -> None:
-        shutil.rmtree(self.path / "runs", ignore_errors=True)
-        if (self.path / "study.json").exists():  # else the figures are not of a study
-            shutil.rmtree(self.path / FIGURES, ignore_errors=True)
-        # The one that makes the folder a study last, in case this is interrupted.
-        for name in (*TABLES, "study.json"):
-            (self.path / name).unlink(missing_ok=True)
-
-    def forget_errors(self, run: str = "*") -> None:
+    def forget_errors(self, run: str | None = None) -> None:
         """Remove what is kept of the errors of a run, and of others relative to it; of all."""
-        for pattern in (errors_path(Path(run), "*"), errors_path(Path("*"), run)):
-            for path in (self.path / "runs").glob(str(pattern)):
-                path.unlink(missing_ok=True)
+        for name in self.study.cases:
+            own = errors_path(self.run(name), "*" if run in (None, name) else str(run))
+            clear(own.parent, fnmatch.filter(listed(own.parent), own.name))
 
     def _require_same_scene(self, ours: str) -> None:
-        path = self.path / "study.json"
+        path = self.path / STUDY
         if not path.exists():
             return
         try:
-            theirs = json.loads(path.read_text())["scene"]
+            theirs = read_json(path)["scene"]
         except (OSError, ValueError, KeyError, TypeError):
             raise InputError(f"{path}: unreadable, choose another folder or --overwrite") from None
         if theirs != ours:
@@ -101,7 +99,7 @@ class StudyFolder:
         The files of a run that is complete must be there, all its steps in them.
         """
         try:
-            found = json.loads((self.run(name) / OUTCOME).read_text())
+            found = read_json(self.run(name) / OUTCOME)
             outcome = Outcome(found["status"], found["figures"])
             known = found["identity"] == self.study.identities[name]
             if known and (not outcome.complete or self._whole(name)):
@@ -120,7 +118,7 @@ class StudyFolder:
 
     def store(self, name: str, outcome: Outcome) -> None:
         """Leave in a run's folder what came of it."""
-        self.run(name).mkdir(parents=True, exist_ok=True)
+        claim(self.run(name), [OUTCOME])
         values = {
             "identity": self.study.identities[name],
             "status": outcome.status,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from contextlib import suppress
@@ -12,6 +11,7 @@ from pathlib import Path
 from fenics_ehd import __version__
 from fenics_ehd.base.interrupt import interrupt_kept
 from fenics_ehd.base.output import versions
+from fenics_ehd.base.text_file import read_json
 from fenics_ehd.study.plan import Study
 
 #: What the times of the table are.
@@ -45,7 +45,7 @@ def call(workers: int, runs: int) -> dict[str, object]:
 def former_calls(path: Path) -> list[dict[str, object]]:
     """Calls that an earlier ``study.json`` tells of, some of whose runs may have stayed."""
     try:
-        return list(json.loads(path.read_text())["calls"])
+        return list(read_json(path)["calls"])
     except (OSError, ValueError, KeyError, TypeError):
         return []
 

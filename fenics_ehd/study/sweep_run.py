@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 
+from fenics_ehd.base.folder import let_go
 from fenics_ehd.study.case import Case
 from fenics_ehd.study.outcome import Outcome
 from fenics_ehd.study.pool import Pool
-from fenics_ehd.study.sweep_table import SweepTable
+from fenics_ehd.study.sweep_table import SweepTable, folder_of
 from fenics_ehd.study.work import CaseTask, run_cases
 
 
@@ -42,10 +42,9 @@ def run_sweep(
 
     folder = table.directory
     tasks = [
-        CaseTask(case, folder / "bodies", folder / "runs" / f"{int(case.name):04d}", keep)
+        CaseTask(case, folder / "bodies", folder / "runs" / folder_of(case), keep)
         for case in table.sweep.cases
         if not table.complete(case)
     ]
     run_cases(tasks, folder / "bodies", pool, ended, check)
-    with suppress(OSError):  # there is something in it
-        (folder / "runs").rmdir()
+    let_go(folder / "runs")

@@ -7,15 +7,16 @@ import io
 import json
 import math
 import os
-import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.lock import locked
+from fenics_ehd.base.folder import claim, clear, locked
 from fenics_ehd.base.output import require_writable, write_whole
+from fenics_ehd.base.text_file import read_json
 from fenics_ehd.study.case import Case
 from fenics_ehd.study.outcome import COMPLETE
 from fenics_ehd.study.sweep import Sweep
@@ -39,6 +40,10 @@ FIGURES = (
 )
 
 
+#: What a sweep leaves beside reduced bodies, which are named by what they are and stay.
+OWN = ("sweep.csv", "sweep.json", "runs/")
+
+
 class OtherSweepError(InputError):
     """The folder holds the rows of another sweep, or of none that this program wrote."""
 
@@ -47,6 +52,11 @@ def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
     """Columns of figures; with several lubricated joints theirs bear the joint's name."""
     own = (joint_prefix(joint, joints) + name for joint in joints for name in JOINT_FIGURES)
     return (*own, *FIGURES)
+
+
+def folder_of(case: Case) -> str:
+    """Name of the folder of a case's results, in ``runs``."""
+    return f"{int(case.name):04d}"
 
 
 def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,20 +105,15 @@ class SweepTable:
         if resume and not self.path.is_file():
             raise InputError(f"--resume: {self.path} does not exist, there is nothing to resume")
         self.directory.mkdir(parents=True, exist_ok=True)
-        self._file = locked(self.path)
-        try:
+        with ExitStack() as held:
+            held.enter_context(locked(self.directory))
+            claim(self.directory, (*OWN, "bodies/"))
             if overwrite:
-                self._clear()
+                clear(self.directory, OWN)
+            claim(self.directory / "runs", [f"{folder_of(case)}/" for case in sweep.cases])
+            self._file = held.enter_context(open(self.path, "a+b"))
             self._rows = self._former_rows()
-        except BaseException:
-            self._file.close()
-            raise
-
-    def _clear(self) -> None:
-        """Forget rows and histories; reduced bodies are named by what they are and stay."""
-        self._file.truncate(0)
-        for folder in self.directory.glob("runs/[0-9]*"):
-            shutil.rmtree(folder)
+            self._held = held.pop_all()
 
     def _former_rows(self) -> dict[str, dict[str, str]]:
         """Rows by case, once it is sure that they are of this sweep; a new file gets its header."""
@@ -128,7 +133,7 @@ class SweepTable:
 
     def _require_same_sweep(self) -> None:
         try:
-            theirs = json.loads((self.directory / "sweep.json").read_text())
+            theirs = read_json(self.directory / "sweep.json")
         except (OSError, ValueError):
             theirs = None
         ours = dict(self.sweep.identity)
@@ -195,7 +200,7 @@ class SweepTable:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        self._held.close()
 
 
 def _figure(cell: str) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,12 +13,15 @@ from typing import Any
 from mpi4py import MPI
 from tqdm import tqdm
 
+from fenics_ehd.base.folder import clear, let_go
+from fenics_ehd.base.whole_file import new_part
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction import load_body
-from fenics_ehd.results.run_folder import RunFolder
+from fenics_ehd.results.run_folder import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.run import BODY_FILE, run_scene
+from fenics_ehd.scenes.run import run_scene
+from fenics_ehd.scenes.scene import flexible
 from fenics_ehd.study.case import Case
 from fenics_ehd.study.outcome import Outcome, failed, patiently, recorded
 from fenics_ehd.study.parts import SECONDS, body_path, part_figures, reduce_missing
@@ -81,19 +83,20 @@ def run_case(task: CaseTask) -> Outcome:
         return failed(error)
     finally:
         if not task.keep:
-            shutil.rmtree(task.directory, ignore_errors=True)
+            clear(task.directory)
+            let_go(task.directory)
     return Outcome(str(summary["status"]), summary)
 
 
 def _run(task: CaseTask) -> dict[str, Any]:
-    shutil.rmtree(task.directory, ignore_errors=True)
+    clear(task.directory)
     scene = task.case.scene
     files = {name: body_path(task.bodies, body) for name, body in task.case.bodies.items()}
     bodies = {name: load_body(path) for name, path in files.items()}
     built = build_mechanism(scene, MPI.COMM_SELF, bodies=bodies)
     seconds = sum(float(body.provenance[SECONDS]) for body in bodies.values())
     bar = tqdm(total=1e3 * scene.span, disable=True)
-    with RunFolder(task.directory, overwrite=True) as folder:
+    with RunFolder(task.directory, flexible(scene)) as folder:
         try:
             own = replace(built, seconds=seconds)
             # A study compares its runs with one another.
@@ -114,6 +117,7 @@ def _film_cells(mechanism: Mechanism) -> dict[str, str]:
 def _share(file: Path, copy: Path) -> None:
     """Have a copy share the file's place on the disk: many runs have a body in common."""
     with suppress(OSError):  # a file system without links: the copy stays
-        link = copy.with_suffix(".link")
+        link = new_part(copy)
+        link.unlink()
         os.link(file, link)
         link.replace(copy)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
+import io
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,6 +12,7 @@ from typing import Any
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named
+from fenics_ehd.base.text_file import read_json, read_text
 from fenics_ehd.study.report.study_data import (
     LIMITING,
     NORMS,
@@ -60,7 +61,7 @@ def read_study(directory: str | Path) -> StudyData:
 
 def _read_json(path: Path) -> dict[str, Any]:
     with named(InputError, f"{path}: cannot be read"):
-        return dict(json.loads(path.read_text(encoding="utf-8")))
+        return dict(read_json(path))
 
 
 def _floors(joint: JointData) -> dict[str, float]:
@@ -79,8 +80,7 @@ def _read_table(path: Path, floors: Mapping[str, Mapping[str, float]]) -> tuple[
     if not path.is_file():
         return ()
     with named(InputError, f"{path}: not the table of a study"):
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = [_row(cells) for cells in csv.DictReader(file)]
+        rows = [_row(cells) for cells in csv.DictReader(io.StringIO(read_text(path), newline=""))]
         for row in rows:
             known = floors[row["joint"] or next(iter(floors))]
             if row["group"] not in COMPARED:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from fenics_ehd.base.folder import claim
 from fenics_ehd.base.output import require_writable, write_whole
-from fenics_ehd.plotting.picture import FORMATS, SETTINGS, plt, save
+from fenics_ehd.plotting.picture import SETTINGS, in_formats, plt, save
 from fenics_ehd.study.report.accuracy import draw_estimates, draw_film_meshes, draw_tolerances
 from fenics_ehd.study.report.cost import COORDINATES, ONLINE, draw_cost
 from fenics_ehd.study.report.curves import alike, draw_errors, draw_methods
@@ -47,11 +48,14 @@ def write_report(directory: str | Path) -> Path:
     folder = Path(directory)
     study = read_study(folder)
     require_writable(folder)
+    claim(folder, (*PAGES, f"{FIGURES}/"))
     drawn = []
     with plt.rc_context(SETTINGS):
         for name, figure in _figures(study):
             if figure is not None:
-                save(figure, [folder / FIGURES / f"{name}.{ending}" for ending in FORMATS])
+                pictures = in_formats(folder / FIGURES, name)
+                claim(folder / FIGURES, [path.name for path in pictures])
+                save(figure, pictures)
                 drawn.append(name)
     for page in PAGES:
         form = page.partition(".")[2]
