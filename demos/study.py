@@ -1,4 +1,4 @@
-# # What accuracy costs
+# # The error of each method against its time
 #
 # Which reduction method, and how many modes? A study runs one machine with each of them, measures
 # the curves of peak pressure and thinnest film against those of the full interface, and puts run

@@ -156,7 +156,7 @@ def figures_on_the_pages(folder):
 def test_pages_tell_the_same(folder):
     page = (folder / "report.html").read_text()
     markdown = (folder / "report.md").read_text()
-    for words in ("What accuracy costs", "given up", "full-6: not run", "some", "cells"):
+    for words in ("Error of each method", "given up", "full-6: not run", "some", "cells"):
         assert words in page
         assert words in markdown
     assert "some &lt;processor&gt;" in page

@@ -86,7 +86,9 @@ class MaterialSettings:
     """Of an elastic part."""
 
     youngs_modulus: float = quantities.youngs_modulus(210e9)
-    poissons_ratio: float = number(0.3, "[-]; quadratic elements lock above", above=-1, below=0.49)
+    poissons_ratio: float = number(
+        0.3, "[-]; quadratic elements lock above 0.49", above=-1, below=0.49
+    )
     density: float = quantities.density(7850.0)
 
 

@@ -1,1 +1,1 @@
-"""Many runs of one scene: sweeps over values, studies of what accuracy costs, one pool for both."""
+"""Many runs of one scene: sweeps over values, studies of the methods, one pool for both."""

@@ -1,4 +1,4 @@
-"""What accuracy costs: error against run time and against the number of coordinates."""
+"""Error of each method against its cost, run time or number of coordinates, on one mesh."""
 
 from __future__ import annotations
 
