@@ -6,6 +6,7 @@ from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_fi
 
 from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.cli.run import real_film
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.multibody.cycle_answer import EXTREMES, CycleAnswer
@@ -157,6 +158,13 @@ def test_search_that_was_stopped_tells_its_last_whole_cycle():
     assert found["cycle_mean_flow_m3_per_s"] == pytest.approx(1.2, abs=0.1)
     assert "cycle_mean_flow_m3_per_s" not in whole.joint("")
     assert first.figures()["cycle_used"] == "first cycle: films build up"
+
+
+def test_one_mean_of_a_flow_is_printed():
+    """That over the cycle under way, where there is one."""
+    flows = {"mean_side_flow_m3_per_s": 1e-6, "mean_inlet.flow_m3_per_s": 2e-6}
+    lines = real_film(flows | {"cycle_mean_side_flow_m3_per_s": 3e-6})
+    assert [line.split()[-3:-1] for line in lines] == [["inlet", "2.0000"], ["side", "3.0000"]]
 
 
 def test_crank_angle_is_that_of_what_is_driven():

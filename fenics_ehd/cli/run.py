@@ -258,8 +258,9 @@ def real_film(joint: Mapping[str, Any]) -> list[str]:
             f"{joint['mean_leaving_flow_m3_per_s'] * 1e6:.3f} cm3/s that leave"
         )
     for key, flow in joint.items():
-        if key.endswith("flow_m3_per_s") and "leaving" not in key:
-            name = key.removeprefix("mean_").removesuffix("flow_m3_per_s").strip("._")
+        # Of a run once through the mean over its last cycle, where it has one.
+        if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
+            name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
             lines.append(f"    {f'mean flow, {name}':23} {flow * 1e6:9.4f} cm3/s")
     if "mean_contact_force_N" in joint:
         lines.append(

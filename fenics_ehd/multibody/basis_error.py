@@ -10,6 +10,9 @@ from fenics_ehd.multibody.flexible_body import FlexibleBody
 from fenics_ehd.multibody.system import FilmPlace, System
 from fenics_ehd.reduction.body import ReducedBody
 
+#: Times of the slowest pattern after which 2e-9 of the ringing of a start are left.
+RINGS = 20.0
+
 
 class BasisErrorEstimate:
     """``(S_full - S_basis) w`` along a run, with ``w + zeta dw/dt = P``.
@@ -22,7 +25,9 @@ class BasisErrorEstimate:
         S_res M y'',   late by zeta and by the time that the patterns' own inertia takes.
 
     Patterns that carry no mass begin to move at once when a run begins, with accelerations that
-    are over within microseconds: too soon for what they leave out to have moved the bore.
+    are over within microseconds: too soon for what they leave out to have moved the bore. Where
+    they are hardly damped it rings all the same, and says nothing of what comes later: what counts
+    begins when that is over, after `start`.
 
     Parameters
     ----------
@@ -35,6 +40,13 @@ class BasisErrorEstimate:
         rows if no inertia is neglected.
     inertia_time
         Of the slowest of the patterns [s], see `slowest_pattern`.
+
+    Attributes
+    ----------
+    start
+        Time that a start takes [s].
+    largest
+        Error after that [m].
     """
 
     def __init__(
@@ -48,6 +60,7 @@ class BasisErrorEstimate:
         self._damping_time = damping_time
         self._inertia = np.zeros((0, 0)) if neglected_inertia is None else neglected_inertia
         self._inertia_time = damping_time + inertia_time
+        self.start, self._elapsed = RINGS * inertia_time, 0.0
         self._filtered = np.zeros(missing_flexibility.shape[1])
         self._accelerated = np.zeros(self._inertia.shape[1])
         self.largest = 0.0 if missing_flexibility.size else float("nan")
@@ -59,7 +72,9 @@ class BasisErrorEstimate:
         if not self._missing.size:
             return float("nan")
         error = float(np.abs(self.field(step, pressure, acceleration)).max())
-        self.largest = max(self.largest, error)
+        self._elapsed += step
+        if self._elapsed > self.start:
+            self.largest = max(self.largest, error)
         return error
 
     def field(
@@ -82,13 +97,14 @@ class BasisErrorEstimate:
             "filtered": self._filtered,
             "accelerated": self._accelerated,
             "largest": np.array(self.largest),
+            "elapsed": np.array(self._elapsed),
         }
 
     def load_state(self, stored: Mapping[str, np.ndarray]) -> None:
         """Go on where another estimate of the same body was."""
         self._filtered = np.array(stored["filtered"])
         self._accelerated = np.array(stored["accelerated"])
-        self.largest = float(stored["largest"])
+        self.largest, self._elapsed = float(stored["largest"]), float(stored["elapsed"])
 
 
 def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:

@@ -278,6 +278,14 @@ def advance(
             # What was before a corner of a load says nothing of the time after it.
             keep = 1 if corner else control.order + 2
             return new, state.after(new, step, solved.solver, keep)
+        first = state.solver is None and np.isfinite(error)
+        if solved is not None and first and step < control.smallest_step:
+            # A start that contradicts the equations leaps, however short the step: a journal
+            # without mass presses at once on a bore that nothing holds back. There it begins.
+            step = state.step
+            state = IntegratorState(
+                np.array([time]), solved.x[None], state.rate, observed[None], step, solved.solver
+            )
         reason = failure.split(":")[0]
         rejected[reason] = rejected.get(reason, 0) + 1
     raise StepSizeError(
