@@ -425,9 +425,13 @@ def to_its_orbit(scene, orbit=None):
     tracker, cycles = Tracker(run.equations, run.norm), Cycles(run, scene.span, 1e-4)
     if entered:
         cycles.follow(orbit.cycles)
+        tracker.enter(entered[0])
     for step in cycles:
         tracker.begins(cycles)
-        tracker.add(step)
+        row, _ = tracker.add(step)
+        # Whatever cycle it begins with, and after whatever steps.
+        assert 0.0 < row["crank_angle_deg"] <= 360.0 * (1 + 1e-9)
+        assert row["step_s"] <= 1.001 * built.steps.largest * scene.span
     found = tracker.extremes["rocker_end"]
     values = np.array([getattr(found, quantity) for quantity in QUANTITIES])
     return values, Orbit(run, cycles, built.parts), tracker.counts["steps"]

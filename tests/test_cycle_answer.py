@@ -127,7 +127,9 @@ def test_search_tells_its_last_cycle_from_its_own_zero():
     result = simulate_periodic(mechanism, period, tolerance=1e-2, periodicity=1e-2)
     assert result.cycle_used == f"last of {result.cycles}"
     angle = result.columns["crank_angle_deg"]
-    assert 0.0 < angle[0] < angle[-1] == pytest.approx(720.0)
+    assert angle[0] == pytest.approx(0.0, abs=1e-9)
+    assert np.all(np.diff(angle) > 0.0)
+    assert angle[-1] == pytest.approx(720.0)
     found = result.figures["bearing"]
     for key in ("max_pressure_Pa", "min_film_thickness_m"):
         assert found[f"cycle_{key}"] == found[key]

@@ -9,6 +9,8 @@ from csv_history import read_history
 from interrupt_case import interrupted_run
 from scene_cases import LOADED_JOURNAL, write_scene
 
+from fenics_ehd.multibody.energy import SIGNS
+
 
 @pytest.fixture
 def scene(tmp_path):
@@ -39,7 +41,14 @@ def test_run_writes_everything_it_promises(scene, tmp_path):
     assert set(history["cycle"]) == {summary["cycles"]}
     assert len(history["time_s"]) < summary["steps"]
     assert history["time_s"][-1] == pytest.approx(0.02 * summary["cycles"])
+    # Both its ends: what it does over the cycle is a difference of its last row and its first.
+    assert history["cycle_time_s"][0] == 0.0
     assert history["cycle_time_s"][-1] == pytest.approx(0.02)
+    gained = {n: history[f"{n}_work_J"][-1] - history[f"{n}_work_J"][0] for n in SIGNS}
+    balance = sum(sign * gained[name] for name, sign in SIGNS.items())
+    assert abs(balance) < 1e-3 * gained["film"]
+    for name in ("force_x_N", "eccentricity_x_m", "kinetic_energy_J"):
+        assert history[name][0] == history[name][-1]
     assert history["max_pressure_Pa"].max() == pytest.approx(summary["max_pressure_Pa"])
     assert history["min_film_thickness_m"].min() == pytest.approx(summary["min_film_thickness_m"])
     # The film carries the load: at 10 ms it is (-500, 900) N.

@@ -30,8 +30,9 @@ def test_the_periodic_cycle_is_the_last_of_a_long_run():
         assert result.periodicity_defect <= periodicity
         counts.append(result.cycles)
     assert 2 <= counts[0] < counts[1] < 5
-    assert 0.0 < result.time[0] < result.time[-1] == pytest.approx(REVOLUTION, rel=1e-12)
+    assert result.time[0] == 0.0
+    assert result.time[-1] == pytest.approx(REVOLUTION, rel=1e-12)
     assert np.abs(orbit(result, times) - last).max() < 3e-4
     # Cycles follow each other without a stop: the films of both ends are one film.
-    before, after = (result.joints["big_end"].min_film_thickness[at] for at in (0, -1))
+    before, after = (result.joints["big_end"].min_film_thickness[at] for at in (1, -1))
     assert before == pytest.approx(after, rel=0.05)

@@ -328,7 +328,7 @@ def shown_run(monkeypatch, time, angle, cycle=None, **summary):
     values |= {"joints/a/max_pressure": 1e6 * steps}
     values |= {f"state/{name}": np.zeros((len(time), 1)) for name in ("coordinates", "rates")}
     if cycle is not None:
-        start = np.array([time[cycle < number].max(initial=0.0) for number in cycle])
+        start = [time[cycle < n].max(initial=time[0] if n > 1 else 0.0) for n in cycle]
         values |= {"run/cycle": cycle, "run/cycle_time": time - start}
     found = {path: Quantity(np.asarray(v, float), units[path]) for path, v in values.items()}
     result = assemble_result(found, ["joints/a/eccentricity_x"], {}, {"joint": "a", **summary})
@@ -337,14 +337,13 @@ def shown_run(monkeypatch, time, angle, cycle=None, **summary):
     return run, run.joints["a"].columns
 
 
-def test_a_periodic_cycle_begins_as_it_ends(monkeypatch):
-    time = np.array([2.1, 2.5, 4.0])
+def test_a_periodic_cycle_is_shown_as_it_is_recorded(monkeypatch):
+    time = np.array([2.0, 2.5, 4.0])
     angle = np.array([40.0, 200.0, 760.0])
     run, columns = shown_run(monkeypatch, time, angle, np.full(3, 2), cycle_used="last of 2")
-    # The cycle before is not in the folder: the time since its end is.
-    assert columns["max_pressure_Pa"].tolist() == [2e6, 0.0, 1e6, 2e6]
-    assert columns["crank_angle_deg"].tolist() == [40.0, 40.0, 200.0, 760.0]
-    assert columns["time_s"][0] == 0.0
+    assert columns["max_pressure_Pa"].tolist() == [0.0, 1e6, 2e6]
+    assert columns["crank_angle_deg"].tolist() == [40.0, 200.0, 760.0]
+    assert columns["time_s"].tolist() == [0.0, 0.5, 2.0]
     assert not run.starts
     assert run.told == ""
 
@@ -354,7 +353,9 @@ def test_a_search_that_was_stopped_shows_its_last_whole_cycle(monkeypatch):
     cycle = np.array([1, 1, 2, 2, 3])
     run, columns = shown_run(monkeypatch, time, 360.0 * time, cycle, cycle_used="last of 2")
     assert columns["time_s"].tolist() == [0.0, 0.5, 1.0]
-    assert columns["max_pressure_Pa"].tolist() == [3e6, 2e6, 3e6]
+    # From the end of the one before: no chord closes what does not repeat itself.
+    assert columns["max_pressure_Pa"].tolist() == [1e6, 2e6, 3e6]
+    assert columns["crank_angle_deg"].tolist() == [0.0, 180.0, 360.0]
     assert run.told == ""
     assert run.figures["a"]["cycle_used"] == "last of 2"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -45,25 +45,22 @@ class CrankAngle:
     ----------
     system
         Of the mechanism.
+
+    Attributes
+    ----------
+    left_out
+        Whole turns before the cycle under way [degrees].
     """
 
     def __init__(self, system: System):
         self._place = crank(system)
-        self._last = self._left_out = 0.0
+        self.left_out = 0.0
 
-    def restart(self) -> None:
-        """Begin another cycle at the last step."""
-        self._left_out = 360.0 * float(np.floor(self._last / 360.0 + WHOLE))
+    def restart(self, x: np.ndarray) -> None:
+        """Begin another cycle at the coordinates x."""
+        self.left_out = 0.0
+        self.left_out = 360.0 * float(np.floor(self.at(x) / 360.0 + WHOLE))
 
-    def add(self, x: np.ndarray) -> float:
-        """At the next step, with the coordinates x [degrees]; 0 where nothing can turn."""
-        self._last = 0.0 if self._place is None else float(np.degrees(x[self._place]))
-        return self._last - self._left_out
-
-    def stored_state(self) -> dict[str, float]:
-        """What it remembers, for `load_state`."""
-        return {"last": self._last, "left_out": self._left_out}
-
-    def load_state(self, stored: Mapping[str, float]) -> None:
-        """Go on where another one was."""
-        self._last, self._left_out = float(stored["last"]), float(stored["left_out"])
+    def at(self, x: np.ndarray) -> float:
+        """At the coordinates x of a step [degrees]; 0 where nothing can turn."""
+        return 0.0 if self._place is None else float(np.degrees(x[self._place])) - self.left_out

@@ -64,11 +64,21 @@ class EnergyBalance:
         self.largest_exchange = 0.0
         self._peak = self._kept = 0.0
 
+    def restart(self) -> None:
+        """Begin another cycle at the last step, but for what a move of its start has stored."""
+        self._integrals.restart()
+        self._start = np.nan
+        self.defect = self.largest_defect = self.largest_exchange = self._peak = self._kept = 0.0
+
     def add(self, time: float, powers: Powers) -> None:
         """Account for one accepted step."""
         self._integrals.add(time, _exchanged(powers))
-        change, work = powers.stored - self._start, self.work
-        self.defect = change - sum(sign * work[name] for name, sign in SIGNS.items())
+        work = self.work
+        gained = sum(sign * work[name] for name, sign in SIGNS.items())
+        if np.isnan(self._start):
+            self._start = powers.stored - gained
+        change = powers.stored - self._start
+        self.defect = change - gained
         self.largest_defect = max(self.largest_defect, abs(self.defect))
         exchanged = max(abs(change), *(abs(value) for value in work.values()))
         self.largest_exchange = max(self.largest_exchange, exchanged)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -41,6 +42,38 @@ def path_of(column: str, groups: Mapping[str, str]) -> tuple[str, str]:
         Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``.
     """
     return split_unit(groups.get(column, TIME if column == TIME else f"run/{column}"))
+
+
+def beginning(rows: Mapping[str, np.ndarray], names: Sequence[str]) -> dict[str, np.ndarray]:
+    """A cycle that repeats itself at its start: as it ends, a period and whole turns before.
+
+    Parameters
+    ----------
+    rows
+        What it holds of its steps, by path.
+    names
+        Of the mechanism's coordinates.
+
+    Returns
+    -------
+    dict
+        What a row before the first one holds, by path.
+    """
+    found = {path: np.array(values[-1]) for path, values in rows.items()}
+    turning = [name.endswith("/angle") for name in names]
+    for path, turn, places in [
+        ("run/crank_angle", 360.0, ...),
+        ("state/coordinates", 2 * np.pi, turning),
+        *((path, 2 * np.pi, ...) for path in rows if re.fullmatch("bodies/.*/angle", path)),
+    ]:
+        ahead = rows[path][-1] - rows[path][0]
+        found[path][places] -= turn * np.round(ahead / turn)[places]
+    for path in rows:
+        if path.endswith("_work") or path == "run/energy_defect":
+            found[path][...] = 0.0
+    found["time"] -= found["run/cycle_time"]
+    found["run/cycle_time"][...] = 0.0
+    return found
 
 
 def assemble_result(

@@ -11,6 +11,7 @@ from fenics_ehd.base.interrupt import interrupt_between_steps
 from fenics_ehd.multibody.other_films import on_finer_films
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.reduction import ReducedBody
 
 
@@ -30,7 +31,7 @@ class Orbit:
     cycles: Cycles
     parts: Mapping[str, ReducedBody]
 
-    def entered(self, run: Run, parts: Mapping[str, ReducedBody]) -> float | None:
+    def entered(self, run: Run, parts: Mapping[str, ReducedBody]) -> tuple[MechanismStep, float] | None:
         """Lead a run at its start, of the same bodies, from the middle of the cycle to its end.
 
         What is different on its films, or in its steps, has half a cycle to fade before the first
@@ -38,8 +39,8 @@ class Orbit:
 
         Returns
         -------
-        float or None
-            Processor time that it took [s]; None: the run stays at its start, as its state means
+        step, seconds
+            The last one, and processor time that it took [s]; None: the run stays at its start, as its state means
             something else, temperatures of films belong to it, or no step leads on.
         """
         own, other = self.run.solve, run.solve
@@ -54,9 +55,9 @@ class Orbit:
         run.state = on_finer_films(self.cycles.halfway, own, other)
         try:
             with interrupt_between_steps() as check:
-                for _ in run.until(self.cycles.number * self.cycles.period):
+                for step in run.until(self.cycles.number * self.cycles.period):
                     check()
         except SolverError:
             run.state = start
             return None
-        return process_time() - began
+        return step, process_time() - began

@@ -12,6 +12,7 @@ from fenics_ehd.base.columns import Quantity, split_unit
 from fenics_ehd.multibody.history_layout import (
     FIELD_UNITS,
     assemble_result,
+    beginning,
     field_unit,
     path_of,
 )
@@ -146,15 +147,19 @@ class Recorder:
         return gathered(self._rows), gathered(self._fields)
 
     def result(self, cycles: Cycles | None = None) -> Result:
-        """Of the steps so far, or of the last cycle of a search."""
-        values = {}
+        """Of the steps so far, or of the last cycle of a search, both its ends."""
         columns, fields = self.rows()
-        for column, found in columns.items():
-            path, unit = path_of(column, self.tracker.groups)
-            values[path] = Quantity(found.astype(float), unit)
-        fixed = self._fixed.arrays
-        for path, array in {**fixed, **fields}.items():
-            values[path] = Quantity(array, field_unit(path))
+        units = {column: path_of(column, self.tracker.groups) for column in columns}
+        rows = {units[column][0]: values.astype(float) for column, values in columns.items()}
+        rows |= fields
+        if cycles is not None:
+            first = beginning(rows, self._fixed.names)
+            rows = {path: np.concatenate([[first[path]], found]) for path, found in rows.items()}
+        own = dict(units.values())
+        values = {
+            path: Quantity(array, own.get(path, field_unit(path)))
+            for path, array in {**self._fixed.arrays, **rows}.items()
+        }
         figures = self.tracker.figures(self.tracker.answer(columns))
         figures |= cycle_figures(cycles)
         summary = {"status": self.tracker.verdict(), **figures}

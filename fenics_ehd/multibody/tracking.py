@@ -115,8 +115,9 @@ class Tracker:
         # A search that begins on another's orbit has no cycle before its first.
         self.former = self.extremes if self.counts["steps"] else {}
         self.extremes = {name: Extremes() for name in self.extremes}
-        self.balance = None
-        self.crank_angle.restart()
+        if self.balance is not None:
+            self.balance.restart()
+        self.crank_angle.restart(cycles.began.x[0])
         for estimate in self.estimates.values():
             estimate.largest *= 0.0  # what is not known stays so
         self.rates.restart()
@@ -124,6 +125,11 @@ class Tracker:
             contact.restart()
         self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
         return True
+
+    def enter(self, step: MechanismStep) -> None:
+        """Begin after a step that led to the run, and does not count among its own."""
+        self.add(step)
+        self.counts, self.rejected_because = dict.fromkeys(self.counts, 0), {}
 
     def add(self, step: MechanismStep) -> tuple[dict[str, float], dict[str, np.ndarray]]:
         """Account for an accepted step.
@@ -141,7 +147,7 @@ class Tracker:
         for reason, count in step.rejected.items():
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
         size, self.time = step.time - self.time, step.time
-        row = {"time_s": step.time, "crank_angle_deg": self.crank_angle.add(step.x)}
+        row = {"time_s": step.time, "crank_angle_deg": self.crank_angle.at(step.x)}
         stored = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
         if patterns := self._equations.responses.size:
             stored["state/quasi_static"] = step.x[system.n : system.n + patterns]
@@ -296,6 +302,7 @@ class Tracker:
                 "time": self.time,
                 "cycle": self._cycle,
                 "start": self._start,
+                "turns_left_out": self.crank_angle.left_out,
             },
             "rejected": dict(self.rejected_because),
             "extremes": {name: asdict(found) for name, found in self.extremes.items()},
@@ -305,7 +312,6 @@ class Tracker:
             "rates": self.rates.stored_state(),
             "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
-            "crank_angle": self.crank_angle.stored_state(),
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -330,6 +336,7 @@ class Tracker:
         self.time = float(stored["totals"]["time"])
         self._cycle = int(stored["totals"]["cycle"])
         self._start = float(stored["totals"]["start"])
+        self.crank_angle.left_out = float(stored["totals"]["turns_left_out"])
         self.rejected_because = {name: int(n) for name, n in stored["rejected"].items()}
         names = [field.name for field in fields(Extremes)]
         for extremes, key in ((self.extremes, "extremes"), (self.former, "former")):
@@ -341,7 +348,6 @@ class Tracker:
         self.rates.load_state(stored["rates"])
         for joint, found in stored["contacts"].items():
             self.contacts[joint].load_state(found)
-        self.crank_angle.load_state(stored["crank_angle"])
         self.oil = {
             joint: OilAccount(float(found["start"]), float(found["end"]))
             for joint, found in stored["oil"].items()

@@ -18,7 +18,7 @@ from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.shear import in_supply
 from fenics_ehd.multibody.crank_angle import WHOLE
 from fenics_ehd.multibody.joint_contact import joint_contact
-from fenics_ehd.multibody.result import FilmResult, Result
+from fenics_ehd.multibody.result import FilmResult, Result, last_whole_cycle
 from fenics_ehd.plotting.recorded import recorded
 from fenics_ehd.results.load import load_results
 
@@ -74,7 +74,7 @@ class ShownRun:
     Attributes
     ----------
     cycle
-        Its steps, and one at the start of the cycle if it is not that of the run.
+        Its steps, and one at its start if that is not the start of the run.
     time, angle
         Of its steps [s], and of the crank [degrees], 0 where nothing turns.
     starts
@@ -100,19 +100,13 @@ class ShownRun:
         self.told = "" if repeated or used.startswith("last") else used
         self._start = 0.0 if "cycle" in result.run else result.cycle_start
         self.starts = self._start <= 0.0 and not repeated
+        start = self._start
         if repeated:
-            self._close(result.last_cycle())
-        else:
-            self._from(result, self._start)
-
-    def _close(self, result: Result) -> None:
-        """A cycle begins as it ends."""
-        turned = _crank_angle(result)
-        turns = round((turned[-1] - turned[0]) / 360.0)
-        self._steps = result
-        self.cycle = result.each(lambda values: np.concatenate([values[-1:], values]))
-        self.time = np.append(0.0, result.time)
-        self.angle = np.append(turned[-1] - 360.0 * turns, turned)
+            clock = np.asarray(result.run["cycle_time"])
+            rows = last_whole_cycle(np.asarray(result.run["cycle"]), clock)
+            result = result.each(lambda values: values[: rows.stop])
+            start = float(result.time[rows.start] - clock[rows.start])
+        self._from(result, start)
 
     def _from(self, result: Result, start: float) -> None:
         """Begin at a time between two steps [s]."""
@@ -126,9 +120,11 @@ class ShownRun:
             between = (1 - share) * values[first - 1] + share * values[first]
             return np.concatenate([between[None], values[first:]])
 
-        self._steps = self.cycle = result.each(cut)
+        self.cycle = result.each(cut)
         self.time = np.asarray(self.cycle.time) - start
         angle = _crank_angle(self.cycle)
+        # The end of the cycle before is that many turns ahead.
+        angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
         self.angle = angle - 360.0 * np.floor(angle.min() / 360.0 + WHOLE)
 
     @cached_property
@@ -136,7 +132,7 @@ class ShownRun:
         """Its lubricated joints by name."""
         return {
             name: ShownJoint(
-                self, name, joint.columns | self._cycle_columns(self.cycle) | self._errors(name)
+                self, name, joint.columns | self._cycle_columns | self._errors(name)
             )
             for name, joint in self.cycle.joints.items()
         }
@@ -144,15 +140,14 @@ class ShownRun:
     @property
     def whole(self) -> ShownJoint:
         """Itself, its energies too: works since the first step."""
-        columns = self._steps.run.columns
+        columns = self.cycle.run.columns
         stored = columns["kinetic_energy_J"] + columns["strain_energy_J"]
-        over = self._cycle_columns(self._steps)
-        return ShownJoint(self, "", columns | over | {STORED: stored - stored[0]})
+        return ShownJoint(self, "", columns | self._cycle_columns | {STORED: stored - stored[0]})
 
-    def _cycle_columns(self, steps: Result) -> dict[str, np.ndarray]:
-        """What curves over some of the last steps are drawn over."""
-        found = {TIME: self.time[-len(steps) :]}
-        return found | ({ANGLE: self.angle[-len(steps) :]} if np.ptp(self.angle) else {})
+    @property
+    def _cycle_columns(self) -> dict[str, np.ndarray]:
+        """What curves are drawn over."""
+        return {TIME: self.time} | ({ANGLE: self.angle} if np.ptp(self.angle) else {})
 
     def _errors(self, joint: str) -> dict[str, np.ndarray]:
         """Relative errors by component of the run's error budget, empty without it."""
@@ -176,7 +171,7 @@ class ShownRun:
         """Of nominal gaps at the nodes of a film, None between smooth surfaces [Pa]."""
         if "contact_force" not in self.cycle.joints[joint]:
             return None
-        films = recorded(self.directory, self._steps).system.films
+        films = recorded(self.directory, self.cycle).system.films
         place = next(place for place in films if place.name == joint)
         contact = joint_contact(place)
         assert contact is not None
@@ -216,7 +211,7 @@ class ShownJoint:
 
 def _crank_angle(result: Result) -> np.ndarray:
     """At all steps [degrees]."""
-    return np.asarray(result.run.get("crank_angle", np.zeros(len(result))))
+    return np.array(result.run.get("crank_angle", np.zeros(len(result))))
 
 
 def _grid(film: FilmResult) -> FilmGrid:

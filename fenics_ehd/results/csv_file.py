@@ -17,12 +17,12 @@ class CsvFile:
 
     def __init__(self, path: Path, names: list[str], resumed: int | None):
         self._path = path
-        whole = [_line(names)]
+        whole = [csv_line(names)]
         if resumed is not None:
             lines = path.read_bytes().splitlines(keepends=True)
             # A killed writer may have left its last row unfinished.
             whole = [line for line in lines if line.endswith(b"\n")]
-            if len(whole) < 1 + resumed or whole[0] != _line(names):
+            if len(whole) < 1 + resumed or whole[0] != csv_line(names):
                 raise InputError(f"{path}: not the history of the run to go on with: start anew")
         self._begin(whole)
 
@@ -34,7 +34,7 @@ class CsvFile:
 
     def write(self, index: int, values: list[str]) -> None:
         """Row number `index`."""
-        line = _line(values)
+        line = csv_line(values)
         if index < len(self._former):
             if self._former[index] == line:
                 return
@@ -51,7 +51,8 @@ class CsvFile:
         self._file.close()
 
 
-def _line(values: list[str]) -> bytes:
+def csv_line(values: list[str]) -> bytes:
+    """One row of such a file."""
     buffer = io.StringIO()
     csv.writer(buffer).writerow(values)
     return buffer.getvalue().encode()

@@ -25,8 +25,8 @@ from fenics_ehd.base.columns import DIMENSIONLESS
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.sealed_file import named, open_hdf5, require_file, require_numbers
 from fenics_ehd.base.whole_file import BOOKKEEPING, naming, sync_path, whole_hdf5, write_whole
-from fenics_ehd.multibody.history_layout import path_of
-from fenics_ehd.results.csv_file import CSV_NAME, CsvFile
+from fenics_ehd.multibody.history_layout import beginning, path_of
+from fenics_ehd.results.csv_file import CSV_NAME, CsvFile, csv_line
 
 #: Steps of the HDF5 datasets written at a time, unless a checkpoint asks for them before.
 FLUSH_EVERY = 50
@@ -227,26 +227,44 @@ def _text(value: str | list[str]) -> np.ndarray:
     return np.char.encode(np.array(value, dtype=str), "utf-8")
 
 
-def keep_last_rows(directory: str | Path, first: int) -> None:
-    """Drop all rows of a finished history before one: a periodic run's cycles but the last.
+def keep_last_cycle(directory: str | Path, first: int, groups: Mapping[str, str]) -> None:
+    """Drop all rows of a periodic run's history but its last cycle, which gets one at its start.
 
     What is left is packed: by a third, in 0.1 s (slider-crank, 108 steps of 1680 nodes).
+
+    Parameters
+    ----------
+    directory
+        Of the run.
+    first
+        Row of the cycle's first step.
+    groups
+        See `path_of`.
     """
     csv_path, path = (Path(directory) / name for name in (CSV_NAME, FIELDS_NAME))
     header, *lines = csv_path.read_bytes().splitlines(keepends=True)
     with opened_history(directory) as former, whole_hdf5(path, "latest") as file:
         file.attrs.update(former.attrs)
+        kept: dict[str, np.ndarray] = {}
 
-        def copy(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset):
-                kept = item[first:] if item.chunks else item[()]
-                file.create_dataset(name, data=kept, **(PACKED if kept.ndim == 2 else {}))
-            else:
+        def keep(name: str, item: Any) -> None:
+            if not isinstance(item, h5py.Dataset):
                 file.create_group(name)
-            file[name].attrs.update(item.attrs)
+            elif item.chunks:
+                kept[name] = item[first:]
+            else:
+                file[name] = item[()]
 
-        former.visititems(copy)
-    write_whole(csv_path, b"".join([header, *lines[first:]]))
+        former.visititems(keep)
+        names = [name.decode() for name in former["state/coordinates"].attrs["names"]]
+        start = beginning(kept, names)
+        for name, rows in kept.items():
+            rows = np.concatenate([start[name][None], rows])
+            file.create_dataset(name, data=rows, **(PACKED if rows.ndim == 2 else {}))
+        former.visititems(lambda name, item: file[name].attrs.update(item.attrs))
+    columns = header.decode().strip().split(",")
+    row = csv_line([f"{start[path_of(own, groups)[0]]:.10g}" for own in columns])
+    write_whole(csv_path, b"".join([header, row, *lines[first:]]))
 
 
 def _no_results(path: Path) -> str:

@@ -24,7 +24,7 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
-from fenics_ehd.results.history_file import HistoryWriter, keep_last_rows
+from fenics_ehd.results.history_file import HistoryWriter, keep_last_cycle
 from fenics_ehd.results.load import load_results
 from fenics_ehd.results.run_folder import clear_made
 
@@ -258,7 +258,7 @@ def record_run(
     if recorded.cycles is not None:
         # What is left is no run to go on with.
         (directory / CHECKPOINT).unlink()
-        keep_last_rows(directory, recorded.first_row)
+        keep_last_cycle(directory, recorded.first_row, recorded.tracker.groups)
     return summary
 
 

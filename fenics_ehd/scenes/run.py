@@ -93,7 +93,9 @@ def run_scene(
     recorded = RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles, multiplier)
     if cycles and last and entered is not None:
         cycles.follow(last.cycles)
-        recorded.processor_time = recorded.wall_time = entered
+        step, recorded.processor_time = entered
+        recorded.wall_time = recorded.processor_time
+        recorded.tracker.enter(step)
     if cycles and orbits is not None:
         orbits.append(Orbit(run, cycles, built.parts))
     return record_run(
