@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from fenics_ehd.base.errors import PeriodicityError
+from fenics_ehd.base.errors import PeriodicityError, SettingsError
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
 from fenics_ehd.multibody import periodic
 from fenics_ehd.multibody.bdf import IntegratorState
@@ -15,7 +15,7 @@ from fenics_ehd.multibody.forces import PointForce, RotatingForce, Torque
 from fenics_ehd.multibody.joints import Speed, SpeedTable
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.periodic import Cycles, repeating
+from fenics_ehd.multibody.periodic import Cycles, check_period, repeating
 from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.simulation import simulate_periodic
 from fenics_ehd.multibody.tabulated import Curve
@@ -29,7 +29,8 @@ FIXED = np.array([0.01, -0.02, 0.005])
 class AffineRun:
     """Gaps ``1 + x`` that every cycle of a second maps so, and an angle that makes two turns."""
 
-    def __init__(self):
+    def __init__(self, cycle=MAP):
+        self.map = cycle
         self.norm = SimpleNamespace(
             observe=self.observe,
             gaps=lambda observed: observed[:3],
@@ -41,7 +42,7 @@ class AffineRun:
         system = SimpleNamespace(
             films=["film"],
             heated=False,
-            mechanism=SimpleNamespace(forces={}, drives={}),
+            mechanism=Mechanism({}, {}),
             bodies={"crank": slice(3, 4)},
             each_name=lambda: [("crank", body)],
         )
@@ -63,7 +64,7 @@ class AffineRun:
         if self.state.time >= end:
             return
         x = self.state.x[0]
-        moved = FIXED + MAP @ (x[:3] - FIXED)
+        moved = FIXED + self.map @ (x[:3] - FIXED)
         self.state = self.at(end, np.append(moved, x[3] + 4 * np.pi))
         yield end
 
@@ -119,7 +120,66 @@ def test_no_cycle_is_enough_for_a_map_that_turns_for_ever():
         searched(periodicity=1e-30, most=5)
 
 
-def rotor(mass, unbalance, ramp=0.0):
+@pytest.mark.parametrize("cycles", [2, 3])
+def test_films_that_repeat_every_few_cycles_are_named(cycles):
+    turn = 2 * np.pi / cycles
+    whirl = np.diag([0.0, 0.0, 0.01])
+    whirl[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    run = AffineRun(whirl)
+    run.state = run.at(0.0, np.array([0.4, 0.0, 0.0, 0.0]))
+    told = f"repeat every {cycles} cycles of 1 s .*: make .* time.period {cycles} times as long"
+    search = Cycles(run, 1.0, 1e-4, 20)
+    with pytest.raises(PeriodicityError, match=told):
+        list(search)
+    assert search.number <= 2 * cycles
+
+
+@pytest.mark.slow
+def test_half_frequency_whirl_is_named_and_found_over_two_revolutions():
+    # A light load on a heavy rotor: its journal goes around every second turn.
+    heavy, period = rotor(400.0, 200.0, load=50.0), 2 * np.pi / 300
+    steps = {"periodicity": 1e-3, "cycles": 60, "tolerance": 1e-3, "order": 2}
+    with pytest.raises(PeriodicityError, match=r"every 2 cycles .* half-frequency whirl"):
+        simulate_periodic(heavy, period, **steps)
+    found = simulate_periodic(heavy, 2 * period, **steps, largest=0.01)
+    turns = np.unwrap(np.arctan2(*found.joints["bearing"].eccentricity.T[::-1]))
+    assert turns[-1] - turns[0] == pytest.approx(2 * np.pi, abs=0.1)
+
+
+def over_angle(degrees):
+    """A load over the rotor's angle that closes after so many degrees."""
+    angles = np.radians([0.0, 0.25 * degrees, 0.5 * degrees, degrees])
+    curve = Curve(PchipInterpolator(angles, [300.0, 200.0, 400.0, 300.0]), periodic=True)
+    return PointForce("rotor", (0.0, -1.0), curve, angle_of="rotor")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"gas": over_angle(720.0)}, r"forces\.gas repeats 0\.5 times .* 2 times as long"),
+        ({"half": RotatingForce("rotor", 9.0, 500.0)}, r"forces\.half repeats 1\.6666.* 3 times"),
+        ({"off": RotatingForce("rotor", 9.0, 301.0)}, r"forces\.off repeats 1\.00333.* another"),
+        ({"twice": over_angle(180.0), "on": RotatingForce("rotor", 9.0, 300.00001)}, None),
+    ],
+    ids=["over two turns", "faster", "beating", "whole numbers"],
+)
+def test_loads_of_another_period_than_the_cycle_are_refused_at_once(change, told):
+    mechanism = rotor(5.0, 60.0)
+    mechanism = replace(mechanism, forces={**mechanism.forces, **change})
+    if told is None:
+        check_period(mechanism, 2 * np.pi / 300, 1e-4)
+        return
+    with pytest.raises(SettingsError, match=told):
+        simulate_periodic(mechanism, 2 * np.pi / 300)
+
+
+def test_a_crank_that_ends_elsewhere_than_it_began_is_no_cycle():
+    arm = {"rotor": RigidBody(5.0, 1e-3, {"pin": (0.05, 0.0)})}
+    with pytest.raises(SettingsError, match=r"drives\.rotor repeats 1\.5 times"):
+        simulate_periodic(replace(rotor(5.0, 60.0), bodies=arm, forces={}), 3 * np.pi / 300)
+
+
+def rotor(mass, unbalance, ramp=0.0, load=300.0):
     """A rigid one in a film, under its load and an unbalance that may grow."""
     film = Film(
         FilmParameters(
@@ -131,7 +191,7 @@ def rotor(mass, unbalance, ramp=0.0):
         joints={"bearing": LubricatedJoint("rotor", "ground", film)},
         drives={"rotor": Speed(300.0)},
         forces={
-            "load": PointForce("rotor", (0.0, -1.0), lambda _time: (300.0, 0.0)),
+            "load": PointForce("rotor", (0.0, -1.0), lambda _time: (load, 0.0)),
             "unbalance": RotatingForce("rotor", unbalance, 300.0, ramp),
         },
     )

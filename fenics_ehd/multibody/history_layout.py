@@ -60,14 +60,11 @@ def beginning(rows: Mapping[str, np.ndarray], names: Sequence[str]) -> dict[str,
         What a row before the first one holds, by path.
     """
     found = {path: np.array(values[-1]) for path, values in rows.items()}
-    turning = [name.endswith("/angle") for name in names]
-    for path, turn, places in [
-        ("run/crank_angle", 360.0, ...),
-        ("state/coordinates", 2 * np.pi, turning),
-        *((path, 2 * np.pi, ...) for path in rows if re.fullmatch("bodies/.*/angle", path)),
-    ]:
-        ahead = rows[path][-1] - rows[path][0]
-        found[path][places] -= turn * np.round(ahead / turn)[places]
+    turning = np.array([name.endswith("/angle") for name in names], bool)
+    turns = {path: 2 * np.pi for path in rows if re.fullmatch("bodies/.*/angle", path)}
+    for path, turn in ({"run/crank_angle": 360.0, "state/coordinates": 2 * np.pi} | turns).items():
+        whole = turn * np.round((rows[path][-1] - rows[path][0]) / turn)
+        found[path] -= whole * turning if path == "state/coordinates" else whole
     for path in rows:
         if path.endswith("_work") or path == "run/energy_defect":
             found[path][...] = 0.0

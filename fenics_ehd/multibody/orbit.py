@@ -31,7 +31,9 @@ class Orbit:
     cycles: Cycles
     parts: Mapping[str, ReducedBody]
 
-    def entered(self, run: Run, parts: Mapping[str, ReducedBody]) -> tuple[MechanismStep, float] | None:
+    def entered(
+        self, run: Run, parts: Mapping[str, ReducedBody]
+    ) -> tuple[MechanismStep, float] | None:
         """Lead a run at its start, of the same bodies, from the middle of the cycle to its end.
 
         What is different on its films, or in its steps, has half a cycle to fade before the first
@@ -40,8 +42,8 @@ class Orbit:
         Returns
         -------
         step, seconds
-            The last one, and processor time that it took [s]; None: the run stays at its start, as its state means
-            something else, temperatures of films belong to it, or no step leads on.
+            The last one, and processor time that it took [s]; None: the run stays at its start, as
+            its state means something else, temperatures of films belong to it, or no step leads on.
         """
         own, other = self.run.solve, run.solve
         same = all(parts[name] is part for name, part in self.parts.items())
@@ -55,9 +57,11 @@ class Orbit:
         run.state = on_finer_films(self.cycles.halfway, own, other)
         try:
             with interrupt_between_steps() as check:
-                for step in run.until(self.cycles.number * self.cycles.period):
+                steps, last = run.until(self.cycles.number * self.cycles.period), None
+                while step := next(steps, None):
                     check()
+                    last = step
         except SolverError:
             run.state = start
             return None
-        return step, process_time() - began
+        return None if last is None else (last, process_time() - began)

@@ -18,7 +18,9 @@ from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.joint_heat import FilmTemperatures
 from fenics_ehd.multibody.joints import SpeedTable
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.planar_body import PlanarBody
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.tabulated import Curve
@@ -32,6 +34,12 @@ NOISE = 1e-2
 
 #: Share of the time that loads and drives take to repeat by which a cycle may begin before it.
 ROUNDING = 1e-9
+
+#: Cycles in one that are tried where loads do not repeat with the period.
+LONGEST = 12
+
+#: Cycles after which films may repeat in place of one.
+SUBHARMONIC = (2, 3)
 
 #: What two cycles tell of how the search goes.
 COMPARED = ("moved", "left", "contraction")
@@ -50,6 +58,54 @@ def repeating(mechanism: Mechanism) -> tuple[float, str]:
         if isinstance(drive, SpeedTable):
             found.append((drive.speed.settled, f"drives.{name}.table"))
     return max(found)
+
+
+def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
+    """How many times over a cycle [s] everything repeats itself that does, by its key.
+
+    Drives count that turn a body whose angle matters.
+    """
+    begins, found = repeating(mechanism)[0], {}
+    turned = {
+        name: abs(motion(begins + period)[0] - motion(begins)[0])
+        for name, motion in mechanism.drives.items()
+    }
+    for name, force in mechanism.forces.items():
+        key, (table, body) = f"forces.{name.partition('.')[0]}", force.table or (None, "")
+        if isinstance(force, RotatingForce):
+            found[key] = abs(force.speed) * period / (2 * np.pi)
+        elif isinstance(table, Curve) and table.periodic and (not body or body in turned):
+            found[key] = (turned[body] if body else period) / table.period
+    for name, angle in turned.items():
+        own = mechanism.bodies.get(name)
+        if isinstance(own, PlanarBody) and (own.reach or any(getattr(own, "centre", None) or ())):
+            found[f"drives.{name}"] = angle / (2 * np.pi)
+    for name, joint in mechanism.joints.items():
+        if isinstance(joint, LubricatedJoint):
+            for feed in joint.film.parameters.feeds:
+                if isinstance(feed.pressure, Curve):
+                    key = f"joints.{name}.supply.{feed.name}"
+                    found[key] = period / feed.pressure.period
+    return found
+
+
+def check_period(mechanism: Mechanism, period: float, periodicity: float) -> None:
+    """Refuse a cycle [s] after which loads and drives are elsewhere by more than a periodicity.
+
+    Raises
+    ------
+    SettingsError
+        Naming the first of them, and what to multiply the period by.
+    """
+    for key, count in repeats(mechanism, period).items():
+        off = {n: abs(n * count - round(n * count)) / n for n in range(1, LONGEST + 1)}
+        if 2 * np.pi * off[1] > periodicity:
+            factor = next((n for n, left in off.items() if 2 * np.pi * left <= periodicity), 0)
+            longer = f"{factor} times as long, or change" if factor else "another, or change"
+            raise SettingsError(
+                f"{key} repeats {count:.9g} times in the cycle of {period:g} s, which must be a "
+                f"whole number: make time.revolutions or time.period {longer} the period of {key}"
+            )
 
 
 class Cycles:
@@ -95,7 +151,7 @@ class Cycles:
     Raises
     ------
     SettingsError
-        There is no film to repeat.
+        There is no film to repeat; or see `check_period`.
     """
 
     def __init__(self, run: Run, period: float, periodicity: float = 1e-4, most: int = 20):
@@ -106,8 +162,9 @@ class Cycles:
         self.number, self.defect, self.began = 1, float("nan"), run.state
         self.halfway = run.state
         self.moved = self.left = self.contraction = float("nan")
-        self._former = np.zeros((0, len(self._films())))
+        self._former = self._starts = np.zeros((0, len(self._films())))
         system = run.equations.system
+        check_period(system.mechanism, period, periodicity)
         self.angles = [
             system.bodies[name].start + body.angle
             for name, body in system.each_name()
@@ -170,6 +227,7 @@ class Cycles:
             # until the next cycle begins nothing is forgotten that it needs.
             ends = np.stack([self._gaps, gaps])
             self._compare(ends, lengths)
+            starts = np.concatenate([self._starts, ends[:1]])
             contents = self._oil()
             drained = np.abs(contents - self._contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
@@ -178,6 +236,7 @@ class Cycles:
             repeats = self.number >= max(self._counted, 2) and self.defect <= self._periodicity
             if repeats and not off:
                 return
+            self._check_subharmonic(gaps, lengths, starts)
             if self.number >= self._most:
                 still = off or (
                     f"the films still change by {self.defect:.2e} from cycle to cycle, above "
@@ -189,11 +248,25 @@ class Cycles:
                 )
             if self._heat is not None:
                 self._heat.move()
-            self._former = ends
+            self._former, self._starts = ends, starts[-max(SUBHARMONIC) :]
             self._begin(change)
             self.began = self._run.state
             self._contents = self._oil()
             self.number += 1
+
+    def _check_subharmonic(self, gaps: np.ndarray, lengths: np.ndarray, starts: np.ndarray) -> None:
+        """Refuse films that repeat themselves, but not with every cycle."""
+        for k in SUBHARMONIC:
+            if self.defect < NEAR or len(starts) < k:
+                return  # another start was tried since
+            change = float(np.max(np.abs(gaps - starts[-k]) / lengths))
+            if change <= self._periodicity:
+                what = "half-frequency whirl" if k == 2 else "whirl at a third of the frequency"
+                raise PeriodicityError(
+                    f"the films change by {self.defect:.2g} from cycle to cycle, and repeat every "
+                    f"{k} cycles of {self.period:g} s to {change:.1e}, as {what} does: make "
+                    f"time.revolutions or time.period {k} times as long"
+                )
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
         """Compare start and end of a cycle with those of the one before."""
@@ -237,6 +310,7 @@ class Cycles:
         if near:
             self._ends = [*self._ends, end][-REMEMBERED:]
             self._changes = [*self._changes, change][-REMEMBERED:]
+            self._starts = self._starts[:0]
         if len(self._ends) > 1:
             apart = np.diff(self._ends, axis=0)
             changes = np.diff(self._changes, axis=0) / scales
@@ -274,6 +348,7 @@ class Cycles:
             "halfway": self.halfway.points(),
             "most": self._most,
             "former": self._former,
+            "starts": self._starts,
             **{name: getattr(self, name) for name in COMPARED},
         }
 
@@ -284,7 +359,7 @@ class Cycles:
         self._contents = np.array(stored["contents"])
         self.began = IntegratorState(**stored["began"])
         self.halfway, self._most = IntegratorState(**stored["halfway"]), int(stored["most"])
-        self._former = np.array(stored["former"])
+        self._former, self._starts = np.array(stored["former"]), np.array(stored["starts"])
         for name in COMPARED:
             setattr(self, name, float(stored[name]))
         self._ends, self._changes = list(stored["ends"]), list(stored["changes"])

@@ -131,9 +131,7 @@ class ShownRun:
     def joints(self) -> dict[str, ShownJoint]:
         """Its lubricated joints by name."""
         return {
-            name: ShownJoint(
-                self, name, joint.columns | self._cycle_columns | self._errors(name)
-            )
+            name: ShownJoint(self, name, joint.columns | self._cycle_columns | self._errors(name))
             for name, joint in self.cycle.joints.items()
         }
 

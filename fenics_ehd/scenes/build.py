@@ -14,6 +14,7 @@ from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.forces import Force
 from fenics_ehd.multibody.joints import AngleOverTime, Speed
 from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.periodic import check_period
 from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.run import Steps
 from fenics_ehd.reduction import ReducedBody
@@ -96,6 +97,8 @@ def build_mechanism(
         for name, settings in scene.bodies.items()
         if not isinstance(settings, schema.FlexibleSettings)
     }
+    if scene.time.periodic:
+        check_period(Mechanism(stiff, {}, *loads_of), scene.span, scene.time.periodicity)
     if announce is not None:
         announce(name for name in meshed(scene) if name not in (bodies or {}))
     parts = _parts(scene, comm, bodies or {})
