@@ -1,4 +1,4 @@
-"""Reduced bodies for others: plain arrays, Matrix Market; Exudyn, a demo, must move them right.
+"""Reduced bodies for others: plain arrays; Exudyn, a demo, must move them right.
 
 What needs Exudyn is skipped without it; it runs with ``pip install --no-deps --target DIR exudyn``
 and DIR on PYTHONPATH.
@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from scipy import sparse
-from scipy.io import mmread
 from test_demos import demo
 
 from fenics_ehd.base.errors import ExportError
 from fenics_ehd.reduction import ResidualFlexibility, craig_bampton, load_dependent, rigid
-from fenics_ehd.reduction.export import contents, export_matrix_market, export_npz
+from fenics_ehd.reduction.export import contents, export_npz
 from fenics_ehd.reduction.mass import MassOperator
 from fenics_ehd.reduction.projection import Basis, gram_matrices, project
 from fenics_ehd.reduction.rigid_motion import rigid_fields
@@ -82,48 +81,6 @@ def test_a_rigid_body_has_empty_matrices(rod_structure, tmp_path):
         assert file["stiffness"].shape == (0, 0)
         assert file["point_basis"].shape == (1, 3, 0)
         np.testing.assert_allclose(file["point_position"], [[0.16, 0.0, 0.0]], atol=1e-6)
-
-
-def test_matrix_market_returns_every_bit(bodies, tmp_path):
-    body = with_residual(bodies["m1"])
-    folder = export_matrix_market(body, tmp_path / "rod")
-    readme = (folder / "README.txt").read_text()
-    expected = {
-        "stiffness": body.stiffness,
-        "mass": body.mass,
-        "bore_basis": body.bore_basis.reshape(-1, body.modes),
-        "load_projection": body.load_projection[3:],
-        "rigid_coupling": body.rigid_coupling,
-        "residual_displacement": body.residual.displacement.reshape(-1, 4),
-        "residual_patterns": body.residual.patterns,
-        "residual_stiffness": body.residual.stiffness[:, None],
-        "residual_mass": body.residual.mass,
-    }
-    for name, matrix in expected.items():
-        found = mmread(folder / f"{name}.mtx")
-        found = found.toarray() if sparse.issparse(found) else found
-        np.testing.assert_array_equal(found, matrix)
-        assert f"{name}.mtx, {len(matrix)} x " in readme
-        assert f"``{name}``" in readme
-    assert {path.name for path in folder.glob("*.mtx")} == {
-        line.split(",")[0] for line in readme.splitlines() if ".mtx," in line
-    }
-    for name in ("stiffness", "mass"):
-        assert "coordinate real symmetric" in (folder / f"{name}.mtx").open().readline()
-    assert "too stiff" in readme
-
-
-def test_matrices_that_are_not_quite_symmetric_keep_both_halves(bodies, tmp_path):
-    body = bodies["m1"]
-    stiffness = body.stiffness.copy()
-    stiffness[-1, -2] += 1e-9 * stiffness[-1, -1]
-    folder = export_matrix_market(replace(body, stiffness=stiffness), tmp_path)
-    np.testing.assert_array_equal(mmread(folder / "stiffness.mtx").toarray(), stiffness)
-
-
-def test_a_rigid_body_has_no_matrices_for_matrix_market(rod_structure, tmp_path):
-    with pytest.raises(ExportError, match=r"this body is rigid: .* use npz"):
-        export_matrix_market(rigid(rod_structure), tmp_path / "rod")
 
 
 def test_several_bores_stand_one_after_the_other():

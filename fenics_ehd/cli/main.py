@@ -173,8 +173,8 @@ def run(
     "--export",
     "exports",
     multiple=True,
-    type=click.Choice(["npz", "mtx"]),
-    help="Also write the body for NumPy or as Matrix Market files, beside the HDF5 file.",
+    type=click.Choice(["npz"]),
+    help="Also write the body for NumPy, beside the HDF5 file.",
 )
 @json_option
 def reduce(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from fenics_ehd.cli.notices import say_reducing, warn_of
 from fenics_ehd.reduction import (
     ModeRecord,
     ReducedBody,
-    export_matrix_market,
     export_npz,
     save_basis,
     save_body,
@@ -32,12 +32,6 @@ from fenics_ehd.scenes.scene_file import read_scene
 
 #: Scenes whose flexible bodies are known by their models.
 SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
-
-#: What the files of other programs end with, beside the body's ``rod.h5``, and their writers.
-EXPORTS: dict[str, tuple[str, Callable[[ReducedBody, str], Path]]] = {
-    "npz": (".npz", export_npz),
-    "mtx": ("-mtx", export_matrix_market),
-}
 
 #: Most lines of the inventory for modes that are no coordinates.
 SHOWN = 8
@@ -54,7 +48,7 @@ def reduce_part(
     as_json: bool,
 ) -> None:
     """Reduce the part: every rank takes part, the first one writes the body."""
-    targets = {form: str(Path(path).with_suffix("")) + EXPORTS[form][0] for form in exports}
+    targets = {form: str(Path(path).with_suffix(f".{form}")) for form in exports}
     outputs = {"-o": path, "--basis": basis_path or ""}
     _require_outputs(outputs | {f"--export {form}": file for form, file in targets.items()})
     scene, name = _flexible(part, scene_name)
@@ -74,8 +68,8 @@ def reduce_part(
     if MPI.COMM_WORLD.rank:
         return
     _in_place(path, lambda: save_body(body, path))
-    for form, target in targets.items():
-        _in_place(target, lambda form=form, target=target: EXPORTS[form][1](body, target))
+    for target in targets.values():
+        _in_place(target, partial(export_npz, body, target))
     summary = reduction_summary(rod, path, basis_path) | {"part": part, "exports": targets}
     click.echo(to_json(summary) if as_json else report(body, summary))
 
@@ -110,9 +104,8 @@ def _require_outputs(outputs: Mapping[str, str]) -> None:
             continue
         require_writable(file)
         path = Path(file).resolve()
-        if path.exists() and path.is_dir() != (option == "--export mtx"):
-            wanted = "a file" if path.is_dir() else "a folder"
-            raise SettingsError(f"{option} would write {wanted} {shlex.quote(file)}: it is none")
+        if path.is_dir():
+            raise SettingsError(f"{option} would write a file {shlex.quote(file)}: it is none")
         if path in taken:
             raise SettingsError(
                 f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose another "

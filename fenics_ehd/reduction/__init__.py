@@ -11,7 +11,7 @@ from fenics_ehd.reduction.bore import Bore, mean_motion
 from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.craig_bampton import craig_bampton
-from fenics_ehd.reduction.export import export_matrix_market, export_npz
+from fenics_ehd.reduction.export import export_npz
 from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
 from fenics_ehd.reduction.foreign_matrices import ForeignMatrices, read_abaqus, read_calculix
 from fenics_ehd.reduction.inertia import InertiaIntegrals
@@ -48,7 +48,6 @@ __all__ = [
     "bore_load_matrix",
     "check_structure",
     "craig_bampton",
-    "export_matrix_market",
     "export_npz",
     "full_interface",
     "load_body",

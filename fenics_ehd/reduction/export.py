@@ -1,4 +1,4 @@
-"""A reduced body for other programs: NumPy's ``.npz`` and Matrix Market files."""
+"""A reduced body for other programs, as NumPy's ``.npz``."""
 
 from __future__ import annotations
 
@@ -7,20 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_ehd.base.errors import ExportError
-from fenics_ehd.base.folder import claim
 from fenics_ehd.base.whole_file import write_whole
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.inertia import ELASTIC
 
 FORMAT = "fenics_ehd reduced body, exported"
 FORMAT_VERSION = 2
-
-#: Written to Matrix Market as coordinate lists, by one triangle.
-_SQUARE = ("stiffness", "mass", "rigid_mass", "residual_mass")
-
-#: Numeric arrays that Matrix Market files do without.
-_NPZ_ONLY = ("bore_sizes", "bore_cells", "pressure_cells")
 
 
 def export_npz(body: ReducedBody, path: str | Path) -> Path:
@@ -82,79 +74,6 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
     np.savez(content, **contents(body))
     write_whole(path, content.getbuffer())
     return path
-
-
-def export_matrix_market(body: ReducedBody, directory: str | Path) -> Path:
-    """Write a body as Matrix Market files, all digits, with a ``README.txt`` that explains them.
-
-    ``NAME.mtx`` for every numeric array of `export_npz` but single numbers and surface meshes.
-    Where components x, y, z belong to a node the row is ``3 * node + component``: `bore_basis` has
-    shape (3 m, n), `residual_displacement` (3 m, r). Stiffness and mass matrices are
-    coordinate lists, symmetric ones by one triangle; the others are dense.
-
-    Parameters
-    ----------
-    body
-        Any body with modes.
-    directory
-        Folder, made when missing; files of a former export there are replaced, others refused.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    ExportError
-        The body has no modes: there are no matrices to write.
-    """
-    from scipy import sparse
-    from scipy.io import mmwrite
-
-    if not body.modes:
-        raise ExportError("this body is rigid: it has no matrices for Matrix Market, use npz")
-    directory, listed = Path(directory), []
-    matrices = {
-        name: value
-        for name, value in contents(body).items()
-        if not (name in _NPZ_ONLY or value.dtype.kind == "U") and value.ndim and value.size
-    }
-    claim(directory, ["README.txt", *(f"{name}.mtx" for name in matrices)])
-    for name, value in matrices.items():
-        matrix = value.reshape(-1, value.shape[-1] if value.ndim > 1 else 1)
-        # One triangle would lose what the other has in its last digit.
-        one_triangle = name in _SQUARE and np.array_equal(matrix, matrix.T)
-        mmwrite(
-            str(directory / f"{name}.mtx"),
-            sparse.coo_matrix(matrix) if name in _SQUARE else matrix,
-            precision=17,
-            symmetry="symmetric" if one_triangle else "general",
-        )
-        listed.append(f"{name}.mtx, {matrix.shape[0]} x {matrix.shape[1]}")
-    (directory / "README.txt").write_text(_readme(body, listed), encoding="utf-8")
-    return directory
-
-
-def _readme(body: ReducedBody, listed: list[str]) -> str:
-    """What the files are: those of `export_npz`, in its words."""
-    meanings = (export_npz.__doc__ or "").partition("``stiffness``")
-    arrays = "".join(meanings[1:]).partition("    Parameters")[0].rstrip()
-    kinds = [f"{body.kinds.count(kind)} {kind}" for kind in dict.fromkeys(body.kinds)]
-    return "\n".join(
-        [
-            f"Reduced body of fenics_ehd: method {body.method}, frame {body.frame}, "
-            f"{body.modes} modes ({', '.join(kinds)}), bores {', '.join(body.bores)}, "
-            f"boundary points {', '.join(body.points) or 'none'}.",
-            "Where three components belong to a node, row = 3 * node + component, both and the "
-            "rows counted from 0, the components in the order x, y, z.",
-            "Motion of the free part: [rigid_mass, rigid_coupling; rigid_coupling^T, mass] a + "
-            "[0, 0; 0, stiffness] x = [rigid_load; load_projection] p; without the residual "
-            "displacements, where there are any, its bores are too stiff.",
-            *("", *listed, "", "Of n modes, m bore nodes, k pressure nodes, r residual patterns:"),
-            *("", f"    {arrays}", ""),
-        ]
-    )
 
 
 def contents(body: ReducedBody) -> dict[str, np.ndarray]:
