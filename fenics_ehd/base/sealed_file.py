@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import is_dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,16 +33,6 @@ _DEFLATE = 1032
 
 #: Most groups within each other.
 _DEPTH = 8
-
-#: Types that a field of a stored dataclass may be declared with.
-_TYPES = {
-    "float": (float, int),
-    "int": int,
-    "str": str,
-    "tuple": tuple,
-    "Mapping": Mapping,
-    "np.ndarray": np.ndarray,
-}
 
 
 def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int) -> None:
@@ -254,29 +244,6 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     most = Path(item.file.filename).stat().st_size * (_DEFLATE if packed else 1)
     if item.nbytes > most:
         raise ValueError(f"{item.name} claims {item.nbytes} bytes, its file can hold {most}")
-
-
-def make(kind: type[T], tree: Mapping[str, Any]) -> T:
-    """A dataclass from the tree of its fields.
-
-    Raises
-    ------
-    ValueError
-        A field is missing, or not of the type that it is declared with.
-    """
-    found = {}
-    if not isinstance(tree, Mapping):
-        raise ValueError(f"a {type(tree).__name__} in place of the fields of {kind.__name__}")
-    for field in fields(kind):  # type: ignore[arg-type]
-        if field.name in tree:
-            value = tree[field.name]
-            wanted = _TYPES.get(str(field.type).split("[")[0], object)
-            if not isinstance(value, wanted):  # type: ignore[arg-type]
-                raise ValueError(f"{field.name} is a {type(value).__name__}, not a {field.type}")
-            found[field.name] = value
-        elif field.default is MISSING and field.default_factory is MISSING:
-            raise ValueError(f"{field.name} is missing")
-    return kind(**found)
 
 
 def require_like(tree: Mapping[str, Any], pattern: Mapping[str, Any], place: str = "") -> None:

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import BodyFileError
-from fenics_ehd.base.sealed_file import digest, make, named, open_sealed, read_tree, save_tree
+from fenics_ehd.base.sealed_file import digest, named, open_sealed, read_tree, save_tree
 from fenics_ehd.reduction.body import ModeRecord, ReducedBody, ResidualFlexibility
-from fenics_ehd.reduction.body_checks import defects
 from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.reduction.inertia import InertiaIntegrals
 
@@ -53,21 +52,18 @@ def load_body(path: str | Path) -> ReducedBody:
     ------
     BodyFileError
         The file is missing, is not HDF5, changed since it was written, or holds no reduced body
-        of this format or one that cannot be: see `defects`.
+        of this format.
     """
     with named(BodyFileError, f"body file {path}"):
         with open_sealed(path, FORMAT, FORMAT_VERSION, remedy="reduce the part again") as file:
             tree = read_tree(file)
         names = tree.pop("bore_names")
-        tree["bores"] = {name: make(BoreSurface, tree["bores"][name]) for name in names}
-        tree["inertia"] = make(InertiaIntegrals, tree["inertia"])
+        tree["bores"] = {name: BoreSurface(**tree["bores"][name]) for name in names}
+        tree["inertia"] = InertiaIntegrals(**tree["inertia"])
         if "residual" in tree:
-            tree["residual"] = make(ResidualFlexibility, tree["residual"])
+            tree["residual"] = ResidualFlexibility(**tree["residual"])
         tree["inventory"] = _inventory(tree["inventory"])
-        body = make(ReducedBody, tree)
-        for defect in defects(body):
-            raise ValueError(defect)
-    return body
+        return ReducedBody(**tree)
 
 
 def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
