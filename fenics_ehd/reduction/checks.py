@@ -5,18 +5,23 @@ Cheap: 15 to 35 products with a matrix on one rank, twice as many on several, no
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
-from fenics_ehd.reduction.bore_checks import check_bores
+from fenics_ehd.reduction.bore import Bore, BoreSurface
 from fenics_ehd.reduction.distributed import inner, multiply
+from fenics_ehd.reduction.faces import CYLINDER_TOLERANCE
 from fenics_ehd.reduction.rigid_body import FREE_TOLERANCE
 from fenics_ehd.reduction.rigid_motion import rigid_fields
 from fenics_ehd.reduction.row_blocks import agree, before
 from fenics_ehd.reduction.structure import Structure
+from fenics_ehd.reduction.surface_elements import ELEMENTS
 
 #: Largest antisymmetric part of K or M, applied to a random vector, relative to the symmetric
 #: one, every degree of freedom scaled by its diagonal entry; static responses are checked to 1e-8.
@@ -45,6 +50,22 @@ WEIGHT_TOLERANCE = 1e-8
 
 #: Smallest eigenvalue of the Gram matrix of two boundary points' unit vectors.
 INDEPENDENT = 1e-10
+
+#: Largest distance of a bore's node from that of the part, relative to the radius: in files whose
+#: numbers are rounded the one is on the cylinder, the other where K has it. Others are far away.
+PLACE_TOLERANCE = 1e-4
+
+#: Largest difference of the volume that a uniform pressure sweeps from that of a cylinder,
+#: relative: a hexagon with its corners on the circle has 9 % less.
+SWEPT_TOLERANCE = 0.2
+
+#: Largest defect of the mean motion of a rigidly moved bore.
+REFERENCE_TOLERANCE = 1e-8
+
+#: Largest force on a node off the bore, relative to the largest on it.
+ROUND_OFF = 1e-9
+
+_BORE_NODES = ("coordinates", "pressure_coordinates")
 
 _MOTIONS = (
     *(f"translation along {axis}" for axis in "xyz"),
@@ -78,7 +99,7 @@ def check_structure(structure: Structure) -> None:
     _check_rigid_motions(structure)
     _check_definite(structure.mass)
     _check_units(structure)
-    check_bores(structure)
+    _check_bores(structure)
     _check_attachments(structure)
 
 
@@ -322,3 +343,152 @@ def _check_independent(vectors: dict[str, np.ndarray], comm: MPI.Comm) -> None:
                     f"attachments {second!r} and {first!r} are the same point: their load vectors "
                     "depend on each other"
                 )
+
+
+# Bores
+
+
+def _check_bores(structure: Structure) -> None:
+    """Surfaces, nodes, load matrix and mean motion of every bore; the first is at the origin."""
+    for name, bore in structure.bores.items():
+        for defect in chain(_array_defects(bore), _cell_defects(bore), _cylinder_defects(bore)):
+            raise StructureError(f"{name}.{defect}")
+    for name, bore in list(structure.bores.items())[:1]:
+        if not np.abs(bore.centre).max() <= CYLINDER_TOLERANCE * bore.radius:
+            raise StructureError(f"{name}.centre: the first bore's must be the origin of the part")
+    for name, bore in structure.bores.items():
+        _check_bore(structure, bore, name)
+    if structure.bores and len(np.unique(structure.bore_nodes)) < len(structure.bore_nodes):
+        raise StructureError(f"the bores {', '.join(structure.bores)} share a node")
+
+
+def _check_bore(structure: Structure, bore: Bore, name: str) -> None:
+    _check_shapes(bore, name)
+    _check_nodes(structure, bore, name)
+    _check_load(structure, bore, name)
+    if bore.reference is not None:
+        motion = np.einsum(
+            "ick,icl->kl", bore.reference, rigid_fields(bore.coordinates).reshape(-1, 3, 6)
+        )
+        # Rotations are small where lengths are, so compare them at the bore's surface.
+        lever = np.r_[np.ones(3), np.full(3, bore.radius)]
+        defect = np.abs(motion * lever[:, None] / lever - np.eye(6)).max()
+        if not defect <= REFERENCE_TOLERANCE:
+            raise StructureError(
+                f"{name}.reference: the mean motion of a rigidly moved bore is off by "
+                f"{defect:.1e}, limit {REFERENCE_TOLERANCE:.0e}"
+            )
+
+
+def _check_shapes(bore: Bore, label: str) -> None:
+    count, pressures = len(bore.coordinates), len(bore.pressure_coordinates)
+    shapes = {"nodes": (bore.nodes, (count,)), "reference": (bore.reference, (count, 3, 6))}
+    for name, (array, shape) in shapes.items():
+        if array is not None and array.shape != shape:
+            raise StructureError(f"{label}.{name} has shape {array.shape}, not {shape}")
+    if bore.reference is not None and not np.isfinite(bore.reference).all():
+        raise StructureError(f"{label}.reference holds a value that is not finite")
+    if bore.load.size[1] != pressures:
+        raise StructureError(
+            f"{label}.load has {bore.load.size[1]} columns, there are {pressures} pressure nodes"
+        )
+
+
+def _check_nodes(structure: Structure, bore: Bore, label: str) -> None:
+    last = structure.size // 3 - 1
+    nodes = bore.nodes
+    if (
+        nodes.dtype.kind not in "iu"
+        or not len(nodes)
+        or not 0 <= nodes.min() <= nodes.max() <= last
+    ):
+        outside = nodes[(nodes < 0) | (nodes > last)]
+        which = f"node {outside[0]} is" if len(outside) else "they are"
+        raise StructureError(f"{label}.nodes: {which} not among the whole numbers 0 to {last}")
+    numbers, uses = np.unique(nodes, return_counts=True)
+    if (uses > 1).any():
+        raise StructureError(
+            f"{label}.nodes names node {numbers[np.argmax(uses > 1)]} {uses.max()} times"
+        )
+    _check_numbers(structure, bore, label)
+
+
+def _check_numbers(structure: Structure, bore: Bore, label: str) -> None:
+    """The bore's nodes lie where the part has them: numbers from 1 or of another mesh do not."""
+    local = bore.nodes - structure.node_range[0]
+    mine = np.flatnonzero((local >= 0) & (local < len(structure.coordinates)))
+    there = bore.centre + bore.coordinates[mine]
+    apart = np.linalg.norm(structure.coordinates[local[mine]] - there, axis=1)
+    problem = None
+    if (apart > PLACE_TOLERANCE * bore.radius).any():
+        worst = int(np.argmax(apart))
+        problem = (
+            f"{label}.nodes: node {bore.nodes[mine[worst]]} of the part lies {apart[worst]:.1e} m "
+            f"from where {label}.coordinates has it: do the numbers begin at 0?"
+        )
+    agree(structure.comm, problem)
+
+
+def _check_load(structure: Structure, bore: Bore, label: str) -> None:
+    """A uniform pressure sweeps the lateral area when the bore grows, and loads nothing else."""
+    pressure, force = bore.load.createVecs()
+    pressure.set(1.0)
+    bore.load.mult(pressure, force)
+    x = structure.coordinates - bore.centre
+    force = force.array.reshape(-1, 3)
+    on_bore = np.isin(np.arange(*structure.node_range), bore.nodes)
+    work = np.sum(force[on_bore, :2] * x[on_bore, :2]) / bore.radius
+    comm = structure.comm
+    there, elsewhere = (
+        comm.allreduce(np.abs(force[rows]).max(initial=0.0), op=MPI.MAX)
+        for rows in (on_bore, ~on_bore)
+    )
+    swept = comm.allreduce(work) / (2 * np.pi * bore.radius * bore.width)
+    if not elsewhere <= ROUND_OFF * there:
+        raise StructureError(f"{label}.load has forces on nodes that are not in {label}.nodes")
+    if not abs(swept - 1) <= SWEPT_TOLERANCE:
+        raise StructureError(
+            f"{label}.load: a uniform pressure pushes the bore outward with {swept:.3g} times the "
+            "force of radius, width and 2 pi: it must push outward, and units must agree"
+        )
+
+
+def _array_defects(bore: BoreSurface) -> Iterator[str]:
+    for key in (*_BORE_NODES, "centre"):
+        array = getattr(bore, key)
+        shape = (3,) if key == "centre" else (len(array), 3)
+        if array.shape != shape:
+            yield f"{key} has shape {array.shape}, not {shape}"
+        elif array.dtype.kind != "f" or not np.isfinite(array).all():
+            yield f"{key} holds a value that is not finite, or no number"
+    if not (0 < bore.radius < np.inf and 0 < bore.width < np.inf):
+        yield f"radius {bore.radius:g} m or width {bore.width:g} m is not above 0"
+
+
+def _cell_defects(bore: BoreSurface) -> Iterator[str]:
+    """What is wrong with one of the two surface meshes; having none is right."""
+    for prefix, nodes in (("", bore.coordinates), ("pressure_", bore.pressure_coordinates)):
+        cells, family = getattr(bore, f"{prefix}cells"), getattr(bore, f"{prefix}family")
+        if not cells.size and not family:
+            continue
+        size = len(ELEMENTS[family].nodes) if family in ELEMENTS else 0
+        if cells.ndim != 2 or not len(cells) or cells.shape[1] != size:
+            need = f"needs (cells, {size})" if size else f"is not one of {', '.join(ELEMENTS)}"
+            yield f"{prefix}cells has shape {cells.shape}, {prefix}family {family!r} {need}"
+        elif cells.dtype.kind not in "iu" or not np.array_equal(
+            np.unique(cells), np.arange(len(nodes))
+        ):
+            yield f"{prefix}cells must use each of the {len(nodes)} nodes"
+
+
+def _cylinder_defects(bore: BoreSurface) -> Iterator[str]:
+    for key in _BORE_NODES:
+        x = getattr(bore, key)
+        reach = np.linalg.norm(x[:, :2], axis=1), np.abs(x[:, 2])
+        off = np.maximum(np.abs(reach[0] - bore.radius), reach[1] - 0.5 * bore.width)
+        if not off.max(initial=0.0) <= CYLINDER_TOLERANCE * bore.radius:
+            yield (
+                f"{key}: node {np.argmax(off)} lies {off.max():.1e} m off the cylinder of radius "
+                f"{bore.radius:.6g} m and width {bore.width:.6g} m about z, centred at z = 0, "
+                f"limit {CYLINDER_TOLERANCE:.0e} radii"
+            )
