@@ -14,7 +14,7 @@ from fenics_ehd.bearing.film import BearingFilm
 from fenics_ehd.bearing.operating_point import solve_bearing
 from fenics_ehd.bearing.settings import BearingSettings
 from fenics_ehd.film.grades import oil_of_grade
-from fenics_ehd.film.lubricant import Barus, Lubricant, Roelands
+from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Lubricant, Roelands
 from fenics_ehd.film.oil_settings import make_lubricant
 from fenics_ehd.film.thinning import Cross
 from fenics_ehd.scenes.films import build_film
@@ -49,8 +49,10 @@ def test_an_oil_by_grade_is_that_of_its_two_viscosities():
 
 def test_laws_are_multiplied_into_one_oil():
     settings = {"barus": 2e-8, "cross_rate": 1e6, "cross_exponent": 0.8,
-                "cross_second_viscosity": 0.3, "specific_heat": 1900.0}  # fmt: skip
+                "cross_second_viscosity": 0.3, "specific_heat": 1900.0,
+                "density_law": "dowson-higginson", "compressibility": 1e-9}  # fmt: skip
     found = film_oil(scene_with(viscosity=0.01, **settings))
+    assert found.density_law == DowsonHigginson(1e-9, 1.7e-9)
     assert (found.viscosity_law, found.shear_law) == (Barus(2e-8), Cross(1e6, 0.8, 0.3))
     assert found.specific_heat == 1900.0
     assert not found.linear
@@ -83,6 +85,8 @@ def test_the_text_of_a_scene_keeps_its_oil():
         ({"viscosity": 5e-5, "roelands": 0.6}, "lubricants.oil: viscosity = 5e-05 Pa s must be ab"),
         ({"viscosity": 0.01, "cross_exponent": 0.7}, "cross_exponent = 0.7 does nothing without"),
         ({"viscosity": 0.01, "cross_second_viscosity": 0.7}, "does nothing without cross_rate"),
+        ({"viscosity": 0.01, "compressibility": 1e-9}, "compressibility = 1e-09 does nothing with"),
+        ({"viscosity": 0.01, "stiffening": 1e-9}, "does nothing without density_law = 'dowson"),
         ({"viscosity": 0.01, "cross_rate": 1e6, "cross_second_viscosity": 1.0}, "must be below 1"),
         ({"viscosity": 0.01, "density": 0.87}, "lubricants.oil.density = 0.87 must be at least"),
         ({"viscosity": 0.01, "grad": "x"}, "unknown key lubricants.oil.grad"),

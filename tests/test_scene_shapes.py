@@ -17,7 +17,7 @@ from fenics_ehd.scenes.scene_file import read_scene, scene_of
 from fenics_ehd.scenes.scene_text import scene_text
 from fenics_ehd.scenes.shapes import read_shape_table
 
-WIDTH = 0.022
+WIDTH, CLEARANCE = 0.022, 17e-6
 
 
 def mechanism_of(**changes):
@@ -37,12 +37,14 @@ def oval(angle, _height):
 
 # --- Tables
 
+QUARTERS, METRES = (0, 90, 180, 270), "angle_deg,height_m,deviation_m\n"
+
 
 def test_a_table_is_the_shape_that_it_was_made_of(tmp_path):
     path, angles = tmp_path / "oval.csv", range(0, 360, 5)
     for last in (angles, [*angles, 360]):
         path.write_text(rows(last, (-11, 11), oval))
-        shape = read_shape_table(path, "table", WIDTH)
+        shape = read_shape_table(path, "table", WIDTH, CLEARANCE)
         phi = np.linspace(-4, 9, 300)
         np.testing.assert_allclose(
             shape.radial(phi, 0.003), Lobes(3e-6).radial(phi, 0.003), atol=2e-11
@@ -53,10 +55,10 @@ def test_rows_of_a_table_may_come_in_any_order(tmp_path):
     path = tmp_path / "shape.csv"
     text = rows(range(0, 360, 30), (-11, 0, 11), lambda a, z: oval(a, z) + 0.1 * z)
     path.write_text(text)
-    first = read_shape_table(path, "table", WIDTH)
+    first = read_shape_table(path, "table", WIDTH, CLEARANCE)
     header, *lines = text.splitlines()
     path.write_text("\n".join([header, *reversed(lines)]))
-    again = read_shape_table(path, "table", WIDTH)
+    again = read_shape_table(path, "table", WIDTH, CLEARANCE)
     assert np.array_equal(first.deviations, again.deviations)
     assert first.radial(0.5, 0.011) - first.radial(0.5, -0.011) == pytest.approx(2.2e-6)
 
@@ -69,6 +71,9 @@ def test_rows_of_a_table_may_come_in_any_order(tmp_path):
         (rows((0, 90, 180, 270), (-11, 5), oval), "must cover the bearing's width"),
         (rows((0, 90, 180, 270, 380), (0,), oval), "span 380 deg"),
         (rows((0, 90, 180, 270, 360), (0,), lambda a, _: a), "differ"),
+        # Millimetres or micrometres that are called metres.
+        (METRES + rows(QUARTERS, (-11, 11), oval).partition("\n")[2], "heights of 22 m.*height_mm"),
+        (METRES + rows(QUARTERS, (0,), oval).partition("\n")[2], "deviations of 3 m.*deviation_um"),
         ("angle_deg,height_mm\n1,2", "no column deviation"),
         (rows((0, 90, 180, 270), (0,), lambda *_: np.nan), "finite number"),
     ],
@@ -77,7 +82,7 @@ def test_tables_that_are_none_are_refused(tmp_path, text, message):
     path = tmp_path / "shape.csv"
     path.write_text(text)
     with pytest.raises(SettingsError, match=f"a.table .*shape.csv.*{message}"):
-        read_shape_table(path, "a.table", WIDTH)
+        read_shape_table(path, "a.table", WIDTH, CLEARANCE)
 
 
 # --- Scenes

@@ -25,6 +25,10 @@ SPECIFIC_HEAT = 2000.0
 #: How the density follows the pressure.
 DENSITY_LAWS = ("constant", "dowson-higginson")
 
+#: Of Dowson's and Higginson's law (1966), mineral oils [1/Pa]: rise at ambient pressure, and how it
+#: ends.
+COMPRESSIBILITY, STIFFENING = 0.6e-9, 1.7e-9
+
 #: Exponent of Cross's law, and second viscosity over the first, where its shear rate is given.
 CROSS_EXPONENT, CROSS_SECOND = 1.0, 0.5
 
@@ -79,6 +83,20 @@ class OilSettings:
         example="2000 for 2 kJ/(kg K)",
     )
     density_law: str = choice("constant", DENSITY_LAWS, "density by pressure")
+    compressibility: float = number(
+        COMPRESSIBILITY,
+        "a of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
+        above=0,
+        usual=(1e-11, 1e-8),
+        example="0.6e-9 for 0.6 1/GPa",
+    )
+    stiffening: float = number(
+        STIFFENING,
+        "b of that, by which oil under pressure is stiffer [1/Pa]",
+        least=0,
+        usual=(1e-11, 1e-7),
+        example="1.7e-9 for 1.7 1/GPa",
+    )
     barus: float = number(
         0.0,
         "viscosity exp(barus p) [1/Pa], 0: none",

@@ -131,6 +131,8 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
 @_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
 @_choice("density_law", DENSITY_LAWS, "Density of the oil by its pressure.")
+@_number("compressibility", "a of its 1 + a p / (1 + b p) [1/Pa].", "A")
+@_number("stiffening", "b of that [1/Pa].", "B")
 @_number("cross_rate", "Shear rate of Cross's shear thinning [1/s].", "RATE", optional=True)
 @_number("cross_exponent", "Its exponent.", "M")
 @_number("cross_second_viscosity", "Viscosity at the highest shear rates over that at rest.", "R")

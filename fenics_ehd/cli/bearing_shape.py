@@ -62,10 +62,13 @@ def bore_shape(options: dict[str, Any]) -> Shape | None:
     from fenics_ehd.film.shape import Lobes, shape_of
     from fenics_ehd.scenes.shapes import read_shape_table
 
+    table = None
+    if file:
+        table = read_shape_table(file, "--shape-table", options["width"], options["clearance"])
     return shape_of(
         0.5 * options["width"],
         lobes=Lobes(found["ovality"], math.radians(found["ovality_angle"])),
         barrel=found["barrel"],
         taper=found["taper"],
-        table=read_shape_table(file, "--shape-table", options["width"]) if file else None,
+        table=table,
     )

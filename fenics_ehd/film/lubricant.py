@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, ViscosityError
-from fenics_ehd.base.oil import DENSITY, SPECIFIC_HEAT
+from fenics_ehd.base.oil import COMPRESSIBILITY, DENSITY, SPECIFIC_HEAT, STIFFENING
 from fenics_ehd.film.temperature import Oil
 from fenics_ehd.film.thinning import Cross
 
@@ -120,14 +120,22 @@ class Roelands:
 
 @dataclass(frozen=True)
 class DowsonHigginson:
-    """``rho = rho_0 (1 + 0.6e-9 p / (1 + 1.7e-9 p))``, p in Pa (Dowson and Higginson 1966)."""
+    """``rho = rho_0 (1 + a p / (1 + b p))`` (Dowson and Higginson 1966).
 
+    Attributes
+    ----------
+    compressibility, stiffening
+        a and b [1/Pa].
+    """
+
+    compressibility: float = COMPRESSIBILITY
+    stiffening: float = STIFFENING
     constant: bool = field(default=False, init=False)
 
     def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `PressureLaw`."""
-        stiff = 1 + 1.7e-9 * pressure
-        return 1 + 0.6e-9 * pressure / stiff, 0.6e-9 / stiff**2
+        stiff = 1 + self.stiffening * pressure
+        return 1 + self.compressibility * pressure / stiff, self.compressibility / stiff**2
 
 
 #: Factor [-] at angles [rad] and heights [m] of points on the bore.

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
+import attrs
+
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.oil import (
-    CROSS_EXPONENT,
-    CROSS_SECOND,
-    NO_GRADE,
-    NO_TEMPERATURE,
-    OilSettings,
-)
+from fenics_ehd.base.oil import NO_GRADE, NO_TEMPERATURE, OilSettings
 from fenics_ehd.film.grades import oil_of_grade
 from fenics_ehd.film.lubricant import (
     Barus,
@@ -45,7 +41,7 @@ def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lub
     return Lubricant(
         viscosity,
         _pressure_law(settings, viscosity),
-        Constant() if settings.density_law == "constant" else DowsonHigginson(),
+        _density_law(settings),
         density=density,
         specific_heat=settings.specific_heat,
         oil=oil,
@@ -83,16 +79,26 @@ def _pressure_law(settings: OilSettings, viscosity: float) -> PressureLaw:
     return Constant()
 
 
+def _density_law(settings: OilSettings) -> PressureLaw:
+    if settings.density_law != "constant":
+        return DowsonHigginson(settings.compressibility, settings.stiffening)
+    _unused(settings, "density_law = 'dowson-higginson'", "compressibility", "stiffening")
+    return Constant()
+
+
 def _shear_law(settings: OilSettings) -> Cross | None:
     if settings.cross_rate:
         return Cross(settings.cross_rate, settings.cross_exponent, settings.cross_second_viscosity)
-    for name, default in (
-        ("cross_exponent", CROSS_EXPONENT),
-        ("cross_second_viscosity", CROSS_SECOND),
-    ):
-        if getattr(settings, name) != default:
-            raise SettingsError(
-                f"{name} = {getattr(settings, name):g} does nothing without cross_rate: drop it, "
-                "or give the shear rate"
-            )
+    _unused(settings, "cross_rate", "cross_exponent", "cross_second_viscosity")
     return None
+
+
+def _unused(settings: OilSettings, needed: str, *names: str) -> None:
+    """Refuse other values than the defaults of what does nothing."""
+    defaults = attrs.fields_dict(type(settings))
+    for name in names:
+        value = getattr(settings, name)
+        if value != defaults[name].default:
+            raise SettingsError(
+                f"{name} = {value:g} does nothing without {needed}: drop it, or give that"
+            )

@@ -36,6 +36,10 @@ UNITS: Units = MappingProxyType(
 #: Part of the bearing's width that heights of a table may leave out at each end: its own rounding.
 UNCOVERED = 1e-3
 
+#: Widths that heights of a table may span, and clearances that a deviation may have: in another
+#: unit they are a thousand times as large.
+WIDEST, HIGHEST = 10.0, 30.0
+
 #: Digits of an angle [degrees], and of a height over the largest, in which rows of a table agree.
 DIGITS = 6
 
@@ -67,14 +71,16 @@ def joint_shapes(
                 f"{path}.ovality = {settings.ovality:g} m closes the gap: its size must be below "
                 f"the clearance of {joint.clearance:g} m"
             )
-        found.append(_shape(settings, path, width))
+        found.append(_shape(settings, path, width, joint.clearance))
     return found[0], found[1]
 
 
-def _shape(settings: schema.ShapeSettings, path: str, width: float) -> Shape | None:
+def _shape(
+    settings: schema.ShapeSettings, path: str, width: float, clearance: float
+) -> Shape | None:
     table = None
     if settings.table != NONE:
-        table = read_shape_table(settings.table, f"{path}.table", width)
+        table = read_shape_table(settings.table, f"{path}.table", width, clearance)
     angle = float(np.radians(settings.ovality_angle))
     return shape_of(
         0.5 * width,
@@ -86,7 +92,7 @@ def _shape(settings: schema.ShapeSettings, path: str, width: float) -> Shape | N
     )
 
 
-def read_shape_table(path: str | Path, key: str, width: float) -> ShapeTable:
+def read_shape_table(path: str | Path, key: str, width: float, clearance: float) -> ShapeTable:
     """Shape of a CSV file.
 
     Parameters
@@ -97,6 +103,8 @@ def read_shape_table(path: str | Path, key: str, width: float) -> ShapeTable:
         Setting that names it, for messages.
     width
         Of the bearing [m], which the heights must cover; one height stands for all.
+    clearance
+        Of the bearing [m].
 
     Raises
     ------
@@ -131,6 +139,15 @@ def read_shape_table(path: str | Path, key: str, width: float) -> ShapeTable:
             f"{where}: heights from {levels[0]:g} to {levels[-1]:g} m must cover the bearing's "
             f"width, {-0.5 * width:g} to {0.5 * width:g} m; one height alone stands for all"
         )
+    for name, size, limit in (
+        ("height", 2 * float(np.abs(levels).max()), WIDEST * width),
+        ("deviation", float(np.abs(values).max()), HIGHEST * clearance),
+    ):
+        if size > limit:
+            raise SettingsError(
+                f"{where}: {name}s of {size:g} m, more than {limit:g} m: name the column by its "
+                f"unit, {name}_m, {name}_mm or {name}_um"
+            )
     try:
         return ShapeTable(np.radians(angles), levels, values)
     except SettingsError as error:
