@@ -224,8 +224,9 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
             )
         if "mean_friction_power_W" in joint:
             lines.append(
-                f"    mean friction power     {joint['mean_friction_power_W']:9.3f} W   of "
-                f"{joint['mean_dissipated_power_W']:.3f} W dissipated"
+                f"    mean friction power     {joint['mean_friction_power_W']:9.3f} W   "
+                f"{joint['mean_friction_torque_Nm']:.4g} N m on the journal, "
+                f"{joint['mean_bore_friction_torque_Nm']:.4g} N m on the bore"
             )
         lines += place_lines(joint) + real_film(joint)
     lines += budget_table(joints, summary) + accuracy_lines(summary)

@@ -13,8 +13,11 @@ grooves and supply holes, which are deep. In the cavitated zone it follows one o
     The oil that leaves the full film crosses the zone in streamers that fill the
     gap from wall to wall. Carried at the mean velocity, the flow stays what it
     was at the rupture of the film, so ``theta = h_rupture / h`` at the same
-    height z, at most 1. A section that has no full film, or nothing that carries
-    the oil on, counts as filled.
+    height z, at most 1. The rupture is where the oil comes from, as the cavity sees
+    it: ``(v_1 + v_2) / 2 - Omega R``, Omega being the speed at which the gap turns, the one that
+    leaves least of ``dh/dt + Omega dh/dphi``. Between round surfaces that is the speed of the
+    line of centres, ``(e x e') / e^2``; no frame has another answer. Where that velocity changes
+    its sense the oil comes from both sides. A section that has no full film counts as filled.
 ``full``
     The oil fills the gap there too.
 ``none``
@@ -35,6 +38,11 @@ from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.supply import in_regions
 
 SHEAR_RULES = ("streamers", "full", "none")
+
+#: Velocity of the oil seen from a cavity, over that of sliding, below which it comes from both
+#: sides; under a load at rest it is 0.5. It only makes friction a function where the sense
+#: changes.
+SLOW = 0.1
 
 #: A pressure below this share of the largest is the round-off of a cavitated node.
 PRESSURE_FLOOR = 1e-12
@@ -140,21 +148,43 @@ def _beside_lines(film: Film) -> np.ndarray:
 
 def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
     """``h_rupture / h``, the rupture being the last of the `source` points upstream."""
-    direction = np.sign(state.gap.mean_velocity.sum())
-    if direction == 0:
-        return np.ones(source.shape)
-    # Rows: the sections of one height, points in the direction of the mean velocity.
-    height = np.round(film.points.height.ravel() / film.parameters.grid.radius, 12)
-    order = np.lexsort((direction * film.points.angle.ravel(), height))
-    order = order.reshape(len(np.unique(height)), -1)
+    # Rows: the sections of one height, once around.
+    angle, radius = film.points.angle.ravel(), film.parameters.grid.radius
+    height = np.round(film.points.height.ravel() / radius, 12)
+    order = np.lexsort((angle, height)).reshape(len(np.unique(height)), -1)
     thickness = film.equation.seen(state.gap).thickness.ravel()[order]
     fed = source.ravel()[order]
+    forward = _forward(state.gap, angle[order], order, radius)
+    share = np.zeros(fed.shape)
+    for part, sense in ((forward, 1), (1.0 - forward, -1)):
+        if part > 0.0:
+            share += part * _behind(thickness[:, ::sense], fed[:, ::sense])[:, ::sense]
+    result = np.empty(source.size)
+    result[order] = share
+    return result.reshape(source.shape)
+
+
+def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
+    """``h_rupture / h`` of rows (heights, points) in the sense in which the oil is carried."""
     # Twice around, so that the second turn knows what came before the seam.
     count = fed.shape[1]
     places = np.where(np.tile(fed, 2), np.arange(2 * count), -1)
     last = np.maximum.accumulate(places, axis=1)[:, count:]
     rupture = np.take_along_axis(thickness, np.maximum(last, 0) % count, axis=1)
-    share = np.where(last < 0, 1.0, np.minimum(rupture / thickness, 1.0))
-    result = np.empty(source.size)
-    result[order] = share
-    return result.reshape(source.shape)
+    return np.where(last < 0, 1.0, np.minimum(rupture / thickness, 1.0))
+
+
+def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> float:
+    """Share of the oil that comes from smaller angles, as the cavity sees it.
+
+    `angle` and `order` have the points of one height in a row, once around.
+    """
+    thickness, rate = gap.thickness.ravel()[order], gap.thickness_rate.ravel()[order]
+    rise = np.roll(thickness, -1, axis=1) - thickness
+    apart = np.mod(np.roll(angle, -1, axis=1) - angle, 2 * np.pi)
+    # dh/dt by steps around: Omega is -turned / slopes, and no gap without slopes turns.
+    turned = 0.5 * np.sum((rate + np.roll(rate, -1, axis=1)) * rise)
+    slopes = np.sum(rise**2 / apart)
+    ahead = np.mean(gap.mean_velocity) * slopes + radius * turned
+    both = SLOW * slopes * np.mean(np.abs(gap.sliding_velocity))
+    return float(np.clip(0.5 + 0.5 * ahead / max(both, np.finfo(float).tiny), 0.0, 1.0))

@@ -36,11 +36,11 @@ def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmIntegrals) -
     -------
     dict
         ``friction_torque_Nm`` brakes the journal about its own axis, ``bore_friction_torque_Nm``
-        drags the bore along about its own. ``friction_power_W`` is what the journal's turning in
-        the bore puts into the oil; journal and bore, each turning in the frame at rest, put in
-        ``journal_friction_power_W`` and ``bore_friction_power_W``, whose sum it is.
-        ``film_power_W`` is P, ``dissipated_power_W`` what is lost, ``supply_power_W`` P_s, where
-        pressures are given.
+        drags the bore along about its own: called the other way round, the bodies exchange them.
+        ``friction_power_W`` and ``dissipated_power_W`` are what is lost, the same whatever the
+        bodies are called. Each turning about its own axis in the frame at rest, they put in
+        ``journal_friction_power_W`` and ``bore_friction_power_W``; the rest of ``film_power_W``, P,
+        squeezes the film. ``supply_power_W`` is P_s, where pressures are given.
     """
     joint, state, found, rate = place.film, film.state, film.friction, step.rate
     force = joint.load[:2] @ state.pressure + found.on_xi[:2]
@@ -49,18 +49,19 @@ def friction_rates(place: FilmPlace, step: MechanismStep, film: FilmIntegrals) -
     if film.contact is not None:
         torque += film.contact.braking(film.touch, state.gap)
         force = force + film.contact.forces(film.touch, state.gap)[:2]
-    e, speeds = step.x[place.xi[:2]], place.angles(rate)
+    e, speeds, lost = step.x[place.xi[:2]], place.angles(rate), film.dissipated
+    bore = torque - float(e[0] * force[1] - e[1] * force[0])
     opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
     sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.ahead(rate)
     rates = {
         "friction_torque_Nm": torque,
-        "bore_friction_torque_Nm": torque - float(e[0] * force[1] - e[1] * force[0]),
-        "friction_power_W": torque * place.ahead(rate),
+        "bore_friction_torque_Nm": bore,
+        "friction_power_W": lost,
         "journal_friction_power_W": torque * speeds[0],
-        "bore_friction_power_W": -torque * speeds[1],
+        "bore_friction_power_W": -bore * speeds[1],
         "film_power_W": squeezed + sheared + film.rubbed,
-        "dissipated_power_W": film.dissipated,
+        "dissipated_power_W": lost,
     }
     if under_pressure(joint.film):
         rates["supply_power_W"] = film.flows.work

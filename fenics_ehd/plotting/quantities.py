@@ -90,7 +90,6 @@ _BY_NAME: dict[str, Picture] = {
             Panel(
                 "power [W]",
                 {
-                    "friction_power_W": "friction",
                     "dissipated_power_W": "dissipated",
                     "contact_power_W": "touching asperities",
                 },
