@@ -207,12 +207,12 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
         lines.append(f"  {name}")
         lines.append(
             f"    maximum pressure        {joint['max_pressure_Pa'] * 1e-6:9.3f} MPa "
-            f"{beside(joint, 'max_pressure')}"
+            f"{beside(joint, 'max_pressure', joint['max_pressure_Pa'] * 1e-6, 'MPa')}"
             f"at {joint['max_pressure_time_s'] * 1e3:.3f} ms"
         )
         lines.append(
             f"    minimum film thickness  {joint['min_film_thickness_m'] * 1e6:9.4f} um  "
-            f"{beside(joint, 'min_film_thickness')}"
+            f"{beside(joint, 'min_film_thickness', joint['min_film_thickness_m'] * 1e6, 'um')}"
             f"at {joint['min_film_thickness_time_s'] * 1e3:.3f} ms"
         )
         estimate, thinnest = joint["basis_error_estimate_m"], joint["min_film_thickness_m"]

@@ -174,7 +174,7 @@ class Beside:
         time = float(guess.course.times[row])
         order = state.usable_order(control.order)
         formula = blended(time, state.times, order, control.blend)
-        limit = max(control.tolerance, min(SETTLED * control.tolerance, LITTLE))
+        limit = min(SETTLED * control.tolerance, LITTLE)
         asked = state.implicit_step(self._norm, time, formula, order, limit)
         x, values = guess.at(row)
         predicted = np.concatenate([x, asked.predicted[len(x) :]])

@@ -81,6 +81,29 @@ class Course:
             twice(self.accelerations),
         )
 
+    def halved(self, began: float, start: np.ndarray) -> Course:
+        """Its points and those halfway between, from a state at a time before them on [s]."""
+        before = np.maximum(np.arange(len(self.times)) - 1, 0)
+
+        def between(values: np.ndarray, first: np.ndarray | float | None = None) -> np.ndarray:
+            if not len(values):
+                return values
+            middles = 0.5 * (values[before] + values)
+            if first is not None:
+                middles[0] = 0.5 * (first + values[0])
+            return np.stack([middles, values], axis=1).reshape(-1, *values.shape[1:])
+
+        return Course(
+            between(self.times, began),
+            between(self.x, start),
+            [between(pressure) for pressure in self.pressures],
+            {i: between(void) for i, void in self.voids.items()},
+            between(self.peaks),
+            between(self.films),
+            between(self.multipliers),
+            between(self.accelerations),
+        )
+
     def at(self, rows: np.ndarray) -> Course:
         """Some of its points."""
         return Course(

@@ -8,7 +8,7 @@ beyond its end, a change is what it is the second time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,7 +23,7 @@ PARTS = 5
 #: most for a second cycle.
 SETTLED = 0.3
 
-#: Contraction from cycle to cycle above which what is to come is not extrapolated further.
+#: Share left from cycle to cycle above which what is to come is not extrapolated further.
 SLOWEST = 0.9
 
 
@@ -65,14 +65,11 @@ class ErrorCurves:
         Time at which it begins [s].
     period
         Of a cycle [s], None of a run that is not periodic.
-    contraction
-        What is left from cycle to cycle of a difference.
     """
 
     course: Course
     began: float
     period: float | None = None
-    contraction: float = 0.0
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -107,23 +104,29 @@ class ErrorCurves:
         more = [curve - own for curve, own in zip(smooth, self.own, strict=True)]
         return Change(self.times, *self.own, *more)
 
-    def change(self, before: Course, after: Course, factor: float | np.ndarray) -> Change:
-        """From a course to a changed one, times a factor."""
+    def change(
+        self, before: Course, after: Course, factor: float | np.ndarray, left: float = 0.0
+    ) -> Change:
+        """From a course to a changed one, times a factor.
+
+        Of a change over a cycle the next one leaves a share of either sign, 0: nothing is known of
+        cycles beyond the second.
+        """
         found = []
         for name in ("peaks", "films"):
             curves = [_curve(each.times, getattr(each, name)) for each in (before, after)]
-            found.append(factor * self._between(*curves))
+            found.append(factor * self._between(curves, min(left, SLOWEST)))
         return Change(self.times, *self.own, *found)
 
-    def _between(self, before: Callable, after: Callable) -> np.ndarray:
+    def _between(self, curves: Sequence[Callable], left: float) -> np.ndarray:
+        before, after = curves
         first = after(self.times) - before(self.times)
         if self.period is None:
             return np.nan_to_num(first)
         later = self.times + self.period
         second = after(later) - before(later)
-        contraction = min(self.contraction, SLOWEST)
-        beyond = contraction / (1.0 - contraction) if contraction > SETTLED else 0.0
-        settled = second + beyond * (second - np.where(np.isfinite(first), first, second))
+        more = second - np.where(np.isfinite(first), first, second)
+        settled = second + left / (1.0 - left) * more
         return np.nan_to_num(np.where(np.isfinite(second), settled, first))
 
     def given(self, times: np.ndarray, more_pressure: np.ndarray, more_film: np.ndarray) -> Change:

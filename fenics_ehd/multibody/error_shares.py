@@ -1,4 +1,4 @@
-"""Errors of extremes, from errors over time."""
+"""Errors of extremes, from errors over time, and what they say of a run."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ import numpy as np
 
 from fenics_ehd.multibody.error_curves import Change
 
+#: Components of an error, and the settings that make them smaller.
+KEYS = {
+    "basis": "reduction",
+    "film_mesh": "cells",
+    "part_mesh": "geometry",
+    "step_size": "time.tolerance",
+    "start": "time.periodicity",
+}
+COMPONENTS = tuple(KEYS)
+
+#: Quantities by their names in a summary.
+QUANTITIES = ("max_pressure", "min_film_thickness")
+
 #: Said of what cannot be estimated, and of what a run or joint does not have.
 NOT_ESTIMATED, NOT_APPLICABLE = "not estimated", "not applicable"
 
 #: Near an extreme the quantity is within this of it.
 NEAR = 0.1
-
-#: Least error of an extreme over the root mean square of the errors near it: that it stays as it
-#: is while what surrounds it moves is luck, and so is it that errors cancel beyond this.
-LUCK = 0.4
-
-#: Share of what nodes and steps miss near an extreme that counts among those errors. What they miss
-#: of the extreme is added, but may be next to nothing, or cancel what a finer mesh changes: an
-#: engine's thinnest film is 0.062 % off, 0.012 % by what moves there, 0.037 % so; with all of it a
-#: peak 0.24 % off, known as 0.22 %, would be 0.54 % (`docs/error-budget.md`).
-MISSED = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,24 +48,37 @@ class Extreme:
     joint: int
     value: float
 
+    @property
+    def _away(self) -> int:
+        """Sign of a value that is further out."""
+        return 1 if self.quantity == "max_pressure" else -1
+
     def curves(self, change: Change) -> tuple[np.ndarray, np.ndarray]:
         """Values of the run and what the exact solution has more, + away from the extreme."""
         if self.quantity == "max_pressure":
             return change.peaks[:, self.joint], change.more_pressure[:, self.joint]
         return -change.films[:, self.joint], -change.more_film[:, self.joint]
 
-    def moved(self, changes: Sequence[Change]) -> float:
-        """Relative change of the extreme by all of them."""
+    def bias(self, changes: Sequence[Change]) -> float:
+        """Relative error of the extreme by all of them together, + where the run says too much."""
         curves = [self.curves(change) for change in changes]
         values = curves[0][0]
         more = np.sum([own for _, own in curves], axis=0)
-        return float((values + more).max() - values.max()) / abs(self.value)
+        moved = float((values + more).max() - values.max()) / abs(self.value)
+        return -self._away * moved
 
     def near(self, change: Change) -> float:
         """Relative root mean square of a change near the extreme."""
         values, more = self.curves(change)
         near = values >= values.max() - NEAR * abs(values.max())
         return float(np.sqrt(np.mean(more[near] ** 2)) / abs(self.value))
+
+    def share(self, change: Change) -> float:
+        """Error of the extreme by one component: the mean of what moves it and what moves nearby.
+
+        That an extreme stays as it is while what surrounds it moves is luck.
+        """
+        return 0.5 * (abs(self.bias([change])) + self.near(change))
 
     def over(self, change: Change) -> float:
         """Largest relative change: of pressures over their peak, of films place by place."""
@@ -71,62 +87,50 @@ class Extreme:
         return float((np.abs(more) / scale).max())
 
 
-def share(moved: float, near: float) -> float:
-    """Error of an extreme by one component."""
-    return max(abs(moved), LUCK * near)
+def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
+    """Errors by component with their plain sum.
 
-
-def total(values: Mapping[str, Any]) -> float | str:
-    """Of components that are known: the root of the sum of their squares."""
-    known = [value for value in values.values() if not isinstance(value, str)]
-    return float(np.sqrt(np.sum(np.square(known)))) if known else NOT_ESTIMATED
-
-
-def shares(
-    extreme: Extreme,
-    changes: Mapping[str, Change],
-    sampling: Change,
-    start: float | str,
-    start_over: float | str,
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Errors of an extreme, and the largest over the cycle, by component and in total.
-
-    Parameters
-    ----------
-    extreme
-        Of a run.
-    changes
-        By component.
-    sampling
-        What the run's values miss between nodes and steps: known, and part of the film's mesh.
-    start, start_over
-        Distance from the periodic state, of the extreme and over the cycle, or why there is none.
+    Errors of one sign add up, and that those of two cancel is luck.
 
     Returns
     -------
-    values, over
-        Of the extreme also ``between_nodes``: what the run's nodes and steps miss of its own curve
-        nearby, as root mean square; what they miss of the extreme is part of the film's mesh.
+    dict
+        Also ``known``, the sum of those that are estimated, and ``total``, which is the same, or
+        ``"not estimated"`` where one of them is.
     """
-    near = {component: extreme.near(change) for component, change in changes.items()}
-    between = extreme.near(sampling)
-    whole = dict(changes)
-    if "film_mesh" in whole:
-        whole["film_mesh"] = whole["film_mesh"].and_also(sampling)
-        near["film_mesh"] = float(np.hypot(near["film_mesh"], MISSED * between))
-    values: dict[str, Any] = {
-        component: share(extreme.moved([change]), near[component])
-        for component, change in whole.items()
+    own = [errors[component] for component in COMPONENTS]
+    shares = [error for error in own if not isinstance(error, str)]
+    known = float(sum(shares)) if shares else NOT_ESTIMATED
+    return {**errors, "known": known, "total": NOT_ESTIMATED if NOT_ESTIMATED in own else known}
+
+
+def stated(worth: Mapping[str, Any], component: str) -> float | None:
+    """The largest error over the cycle by one component of all joints; None: one is not known."""
+    errors = [
+        own["largest_over_cycle"][quantity][component]
+        for own in worth.values()
+        for quantity in QUANTITIES
+    ]
+    if not errors or NOT_ESTIMATED in errors:
+        return None
+    return max((error for error in errors if not isinstance(error, str)), default=0.0)
+
+
+def above(worth: Mapping[str, Any], limit: float) -> str:
+    """Why figures cannot be trusted of which one is off by more than a limit; usually nothing."""
+    errors = {
+        (joint, quantity): own[quantity]["known"]
+        for joint, own in worth.items()
+        for quantity in QUANTITIES
+        if not isinstance(own[quantity]["known"], str)
     }
-    over: dict[str, Any] = {name: extreme.over(change) for name, change in whole.items()}
-    values["start"], over["start"] = start, start_over
-    values["between_nodes"] = between
-    over["total"] = total(over)
-    values["total"] = NOT_ESTIMATED
-    if whole:
-        error = share(
-            extreme.moved(list(whole.values())), float(np.hypot.reduce(list(near.values())))
-        )
-        values["total"] = error + (0.0 if isinstance(start, str) else start)
-        over["total"] = max(over["total"], values["total"])  # the extreme is of the cycle
-    return values, over
+    if not errors or max(errors.values()) <= limit:
+        return ""
+    joint, quantity = max(errors, key=errors.__getitem__)
+    own = worth[joint][quantity]
+    worst = max((key for key in COMPONENTS if not isinstance(own[key], str)), key=own.__getitem__)
+    return (
+        f"untrustworthy: {quantity} of joints.{joint} is off by {100 * own['known']:.3g} %, above "
+        f"output.error_limit = {100 * limit:g} %, most of it by the {worst.replace('_', ' ')}: "
+        f"see {KEYS[worst]}"
+    )

@@ -13,7 +13,7 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
     system, state = equations.system, step.solution
     motion = state.motion
     z, rates = step.x[: system.n], step.rate[: system.n]
-    kinetic = strain = damping = film = drag = 0.0
+    kinetic = strain = damping = film = drag = unfelt = 0.0
     for _, body, (own, own_rates) in system.each_body(z, rates):
         energies = body.energies(own, own_rates)
         kinetic, strain = kinetic + energies.kinetic, strain + energies.strain
@@ -27,6 +27,8 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         lost -= found.flows.refill_work
         if place.film.friction:
             lost, fed = lost + found.friction.sheared, 0.0
+        else:
+            unfelt += found.friction.sheared
         if under_pressure(place.film.film):
             fed += found.flows.work
         if found.contact is not None:
@@ -41,4 +43,5 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         film=film,
         damping=damping,
         applied=motion.applied_power,
+        unfelt=unfelt,
     )

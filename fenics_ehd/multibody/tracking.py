@@ -19,7 +19,8 @@ from fenics_ehd.multibody.basis_error import bore_body, bore_loads, estimate_at
 from fenics_ehd.multibody.contact_record import ContactRecord
 from fenics_ehd.multibody.crank_angle import CrankAngle
 from fenics_ehd.multibody.cycle_answer import CycleAnswer
-from fenics_ehd.multibody.energy import EnergyBalance, trusted
+from fenics_ehd.multibody.energy import ENERGY_LIMIT, EnergyBalance, trusted
+from fenics_ehd.multibody.error_shares import above, stated
 from fenics_ehd.multibody.film_integrals import FilmIntegrals
 from fenics_ehd.multibody.integrals import JointIntegrals
 from fenics_ehd.multibody.joint_columns import joint_columns
@@ -283,16 +284,26 @@ class Tracker:
         place = next(film for film in self._equations.system.films if film.name == joint)
         return means | ({} if place.joint.heat is None else temperatures(place, found))
 
-    def verdict(self) -> str:
-        """``"complete"``, or why the figures cannot be trusted."""
-        for place in self._equations.system.films:
+    def verdict(self, limit: float = np.inf) -> str:
+        """``"complete"``, or why the figures cannot be trusted.
+
+        They cannot where what is known of their errors exceeds a relative limit. What stands for
+        these errors, of the films' meshes and of the steps, counts as far as they are not known; a
+        defect of the energy also where it exceeds them.
+        """
+        if told := above(self.worth, limit):
+            return told
+        mesh, steps = (stated(self.worth, component) for component in ("film_mesh", "step_size"))
+        for place in self._equations.system.films if mesh is None else ():
             extremes = self.extremes[place.name]
             told = _too_coarse(place, extremes.min_film_thickness)
             told = told or unresolved(place, extremes.steepest_thickening)
             if told:
                 return told
         balance = self.balance
-        return trusted(balance.error, balance.net_error) if balance else "complete"
+        if balance is None or (steps is not None and balance.error <= max(steps, ENERGY_LIMIT)):
+            return "complete"
+        return trusted(balance.error, balance.net_error)
 
     def stored_state(self) -> dict[str, Any]:
         """All of it as nested dictionaries of arrays and numbers, for `load_state`."""

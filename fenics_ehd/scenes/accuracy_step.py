@@ -9,8 +9,8 @@ from typing import Any
 
 from fenics_ehd.base.errors import AccuracyError
 from fenics_ehd.multibody.energy import ENERGY_LIMIT, trusted
-from fenics_ehd.multibody.error_budget import COMPONENTS, FILM_ORDERS, QUANTITIES
-from fenics_ehd.multibody.error_shares import NOT_APPLICABLE
+from fenics_ehd.multibody.error_budget import FILM_ORDERS
+from fenics_ehd.multibody.error_shares import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.multibody.other_films import FINER
 from fenics_ehd.multibody.part_mesh import PART_ORDER
 from fenics_ehd.multibody.tracking import Tracker
@@ -39,22 +39,10 @@ RUNS = 3
 #: Vibration modes that a basis may have, cells of a part's mesh around a bore, least periodicity.
 MOST_MODES, MOST_AROUND, TIGHTEST_PERIODICITY = 48, 60, 1e-7
 
-#: Largest error of the steps that an estimate from longer ones is taken to know.
-KNOWN = 0.05
-
 #: Of the steps that the longest one forces, the share that any tolerance has: others would be
 #: shorter with less of it. A four-bar and a journal take 1.24 and 1.45 times the steps with a
 #: quarter of the tolerance, a rotor 2.7 times with an eightieth: 1.34, 1.36 and 2.9 by this.
 FORCED = 0.5
-
-#: Key of a component's setting.
-KEYS = {
-    "basis": ".reduction",
-    "film_mesh": ".cells",
-    "part_mesh": ".geometry",
-    "step_size": "time.tolerance",
-    "start": "time.periodicity",
-}
 
 #: By joint and quantity: component and error.
 Errors = Mapping[tuple[str, str], Mapping[str, float]]
@@ -91,13 +79,13 @@ def account(
     search.runs.append(
         {
             "chosen": dict(search.chosen),
-            "estimate": max(budgets[name][quantity]["total"] for name, quantity in errors),
+            "estimate": max(budgets[name][quantity]["known"] for name, quantity in errors),
             "errors": {
                 key: max(own[key] for own in errors.values() if key in own)
                 for key in COMPONENTS
                 if any(key in own for own in errors.values())
             },
-            "status": status_of(recorded.tracker),
+            "status": recorded.tracker.verdict(max(scene.output.error_limit, search.asked)),
             "processor_time_s": recorded.processor_time + worth["error_budget_processor_time_s"],
         }
     )
@@ -138,7 +126,7 @@ def _errors(
 
 def _next(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -> dict[str, Any]:
     """Values for the next run by key."""
-    left, asked = _Left(_whole(recorded, errors)), search.asked
+    left, asked = _Left({figure: dict(own) for figure, own in errors.items()}), search.asked
     values = dict(search.chosen)
     start, loosest = left.largest("start") / (START_SHARE * asked), inf
     if "time.periodicity" in values and start > 1.0:
@@ -159,17 +147,6 @@ def _next(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -
     values["time.tolerance"] = choice.tolerance
     values |= {f"joints.{name}.cells": list(cells) for name, cells in choice.cells.items()}
     return {key: value for key, value in values.items() if key not in search.kept}
-
-
-def _whole(recorded: RecordedRun, errors: Errors) -> dict[tuple[str, str], dict[str, float]]:
-    """Components, larger where the total is above their sum: together they move an extreme on."""
-    found = {}
-    for (joint, quantity), own in errors.items():
-        known = sum(own.values())
-        total = recorded.tracker.worth[joint][quantity]["total"]
-        more = max(1.0, total / known) if known else 1.0
-        found[joint, quantity] = {key: more * value for key, value in own.items()}
-    return found
 
 
 def _part(
@@ -245,23 +222,6 @@ def _judged(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors)
     )
 
 
-def status_of(tracker: Tracker, known: bool | None = None) -> str:
-    """``"complete"``, or why a judged run cannot be trusted.
-
-    The defect of the energy over that put in for good stands for errors of the film by the steps,
-    as far as nobody knows these. Where they are `known`, by the budget if nothing is said, and are
-    below `KNOWN`, it says nothing more: a four-bar with three times the limit is 0.3 % off in the
-    peak and 0.5 % in the film, as it says itself.
-    """
-    told, balance = tracker.verdict(), tracker.balance
-    if balance is None or told != trusted(balance.error, balance.net_error):
-        return told
-    if known is None:
-        found = [own[name]["step_size"] for own in tracker.worth.values() for name in QUANTITIES]
-        known = bool(found) and all(not isinstance(e, str) and e < KNOWN for e in found)
-    return trusted(balance.error, 0.0) if known else told
-
-
 def _trusted(tracker: Tracker) -> tuple[float, float]:
     """Largest share of the steps' error with which a run is to be trusted, and least cells.
 
@@ -269,7 +229,7 @@ def _trusted(tracker: Tracker) -> tuple[float, float]:
     too few cells.
     """
     balance = tracker.balance
-    if status_of(tracker) == "complete" or balance is None:
+    if tracker.verdict() == "complete" or balance is None:
         return inf, 0.0
     if trusted(balance.error, balance.net_error) == "complete":
         return inf, FINER
@@ -280,7 +240,7 @@ def _missed(search: Search) -> str:
     """The line that says so."""
     run = search.runs[-1]
     worst = max(run["errors"], key=run["errors"].__getitem__)
-    keys = [key for key in search.kept if key.endswith(KEYS[worst])]
+    keys = [key for key in search.kept if f".{key}".endswith(f".{KEYS[worst]}")]
     why = f"{', '.join(keys)} kept" if keys else f"after {len(search.runs)} runs or at a limit"
     return (
         f"output.accuracy = {search.asked:g} is not met: the estimate is {run['estimate']:.2g}, of "

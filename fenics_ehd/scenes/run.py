@@ -22,7 +22,7 @@ from fenics_ehd.results.error_budget import estimated
 from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, record_run
 from fenics_ehd.results.run_folder import BODY_FILE, COARSER_FILE, SCENE_NAME
 from fenics_ehd.scenes.accuracy import Search
-from fenics_ehd.scenes.accuracy_step import account, status_of
+from fenics_ehd.scenes.accuracy_step import account
 from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.coarse_part import coarser_part
 from fenics_ehd.scenes.scene import Scene, flexible, lubricated_joints, meshed
@@ -127,7 +127,7 @@ def _worth(
     found = estimated(recorded, directory, coarser)
     if search is not None:
         return found | account(search, scene, recorded, found)
-    return found | {"status": status_of(recorded.tracker)}
+    return found | {"status": recorded.tracker.verdict(scene.output.error_limit)}
 
 
 def coarser_parts(scene: Scene, directory: Path, new: bool) -> dict[str, ReducedBody]:

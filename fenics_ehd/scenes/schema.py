@@ -446,6 +446,13 @@ class OutputSettings:
 
     plots: bool = flag(True, "curves as pictures")
     error_budget: bool = flag(True, "whether the run says what its figures are worth")
+    error_limit: float = number(
+        0.2,
+        "largest estimated error of a peak pressure or thinnest film of a run that is complete; "
+        "above it the run is untrustworthy",
+        above=0,
+        example="0.1 for 10 %",
+    )
     part_mesh_error: bool = flag(
         False, "whether parts are meshed again, half as fine, to know what their meshes are worth"
     )
