@@ -239,6 +239,42 @@ def test_interrupt_keeps_what_was_computed(tmp_path):
         assert len(file["joints/big_end/film/pressure"]) == len(columns["time_s"])
 
 
+@pytest.mark.parametrize("command", [["check"], ["run", "four-bar"], ["bearing", "--load", "5"]])
+def test_a_python_without_debians_packages_is_told_what_to_install(command, tmp_path):
+    code = """if True:
+        import sys
+        for name in ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "h5py"):
+            sys.modules[name] = None
+        from fenics_ehd.cli.main import main
+        main(sys.argv[1:])"""
+    found = subprocess.run(
+        [sys.executable, "-c", code, *command], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert found.returncode == 1
+    (line,) = found.stderr.splitlines()
+    packages = "python3-dolfinx python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py"
+    assert f"lacks Debian's packages {packages}: install them" in line
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", ">&- 2>&-", "<&- >&- 2>&-"])
+def test_streams_that_are_closed_take_no_file(closed, scene, tmp_path):
+    command = " ".join([*COMMAND, "run", str(scene), "--no-plots", "-o", "out", closed])
+    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, cwd=tmp_path)
+    assert found.returncode == 0
+    assert "Traceback" not in found.stderr
+    assert len(read_history(tmp_path / "out")["time_s"]) > 1
+
+
+@pytest.mark.parametrize("most", [100_000, 500_000, 700_000])
+def test_too_little_memory_is_one_line(most, tmp_path):
+    """OpenBLAS asks for ever for what it cannot have."""
+    command = f"ulimit -v {most}; exec {' '.join(COMMAND)} bearing --eccentricity 0.5"
+    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=30)
+    assert found.returncode == 1
+    assert found.stderr.startswith("fenics-ehd: EhdError: less than 768 MB of address space left")
+    assert found.stderr.count("\n") == 1
+
+
 def test_info_names_the_package_and_its_models():
     found = json.loads(call("info", "--json").stdout)
     assert Path(found["package"], "cli", "main.py").is_file()

@@ -282,6 +282,26 @@ def test_a_check_that_fails_leaves_no_model(tmp_path, monkeypatch, capfd):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ring.inp", "ring.msh"]
 
 
+@pytest.mark.parametrize("check", ["--check", "--no-check"])
+def test_a_full_disk_leaves_no_model(check, tmp_path):
+    """Gmsh writes what there is room for, and says nothing."""
+    solid = ring_solid("tet")
+    write_deck(tmp_path / "ring.inp", solid, np.arange(1, len(solid.points) + 1))
+    # After MPI has begun, which has files of its own.
+    code = """if True:
+        import resource, sys
+        from mpi4py import MPI
+        from fenics_ehd.cli.main import main
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+        main(sys.argv[1:])"""
+    asked = ["part", "ring.inp", "--bore", "20mm", check, "-o", "ring.msh"]
+    command = [sys.executable, "-c", code, *asked]
+    found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert found.returncode == 1
+    assert found.stderr == "fenics-ehd: OutputError: ring.msh: File too large\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["ring.inp"]
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [

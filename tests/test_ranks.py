@@ -49,6 +49,27 @@ def test_scene_that_one_rank_does_not_find(folder):
     assert not (folder / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        (("run scene0.toml -o out", "reduce conrod -o x.h5"), "command"),
+        (("bearing --eccentricity 0.5", ""), "command"),
+        (("run scene0.toml -o out", "run four-bar -o out"), "scene"),
+        (
+            ("reduce conrod -o x.h5", "reduce conrod -o x.h5 --method m1"),
+            "part, or settings of it,",
+        ),
+    ],
+)
+def test_ranks_that_are_given_different_commands(lines, what, folder):
+    one, other = (f"{COMMAND} {line}" for line in lines)
+    status, said, errors = two_ranks(f"if test $RANK = 0; then {one}; else {other}; fi", folder)
+    assert status == 2, errors
+    message = f"SettingsError: rank 1 has another {what} than rank 0: call all ranks alike"
+    assert said == [f"fenics-ehd: {message}"], errors
+    assert not (folder / "out").exists()
+
+
 @pytest.mark.slow
 def test_output_that_one_rank_cannot_write(folder):
     where = "test $RANK = 1 && out=/proc/x || out=out"

@@ -167,6 +167,19 @@ def test_pages_tell_the_same(folder):
     assert len(re.findall(r"(?<!\\)\|", failed)) == heads.count("|")
 
 
+def test_names_and_messages_are_no_html(tmp_path):
+    bad = "<script>alert(1)</script> [here](javascript:x) | ```"
+    rows = [run("reference", method="full"), run(f"m3 {bad}", status=f"failed: {bad}")]
+    study = write_study(tmp_path, rows, scene=bad, cpu=f"{bad}\n```\n<b>")
+    for form in ("md", "html"):
+        text = render(form, tmp_path, study=study, drawn=[])
+        prose = re.sub(r"(?ms)^```json$.*?^```$", "", text)
+        assert "<script" not in prose.replace("<style", "")
+        assert "<b>" not in prose
+        assert form == "html" or "](javascript" not in prose
+    assert prose.count("&lt;script&gt;") >= 4
+
+
 def test_every_joint_has_its_own_table_panels_and_rows(both_ends):
     study = read_study(both_ends)
     markdown = words(study)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fenics_ehd.base.errors import SettingsError
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -38,6 +40,22 @@ def all_ranks() -> Iterator[MPI.Comm | None]:
     comm = MPI.COMM_WORLD.Dup()
     yield comm
     comm.Free()
+
+
+def require_alike(name: str, value: str) -> None:
+    """Refuse a value that is not the same on all ranks, or they wait for each other; collective.
+
+    Raises
+    ------
+    SettingsError
+        On all of them.
+    """
+    from mpi4py import MPI
+
+    found = MPI.COMM_WORLD.allgather(value)
+    other = next((rank for rank, theirs in enumerate(found) if theirs != found[0]), 0)
+    if other:
+        raise SettingsError(f"rank {other} has another {name} than rank 0: call all ranks alike")
 
 
 def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:

@@ -17,6 +17,9 @@ from fenics_ehd.base.errors import OutputError
 #: Room for what HDF5 notes of its datasets [bytes].
 BOOKKEEPING = 1 << 18
 
+#: What a disk that was filled to its end has no room for [bytes].
+BLOCK = 1 << 12
+
 #: How the name ends that a file has until it is whole.
 PART = ".part"
 
@@ -75,12 +78,11 @@ def written_aside(path: Path) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        It cannot be written, or the disk was full, which not every program tells.
+        It cannot be written.
     """
     with naming(path), TemporaryDirectory(dir=path.absolute().parent) as folder:
         aside = Path(folder, path.name)
         yield aside
-        require_room(aside, os.statvfs(folder).f_bsize)
         put_in_place(aside, path)
 
 

@@ -11,14 +11,16 @@ with ending_signals_raise():
     import sys
     import traceback
     from contextlib import suppress
+    from importlib.util import find_spec
     from itertools import pairwise
+    from mmap import MAP_ANONYMOUS, MAP_PRIVATE, PROT_READ, mmap
     from pathlib import Path
 
     import click
 
     from fenics_ehd import __version__
     from fenics_ehd.base.errors import EhdError
-    from fenics_ehd.base.ranks import agreed, all_ranks
+    from fenics_ehd.base.ranks import agreed, all_ranks, require_alike
     from fenics_ehd.cli.animate import animate
     from fenics_ehd.cli.bearing import bearing
     from fenics_ehd.cli.check import check
@@ -37,6 +39,14 @@ with ending_signals_raise():
 # One thread per rank; the BLAS reads these when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+
+
+#: What pip cannot bring: Debian's python3-NAME.
+COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
+
+
+#: Address space that libraries and their buffers need [bytes].
+LEAST_MEMORY = 768 << 20
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -222,19 +232,24 @@ cli.add_command(study)
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: named errors become one line and an exit status, on any number of ranks."""
+    _open_streams()
     _quiet_compilers()
     with all_ranks() as comm:
-        status, message = agreed(comm, *_outcome(arguments))
+        given = sys.argv[1:] if arguments is None else arguments
+        status, message = agreed(comm, *_outcome(given, alone=comm is None))
     if message:
         with suppress(OSError):  # nobody is listening
             click.echo(message, err=True)
     sys.exit(status)
 
 
-def _outcome(arguments: list[str] | None) -> tuple[int, str]:
+def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
     """Exit status of a command, and what is to be said of an error."""
     try:
-        _require_arguments(sys.argv[1:] if arguments is None else arguments)
+        _require_arguments(arguments)
+        _require_memory()
+        if not alone:
+            require_alike("command", next(iter(arguments), ""))
         with ending_signals_raise():
             return cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0, ""
     except click.ClickException as error:
@@ -248,8 +263,15 @@ def _outcome(arguments: list[str] | None) -> tuple[int, str]:
     except MemoryError:
         return 1, _line("out of memory: choose fewer modes or a coarser mesh")
     except OSError as error:
-        return 1, _line(f"{error.filename or 'file'}: {error.strerror or error}")
+        return 1, _line(f"{error.filename or 'output'}: {error.strerror or error}")
     except Exception as error:
+        missing = [f"python3-{name}" for name in COMPILED if find_spec(name) is None]
+        if isinstance(error, ModuleNotFoundError) and missing:
+            return 1, _line(
+                f"this Python, {sys.executable}, lacks Debian's packages {' '.join(missing)}: "
+                "install them, and call one that sees them, /usr/bin/python3 -m venv "
+                "--system-site-packages makes one"
+            )
         module, last = type(error).__module__, str(error).strip().rpartition("\n")[2]
         if "petsc4py" in module:
             return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
@@ -273,8 +295,35 @@ def _require_arguments(arguments: list[str]) -> None:
             )
 
 
+def _require_memory() -> None:
+    """Refuse to begin where BLAS would ask again and again for its first buffer, deaf to signals.
+
+    Raises
+    ------
+    EhdError
+        Libraries and buffers have no room.
+    """
+    try:
+        mmap(-1, LEAST_MEMORY, flags=MAP_PRIVATE | MAP_ANONYMOUS, prot=PROT_READ).close()
+    except OSError:
+        raise EhdError(
+            f"less than {LEAST_MEMORY >> 20} MB of address space left, which libraries alone need: "
+            "raise the limit, ulimit -v"
+        ) from None
+
+
 def _line(message: str) -> str:
     return f"fenics-ehd: {' '.join(message.split())}"
+
+
+def _open_streams() -> None:
+    """Have streams that the caller closed lead nowhere: the next files opened had their numbers."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number free
+            setattr(sys, name, open(number, mode, closefd=False))
 
 
 def _quiet_compilers() -> None:

@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.output import require_writable, to_json, versions
+from fenics_ehd.base.ranks import require_alike
 from fenics_ehd.base.settings import build, unusual
 from fenics_ehd.base.whole_file import naming
 from fenics_ehd.cli.notices import say_reducing, warn_of
@@ -58,6 +59,7 @@ def reduce_part(
     reduction: Any = build(type(settings.reduction), tables, f"{key}reduction.")
     settings = attrs.evolve(settings, reduction=reduction, cells=cells or settings.cells)
     warn_of(unusual(settings, key))
+    require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
     say_reducing([name])
     element = scene.film_element(name)
     made = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce()

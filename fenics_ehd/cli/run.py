@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.output import complete_result, require_writable, to_json
+from fenics_ehd.base.ranks import require_alike
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.accuracy import accuracy_lines, say_next, with_accuracy
 from fenics_ehd.cli.cycle_lines import cycle_line, multiplier_line, place_lines
@@ -28,7 +29,7 @@ from fenics_ehd.scenes.build import Built, build_mechanism
 from fenics_ehd.scenes.given import with_body, with_method
 from fenics_ehd.scenes.run import stored_scene
 from fenics_ehd.scenes.scene import Scene, flexible, meshed
-from fenics_ehd.scenes.scene_text import as_stored
+from fenics_ehd.scenes.scene_text import as_stored, scene_text
 
 if TYPE_CHECKING:  # slow to import, for ParaView series only
     from fenics_ehd.results.part_fields import PartFields
@@ -59,6 +60,7 @@ def run(scene: Scene, directory: Path, overwrite: bool, wishes: Wishes) -> None:
     warn_of(scene.warnings)
     require_writable(directory)
     scene, search = begun(scene)
+    require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
         built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
         parts = _whole_parts(built) if scene.output.paraview else {}

@@ -10,6 +10,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.base.whole_file import BLOCK, require_room
 from fenics_ehd.fem.cylinder_fit import Cylinder, fit_cylinder
 from fenics_ehd.fem.solid import CORNERS, FACES, GMSH_HEX, GMSH_TET, Solid
 
@@ -180,6 +181,7 @@ def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> 
             gmsh.model.addPhysicalGroup(2, [number], 1 + number)
             gmsh.model.setPhysicalName(2, 1 + number, name)
         gmsh.write(str(path))
+        require_room(path, BLOCK)  # Gmsh does not tell when the disk was full
     finally:
         with interrupt_kept():
             gmsh.finalize()

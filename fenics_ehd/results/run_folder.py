@@ -81,11 +81,7 @@ def require_no_result(directory: Path) -> None:
 def first_rank_folder(
     directory: Path, overwrite: bool, bodies: Iterable[str]
 ) -> RunFolder | AbstractContextManager[None]:
-    """`RunFolder` on the first rank, which writes; the others only refuse what it refuses.
-
-    Collective: a rank that failed before leaves no folder behind.
-    """
-    MPI.COMM_WORLD.Barrier()
+    """`RunFolder` on the first rank, which writes; the others only refuse what it refuses."""
     if MPI.COMM_WORLD.rank == 0:
         return RunFolder(directory, bodies, overwrite=overwrite)
     if not overwrite:

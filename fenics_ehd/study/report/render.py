@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from fenics_ehd.study.report import tables
 
@@ -27,7 +28,8 @@ def render(form: str, figures: Path, **content: Any) -> str:
     """
     environment = Environment(
         loader=PackageLoader("fenics_ehd.study.report", "templates"),
-        autoescape=form == "html",
+        autoescape=True,
+        finalize=None if form == "html" else _of_markdown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -35,9 +37,18 @@ def render(form: str, figures: Path, **content: Any) -> str:
     )
     environment.filters |= {
         "base64": lambda name: b64encode((figures / f"{name}.svg").read_bytes()).decode(),
-        "json": lambda values: json.dumps(values, indent=2, ensure_ascii=False),
+        "json": lambda values: (str if form == "html" else Markup)(
+            json.dumps(values, indent=2, ensure_ascii=False)
+        ),
         "cell": lambda text: text.replace("|", "\\|").replace("\n", " "),
     }
     template = environment.get_template("report.jinja")
     text = template.render(form=f"{form}.jinja", tables=tables, folder=figures.name, **content)
     return re.sub(r"\n{3,}", "\n\n", text.strip()) + "\n"
+
+
+def _of_markdown(value: Any) -> Any:
+    """Text of a name or a message without what Markdown takes for HTML or a link."""
+    if isinstance(value, Markup):
+        return value
+    return Markup(str(value).replace("&", "&amp;").replace("<", "&lt;").replace("](", "]\\("))
