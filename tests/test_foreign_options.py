@@ -21,7 +21,6 @@ MODULES = (
     "base.compat",
     "fem.geometry",
     "fem.structure",
-    "fem.surface_mesh",
     "multibody.simulation",
     "study.work",
 )

@@ -51,6 +51,14 @@ def fit_circle(plane: np.ndarray) -> tuple[np.ndarray, float]:
     return found[:2], float(np.sqrt(max(found[2] + found[:2] @ found[:2], 0.0)))
 
 
+def cylinder_centre(x: np.ndarray) -> np.ndarray:
+    """Centre of the cylinder along z that nodes lie on, shape (m, 3) to (3,) [m]."""
+    middle = x.mean(axis=0)
+    middle[:2] += fit_circle(x[:, :2] - x[:, :2].mean(axis=0))[0]
+    middle[2] = 0.5 * (x[:, 2].min() + x[:, 2].max())
+    return middle
+
+
 def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     """Cylinder through points by least squares, begun from the normals of the surface.
 

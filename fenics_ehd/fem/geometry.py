@@ -15,6 +15,7 @@ from mpi4py import MPI
 from fenics_ehd.base import compat
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.fem.cylinder_fit import cylinder_centre
 from fenics_ehd.fem.gmsh_session import (
     HEXAHEDRON_27,
     SWITCH,
@@ -26,7 +27,6 @@ from fenics_ehd.fem.gmsh_session import (
 )
 from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid
 from fenics_ehd.fem.sound_cells import require_sound_cells
-from fenics_ehd.fem.surface_mesh import cylinder_centre
 from fenics_ehd.reduction.bore import BORE
 
 with interrupt_kept():

@@ -10,23 +10,25 @@ from fenics_ehd.reduction.body_file import body_digest, load_body, save_body
 from fenics_ehd.reduction.bore import Bore, mean_motion
 from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.checks import check_structure
-from fenics_ehd.reduction.craig_bampton import craig_bampton
+from fenics_ehd.reduction.craig_bampton import craig_bampton, two_step_craig_bampton
 from fenics_ehd.reduction.export import export_npz
 from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
-from fenics_ehd.reduction.foreign_matrices import ForeignMatrices, read_abaqus, read_calculix
+from fenics_ehd.reduction.foreign_matrices import (
+    ForeignMatrices,
+    read_abaqus,
+    read_calculix,
+    tetrahedron_mass,
+)
 from fenics_ehd.reduction.inertia import InertiaIntegrals
 from fenics_ehd.reduction.load_dependent import full_interface, load_dependent
 from fenics_ehd.reduction.matrices import as_matrix, reorder
-from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
+from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS, proper_orthogonal
 from fenics_ehd.reduction.reductor import Reductor
 from fenics_ehd.reduction.residual_flexibility import residual_flexibility
 from fenics_ehd.reduction.residual_modes import SELECTIONS
 from fenics_ehd.reduction.rigid import rigid
-from fenics_ehd.reduction.snapshots import proper_orthogonal
 from fenics_ehd.reduction.structure import Recovery, Structure
 from fenics_ehd.reduction.structure_file import load_structure, save_structure
-from fenics_ehd.reduction.tetrahedron_mass import tetrahedron_mass
-from fenics_ehd.reduction.two_step import two_step_craig_bampton
 
 __all__ = [
     "PRESSURE_SETS",

@@ -11,7 +11,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.sealed_file import named, open_sealed, require_numbers
-from fenics_ehd.reduction.rank_file import Rows, append, sealed_by_ranks
+from fenics_ehd.reduction.row_blocks import Rows, append, sealed_by_ranks
 from fenics_ehd.reduction.structure import Structure
 
 FORMAT = "fenics_ehd part basis"

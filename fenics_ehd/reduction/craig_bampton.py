@@ -1,18 +1,41 @@
-"""M1: Craig-Bampton with the boundary points held, the bore treated as interior, (18)-(20)."""
+"""M1: Craig-Bampton with the boundary points held, the bore treated as interior, (18)-(20).
+
+M2: Craig-Bampton with every bore dof kept, and a second one on the result, (21)-(25).
+
+Of the first step only the reduced matrices are wanted. Its static modes of the
+bore, as tall as the part and as many as the bore has dofs, are never together:
+with X the interior flexibility and ``Psi = e - X K e`` the static mode of a bore
+dof, ``Psi^T K Psi`` and ``Psi^T M Psi`` are bore rows of ``K Psi`` and of
+``y - K X y``, ``y = M Psi``.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Unpack
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.distributed import inner
-from fenics_ehd.reduction.eigenmodes import LowestModes
-from fenics_ehd.reduction.fixed_boundary import FixedBoundary, Flexibility
-from fenics_ehd.reduction.projection import Basis, gram_matrices, on_bores, require_small
+from fenics_ehd.reduction.distributed import (
+    blocks,
+    inner,
+    load_columns,
+    multiply,
+    symmetric,
+    transpose_multiply,
+)
+from fenics_ehd.reduction.eigenmodes import (
+    FixedBoundary,
+    Flexibility,
+    InteriorSolver,
+    LowestModes,
+    lowest_modes,
+)
+from fenics_ehd.reduction.projection import Basis, bore_rows, gram_matrices, on_bores, require_small
 from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.structure import Structure
 
@@ -149,3 +172,256 @@ def boundary_basis(
     mass[:n, :n] = np.eye(n)
     kinds = ("fixed-boundary",) * n + ("constraint",) * constraint_modes.shape[1]
     return Basis(columns, wanted, mass, kinds, (), require_small(defects))
+
+
+# M2
+
+#: Largest share of a boundary point's weights off the bores that counts as none.
+ON_BORE = 1e-12
+
+
+def two_step_craig_bampton(
+    part: Structure | Reductor,
+    n_modes: int,
+    n_interior_modes: int = 20,
+    *,
+    estimate_error: bool = True,
+    keep_basis: bool = False,
+    **options: Unpack[Options],
+) -> ReducedBody:
+    """M2: reduce a part to all bore dofs first, then to fixed-boundary modes of that.
+
+    The second step is a complete Craig-Bampton reduction of the first: its static
+    modes of the boundary dofs let the bore deform. (The zeros that (22) and (23)
+    print there would hold the bore rigid under a force at A.)
+
+    Parameters
+    ----------
+    part
+        The part, free or clamped, or a `Reductor` of it.
+    n_modes
+        Fixed-boundary modes kept of (24).
+    n_interior_modes
+        Fixed-interface modes of the first step, bore and boundary held.
+    estimate_error, keep_basis, options
+        As in `craig_bampton`; the interior has the prefix ``interior_``.
+
+    Returns
+    -------
+    ReducedBody
+        As of `craig_bampton`.
+
+    Raises
+    ------
+    SettingsError
+        No mode asked for, or more than the first step has.
+    SolverError, VerificationError
+        From the solvers and the checks of the result.
+    """
+    reductor = Reductor.of(part, **options)
+    structure, free = reductor.structure, reductor.free
+    held = _held_weights(reductor)
+    available = 3 * len(structure.bore_nodes) - held.shape[1] + n_interior_modes
+    if not 1 <= n_modes <= available:
+        raise SettingsError(
+            f"modes {n_modes} is not between 1 and {available}, what the first step leaves"
+        )
+    if n_interior_modes < 0:
+        raise SettingsError(f"interior_modes {n_interior_modes} is below 0")
+    first = reductor.once("m2", n_interior_modes, lambda: _first_step(reductor, n_interior_modes))
+    angular, modes, constraints = _second_step(first, held, n_modes)
+    columns = _expand(first, np.hstack([modes, constraints]))
+    centre = centre_constraints(structure) if free else None
+    basis = boundary_basis(reductor, angular, columns[:, :n_modes], columns[:, n_modes:], centre)
+    return reductor.project(
+        basis, "m2", frame="bore-centre", estimate_error=estimate_error, keep_basis=keep_basis
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FirstStep:
+    """Reduced system (22), coordinates in the order of (21): interior modes, bores, boundary.
+
+    A boundary point that is the mean of a bore is given by the bore's own dofs.
+
+    Attributes
+    ----------
+    support
+        The interior, with the boundary points held.
+    bore
+        The dofs of all bores.
+    on_bore
+        Which of all boundary dofs are means of bores, shape (all,).
+    angular, modes
+        Fixed-interface modes, owned rows (owned dofs, v).
+    boundary_modes
+        Static modes of the other boundary dofs with the bores held, (owned dofs, b).
+    stiffness, mass
+        shape (v + 3 m + b, same).
+    """
+
+    support: Flexibility
+    bore: BoreColumns
+    on_bore: np.ndarray
+    angular: np.ndarray
+    modes: np.ndarray
+    boundary_modes: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+
+
+def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
+    """Reduce to interior modes, every bore dof and the boundary dofs (21), (22)."""
+    structure, on_bore = reductor.structure, _on_bore(reductor)
+    points = reductor.points[:, ~on_bore]
+    nodes, prefix = structure.bore_nodes, reductor.options_prefix
+    interior = reductor.once(
+        "interior",
+        None,
+        lambda: InteriorSolver(
+            structure,
+            reductor.mass,
+            nodes,
+            solver=reductor.solver,
+            options_prefix=f"{prefix}interior_",
+        ),
+    )
+    support, boundary_modes = hold(interior, None, points)
+    angular, modes = lowest_modes(support, n_interior_modes, options_prefix=f"{prefix}modes_")
+    comm, bore = structure.comm, BoreColumns(structure)
+    v, p, b = modes.shape[1], 3 * len(nodes), points.shape[1]
+    stiffness, mass = np.zeros((v + p + b,) * 2), np.zeros((v + p + b,) * 2)
+    stiffness[:v, :v], mass[:v, :v] = np.diag(angular**2), np.eye(v)
+    others = np.hstack([modes, boundary_modes])
+    outer = np.concatenate([np.arange(v), np.arange(v + p, v + p + b)])
+    for part in blocks(p, len(modes), comm):
+        unit = np.zeros((p, part.stop - part.start))
+        unit[part.start + np.arange(unit.shape[1]), np.arange(unit.shape[1])] = 1.0
+        bore_modes = bore.static_modes(support, unit)
+        inertia = reductor.mass.multiply(bore_modes)
+        into = slice(v + part.start, v + part.stop)
+        stiffness[v : v + p, into] = bore.forces(bore_modes)
+        mass[v : v + p, into] = bore.rows(inertia) - bore.forces(support.apply(inertia))
+        mass[outer, into] = inner(others, inertia, comm)
+    boundary_forces = multiply(structure.stiffness, boundary_modes)
+    stiffness[v : v + p, v + p :] = bore.rows(boundary_forces)
+    stiffness[v + p :, v + p :] = inner(boundary_modes, boundary_forces, comm)
+    mass[:, v + p :][outer] = inner(others, reductor.mass.multiply(boundary_modes), comm)
+    # What was computed by columns of the bore, by its rows.
+    stiffness[v + p :, v : v + p] = stiffness[v : v + p, v + p :].T
+    mass[v : v + p][:, outer] = mass[outer, v : v + p].T
+    mass[v + p :, :v] = mass[:v, v + p :].T
+    return FirstStep(
+        support,
+        bore,
+        on_bore,
+        angular,
+        modes,
+        boundary_modes,
+        symmetric(stiffness),
+        symmetric(mass),
+    )
+
+
+def _on_bore(reductor: Reductor) -> np.ndarray:
+    """Which boundary dofs are means over nodes of the bores alone, shape (b,)."""
+    points, comm = reductor.points, reductor.structure.comm
+    there = np.sum(bore_rows(reductor.structure, points) ** 2, axis=(0, 1))
+    return there >= (1 - ON_BORE) * comm.allreduce(np.sum(points**2, axis=0))
+
+
+def _held_weights(reductor: Reductor) -> np.ndarray:
+    """What the second step holds of the bores: C2 of a free part, then means, (3 m, w)."""
+    structure, points = reductor.structure, reductor.points[:, _on_bore(reductor)]
+    means = bore_rows(structure, points).reshape(3 * len(structure.bore_nodes), -1)
+    if not reductor.free:
+        return means
+    return np.hstack([centre_weights(structure).reshape(len(means), 6), means])
+
+
+def _second_step(
+    first: FirstStep, held: np.ndarray, n_modes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fixed-boundary modes (24) and static modes of the boundary dofs, in coordinates of (22).
+
+    Returns
+    -------
+    angular, modes, constraint_modes
+        shape (n,), (v + 3 m + b, n), (v + 3 m + b, all boundary dofs).
+    """
+    v, b = len(first.angular), first.boundary_modes.shape[1]
+    size = len(first.stiffness) - b
+    # Bore displacements of which nothing held moves: what is orthogonal to its weights.
+    free = np.linalg.qr(held, mode="complete")[0][:, held.shape[1] :]
+    admissible = np.zeros((size, size - held.shape[1]))
+    admissible[:v, :v] = np.eye(v)
+    admissible[v:, v:] = free
+    # Unit boundary dofs: those on a bore by the smallest displacement of it.
+    count = int(first.on_bore.sum())
+    unit = np.zeros((size + b, b + count))
+    unit[v:size, first.on_bore] = np.linalg.pinv(held.T)[:, held.shape[1] - count :]
+    unit[size:, ~first.on_bore] = np.eye(b)
+    stiffness, mass = (
+        admissible.T @ matrix[:size, :size] @ admissible for matrix in (first.stiffness, first.mass)
+    )
+    # Interior modes are in sqrt(kg) m and bore dofs in m: made of unit stiffness alike.
+    scale = 1.0 / np.sqrt(np.diag(stiffness))
+    lower = np.linalg.cholesky(stiffness * np.outer(scale, scale))
+    half = np.linalg.solve(lower, mass * np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(symmetric(np.linalg.solve(lower, half.T)))
+    values, vectors = values[::-1][:n_modes], vectors[:, ::-1][:, :n_modes]
+    modes = scale[:, None] * np.linalg.solve(lower.T, vectors) / np.sqrt(values)
+    coupling = admissible.T @ first.stiffness[:size] @ unit
+    static = -np.linalg.solve(lower.T, np.linalg.solve(lower, scale[:, None] * coupling))
+    unit[:size] += admissible @ (scale[:, None] * static)
+    modes = np.vstack([admissible @ modes, np.zeros((b, n_modes))])
+    return 1.0 / np.sqrt(values), modes, unit
+
+
+def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
+    """``T_1`` of (21) times columns of coordinates, owned rows (owned dofs, n)."""
+    structure = first.support.structure
+    v, b = len(first.angular), first.boundary_modes.shape[1]
+    own = slice(v, len(coordinates) - b)
+    columns = first.modes @ coordinates[:v] + first.boundary_modes @ coordinates[own.stop :]
+    for part in blocks(coordinates.shape[1], len(columns), structure.comm):
+        columns[:, part] += first.bore.static_modes(first.support, coordinates[own, part])
+    return np.asfortranarray(columns)
+
+
+class BoreColumns:
+    """The bore dofs of a part: their columns of K, and between them and part-size fields.
+
+    Attributes
+    ----------
+    structure
+        The part.
+    stiffness
+        ``K_p``, all rows and the columns of the bore dofs in the bore's order, which the ranks
+        share.
+    """
+
+    def __init__(self, structure: Structure):
+        self.structure, stiffness = structure, structure.stiffness
+        comm = stiffness.comm
+        dofs = (3 * structure.bore_nodes[:, None] + np.arange(3)).ravel()
+        mine = np.array_split(dofs, comm.size)[comm.rank].astype(PETSc.IntType)
+        first, last = stiffness.getOwnershipRange()
+        rows = PETSc.IS().createStride(last - first, first, 1, comm=comm)
+        columns = PETSc.IS().createGeneral(mine, comm=comm)
+        self.stiffness = stiffness.createSubMatrix(rows, columns)
+
+    def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
+        """Static modes of bore displacements, shape (3 m, w), owned rows (owned dofs, w)."""
+        columns = on_bores(self.structure, values.reshape(-1, 3, values.shape[1]))
+        columns -= support.apply(load_columns(self.stiffness, values))
+        return columns
+
+    def forces(self, columns: np.ndarray) -> np.ndarray:
+        """Bore rows of ``K @ columns`` on every rank, shape (3 m, w)."""
+        return transpose_multiply(self.stiffness, columns)
+
+    def rows(self, columns: np.ndarray) -> np.ndarray:
+        """Bore rows of part-size columns on every rank, shape (3 m, w)."""
+        found = bore_rows(self.structure, columns)
+        return found.reshape(3 * len(found), -1)

@@ -1,15 +1,19 @@
-"""M3: load-dependent dual basis, (26)-(35); with every pressure kept, the full interface."""
+"""M3: load-dependent dual basis, (26)-(35); with every pressure kept, the full interface.
+
+Static modes in diagonal form: orthonormal in mass, uncoupled in stiffness.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from hashlib import sha256
 from typing import Unpack
 
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.distributed import inner
+from fenics_ehd.reduction.body import ModeRecord, ReducedBody
+from fenics_ehd.reduction.distributed import combine, inner
 from fenics_ehd.reduction.loads import LoadSet, StaticResponses
 from fenics_ehd.reduction.pressure_sets import pressure_patterns
 from fenics_ehd.reduction.projection import (
@@ -21,11 +25,11 @@ from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.residual_modes import (
     RANKINGS,
     check_selection,
+    energy_orthonormal,
     without_redundancy,
     without_round_off,
 )
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.reduction.static_basis import StaticModes, dropped_patterns, static_modes
 from fenics_ehd.reduction.structure import Structure
 
 
@@ -192,3 +196,91 @@ def dual_basis(
     )
     kinds = ("vibration",) * modes.shape[1] + ("static",) * len(found.angular)
     return Basis(columns, np.diag(frequencies**2), identity, kinds, dropped, accuracy | defects)
+
+
+# Static modes
+
+
+@dataclass(frozen=True, eq=False)
+class StaticModes:
+    """Combinations of static responses, mass-normalised, by ascending frequency.
+
+    Attributes
+    ----------
+    columns
+        Owned rows, shape (owned dofs, r).
+    angular
+        Natural angular frequency of each alone [rad/s], shape (r,).
+    dependent
+        How many directions were dropped as linearly dependent.
+    """
+
+    columns: np.ndarray
+    angular: np.ndarray
+    dependent: int
+
+
+def static_modes(responses: StaticResponses, weights: np.ndarray) -> StaticModes:
+    """Diagonalise ``X @ weights``, nearly dependent directions dropped.
+
+    Parameters
+    ----------
+    responses
+        X with its reduced stiffness.
+    weights
+        Combinations wanted, shape (count, r).
+    """
+    stiffness = weights.T @ responses.stiffness @ weights
+    independent = energy_orthonormal(stiffness)
+    columns = responses.combination(weights @ independent)
+    # Twice: the first pass orthonormalises in products of solved columns, whose round-off
+    # is as large as the smallest direction kept; the second in the columns themselves.
+    for _ in range(2):
+        columns, angular = _diagonalise(responses, columns)
+    return StaticModes(columns, angular, weights.shape[1] - columns.shape[1])
+
+
+def _diagonalise(responses: StaticResponses, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    solver = responses.solver
+    stiffness, mass = gram_matrices(solver.structure, solver.mass, columns)
+    rotation = energy_orthonormal(stiffness)
+    values, vectors = np.linalg.eigh(rotation.T @ mass @ rotation)
+    # Ascending frequency is descending modal mass per unit strain energy.
+    values, vectors = values[::-1], vectors[:, ::-1]
+    return combine(columns, rotation @ vectors / np.sqrt(values)), 1.0 / np.sqrt(values)
+
+
+def dropped_patterns(
+    responses: StaticResponses,
+    candidates: slice,
+    mass: np.ndarray | None,
+    combinations: np.ndarray,
+    kept: int,
+) -> tuple[ModeRecord, ...]:
+    """Inventory lines of the selected-against combinations of the candidates.
+
+    Parameters
+    ----------
+    responses
+        All static responses.
+    candidates
+        Where the pressure patterns are among them.
+    mass
+        Of these; None when unknown.
+    combinations
+        Every combination that the selection ranked, best first, shape (candidates, c).
+    kept
+        How many of them were kept.
+    """
+    left = combinations[:, kept:]
+    energy = np.einsum("ij,ij->j", left, responses.stiffness[candidates, candidates] @ left)
+    inertia = np.zeros(len(energy)) if mass is None else np.einsum("ij,ij->j", left, mass @ left)
+    work = np.sum((responses.nodal_work[:, candidates] @ left) ** 2, axis=0)
+    records = []
+    for e, i, w in zip(energy, inertia, work, strict=True):
+        if not e > 0:
+            records.append(ModeRecord("static", np.inf, 0.0, "depends on the others"))
+            continue
+        frequency = np.sqrt(e / i) / (2 * np.pi) if i > 0 else np.inf
+        records.append(ModeRecord("static", float(frequency), float(w / e), "not selected"))
+    return tuple(records)

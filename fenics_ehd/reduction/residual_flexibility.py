@@ -24,12 +24,11 @@ from fenics_ehd.reduction.distributed import (
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.load_dependent import dual_basis
+from fenics_ehd.reduction.load_dependent import dual_basis, static_modes
 from fenics_ehd.reduction.loads import LoadSet, StaticResponses
 from fenics_ehd.reduction.projection import Basis, bore_rows
 from fenics_ehd.reduction.reductor import Options, Reductor
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.reduction.static_basis import static_modes
 from fenics_ehd.reduction.structure import Structure
 
 #: Largest bore displacement of a dropped residual pattern, relative to the largest of any.

@@ -39,8 +39,7 @@ from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.sealed_file import open_hdf5, open_sealed, values
 from fenics_ehd.reduction.bore import Bore
 from fenics_ehd.reduction.boundary_points import PointWeights
-from fenics_ehd.reduction.rank_file import append, sealed_by_ranks
-from fenics_ehd.reduction.row_blocks import before, even_range, together
+from fenics_ehd.reduction.row_blocks import append, before, even_range, sealed_by_ranks, together
 from fenics_ehd.reduction.structure import Structure
 
 FORMAT = "fenics_ehd structure"
