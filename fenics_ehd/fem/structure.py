@@ -1,6 +1,6 @@
 """Elastic part with lubricated bores: dolfinx matrices for the reduction.
 
-A surface of a part as a mesh of its own: nodes of a space there and the cells they make.
+A bore's surface is a mesh of its own: nodes of a space there and the cells they make.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ufl.core.expr import Expr
 
 from fenics_ehd.base import compat
 from fenics_ehd.base.errors import MeshError, StructureError
+from fenics_ehd.fem.cylinder_fit import cylinder_centre
 from fenics_ehd.fem.elements import quadratic_element
 from fenics_ehd.fem.geometry import PartMesh
 from fenics_ehd.fem.material import Material

@@ -38,9 +38,10 @@ _MISSED = 1e-2
 #: Largest force of a translation on a node far from supports, relative to the diagonal entry.
 _UNLOADED = 1e-6
 
-#: Largest speed of waves from a node to the next [m/s]: beryllium has 3e4, a part of steel whose
-#: nodes are in millimetres 7e6 and more, of polymer 2e6.
-FASTEST = 1.5e6
+#: Mass over the volume of a box around the nodes that no part has: in SI units a frame of thin
+#: bars has 10 kg/m3, in millimetres and tonnes gold has 2e-8; in millimetres and kilograms a solid
+#: block of steel has 8e-6.
+IMPOSSIBLE = (3e-8, 0.1)
 
 #: Smallest energy of any rigid motion of a clamped part, relative to that node by node.
 _HELD = 1e-12
@@ -85,7 +86,7 @@ def check_structure(structure: Structure) -> None:
         Sizes do not fit; a value is not finite; K or M is not symmetric, has an empty row or
         a diagonal entry that is not positive; M is singular or not positive definite; some
         rigid motions cost energy and others do not; degrees of freedom go component by component;
-        matrices and coordinates are of different units; bore nodes are not on the bore, or its
+        mass and coordinates are of different units; bore nodes are not on the bore, or its
         load matrix is not one of a pressure that pushes outward; the first bore is not at the
         origin, or two share a node; a boundary point is no mean
         displacement, or two of them are one.
@@ -214,24 +215,25 @@ def _check_order(structure: Structure) -> None:
 
 
 def _check_units(structure: Structure) -> None:
-    """Stiffness, mass and the distance of nodes make a speed of waves that a solid may have.
-
-    It takes absolute figures: in any consistent system of units a part is one.
-    """
-    from scipy.spatial import cKDTree
-
+    """Mass and nodes make a density that a part may have; in any units motions are rigid ones."""
     comm = structure.comm
-    nodes = np.vstack(comm.allgather(structure.coordinates))
-    matrices = structure.stiffness, structure.mass
-    stiffness, mass = (
-        np.concatenate(comm.allgather(matrix.getDiagonal().array)) for matrix in matrices
-    )
-    apart = np.median(cKDTree(nodes).query(nodes, k=2)[0][:, 1])
-    speed = apart * np.sqrt(np.median(stiffness / mass))
-    if speed > FASTEST:
+    x = structure.coordinates
+    low, high = (
+        comm.allreduce(ends, op=which)
+        for ends, which in (
+            (x.min(axis=0, initial=np.inf), MPI.MIN), (x.max(axis=0, initial=-np.inf), MPI.MAX)
+        )
+    )  # fmt: skip
+    along = np.zeros((len(x), 3))
+    along[:, 0] = 1.0
+    along = along.reshape(-1, 1)
+    mass = float(inner(along, multiply(structure.mass, along), comm)[0, 0])
+    density = mass / max(float(np.prod(high - low)), 1e-300)
+    if IMPOSSIBLE[0] < density < IMPOSSIBLE[1]:
         raise StructureError(
-            f"stiffness, mass and nodes {apart:.3g} m apart make waves of {speed:.2g} m/s, above "
-            f"{FASTEST:.2g}: give N/m, kg and m; are the coordinates in millimetres?"
+            f"the part weighs {mass:.3g} kg and its nodes lie in a box of "
+            f"{' x '.join(f'{side:.3g}' for side in high - low)} m, {density:.1g} kg/m3: give "
+            "coordinates in m where K is in N/m and M in kg"
         )
 
 

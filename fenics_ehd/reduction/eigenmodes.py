@@ -1,10 +1,9 @@
 """Lowest modes of a part by SLEPc: fixed-boundary ones (20), free-floating ones (27), (28).
 
-Responses with boundary points held, (18) and (19).
-
-A, the boundary points, and C2, the bore's centre, are means over surfaces:
-holding them is ``C^T x = 0``. With G the elastic flexibility of (29) and U the
-rigid-body modes, the response to f is ``G (f - C mu) + U alpha`` where
+Those with boundary points held need responses of the held part, (18) and (19). A, the boundary
+points, and C2, the bore's centre, are means over surfaces: holding them is ``C^T x = 0``. With G
+the elastic flexibility of (29) and U the rigid-body modes, the response to f is
+``G (f - C mu) + U alpha`` where
 
     C^T G C mu - C^T U alpha = C^T G f,       U^T C mu = U^T f,
 

@@ -10,7 +10,7 @@ CalculiX writes them with ``*FREQUENCY, SOLVER=MATRIXSTORAGE``: ``JOB.sti`` and 
 row, column, value, the upper triangle with 14 digits, and ``JOB.dof``, the node and the direction
 of each row as ``node.direction`` (ccx 2.20, tried).
 
-Consistent mass of 10-node tetrahedra: CalculiX integrates theirs with too few points.
+The mass of 10-node tetrahedra, which CalculiX integrates with too few points, is made anew.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """M3: load-dependent dual basis, (26)-(35); with every pressure kept, the full interface.
 
-Static modes in diagonal form: orthonormal in mass, uncoupled in stiffness.
+Its static modes come in diagonal form: orthonormal in mass, uncoupled in stiffness.
 """
 
 from __future__ import annotations

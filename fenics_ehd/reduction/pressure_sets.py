@@ -1,6 +1,6 @@
 """Pressure distributions that generate residual modes, (34), (35), or given ones.
 
-Pressure patterns trained on snapshots: what a former run recorded, in a few columns.
+Patterns may be trained on snapshots: what a former run recorded, in a few columns.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Sparse matrices by the rows each rank owns, whole nodes at a time, and errors all ranks share.
 
-Rows of all ranks, one rank's after the other's, in the datasets of one HDF5 file.
+In an HDF5 file they lie one rank's after the other's, in one dataset.
 """
 
 from __future__ import annotations
