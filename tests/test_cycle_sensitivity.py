@@ -158,7 +158,7 @@ def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
     [
         ("clearence", "did you mean joints.bearing.clearance"),
         ("bearing.cells", "no number that changes a little"),
-        ("barus", "0 stands for what is off"),
+        ("barus", "0.0 stands for what is off"),
         ("time.tolerance", "says how the scene is run"),
         ("journal.position", "is a pair: ask along bodies.journal.position.x"),
         ("bearing.lubricant", "no number that changes a little"),
@@ -167,6 +167,41 @@ def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
 def test_keys_without_a_derivative_are_refused(key, told):
     with pytest.raises((SensitivityError, SettingsError), match=told):
         number_of(scene("loaded-journal", JOURNAL), key)
+
+
+@pytest.mark.parametrize(
+    ("key", "off"),
+    [
+        ("drives.shaft.speed", "forces.unbalance"),
+        ("forces.unbalance.speed", "forces.unbalance"),
+        ("drives.shaft.speed", "drives.shaft"),
+    ],
+)
+def test_a_number_that_breaks_the_period_is_refused_before_the_run(key, off, tmp_path, capfd):
+    # An unbalance keeps its speed; a crank its angle at the end of a period that is given.
+    change = {"time.revolutions": 0.0, "time.period": 2 * np.pi / 300}
+    crank = {"bodies.shaft": {"kind": "rigid", "mass": 1.0, "points": {"disk": [0.01, 0.0]}}}
+    crank |= {"bodies.shaft.points.left": [0.0, 0.0], "bodies.shaft.points.right": [0.0, 0.0]}
+    change = change | crank if off == "drives.shaft" else {}
+    path = write_scene(tmp_path / "s.toml", "rotor-two-bearings", change)
+    arguments = ("--of", "left.min_film_thickness", "--to", key, "--to", "left.clearance")
+    status, out, err = exit_of(capfd, "sensitivity", path, *arguments)
+    assert (status, out) == (2, "")
+    assert f"{key}: along it alone {off} " in err
+
+
+def test_a_temperature_in_celsius_has_no_elasticity():
+    once = {"time.periodic": False, "time.revolutions": 0.02, "time.tolerance": 1e-2}
+    oil = {"lubricants.oil": {"grade": "ISO VG 46", "temperature": 60.0}}
+    with pytest.raises(SensitivityError, match=r"= -273\.15 stands for what is .* not given"):
+        number_of(scene("loaded-journal"), "lubricants.oil.temperature")
+    found = scene_sensitivity(
+        scene("loaded-journal", JOURNAL, once, oil), ["max_pressure"], ["oil.temperature"]
+    )
+    (number,), (own,) = found.numbers, found.figures
+    assert (number.unit, number.relative) == ("C", False)
+    assert abs(found.derivatives[own, number.key]) > 0.0
+    assert found.elasticity(own, number) is None
 
 
 def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
@@ -208,7 +243,10 @@ def test_the_command_prints_a_table_and_json(tmp_path, capfd):
     assert along["method"] == THROUGH
     assert along["elasticity"] == pytest.approx(along["derivative"] * along["at"] / found["value"])
     assert call(*asked) == 0
-    assert f"{along['elasticity']:.4f}  {THROUGH}, reach" in capfd.readouterr().out
+    assert along["units"] == "m/m"
+    line = next(line for line in capfd.readouterr().out.splitlines() if CLEARANCE in line)
+    assert line.split()[4:6] == ["m/m", f"{along['elasticity']:.4f}"]
+    assert f"  {THROUGH}, reach" in line
     # Over a share of the clearance the film changes by a tenth at most, where it is asked for, too.
     assert along["reach"] * abs(along["elasticity"]) <= 0.1
 

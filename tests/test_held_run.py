@@ -104,6 +104,12 @@ MODELS = {
         ("left.min_film_thickness", "right.max_pressure"),
         ("left.clearance", "unbalance.amplitude"),
     ),
+    "rotor whose films still change by 5 %": (
+        "rotor-two-bearings",
+        TWO_BEARINGS | {"time.periodicity": 0.05},
+        ("left.min_film_thickness", "right.max_pressure"),
+        ("left.clearance",),
+    ),
     "engine of three films": (
         "engine",
         RIGID_ENGINE,

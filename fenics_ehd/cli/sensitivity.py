@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from fenics_ehd.base.columns import split_unit
 from fenics_ehd.cli.options import json_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.study.sensitivity import SceneSensitivity
+    from fenics_ehd.multibody.sensitivity import Figure
+    from fenics_ehd.study.sensitivity import Along, SceneSensitivity
 
 
 @click.command()
@@ -59,9 +62,10 @@ def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
                     number.key: {
                         "at": number.value,
                         "derivative": found.derivatives[figure, number.key],
+                        "units": _units(figure, number),
                         "elasticity": found.elasticity(figure, number),
                         "method": found.methods[number.key],
-                        "reach": found.reach.get(number.key),
+                        "reach": found.reach.get(number.key) if number.relative else None,
                     }
                     for number in found.numbers
                 },
@@ -73,6 +77,12 @@ def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
     }
 
 
+def _units(figure: Figure, number: Along) -> str:
+    """Of a derivative, ``Pa/(rad/s)``."""
+    own, along = split_unit(figure.column)[1], number.unit or "1"
+    return f"{own}/({along})" if re.search("[ /]", along) else f"{own}/{along}"
+
+
 def _table(scene: str, found: SceneSensitivity) -> str:
     width = max(len(number.key) for number in found.numbers)
     lines = [f"{scene}: derivatives d q / d p, elasticities d ln q / d ln p"]
@@ -81,12 +91,13 @@ def _table(scene: str, found: SceneSensitivity) -> str:
         for number in found.numbers:
             elasticity = found.elasticity(figure, number)
             reach = ""
-            if number.key in found.reach:
+            if number.key in found.reach and number.relative:
                 reach = f", reach {100 * found.reach[number.key]:.2g} %"
             relative = "        -" if elasticity is None else f"{elasticity:9.4f}"
             lines.append(
                 f"    {number.key:{width}} = {number.value:<12.6g} "
-                f"{found.derivatives[figure, number.key]:12.5g}  {relative}  "
+                f"{found.derivatives[figure, number.key]:12.5g} {_units(figure, number):12} "
+                f"{relative}  "
                 f"{found.methods[number.key]}{reach}"
             )
     if found.reach:

@@ -130,7 +130,7 @@ class CycleRecord:
         self.run, self._cycles = run, cycles
         self.period = None if cycles is None else cycles.period
         self.steps: list[RecordedStep] = []
-        self.before = np.array([run.state.time])
+        self.before = np.array(run.state.times[:REACH])
         self.start = run.state.x[0].copy(), run.state.rate[0].copy()
         self._cycle = 1 if cycles is None else cycles.number
 

@@ -95,10 +95,12 @@ def recorded_again(record: CycleRecord, run: Run, span: float, *, alike: bool) -
     else:
         held = _at_a_cycle(record, run, span, alike)
         period = record.period * span
-        cycles = Cycles(held, period, PERIODICITY, MOST)
         # Of the search for its own cycle nothing is left but where it is.
-        cycles.number = 1 + round(held.state.time / period)
+        before = round(held.state.time / period)
+        cycles = Cycles(held, period, PERIODICITY, before + MOST)
+        cycles.number = before + 1
         found, steps = CycleRecord(held, cycles), cycles
+        found.start = record.start
     for _ in found.follow(steps):
         pass
     return found

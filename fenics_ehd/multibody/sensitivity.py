@@ -23,7 +23,7 @@ from fenics_ehd.multibody.cycle_figures import extreme_weights, mean_weights
 from fenics_ehd.multibody.cycle_record import CycleRecord
 from fenics_ehd.multibody.heat_derivative import Balances
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import Cycles, repeats
 from fenics_ehd.multibody.perturbed import Perturbed
 from fenics_ehd.multibody.run import Run
 
@@ -33,6 +33,9 @@ AMOUNT = 3e-6
 
 #: Change of a gap, relative, up to which derivatives are taken to say what a number does.
 CLOSE = 0.1
+
+#: Change of a count of periods in a cycle that is round-off.
+SAME = 1e-9
 
 #: What a figure is called by, and its sign in `extreme_weights`; a mean has none.
 KINDS = {"max": 1, "min": -1, "mean": 0}
@@ -117,6 +120,35 @@ def recorded(run: Run, span: float, cycles: Cycles | None = None) -> CycleRecord
     return record
 
 
+def check_periods(mechanism: Mechanism, period: float | None, numbers: Sequence[Number]) -> None:
+    """Refuse numbers along which there is no periodic solution.
+
+    Parameters
+    ----------
+    mechanism, period
+        Of the run [s]; None: it is not periodic.
+    numbers
+        To differentiate along.
+
+    Raises
+    ------
+    SensitivityError
+        Naming what keeps its own period where the cycle's changes, or the other way round.
+    """
+    if period is None:
+        return
+    was = repeats(mechanism, period)
+    for number in numbers:
+        would = repeats(number.mechanism, number.span * period)
+        off = [key for key in was if abs(would[key] - was[key]) > SAME * max(1.0, was[key])]
+        if off:
+            raise SensitivityError(
+                f"{number.name}: along it alone {', '.join(off)} would not repeat with the cycle "
+                "any more, and no derivative exists: ask along a number that leaves all periods "
+                "as they are, or run the scene with both changed together"
+            )
+
+
 class Derivatives:
     """Curves of a record and their derivatives along numbers.
 
@@ -140,12 +172,15 @@ class Derivatives:
 
     Raises
     ------
+    SensitivityError
+        See `check_periods`.
     PeriodicityError, SolverError
         From `CycleDerivatives`.
     """
 
     def __init__(self, record: CycleRecord, numbers: Sequence[Number]):
         equations = record.run.equations
+        check_periods(equations.system.mechanism, record.period, numbers)
         balances = Balances(equations.system, AMOUNT) if equations.system.heated else None
         temperatures = {} if balances is None else balances.temperatures
         self.refused, perturbed = [], []

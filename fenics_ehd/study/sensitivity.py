@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from itertools import islice
 from time import process_time
 
+import attrs
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SensitivityError, SettingsError
+from fenics_ehd.base.fields import unit_of
+from fenics_ehd.base.oil import NO_TEMPERATURE
+from fenics_ehd.base.units import SCALES
 from fenics_ehd.multibody.cycle_derivative import curves_of
 from fenics_ehd.multibody.cycle_record import CycleRecord
 from fenics_ehd.multibody.held_run import recorded_again
@@ -21,6 +25,7 @@ from fenics_ehd.multibody.sensitivity import (
     Derivatives,
     Figure,
     Number,
+    check_periods,
     figure_of,
 )
 from fenics_ehd.reduction import ReducedBody
@@ -55,6 +60,8 @@ class Along:
         And what changes of it are shares of.
     setting, component
         The setting's own key, and which of its numbers it is, None for the only one.
+    unit
+        Empty of a ratio.
     """
 
     key: str
@@ -62,6 +69,12 @@ class Along:
     scale: float
     setting: str
     component: int | None = None
+    unit: str = ""
+
+    @property
+    def relative(self) -> bool:
+        """Whether a share of it means something: zero is not a matter of a scale, as 0 C is."""
+        return self.unit not in SCALES
 
     def change(self, scene: Scene, share: float) -> Scene:
         """The scene with the number changed by a share of its scale."""
@@ -106,9 +119,9 @@ class SceneSensitivity:
     record: CycleRecord
 
     def elasticity(self, figure: Figure, number: Along) -> float | None:
-        """``d ln q / d ln p``; None where one of them is 0."""
+        """``d ln q / d ln p``; None where one of them is 0, or the number a temperature."""
         value = self.values[figure]
-        if not value or not number.value:
+        if not value or not number.value or not number.relative:
             return None
         return self.derivatives[figure, number.key] * number.value / value
 
@@ -150,12 +163,26 @@ def number_of(scene: Scene, name: str) -> Along:
         raise SensitivityError(
             f"{key} = {value!r} is no number that changes a little: there is no derivative along it"
         )
-    if not scale:
+    unit = _unit(scene, key)
+    if not scale or (unit in SCALES and value == NO_TEMPERATURE):
         raise SensitivityError(
-            f"{key} = {value!r}: 0 stands for what is off or not given, and says no size of a "
+            f"{key} = {value!r} stands for what is off or not given, and says no size of a "
             "small change: give it another value"
         )
-    return Along(own[0], own[1], scale, key, component)
+    return Along(own[0], own[1], scale, key, component, unit)
+
+
+def _unit(scene: Scene, key: str) -> str:
+    """Of a setting; empty of a ratio."""
+    table, name, *rest = key.split(".")
+    owner, told = getattr(scene, table)[name], ""
+    for part in rest:
+        if isinstance(owner, Mapping):
+            owner = owner[part]
+        else:
+            told = attrs.fields_dict(type(owner))[part].metadata.get("help", "")
+            owner = getattr(owner, part)
+    return unit_of(told)
 
 
 def goes_through(scene: Scene, number: Along) -> bool:
@@ -201,9 +228,6 @@ def scene_sensitivity(
     first, bodies = _run(scene, bodies, steps=1)
     curves = curves_of(first)
     figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
-    record, _ = _run(scene, bodies)
-    seconds["run"] = process_time() - clock
-    clock = process_time()
     ways = []
     for number in numbers:
         if goes_through(scene, number):
@@ -211,6 +235,13 @@ def scene_sensitivity(
             built = build_mechanism(there, MPI.COMM_SELF, bodies=bodies)
             span = there.span / scene.span
             ways.append(Number(number.key, number.value, number.scale, built.mechanism, span))
+    check_periods(first.run.equations.system.mechanism, first.period, ways)
+    record, _ = _run(scene, bodies)
+    if record.period is not None:
+        # In its own steps, until what is left of the way there is nothing beside a derivative.
+        record = recorded_again(record, _begin(scene, bodies)[0], 1.0, alike=True)
+    seconds["run"] = process_time() - clock
+    clock = process_time()
     derivatives = Derivatives(record, ways)
     found = derivatives.of(figures)
     seconds["through the steps"] = process_time() - clock
