@@ -147,15 +147,6 @@ def test_a_run_goes_on_to_the_last_bit():
     np.testing.assert_array_equal(other.state.x, whole.state.x)
 
 
-def test_an_oil_is_a_spring_that_formulas_of_order_3_do_not_damp():
-    found = {}
-    for name, oil in (("stiff", Lubricant(ETA)), ("dense", DENSE)):
-        mechanism = rigid_slider_crank(oil_film((16, 3), oil=oil), filling=1.0)
-        run = Run(mechanism, Steps(tolerance=1e-3), 1e-3)
-        found[name] = run.equations.system.least_damping
-    assert found == {"stiff": np.inf, "dense": 0.0}
-
-
 @pytest.mark.slow
 def test_what_it_changes_in_the_machine(figure):
     found = {}

@@ -84,14 +84,14 @@ def test_one_step_formulas_solve_what_a_film_alone_does():
 # --- Balance
 
 
-def touching(*, cells=(20, 4), order=3, filling=1.0, tolerance=3e-3, **parameters):
+def touching(*, cells=(20, 4), order=2, filling=1.0, tolerance=3e-3, **parameters):
     """The paper's machine whose rigid bearing touches, for the first half revolution."""
     film = oil_film(cells, surfaces=surfaces(), oil=Lubricant(2e-4), **parameters)
     mechanism = rigid_slider_crank(film, filling=filling)
     return Run(mechanism, Steps(tolerance=tolerance, order=order), REVOLUTION)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, 2])
 def test_a_closed_film_keeps_its_oil_whatever_the_formula(order, figure):
     run = touching(order=order, sides=CLOSED, filling=0.9)
     _, content, outflow, _ = flown(run, 0.2 * REVOLUTION, NEWTON_FRACTION * 3e-3)

@@ -93,7 +93,7 @@ def closed_journal_errors(exact, whirl, surfaces):
     return np.array(errors)
 
 
-def squeezed(cells, steps, order=3):
+def squeezed(cells, steps, order=2):
     """Largest error of the empty area over a squeeze and a half, relative, and at the last edge."""
     speed, amplitude, supply, clearance = 100.0, 0.4, 2e5, 1e-5
     lines = tuple(AxialGroove(angle, 0.0, supply) for angle in (np.pi / 2, -np.pi / 2))
@@ -166,6 +166,13 @@ def test_one_step_formulas_solve_what_a_film_alone_does():
 # --- Time
 
 
+def test_nodes_that_fill_are_no_matter_for_a_formula_of_order_3():
+    film, orders = oil_film((12, 2)), []
+    for oil in ({}, {"filling": 1.0}):
+        orders.append(Run(rigid_slider_crank(film, **oil), Steps(order=3), 1e-3).control.order)
+    assert orders == [3, 2]
+
+
 @pytest.mark.slow
 def test_order_in_time(figure):
     end = REVOLUTION
@@ -177,8 +184,8 @@ def test_order_in_time(figure):
         *_, last = run.until(end)
         return last.solution.films[0].fluid_fraction
 
-    reference = at_end(400, 3)
-    for order, least in ((1, 0.7), (2, 1.6), (3, 1.6)):
+    reference = at_end(400, 2)
+    for order, least in ((1, 0.7), (2, 1.6)):
         errors = [np.abs(at_end(n, order) - reference).mean() for n in (40, 80, 160)]
         observed = np.log2(errors[0] / errors[-1]) / 2
         name = f"conserved oil in the coupled step, formula of order {order}, observed order"
@@ -203,7 +210,7 @@ def flown(run, end, excess=1e-6):
     return np.array(rows).T
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, 2])
 def test_a_closed_film_keeps_its_oil_whatever_the_formula(order, figure):
     film = oil_film((20, 3), sides=CLOSED)
     run = Run(
@@ -250,12 +257,12 @@ def test_energy_balances_at_the_order_of_the_formula():
         simulate(
             rigid_slider_crank(film, oil_outside=True), 0.4 * REVOLUTION, tolerance=tolerance
         ).net_energy_balance_error
-        for tolerance in (1e-3, 1e-5)
+        for tolerance in (1e-3, 1e-6)
     ]
     assert errors[1] < 0.25 * errors[0]
 
 
-@pytest.mark.parametrize("order", [1, 3])
+@pytest.mark.parametrize("order", [1, 2])
 def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
     film = oil_film((24, 3), regions=(GROOVE,))
     mechanism = whirling(film, 0.5, 150.0, filling=0.7)
@@ -295,7 +302,7 @@ def test_a_film_that_is_full_is_that_of_reynolds(residual, figure):
                 for n, j in case.joints.items()
             }
             case = replace(case, joints=joints)
-        runs.append(simulate(case, 0.02 * REVOLUTION, tolerance=1e-5))
+        runs.append(simulate(case, 0.02 * REVOLUTION, tolerance=1e-5, order=2))
     oil, reynolds = (run.columns for run in runs)
     assert len(oil["time_s"]) == len(reynolds["time_s"])
     difference = max(

@@ -5,14 +5,20 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from differences import slope
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 from oracle_mass_conserving import JournalFilm, SqueezedPlates
+from scipy.integrate import solve_ivp
 
 from fenics_ehd.base.errors import CavitationError, SettingsError
 from fenics_ehd.film import Film, FilmParameters, Gap, Lubricant, ShaftMotion, shaft_gap
-from fenics_ehd.film.grid import uniform_grid
+from fenics_ehd.film.assembly import Assembly
+from fenics_ehd.film.grid import FilmGrid, uniform_grid
 from fenics_ehd.film.kinematics import GapDerivatives
 from fenics_ehd.film.lubricant import Barus, DowsonHigginson
 from fenics_ehd.film.mass_conserving import MassConservingFilm
+from fenics_ehd.film.strips import Strips
 from fenics_ehd.film.supply import AxialGroove, Sides
 
 pytestmark = pytest.mark.kernels
@@ -39,8 +45,8 @@ def eccentric(film, x, y=0.0):
 
 @pytest.mark.parametrize("supply", [1e5, 3e6])
 def test_wide_journal_ruptures_and_reforms_where_the_free_boundary_solution_does(supply, figure):
-    errors = []
-    for cells in (60, 120, 240):
+    errors, leaks = [], []
+    for cells in (120, 240, 480):
         bearing = film((cells, 1), CLOSED, (AxialGroove(0.0, 0.0, supply),), width=R)
         state = MassConservingFilm(bearing).steady(
             turning(bearing, C * (1 + 0.5 * np.cos(bearing.points.angle)))
@@ -53,13 +59,16 @@ def test_wide_journal_ruptures_and_reforms_where_the_free_boundary_solution_does
         assert abs(phi[empty[0]] - exact.rupture) < cell
         assert abs(phi[empty[-1]] - exact.reformation) < cell
         leak = (fraction * exact.gap(phi))[empty[1:-1]] / exact.gap(exact.rupture)
-        assert np.abs(leak - 1).max() < 0.3 * cell
+        leaks.append(np.abs(leak - 1).mean())
+        assert np.abs(leak - 1).max() < 0.1 * cell
         assert state.pressure.max() / scale == pytest.approx(exact.largest_pressure, rel=cell**2)
         errors.append(np.sum((1 - fraction) * exact.gap(phi)) * cell / exact.void - 1)
     rates = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
     figure(
         "film", "mass-conserving, wide journal, observed order of the void", rates.min(), least=0.95
     )
+    name = "mass-conserving, wide journal, observed order of the oil that passes the void"
+    figure("film", name, np.log2(leaks[0] / leaks[-1]) / 2, least=1.7)
     name = "mass-conserving, void of the wide journal, solution with free boundaries"
     figure("film", name, abs(errors[-1]), most=5e-3, unit="%")
 
@@ -108,23 +117,26 @@ def test_active_set_is_the_only_one_that_satisfies_all_signs():
     gap = eccentric(bearing, 0.6, 0.2)
     state = oil.solve(gap, oil.filled(gap), 2.0 / OMEGA)
     problem, n = state.problem, len(oil.balance.unknown)
-    stiffness = oil.balance.assembly.pattern.matrix(problem.entries(np.zeros(n))).toarray()
-    transport = oil.balance.assembly.pattern.matrix(problem.weights).toarray()
-    rhs = -problem.residual(np.zeros(n))
-    active_sets = np.array(list(product([False, True], repeat=n)))
-    systems = np.where(active_sets[:, None, :], stiffness, -transport)
-    solutions = np.linalg.solve(systems, np.broadcast_to(rhs, (len(systems), n))[..., None])[..., 0]
-    scale = np.where(active_sets, state.cavitation.pressure.max(), 1.0)
-    good = np.flatnonzero((solutions / scale).min(axis=1) > -1e-12)
-    assert len(good) == 1
-    full = active_sets[good[0]]
+    pattern, found = oil.balance.pattern, []
+    for full in np.array(list(product([False, True], repeat=n))):
+        pressure, void, left = np.zeros(n), np.zeros(n), np.inf
+        for _ in range(30):
+            defect = problem.residual(pressure) - problem.transport(void)
+            left = np.abs(defect / problem.rows).max()
+            if left < 1e-13:
+                break
+            entries = problem.entries(pressure), problem.transport_entries(void)
+            stiffness, transport = (pattern.matrix(own).toarray() for own in entries)
+            both = pressure + void - np.linalg.solve(np.where(full, stiffness, -transport), defect)
+            pressure, void = np.where(full, both, 0.0), np.where(full, 0.0, both)
+        signs = min(pressure.min() / problem.unit, void.min())
+        if left < 1e-13 and signs > -1e-12:
+            found.append((full, pressure, void))
+    assert len(found) == 1
+    full, pressure, void = found[0]
     assert 0 < full.sum() < n
-    np.testing.assert_allclose(
-        np.where(full, solutions[good[0]], 0), state.cavitation.pressure, rtol=1e-9, atol=1e-15
-    )
-    np.testing.assert_allclose(
-        np.where(full, 0, solutions[good[0]]), state.cavitation.flux, rtol=1e-9, atol=1e-12
-    )
+    np.testing.assert_allclose(pressure, state.cavitation.pressure, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(void, state.cavitation.flux, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("sides", [CLOSED, Sides(0.0, 0.0), Sides(2e5, 0.0)])
@@ -153,21 +165,52 @@ def test_oil_changes_by_side_flow_alone_over_a_hundred_steps(sides, figure):
     assert state.fluid_fraction.min() < 0.6
 
 
-def test_partly_filled_gap_is_carried_round_with_upwind_diffusion_alone():
-    bearing = film((48, 2))
-    oil = MassConservingFilm(bearing)
-    gap, phi = turning(bearing, C), bearing.parameters.grid.node_positions[:, 0]
-    content, state, courant, steps = oil.filled(gap, 0.5 + 0.3 * np.cos(phi)), None, 0.5, 40
-    cell = 2 * np.pi / 48
-    for _ in range(steps):
-        state = oil.solve(gap, content, 2 * courant * cell / OMEGA, state)
-        content = state.content
-    factor = (1 / (1 + courant * (1 - np.exp(-1j * cell)))) ** steps
-    expected = 0.5 + 0.3 * np.real(factor * np.exp(1j * phi))
-    np.testing.assert_allclose(state.fluid_fraction, expected, rtol=1e-12)
-    # The mean velocity is half that of the shaft.
-    assert -np.angle(factor) == pytest.approx(steps * courant * cell, rel=0.02)
-    assert state.pressure.max() == 0
+def carried_round(angles):
+    """Mean error of a smooth void after a turn of the surfaces, steps in time without error."""
+    grid = FilmGrid(R, angles, np.array([-R, R]), "bilinear")
+    strips = Strips(assembly := Assembly(grid, np.arange(len(angles) * 2 - 2)))
+    one, phi = np.ones_like(assembly.area), grid.node_positions[:, 0]
+    flows, room = strips.flows(one), assembly.source(one)
+    start = 0.5 + 0.3 * np.sin(phi)
+
+    def rate(_, void):
+        return -strips.apply(flows, 0.0, void) / room
+
+    turned = solve_ivp(rate, (0.0, 2 * np.pi), start, rtol=1e-6, atol=1e-8).y[:, -1]
+    assert turned @ room == pytest.approx(start @ room, rel=1e-12)
+    return np.abs(turned - start) @ room / room.sum()
+
+
+@pytest.mark.parametrize("stretch", [0.0, 0.5])
+def test_transport_of_a_smooth_void_is_of_second_order(stretch, figure):
+    errors = []
+    for cells in (32, 64, 128):
+        angles = np.linspace(0, 2 * np.pi, cells + 1)
+        errors.append(carried_round(angles + stretch * np.sin(angles)))
+    mesh = f", cells stretched by {1 + stretch:g}" if stretch else ""
+    name = f"mass-conserving, smooth void carried round{mesh}"
+    figure("film", f"{name}, observed order", np.log2(errors[0] / errors[-1]) / 2, least=1.7)
+    figure("film", f"{name}, 128 cells", errors[-1], most=2e-3, unit="%")
+
+
+@settings(max_examples=30)
+@given(
+    fraction=hnp.arrays(float, 12, elements=st.floats(0.0, 0.98)),
+    courant=st.floats(0.05, 20.0),
+    direction=st.sampled_from([-1, 1]),
+)
+def test_transport_adds_no_extreme_and_no_variation(fraction, courant, direction):
+    bearing = film((12, 1))
+    oil, gap = MassConservingFilm(bearing), turning(bearing, C, direction * OMEGA)
+    start = np.repeat(fraction, 2)
+    content = oil.filled(gap, start)
+    state = oil.solve(gap, content, courant * 4 * np.pi / 12 / OMEGA)
+    found = state.fluid_fraction[::2]
+    assert fraction.min() - 1e-9 <= found.min() <= found.max() <= fraction.max() + 1e-9
+    before, after = (np.abs(own - np.roll(own, 1)).sum() for own in (fraction, found))
+    assert after <= before + 1e-8
+    assert state.content.sum() == pytest.approx(content.sum(), rel=1e-12)
+    assert state.pressure.max() == 0.0
 
 
 def test_full_film_is_that_of_reynolds():
@@ -223,7 +266,7 @@ def test_sensitivity_is_the_exact_derivative(lubricant):
         return np.stack([moved.pressure / state.pressure.max(), moved.fluid_fraction])
 
     for direction in range(2):
-        expected = slope(lambda x, d=direction: at(x, d), step=1e-3)
+        expected = slope(lambda x, d=direction: at(x, d), step=2e-4)
         found = np.stack([slopes[0][:, direction] / state.pressure.max(), slopes[1][:, direction]])
         np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
 

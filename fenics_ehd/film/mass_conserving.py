@@ -4,17 +4,18 @@ The gap holds oil to the fraction ``theta = 1 - s``; where the film is full, s =
 and where it is not, the pressure is the cavitation pressure, p = 0. Per node i,
 dimensionless as in `forms`, the oil is conserved,
 
-    int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - (T s)_i = 0,
+    int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - t(s)_i = 0,
 
-``M_i = int rho H N_i`` the oil of a full gap, ``M_i^old`` what there was, T the upwind
+``M_i = int rho H N_i`` the oil of a full gap, ``M_i^old`` what there was, t the limited
 transport of the void fraction (`fenics_ehd.film.strips`), time by implicit Euler. That
-is ``r(p) = T s`` with ``0 <= p`` complementary to ``s >= 0``, solved by SNES-VI
+is ``r(p) = t(s)`` with ``0 <= p`` complementary to ``s >= 0``, solved by SNES-VI
 (`fenics_ehd.film.mass_conserving_solver`). The rate of the gap is the difference of two
 contents, never `Gap.thickness_rate`: only so is no oil lost from step to step.
 
-No entry off the diagonals of A and T is positive and no column sum negative; so it is for
-every matrix that takes the columns of full nodes from A and the others from T, and all
-these are M-matrices: one solution, theta not below 0. For A that wants bilinear cells,
+What a flow carries lies between two nodes, a share g >= 0 of that of the node it comes from.
+With these shares as they are t is linear, no entry off the diagonals of A and t is positive and no
+column sum negative; so it is for every matrix that takes the columns of full nodes from A and the
+others from t, and all these are M-matrices: theta is not below 0. For A that wants bilinear cells,
 strictly no longer than 1.4 times their width, in practice any we tried (theta > 0 at 9);
 9-node cells are out, and it shows: theta = -0.1 beside the ends of a short groove.
 
@@ -24,6 +25,9 @@ cavitation pressure has none: there the unknown is the outflow, positive only
 where the film is full, and zero where it is not. What `FilmParameters.feeds` conduct
 into the film, ``w kappa (p_s - p)``, fills empty nodes with ``w kappa p_s``; it is lumped
 at the nodes, and all matrices stay M-matrices.
+
+What there is of oil in an empty place, and where it ends, is of second order in the mesh and of
+first: a front lies between two nodes, of which one has no void.
 """
 
 from __future__ import annotations
@@ -31,11 +35,11 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_ehd.base.errors import CavitationError, SettingsError
-from fenics_ehd.film.cavitation import CavitationResult, Complementarity
+from fenics_ehd.film.cavitation import CavitationResult
 from fenics_ehd.film.film import Film, FilmState, check_gap
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.mass_conserving_solver import MassConservingSolver
-from fenics_ehd.film.oil_balance import OilBalance, OilStep, require_monotone
+from fenics_ehd.film.oil_balance import OilBalance, OilProblem, OilStep, require_monotone
 from fenics_ehd.film.oil_state import VOID_TOLERANCE, OilState, verify_oil
 
 #: Time step of a steady film, times the reference speed: storage is 1e-10 of transport. It stays,
@@ -80,7 +84,7 @@ class MassConservingFilm:
         self.film = film
         self.balance = OilBalance(film)
         self.cavitation = MassConservingSolver(
-            self.balance.assembly.pattern,
+            self.balance.pattern,
             options_prefix=options_prefix,
             tolerance=tolerance,
         )
@@ -198,7 +202,7 @@ class MassConservingFilm:
         return pressure, np.where(pressure > 0, 0.0, 0.5)
 
     def _state(
-        self, gap: Gap, step: OilStep, problem: Complementarity, result: CavitationResult
+        self, gap: Gap, step: OilStep, problem: OilProblem, result: CavitationResult
     ) -> OilState:
         """Check void fractions and balance, and give everything its unit."""
         p, b = self.film.parameters, self.balance
@@ -229,7 +233,7 @@ class MassConservingFilm:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Exact derivatives along changes of the gap at the end of a step.
 
-        The active set, the upwind sides, and the content at the start are held.
+        The active set, where flows come from, and the content at the start are held.
 
         Parameters
         ----------
@@ -248,7 +252,7 @@ class MassConservingFilm:
         step = balance.step(state.gap, state.content, state.time_step)
         change = balance.change(step, state.pressure / scale, 1 - state.fluid_fraction, derivatives)
         reduced = self.cavitation.derivative(
-            state.problem, state.cavitation, change[balance.unknown]
+            balance.problem(step), state.cavitation, change[balance.unknown]
         )
         pressure, fraction = np.zeros((2, *change.shape))
         pressure[balance.unknown] = np.where(balance.dry[:, None], 0.0, reduced[0])

@@ -1,17 +1,17 @@
 """Complementarity of pressure and void fraction, both unknown, by PETSc SNES-VI.
 
-Find ``p >= 0`` and ``s >= 0`` with ``r(p) = T s`` and ``p . s = 0``, component by
-component. ``T^-1 r(p) >= 0`` as the function of p alone is no help here: T
+Find ``p >= 0`` and ``s >= 0`` with ``r(p) = t(s)`` and ``p . s = 0``, component by
+component. ``t^-1(r(p)) >= 0`` as the function of p alone is no help here: t
 transports along the film, so that the sign of one component tells about all the
 nodes upstream. With both as variables SNES-VI solves
 
-    p >= 0   complementary to   s + gamma d >= 0,      d = r(p) - T s = 0.
+    p >= 0   complementary to   s + gamma d >= 0,      d = r(p) - t(s) = 0.
 
 ``gamma d`` vanishes at the solution. On the way it is what tells a full node
 whose Newton update was negative, and was cut off at p = 0, to empty: its void fraction is
 zero, and only its defect d knows. Each Newton step then solves
 
-    A_I p_I - T_C s_C = b
+    A_I p_I - T_C s_C = b,    A = dr/dp,  T = dt/ds,
 
 on the full nodes I and the others C, one sparse system of one pattern
 (`ActiveSetSystem`), and moves between I and C the nodes with a wrong sign.
@@ -26,9 +26,9 @@ from fenics_ehd.base.errors import CavitationError
 from fenics_ehd.film.active_set import ActiveSetSystem
 from fenics_ehd.film.cavitation import (
     CavitationResult,
-    Complementarity,
     verify_complementarity,
 )
+from fenics_ehd.film.oil_balance import OilProblem
 from fenics_ehd.film.oil_state import DEFECT_WEIGHT
 from fenics_ehd.film.pattern import Pattern
 from fenics_ehd.film.snes_vi import SnesVi
@@ -40,7 +40,7 @@ class MassConservingSolver:
     Parameters
     ----------
     pattern
-        Of the derivative of r and of T, n x n.
+        Of A and T, n x n.
     options_prefix
         Prefix of the PETSc options, ``"oil_"`` gives ``-oil_snes_monitor`` and
         ``-oil_linear_pc_type``.
@@ -71,26 +71,23 @@ class MassConservingSolver:
             tolerance=tolerance,
         )
 
-    def _carry(self, void: np.ndarray) -> np.ndarray:
-        """``T s``."""
-        return self._pattern.multiply(self._transport, void)
-
     # The following four are called by SNES-VI during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:
         """See `VariationalInequality`."""
         pressure, void = x[: self._n] * self._problem.unit, x[self._n :]
-        defect = (self._problem.residual(pressure) - self._carry(void)) / self._rows
+        defect = (self._problem.residual(pressure) - self._problem.transport(void)) / self._rows
         return np.concatenate([void + DEFECT_WEIGHT * defect, defect]) / self._problem.scale
 
     def linearise(self, x: np.ndarray) -> None:
         """See `VariationalInequality`."""
         self._entries = self._problem.entries(x[: self._n] * self._problem.unit)
+        self._transport = self._problem.transport_entries(x[self._n :])
 
     def factorise(self, nodes: np.ndarray) -> None:
         """Factorise for the active set SNES-VI has chosen."""
         self._full = nodes[nodes < self._n]
-        self.system.prepare(self._entries, self._problem.weights, self._full)
+        self.system.prepare(self._entries, self._transport, self._full)
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
         """Newton update of the pressures of the full nodes and of all void fractions."""
@@ -98,19 +95,20 @@ class MassConservingSolver:
         count = len(self._full)
         defect, void = given[count:], np.zeros(self._n)
         void[self._full] = given[:count] - DEFECT_WEIGHT * defect[self._full]
-        update = self.system.solution(defect * self._rows + self._carry(void))
+        carried = self._pattern.multiply(self._transport, void)
+        update = self.system.solution(defect * self._rows + carried)
         pressure = update[self._full] / self._problem.unit
         return np.concatenate([pressure, np.where(self.system.full, void, update)])
 
     def solve(
-        self, problem: Complementarity, pressure: np.ndarray, void: np.ndarray
+        self, problem: OilProblem, pressure: np.ndarray, void: np.ndarray
     ) -> CavitationResult:
-        """Solve a complementarity problem with weights T.
+        """Solve a complementarity problem.
 
         Parameters
         ----------
         problem
-            Its residual, derivative and T.
+            r and t.
         pressure, void
             Start values, shape (n,): the zeros of the pressure with a positive void fraction
             are the first empty nodes.
@@ -121,11 +119,7 @@ class MassConservingSolver:
             SNES-VI did not converge, or the result fails its own check; its
             `state` holds pressure and void fraction.
         """
-        assert problem.weights is not None
-        self._problem, self._transport = problem, problem.weights
-        diagonal = self._pattern.diagonal
-        stiffness = problem.entries(pressure)[diagonal] * problem.unit
-        self._rows = stiffness + self._transport[diagonal]
+        self._problem, self._rows = problem, problem.rows
         start = np.maximum(pressure, 0.0) / problem.unit
         try:
             x, _, iterations = self._snes.solve(np.append(start, np.maximum(void, 0.0)))
@@ -143,10 +137,11 @@ class MassConservingSolver:
         )
 
     def derivative(
-        self, problem: Complementarity, result: CavitationResult, change: np.ndarray
+        self, problem: OilProblem, result: CavitationResult, change: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Changes (n, k) of pressure and void fraction with ``r - T s``, the active set held."""
-        self.system.prepare(problem.entries(result.pressure), problem.weights, result.full_film)
+        """Changes (n, k) of pressure and void fraction with ``r - t``, the active set held."""
+        transport = problem.transport_entries(result.flux)
+        self.system.prepare(problem.entries(result.pressure), transport, result.full_film)
         both = -self.system.solution(change)
         full = self.system.full[:, None]
         return np.where(full, both, 0.0), np.where(full, 0.0, both)

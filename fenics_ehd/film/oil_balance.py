@@ -6,7 +6,8 @@ changes of the gap.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
@@ -53,6 +54,32 @@ class OilStep:
     feed: FeedTerm | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class OilProblem(Complementarity):
+    """``r(p) = t(s)``, pressure and void fraction complementary.
+
+    Attributes
+    ----------
+    transport
+        ``t(s)`` of the void fractions of the unknown nodes, shape (m,).
+    transport_entries
+        Entries of its derivative, in the order of the solver's pattern.
+    diagonal
+        Places of the diagonal in it, shape (m,).
+    """
+
+    transport: Callable[[np.ndarray], np.ndarray] = field(kw_only=True)
+    transport_entries: Callable[[np.ndarray], np.ndarray] = field(kw_only=True)
+    diagonal: np.ndarray = field(kw_only=True)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Size of the equations of a nearly full film, shape (m,)."""
+        zero = np.zeros(len(self.diagonal))
+        both = self.unit * self.entries(zero) + self.transport_entries(zero)
+        return both[self.diagonal]
+
+
 class OilBalance:
     """Balance of one film.
 
@@ -72,6 +99,8 @@ class OilBalance:
         free, outflow or void fraction at a side at cavitation pressure.
     dry
         Which of these are of the second kind.
+    pattern
+        Of the derivatives along both.
     """
 
     def __init__(self, film: Film, *, oil_outside: bool = False):
@@ -81,6 +110,7 @@ class OilBalance:
         self.dry = dry[self.unknown]
         self.assembly = a = Assembly(film.parameters.grid, self.unknown)
         self.strips = Strips(a)
+        self.pattern = self.strips.pattern
         self._dry_column = self.dry[a.pattern.indices]
         self._dry_diagonal = a.pattern.diagonal[self.dry]
 
@@ -115,8 +145,8 @@ class OilBalance:
             feed=self.film.equation.fed(gap, lumped=True),
         )
 
-    def problem(self, step: OilStep) -> Complementarity:
-        """``r`` and T of the unknown nodes; an outflow stands for the pressure of a dry side."""
+    def problem(self, step: OilStep) -> OilProblem:
+        """``r`` and t of the unknown nodes; an outflow stands for the pressure of a dry side."""
 
         def residual(values: np.ndarray) -> np.ndarray:
             defect = self.full_film(step, self.nodal(values))[self.unknown]
@@ -129,19 +159,33 @@ class OilBalance:
                 matrix[self.assembly.pattern.diagonal] += lumped[self.unknown]
             matrix[self._dry_column] = 0.0
             matrix[self._dry_diagonal] = 1.0
-            return matrix
+            return self.strips.widened(matrix)
+
+        def transport(void: np.ndarray) -> np.ndarray:
+            return self.strips.apply(step.flows, step.full, self.spread(void))[self.unknown]
+
+        def transport_entries(void: np.ndarray) -> np.ndarray:
+            return self.strips.derivative(step.flows, step.full, self.spread(void))
 
         zero = np.zeros(len(self.unknown))
         constant, first = residual(zero), entries(zero)
         linear = self.film.parameters.lubricant.linear
-        return Complementarity(
-            (lambda p: self.assembly.pattern.multiply(first, p) + constant) if linear else residual,
+        return OilProblem(
+            (lambda p: self.pattern.multiply(first, p) + constant) if linear else residual,
             (lambda p: first) if linear else entries,
             # The void fraction is of order one.
             scale=1.0,
-            weights=self.strips.matrix(step.flows, step.full),
             unit=max(float(np.abs(constant).max()), SMALLEST_SOURCE) / float(first.max()),
+            transport=transport,
+            transport_entries=transport_entries,
+            diagonal=self.pattern.diagonal,
         )
+
+    def spread(self, void: np.ndarray) -> np.ndarray:
+        """Void fractions of all nodes from those of the unknown ones."""
+        nodal = np.zeros(self.assembly.size)
+        nodal[self.unknown] = void
+        return nodal
 
     def nodal(self, values: np.ndarray) -> np.ndarray:
         """Dimensionless pressures at all nodes."""
@@ -201,12 +245,12 @@ class OilBalance:
     def gap_derivatives(
         self, step: OilStep, nodal: np.ndarray, void: np.ndarray
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
-        """Derivatives of the balance, the upwind sides held, see `ReynoldsEquation`."""
+        """Derivatives of the balance, where flows come from held, see `ReynoldsEquation`."""
         p = self.film.parameters
         oil = self.oil(step, nodal)
         density = np.broadcast_to(self.film.equation.factors[1], step.velocity.shape)
         along_h, along_v = flux_derivatives(self.assembly, oil, step.thickness, step.velocity)
-        carried = self.strips.upwind(step.flows, void)
+        carried = self.strips.carried(step.flows, void)
         along_h += self.assembly.source_elements(oil.density / step.length)
         along_h -= self.strips.elements(density * step.velocity, carried)
         storage = self.assembly.source_elements(density / step.length)

@@ -21,7 +21,7 @@ Unknown beside the pressures are the void fractions, free variables of the equat
 the pressures is ``s + gamma d`` (`fenics_ehd.film.mass_conserving_solver`). A Newton step finds
 pressures of the full nodes and void fractions of the others with one sparse matrix.
 
-Matrices of one-step formulas are M-matrices, no fluid fraction falls below zero. With more steps a
+With one-step formulas no fluid fraction falls below zero. With more steps a
 node that runs dry within few of them undershoots (`UNDERSHOOT`); steps that do more are refused.
 """
 
@@ -37,7 +37,7 @@ from scipy import sparse
 from fenics_ehd.base.errors import CavitationError
 from fenics_ehd.film.cavitation import CavitationResult, Complementarity, verify_complementarity
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
-from fenics_ehd.film.oil_balance import OilBalance, OilStep
+from fenics_ehd.film.oil_balance import OilBalance, OilProblem, OilStep
 from fenics_ehd.film.oil_state import DEFECT_WEIGHT, OilState
 from fenics_ehd.film.reynolds import SMALLEST_SOURCE
 from fenics_ehd.multibody.implicit_step import ImplicitStep
@@ -68,6 +68,8 @@ class OilPoint:
         What the balance lacks at these nodes, shape (m,).
     nodal_void
         Void fractions of all nodes.
+    transport
+        Entries of the derivative of their transport.
     """
 
     values: np.ndarray
@@ -75,6 +77,7 @@ class OilPoint:
     step: OilStep
     defect: np.ndarray
     nodal_void: np.ndarray
+    transport: np.ndarray
 
 
 class Evaluated(Protocol):
@@ -230,24 +233,20 @@ class ConservedOil:
 
     def evaluate(
         self, gap: Gap, values: np.ndarray, void: np.ndarray
-    ) -> tuple[Complementarity, np.ndarray, OilPoint]:
+    ) -> tuple[OilProblem, np.ndarray, OilPoint]:
         """The balance at a point, the equations of the pressures, and what is known of it."""
-        balance, pattern = self.balance, self.balance.assembly.pattern
+        balance = self.balance
         step = balance.ending(gap, self._length, self._former)
         problem = balance.problem(step)
-        assert problem.weights is not None
-        defect = problem.residual(values) - pattern.multiply(problem.weights, void)
+        defect = problem.residual(values) - problem.transport(void)
         if self._rows is None:
             zero = np.zeros(len(values))
             source = (problem.residual(zero) + self._past_void[self.nodes])[self.inside]
             least = SMALLEST_SOURCE * float(np.linalg.norm(self._areas))
             self.scale = max(float(np.linalg.norm(source)), least)
-            self._transport = problem.weights[pattern.diagonal]
-            stiffness = problem.entries(zero)[pattern.diagonal]
-            self._rows = stiffness * problem.unit + self._transport
-        nodal_void = np.zeros(balance.assembly.size)
-        nodal_void[self.nodes] = void
-        point = OilPoint(values, void, step, defect, nodal_void)
+            self._rows = problem.rows
+        transport = problem.transport_entries(void)
+        point = OilPoint(values, void, step, defect, balance.spread(void), transport)
         return problem, void + DEFECT_WEIGHT * defect / self._rows, point
 
     def gap_derivatives(
@@ -261,26 +260,26 @@ class ConservedOil:
         return self.balance.change(point.step, nodal, point.nodal_void, changes)[self.nodes]
 
     def given(
-        self, problem: Complementarity, full: np.ndarray, pressures: np.ndarray, defect: np.ndarray
+        self, point: OilPoint, full: np.ndarray, pressures: np.ndarray, defect: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Right-hand side of a Newton step, and what it takes from void fractions of full nodes.
 
         Parameters
         ----------
-        problem, full
-            Balance and numbers of the full nodes.
+        point, full
+            Evaluation and numbers of the full nodes.
         pressures, defect
             Rest of the pressures' equations, at full nodes, and of the balance, shape (m,).
         """
         assert self._rows is not None
-        assert problem.weights is not None
         void = np.zeros(len(defect))
         void[full] = pressures[full] - DEFECT_WEIGHT * defect[full] / self._rows[full]
-        return defect + self.balance.assembly.pattern.multiply(problem.weights, void), void
+        return defect + self.balance.pattern.multiply(point.transport, void), void
 
     def settled(self, point: OilPoint, tolerance: float) -> bool:
         """Whether balance and complementarity hold, in the maximum norm."""
-        limit = tolerance * self.scale + ROUND_OFF * self._transport.max()
+        assert self._rows is not None
+        limit = tolerance * self.scale + ROUND_OFF * self._rows.max()
         overlap = np.minimum(point.values, point.void)
         return bool(
             np.abs(point.defect).max(initial=0.0) <= limit

@@ -133,7 +133,7 @@ def film_block(
     film = place.film.film
     symmetric = film.parameters.lubricant.linear
     if oil is not None:
-        pattern = oil.balance.assembly.pattern
+        pattern = oil.balance.pattern
         return OilFilm(
             ActiveSetSystem(pattern, weighted=True, symmetric=False, options_prefix=options_prefix)
         )

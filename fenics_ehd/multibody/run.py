@@ -34,7 +34,8 @@ class Steps:
         Local error of a step: relative change of every gap, and of coordinates as
         `Body.error_measure` has them.
     order
-        Of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping.
+        Of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping or
+        oil is conserved.
     first, smallest
         [s].
     largest
@@ -82,8 +83,11 @@ class Run:
         self.equations = self.solve.equations
         self.norm = StepNorm(self.equations)
         # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
-        # theirs: a full interface without damping was 71 % off (`docs/extremes.md`).
-        order = steps.order if system.least_damping >= DAMPED else min(steps.order, 2)
+        # theirs: a full interface without damping was 71 % off (`docs/extremes.md`). Past a node of
+        # conserved oil that has just filled it overshoots (`docs/real-films.md`), and oil that
+        # pressure makes denser is a spring without damping.
+        damped = system.least_damping >= DAMPED and not self.equations.voids
+        order = steps.order if damped else min(steps.order, 2)
         self.control = StepControl(
             steps.tolerance, steps.first, steps.smallest, steps.largest * span, order
         )

@@ -221,8 +221,8 @@ class StepDerivatives:
             assert own.oil is not None
             assert other.oil is not None
             defect = (other.oil.defect - own.oil.defect) / amount
-            problem, full = own.problem, self._full[i]
-            films[i], taken[i] = equations.oil(i).given(problem, full, films[i], defect)
+            full = self._full[i]
+            films[i], taken[i] = equations.oil(i).given(own.oil, full, films[i], defect)
         rest = (point.rest - here.rest) / amount
         found = self._factors.update(here, self._full, films, rest)
         pressures, voids = [], {}

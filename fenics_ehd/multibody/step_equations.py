@@ -248,10 +248,10 @@ class StepEquations:
         check_gap(gap, film.parameters.surfaces)
         if void is not None:
             oil = self.oil(i)
-            problem, defect, oil_point = oil.evaluate(gap, pressure, void)
+            balanced, defect, oil_point = oil.evaluate(gap, pressure, void)
             if len(self.scales) <= i:
                 self.scales.append(1.0)
-            return FilmPoint(oil.balance.nodal(pressure), gap, problem, defect, oil=oil_point)
+            return FilmPoint(oil.balance.nodal(pressure), gap, balanced, defect, oil=oil_point)
         problem = film.equation.problem(gap)
         if len(self.scales) <= i:
             self.scales.append(problem.scale)
@@ -347,11 +347,10 @@ class StepEquations:
                 twist(place, own, own.turned, core)
             if own.oil is None:
                 entries = own.problem.entries(own.nodal[film.free]) / scale
-                pattern = film.assembly.pattern
+                pattern, weights_of_film = film.assembly.pattern, own.problem.weights
             else:
                 entries = own.problem.entries(own.oil.values)
-                pattern = self.oil(i).balance.assembly.pattern
-            weights_of_film = own.problem.weights
+                pattern, weights_of_film = self.oil(i).balance.pattern, own.oil.transport
             matrices.append(FilmMatrix(pattern, entries, weights_of_film, answer))
             borders.append(border)
         return Derivative(matrices, borders, core)

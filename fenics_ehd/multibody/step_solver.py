@@ -5,7 +5,8 @@ in one iteration, quadratically on the active set that SNES-VI settles on. It st
 left of the Newton update changes the gaps by less than the tolerance of the step, relative, the
 coordinates by less than that in the norm of the step control, and every film's complementarity
 holds to the same tolerance, relative to its source, or to round-off of its flow; all in the
-maximum norm. A factorisation serves as long as the active set stays and the updates shrink fast.
+maximum norm. A factorisation serves as long as the active set stays, the updates shrink fast, and
+balances of conserved oil hold, whose transport is not linear.
 
 Full updates may lead from one active set to another and back: few residual patterns, hardly
 damped, resist a short step far more than the oil does. A step that failed is tried again with
@@ -239,10 +240,17 @@ class CoupledSteps:
         self._full = full
         if self._settled or self._iterations >= FREE_SHEAR:
             self.equations.hold_filled()
-        if self._contracts and self._settled and self._factors.known:
+        if self._contracts and self._settled and self._factors.known and self._oils_settled():
             return
         if not (self._close and self._factors.change(full)):
             self._factors.factorise(self._point, full)
+
+    def _oils_settled(self) -> bool:
+        """Whether the balances of all films that conserve their oil hold."""
+        return all(
+            film.oil is None or self.equations.oil(i).settled(film.oil, self._tolerance)
+            for i, film in enumerate(self._point.films)
+        )
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
         """See `VariationalInequality`; shortened where it would close a gap."""
@@ -276,18 +284,17 @@ class CoupledSteps:
         self, i: int, pressures: np.ndarray, defect: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """See `ConservedOil.given`."""
-        problem = self._point.films[i].problem
-        return self.equations.oil(i).given(problem, self._full[i], pressures, defect)
+        point = self._point.films[i].oil
+        assert point is not None
+        return self.equations.oil(i).given(point, self._full[i], pressures, defect)
 
     def converged(self, iteration: int) -> bool:
         """See `SelfJudging`: what is left of the update is small, by the last derivatives."""
-        if not iteration or self._fraction < 1.0:
+        if not iteration or self._fraction < 1.0 or not self._oils_settled():
             return False
         point, films = self._point, []
         for i, (place, film) in enumerate(zip(self.system.films, point.films, strict=True)):
             if film.oil is not None:
-                if not self.equations.oil(i).settled(film.oil, self._tolerance):
-                    return False
                 films.append(self._given(i, film.defect, film.oil.defect)[0])
                 continue
             pressures = film.nodal[place.film.film.free]

@@ -289,9 +289,7 @@ class System:
 
     @property
     def least_damping(self) -> float:
-        """Smallest damping ratio of a mode of any body; compressible oil is an undamped spring."""
-        if not all(p.film.film.parameters.lubricant.density_law.constant for p in self.films):
-            return 0.0
+        """Smallest damping ratio of a mode of any body."""
         return min((body.least_damping for body in self._bodies.values()), default=np.inf)
 
     @cached_property

@@ -428,7 +428,8 @@ class TimeSettings:
     )
     order: int = count(
         3,
-        "of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping",
+        "of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping or oil "
+        "is conserved",
         least=1,
         most=3,
     )
