@@ -16,11 +16,10 @@ from command_line import call, exit_of
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.silence import printing_kept
-from fenics_ehd.fem.abaqus_deck import read_deck
 from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.gmsh_session import session
 from fenics_ehd.fem.solid import Solid
-from fenics_ehd.fem.solid_file import read_mesh
+from fenics_ehd.fem.solid_file import read_deck, read_mesh
 
 KINDS = ("tet", "hex")
 

@@ -30,7 +30,6 @@ from fenics_ehd.reduction import (
     ReducedBody,
     Reductor,
     Structure,
-    column_store,
     craig_bampton,
     distributed,
     eigenmodes,
@@ -1355,7 +1354,7 @@ def test_blocks_stay_narrow_and_change_nothing(method, monkeypatch):
     for module in (linear_solver, distributed):
         monkeypatch.setattr(module, "dense_matrix", watched_matrix)
     monkeypatch.setattr(distributed, "BLOCK_COLUMNS", 9)
-    monkeypatch.setattr(column_store, "KEPT_COLUMNS", 0)
+    monkeypatch.setattr(linear_solver, "KEPT_COLUMNS", 0)
     narrow = reduce_it(given_one)
     rows = {3 * len(given_one.coordinates), 60 if WORLD.size == 1 else None}
     rows |= {given_one.bore.load.local_size[1], len(given_one.coordinates)}

@@ -23,10 +23,9 @@ from fenics_ehd.reduction.inertia import InertiaIntegrals
 from fenics_ehd.reduction.load_dependent import full_interface, load_dependent
 from fenics_ehd.reduction.matrices import as_matrix, reorder
 from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS, proper_orthogonal
-from fenics_ehd.reduction.reductor import Reductor
+from fenics_ehd.reduction.reductor import Reductor, rigid
 from fenics_ehd.reduction.residual_flexibility import residual_flexibility
 from fenics_ehd.reduction.residual_modes import SELECTIONS
-from fenics_ehd.reduction.rigid import rigid
 from fenics_ehd.reduction.structure import Recovery, Structure
 from fenics_ehd.reduction.structure_file import load_structure, save_structure
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
-from fenics_ehd.base.sealed_file import named, open_sealed, require_numbers
+from fenics_ehd.base.sealed_file import named, open_sealed
 from fenics_ehd.reduction.row_blocks import Rows, append, sealed_by_ranks
 from fenics_ehd.reduction.structure import Structure
 
@@ -120,11 +120,6 @@ class BasisFile:
             self._file = open_sealed(
                 self.path, FORMAT, FORMAT_VERSION, remedy="reduce the part again"
             )
-            try:
-                self._check()
-            except Exception:
-                self.close()
-                raise
 
     def __enter__(self) -> BasisFile:
         return self
@@ -138,18 +133,6 @@ class BasisFile:
 
     def _named(self) -> AbstractContextManager[None]:
         return named(BodyFileError, f"basis file {self.path}")
-
-    def _check(self) -> None:
-        file = self._file
-        nodes, modes = len(file["nodes"]), file["basis"].shape[-1]
-        shapes = {"nodes": (nodes, 3), "basis": (nodes, 3, modes), "cells": file["cells"].shape[:2]}
-        if "stress" in file:
-            points = len(file["stress"])
-            shapes |= {"stress": (points, 6, modes), "stress_points": (points, 3)}
-        for name, shape in shapes.items():
-            require_numbers(file[name], "i" if name == "cells" else "f")
-            if file[name].shape != shape:
-                raise ValueError(f"{name} has shape {file[name].shape}, not {shape}")
 
     @property
     def modes(self) -> int:

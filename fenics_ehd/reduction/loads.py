@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.reduction.column_store import ColumnStore
 from fenics_ehd.reduction.distributed import (
     blocks,
     combine,
@@ -15,6 +14,7 @@ from fenics_ehd.reduction.distributed import (
     symmetric,
     transpose_multiply,
 )
+from fenics_ehd.reduction.linear_solver import ColumnStore
 from fenics_ehd.reduction.projection import BoreFlexibility, bore_rows
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure

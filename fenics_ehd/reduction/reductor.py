@@ -1,4 +1,8 @@
-"""What the reductions of one part have in common, each of it computed once."""
+"""What the reductions of one part have in common, each of it computed once.
+
+The smallest reduction is here too: a part taken as rigid, its inertia and bores without elastic
+coordinates.
+"""
 
 from __future__ import annotations
 
@@ -151,3 +155,38 @@ class Reductor:
             full_flexibility=self.flexibility if estimate_error else None,
             keep_basis=keep_basis,
         )
+
+
+# Without modes
+
+
+def rigid(
+    part: Structure | Reductor,
+    *,
+    estimate_error: bool = False,
+    keep_basis: bool = False,
+    **options: Unpack[Options],
+) -> ReducedBody:
+    """Body without elastic coordinates; nothing is factorised unless the error is asked for.
+
+    Parameters
+    ----------
+    part
+        The part, free or clamped, or a `Reductor` of it.
+    estimate_error
+        Also compute the bore flexibility that is left out, one static solve per
+        pressure node.
+    keep_basis
+        Leave the basis of no columns in the body.
+    options
+        As in `load_dependent`.
+    """
+    reductor = Reductor.of(part, **options)
+    nothing = np.zeros((0, 0))
+    columns = np.zeros((reductor.structure.stiffness.local_size[0], 0))
+    return reductor.project(
+        Basis(columns, nothing, nothing, (), (), {}),
+        "rigid",
+        estimate_error=estimate_error,
+        keep_basis=keep_basis,
+    )
