@@ -165,16 +165,6 @@ def test_elements_agree():
     np.testing.assert_allclose(found, found[1], rtol=3e-3)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_mirrored_rotation_gives_the_mirrored_pressure(family):
-    film = make_film((24, 4), family)
-    there, back = solve(film, 0.6, speed=OMEGA), solve(film, 0.6, speed=-OMEGA)
-    scale = there.pressure.max()
-    p, q = force(film, there.pressure), force(film, back.pressure)
-    np.testing.assert_allclose(q, p * [1, -1], rtol=1e-8)
-    assert back.pressure.max() == pytest.approx(scale, rel=1e-8)
-
-
 def test_steep_gap_gives_the_same_load_on_two_meshes():
     loads = []
     for cells in ((160, 24), (320, 32)):

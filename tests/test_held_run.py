@@ -171,10 +171,12 @@ def test_every_model_of_films_and_several_joints(model, figure):
 @pytest.mark.slow
 @pytest.mark.parametrize("rod", ["rigid", "elastic"])
 def test_friction_where_points_fill_and_empty(rod, figure):
-    # Along 0.1 % hardly one of them does.
+    # Along 0.1 % hardly one of them does. On 12 x 3 cells they are so far apart that 1 and 3 % give
+    # differences 4 % apart.
+    finer = {"joints.big_end.friction": True, "joints.big_end.cells": [40, 5]}
     error = largest_error(
         "slider-crank",
-        (RIGID_ROD if rod == "rigid" else ELASTIC_ROD) | {"joints.big_end.friction": True},
+        (RIGID_ROD if rod == "rigid" else ELASTIC_ROD) | finer,
         ("mean_friction_power",),
         ("joints.big_end.clearance", "piston.mass"),
         share=0.01,

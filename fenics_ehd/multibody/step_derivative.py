@@ -30,8 +30,8 @@ from fenics_ehd.multibody.step_solver import DENSE_LIMIT, ZERO_PRESSURE
 TOLERANCE, MAX_CORRECTIONS = 1e-6, 12
 
 #: Share of a number's scale, to either side, by which it is changed to see which points fill and
-#: empty: a mean friction's derivative is 0.6 % off differences of that size, of a rigid rod and of
-#: an elastic one, up to 14 % without (`docs/sensitivity.md`).
+#: empty: a mean friction's derivative is 0.4 % off differences of that size, of a rigid rod and of
+#: an elastic one on 40 x 5 cells (`docs/sensitivity.md`).
 JUMPS = 0.01
 
 #: Steps after which it is looked at again what a correction leaves.
