@@ -20,7 +20,6 @@ QUICK = {
     "revolutions = 2 ": "revolutions = 0.1 ",
     "tolerance = 1e-4": "tolerance = 1e-3",
     "periodicity = 1e-3": "",
-    "part_mesh_error = true ": "part_mesh_error = false ",
 }
 
 

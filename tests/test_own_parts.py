@@ -3,8 +3,11 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+import attrs
 import example_parts
 import meshio
 import numpy as np
@@ -22,12 +25,16 @@ from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part
 from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.part_check import compliances, part_figures
+from fenics_ehd.fem.part_check import part_figures
 from fenics_ehd.fem.refine import refined
 from fenics_ehd.fem.solid import EDGES, Solid, raised
 from fenics_ehd.fem.sound_cells import corner_volumes
 from fenics_ehd.film.surface import Surface
 from fenics_ehd.reduction.bore_holes import bore_holes
+from fenics_ehd.reduction.mesh_error import compliance, compliance_errors
+from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.scene_file import read_scene
 
 STEEL = Material(210e9, 0.3, 7850.0)
 
@@ -38,7 +45,8 @@ MASS = 0.97280
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
     folder = tmp_path_factory.mktemp("parts")
-    example_parts.main(folder)
+    # By themselves: Gmsh's meshes depend on those that it has made before.
+    subprocess.run([sys.executable, example_parts.__file__, str(folder)], check=True)
     return folder
 
 
@@ -154,7 +162,7 @@ def test_bores_yield_as_that_of_the_shipped_rod(parts, reference, tmp_path, figu
         assert stated["mass_kg"] == pytest.approx(MASS, rel=1e-4)
         assert 0.05 < stated["worst_cell"] < 1.0
         ours = part_figures(tmp_path / "part.msh", STEEL, ["bore"], None)
-        off = np.abs(ours.compliance / reference.compliance - 1).max()
+        off = difference(ours.compliance, reference.compliance)
         worst = max(worst, off / stated["flexibility_mesh_error"])
     figure(
         "part and reduction", "bores of foreign parts, error over the one stated", worst, most=1.0
@@ -173,13 +181,18 @@ def test_matrices_of_calculix_yield_as_the_shipped_rod(
     names = {}
     exec(recipe.replace("parts/", f"{parts.name}/"), names)
     stated = made(parts / "calculix.inp", tmp_path / "part.msh")
-    off = np.abs(compliances(names["rod"]) / reference.compliance - 1).max()
+    off = difference(compliance(StaticSolver(names["rod"])), reference.compliance)
     figure(
         "part and reduction",
         "bore by matrices of CalculiX, error over the one stated",
         off / stated["flexibility_mesh_error"],
         most=1.0,
     )
+
+
+def difference(ours, reference):
+    """Largest relative one of the work of bending pressures."""
+    return max(compliance_errors(ours - reference, reference).values())
 
 
 def made(path, target):
@@ -198,7 +211,7 @@ def test_mesh_with_an_oil_hole_yields_as_its_drawing(parts, tmp_path, figure):
     stated = made(parts / "drilled.msh", tmp_path / "part.msh")
     assert stated["mass_kg"] == pytest.approx(reference.mass, rel=1e-3)
     ours = part_figures(tmp_path / "part.msh", STEEL, ["bore"], None)
-    off = np.abs(ours.compliance / reference.compliance - 1).max()
+    off = difference(ours.compliance, reference.compliance)
     figure(
         "part and reduction",
         "mesh with an oil hole, difference to its drawing over the error stated",
@@ -289,4 +302,13 @@ def test_mesh_error_is_not_told_from_the_same_mesh(parts, tmp_path):
     target = tmp_path / "x.msh"
     asked = ["part", str(parts / "rod.step"), "--bore", "1", "--cells-around", "12"]
     done = CliRunner().invoke(cli, [*asked, "-o", str(target), "--json"], catch_exceptions=False)
-    assert json.loads(done.stdout)["flexibility_mesh_error"] > 1e-3
+    stated = json.loads(done.stdout)["flexibility_mesh_error"]
+    assert stated > 1e-3
+    # A scene that takes the model knows it, whatever its material; Gmsh skips what says so.
+    rod = read_scene("slider-crank-paper").bodies["rod"]
+    soft = attrs.evolve(rod.material, youngs_modulus=70e9)
+    method = attrs.evolve(rod.reduction, method="m1", modes=8)
+    own = {"model": str(target), "geometry": {}, "points": (), "reduction": method}
+    rod = attrs.evolve(rod, material=soft, **own)
+    made = elastic_part(rod, "bodies.rod", "lagrange", MPI.COMM_SELF).reduce(mesh_error=True)
+    assert made.body.accuracy["flexibility_mesh_error"] == pytest.approx(stated, rel=5e-3)

@@ -15,12 +15,6 @@ from fenics_ehd.cli.options import json_option, output_option
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.fem.drawn_part import NamedFaces, OpenedPart, PlacedPart
 
-#: A drawing's second mesh has cells so much larger.
-COARSER = 1.5
-
-#: Largest mesh whose cells are cut in eight for an estimate [unknowns].
-MOST_REFINED = 60_000
-
 UNITS = ("m", "cm", "mm", "um", "in")
 
 
@@ -185,40 +179,43 @@ def _named(
 def _checked(
     opened: OpenedPart, placed: PlacedPart, path: Path, around: int, material: Any
 ) -> dict[str, Any]:
-    """Mass, unknowns, and how far the bores' flexibility is from that of another mesh.
+    """Mass, unknowns, and how far the bores' flexibility is from the exact one, left in the file.
 
-    A drawing's other mesh is coarser, that of a mesh has every cell cut in eight.
+    A drawing is meshed again, more finely if that can be paid; a mesh has every cell cut in eight.
     """
     from tempfile import TemporaryDirectory
 
-    import numpy as np
-
     from fenics_ehd.fem.drawn_part import place_part
-    from fenics_ehd.fem.part_check import PATTERNS, part_figures
+    from fenics_ehd.fem.models import store_mesh_error
+    from fenics_ehd.fem.part_check import part_figures
+    from fenics_ehd.reduction.mesh_error import (
+        FINER,
+        MOST_REFINED,
+        compliance_errors,
+        missing_compliance,
+    )
 
     bores, clamped = tuple(placed.named.bores), "held" if placed.named.held else None
     here = part_figures(path, material, bores, clamped)
     found: dict[str, Any] = {"mass_kg": here.mass, "degrees_of_freedom": here.unknowns}
-    if not opened.drawn and here.unknowns > MOST_REFINED:
+    small = here.unknowns <= MOST_REFINED
+    if not (opened.drawn or small):
         return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     if opened.drawn:
-        other = place_part(opened, placed.named, around, COARSER)
+        other = place_part(opened, placed.named, around, 1.0 / FINER if small else FINER)
     else:
         other = placed.refined()
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         other.write(file)
         there = part_figures(file, material, bores, clamped)
-    # Compliance converges by h^1.09 at a re-entrant right angle (Williams' exponent is 0.5445).
-    # As of order 1, the error is twice the difference both to cells of 1.5 and of 0.5 times the
-    # size.
-    error = 2 * np.abs(there.compliance / here.compliance - 1)
+    missing = missing_compliance(here.compliance, here.unknowns, there.compliance, there.unknowns)
+    store_mesh_error(path, bores, material.youngs_modulus * missing)
+    errors = compliance_errors(missing, here.compliance)
     return found | {
-        "flexibility_mesh_error": float(error.max()),
-        "flexibility_mesh_error_by_pattern": dict(
-            zip(PATTERNS, error.max(axis=0).tolist(), strict=True)
-        ),
-        "second_mesh": "coarser" if opened.drawn else "finer",
+        "flexibility_mesh_error": max(errors.values()),
+        "flexibility_mesh_error_by_pattern": errors,
+        "second_mesh": "finer" if small else "coarser",
     }
 
 

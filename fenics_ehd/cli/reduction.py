@@ -62,7 +62,7 @@ def reduce_part(
     require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
     say_reducing([name])
     element = scene.film_element(name)
-    made = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce()
+    made = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce(mesh_error=True)
     assert isinstance(made, ReducedPart)
     rod, body = made, made.body
     if basis_path:
@@ -160,6 +160,9 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
     if "flexibility_followed" in body.accuracy:
         share = 100 * body.accuracy["flexibility_followed"]
         lines.append(f"  these modes follow {share:.4g} % of the bore's flexibility")
+    if "flexibility_mesh_error" in body.accuracy:
+        share = 100 * body.accuracy["flexibility_mesh_error"]
+        lines.append(f"  mesh error of the bore's flexibility: {share:.2g} %")
     if body.accuracy.get("static_dropped"):
         lines.append(
             f"  {int(body.accuracy['static_dropped'])} static modes dropped as linearly dependent"

@@ -92,6 +92,7 @@ def build_mesh(
     serendipity_geometry: bool = True,
     cells: str = "hex",
     bores: Sequence[str] = (BORE,),
+    size: float = 1.0,
 ) -> PartMesh:
     """Mesh a Gmsh model on rank 0 and distribute it.
 
@@ -112,6 +113,8 @@ def build_mesh(
     bores
         Surfaces on cylinders along z: mid-side nodes of tetrahedra there are put
         on the cylinder, half way in angle and height.
+    size
+        Of a model's cells over what it says, where they are not counted.
 
     Returns
     -------
@@ -126,7 +129,7 @@ def build_mesh(
     groups, failure = None, None
     if comm.rank == 0:
         try:
-            groups = open_model(Path(path), parameters or {}, cells)
+            groups = open_model(Path(path), parameters or {}, cells, size)
             cells = _found_cells(path, cells)
             if cells == "tet":
                 for bore in bores:

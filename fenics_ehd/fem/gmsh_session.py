@@ -174,7 +174,9 @@ def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: floa
     gmsh.onelab.setNumber(entry["name"], [float(value)])
 
 
-def open_model(path: Path, parameters: Mapping[str, float], cells: str) -> dict[str, int]:
+def open_model(
+    path: Path, parameters: Mapping[str, float], cells: str, size: float = 1.0
+) -> dict[str, int]:
     """Numbers of a model's groups by name, its mesh in a session that the caller ends.
 
     Raises
@@ -184,14 +186,14 @@ def open_model(path: Path, parameters: Mapping[str, float], cells: str) -> dict[
     """
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "mesh.msh")
-        groups = _called("mesh", _write_mesh, path, dict(parameters), cells, mesh)
+        groups = _called("mesh", _write_mesh, path, dict(parameters), cells, size, mesh)
         begin_session()
         gmsh.open(str(mesh))
     return groups
 
 
 def _write_mesh(
-    path: Path, parameters: Mapping[str, float], cells: str, target: Path
+    path: Path, parameters: Mapping[str, float], cells: str, size: float, target: Path
 ) -> dict[str, int]:
     """Numbers of a model's groups by name, its mesh in a file."""
     check_model(path)
@@ -204,6 +206,8 @@ def _write_mesh(
                 _set_parameter(path, known, SWITCH, cells == "tet")
             gmsh.open(model)
         if not gmsh.model.mesh.getNodes()[0].size:
+            size *= gmsh.option.getNumber("Mesh.MeshSizeFactor")
+            gmsh.option.setNumber("Mesh.MeshSizeFactor", size)
             gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)
         # Nodes of no cell, too: those with numbers above theirs keep them.

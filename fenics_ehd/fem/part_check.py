@@ -13,13 +13,9 @@ from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.structure import assemble_structure
 from fenics_ehd.reduction.distributed import inner, multiply
+from fenics_ehd.reduction.mesh_error import compliance
 from fenics_ehd.reduction.rigid_motion import rigid_fields
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.reduction.structure import Structure
-
-#: Pressures over the bore whose deformation is compared: the harmonics that bend it, and a
-#: sharper one, of an exponential.
-PATTERNS = ("cos 2 phi", "sin 2 phi", "cos 3 phi", "sin 3 phi", "exp(4 cos phi)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +29,7 @@ class PartFigures:
     unknowns
         Degrees of freedom.
     compliance
-        Work of each of `PATTERNS` of 1 Pa in each bore, shape (bores, patterns) [J].
+        See `fenics_ehd.reduction.mesh_error.compliance` [J/Pa^2].
     """
 
     mass: float
@@ -59,17 +55,4 @@ def part_figures(
     structure = assemble_structure(mesh, material, bores=bores, attachments=(), clamped=clamped)
     moves = rigid_fields(structure.coordinates)[:, :1]
     mass = inner(moves, multiply(structure.mass, moves), structure.comm)[0, 0]
-    return PartFigures(float(mass), structure.size, compliances(structure))
-
-
-def compliances(structure: Structure) -> np.ndarray:
-    """Work of each of `PATTERNS` of 1 Pa in each bore, shape (bores, patterns) [J]."""
-    solver = StaticSolver(structure)
-    rows = []
-    for bore in structure.bores.values():
-        phi = np.arctan2(bore.pressure_coordinates[:, 1], bore.pressure_coordinates[:, 0])
-        harmonics = [wave(k * phi) for k in (2, 3) for wave in (np.cos, np.sin)]
-        pressures = np.column_stack([*harmonics, np.exp(4 * np.cos(phi) - 4)])
-        loads = solver.equilibrate(multiply(bore.load, pressures))
-        rows.append(np.einsum("ij,ij->j", loads, solver.solve(loads)))
-    return np.array(rows)
+    return PartFigures(float(mass), structure.size, compliance(StaticSolver(structure)))

@@ -12,7 +12,7 @@ basis
     in the same steps, the gaps changed by what the basis lacks (`basis_error`): missing
     flexibility, or with M4 the inertia of the residual patterns;
 part mesh
-    the same with what a coarser mesh of the part changes in its flexibility;
+    the same with what another mesh of the part changes in its flexibility;
 start
     from how far the last cycles began from one another, how much of that was left at their ends,
     and what their extremes differed.
@@ -27,7 +27,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import process_time
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -56,7 +55,6 @@ from fenics_ehd.multibody.solver_state import SolverState
 from fenics_ehd.multibody.step_solver import CoupledSteps
 from fenics_ehd.multibody.system import FilmPlace, System
 from fenics_ehd.multibody.tracking import Tracker
-from fenics_ehd.reduction import ReducedBody
 
 #: Those of flexible bores.
 OF_BORES = ("basis", "part_mesh")
@@ -120,8 +118,6 @@ class Estimator:
         Of the last cycle, or the run.
     tracker
         Of the run.
-    coarser
-        Flexible bodies by name, rigid, of coarser meshes of their parts (`part_mesh`).
     """
 
     def __init__(
@@ -131,11 +127,9 @@ class Estimator:
         began: IntegratorState[SolverState],
         course: Course,
         tracker: Tracker,
-        coarser: Mapping[str, ReducedBody] = MappingProxyType({}),
     ):
         self._run, self._cycles, self._course = run, cycles, course
         self._system = run.equations.system
-        self._coarser = coarser
         self._extremes, self._former = tracker.extremes, tracker.former
         control, share_of_run = run.control, len(course.times) / tracker.counts["steps"]
         self._other_formula = share_of_run <= SMALL_SHARE and control.order > 1
@@ -172,16 +166,13 @@ class Estimator:
                 system = self._system
                 for name, lacking in (
                     ("basis", partial(lacking_in_basis, system)),
-                    ("part_mesh", partial(lacking_in_mesh, system, self._coarser)),
+                    ("part_mesh", partial(lacking_in_mesh, system)),
                 ):
-                    if name == "basis" or self._coarser:
-                        found = self._try(
-                            name, notes, partial(self._change_by_gaps, again, lacking)
-                        )
-                        if found is not None:
-                            changes[name] = found
+                    found = self._try(name, notes, partial(self._change_by_gaps, again, lacking))
+                    if found is not None:
+                        changes[name] = found
         else:
-            notes |= dict.fromkeys(("film_mesh", "basis"), notes["step_size"])
+            notes |= dict.fromkeys(("film_mesh", *OF_BORES), notes["step_size"])
         joints = {
             place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
         }

@@ -10,10 +10,9 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate, bore_body, bore_loads, estimate_at
 from fenics_ehd.multibody.course import Course
 from fenics_ehd.multibody.disturbance import Disturbance
-from fenics_ehd.multibody.part_mesh import flexibility_error
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import FilmPlace, System
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.mesh_error import missing_outward
 
 
 def lacking_in_basis(system: System) -> dict[str, BasisErrorEstimate]:
@@ -35,25 +34,25 @@ def lacking_in_basis(system: System) -> dict[str, BasisErrorEstimate]:
     return estimates
 
 
-def lacking_in_mesh(
-    system: System, coarser: Mapping[str, ReducedBody]
-) -> dict[str, BasisErrorEstimate]:
+def lacking_in_mesh(system: System) -> dict[str, BasisErrorEstimate]:
     """What meshes of parts lack, by joint.
 
     Raises
     ------
     SettingsError
-        A part has no coarser mesh.
-    InterfaceMismatchError
-        See `flexibility_error`.
+        Of a part's mesh nothing is known.
     """
     found = {}
     for place in system.films:
         if place.bore:
             body = bore_body(system, place)
-            if place.bore_body not in coarser:
-                raise SettingsError(f"{place.bore_body}: no coarser mesh of the part is known")
-            error = flexibility_error(body.reduced, coarser[place.bore_body])
+            missing, bores = body.reduced.mesh_compliance, body.reduced.bores
+            if not missing.size:
+                raise SettingsError(
+                    f"{place.bore_body}: no other mesh of the part is known, see "
+                    "output.part_mesh_error"
+                )
+            error = missing_outward(missing, bores)
             nodes = body.reduced.rows_of(place.bore).nodes
             found[place.name] = BasisErrorEstimate(error[nodes], body.damping_time)
     return found
@@ -79,11 +78,10 @@ def lacking_gaps(
             for place in system.films:
                 if place.bore:
                     own = equations.responses.of_body(place.bore_body)
-                    fields[place.name].append(
-                        estimates[place.name].field(
-                            steps[k], loads[k][place.bore_body], course.accelerations[k][own]
-                        )
-                    )
+                    estimate, load = estimates[place.name], loads[k][place.bore_body]
+                    starts = not periodic and course.times[k] - began <= estimate.start
+                    moved = None if starts else course.accelerations[k][own]
+                    fields[place.name].append(estimate.field(steps[k], load, moved))
     observed = [
         _observed(system, place, np.array(fields[place.name])) if place.bore else None
         for place in system.films
@@ -98,8 +96,7 @@ def _observed(system: System, place: FilmPlace, outward: np.ndarray) -> np.ndarr
     bore = place.film.bore
     assert bore is not None
     part = bore_body(system, place).reduced.at_bore(place.bore)
-    radial = part.bore_nodes - np.append(part.bore.centre[:2], 0.0)
-    radial[:, 2] = 0.0
+    radial = part.bore_nodes * [1.0, 1.0, 0.0]
     radial /= np.linalg.norm(radial, axis=1)[:, None]
     fields = outward[:, :, None] * radial
     return np.asarray((bore.observed_normal @ fields.reshape(len(outward), -1).T).T)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from fenics_ehd.base.output import ERROR_BUDGET, to_json, write_whole
 from fenics_ehd.multibody.course import Course, course_of
 from fenics_ehd.multibody.error_budget import QUANTITIES, ErrorBudget, Estimator
-from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.results.history_file import opened_history, read_fields
 from fenics_ehd.results.load import load_results
 from fenics_ehd.results.recorded_run import RecordedRun
@@ -32,17 +30,13 @@ def recorded_course(recorded: RecordedRun, directory: Path) -> Course:
     return course_of(system, columns, {name: values[first:] for name, values in fields.items()})
 
 
-def estimated(
-    recorded: RecordedRun, directory: Path, coarser: Mapping[str, ReducedBody]
-) -> dict[str, Any]:
+def estimated(recorded: RecordedRun, directory: Path) -> dict[str, Any]:
     """Estimate the errors of a run that is complete, and leave them in its folder.
 
     Parameters
     ----------
     recorded, directory
         The run, its history there.
-    coarser
-        See `Estimator`.
 
     Returns
     -------
@@ -56,7 +50,6 @@ def estimated(
         recorded.began,
         recorded_course(recorded, directory),
         recorded.tracker,
-        coarser,
     )
     budget = estimator.budget()
     write_whole(directory / ERROR_BUDGET, to_json(curves(recorded, budget)) + "\n")

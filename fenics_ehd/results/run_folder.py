@@ -34,8 +34,8 @@ from fenics_ehd.results.history_file import FIELDS_NAME
 #: Stresses over the cycle, made of a run's result.
 STRESS = "stress.json"
 
-#: File of a flexible body beside the history of its run, and of a coarser mesh of its part.
-BODY_FILE, COARSER_FILE = "body-{}.h5", "coarser-{}.h5"
+#: File of a flexible body beside the history of its run.
+BODY_FILE = "body-{}.h5"
 
 #: Series for ParaView; and a run that is to replace the complete result beside it.
 SERIES, REPLACEMENT = "vtk/", "replacement/"
@@ -61,7 +61,7 @@ def clear_made(directory: Path) -> None:
 
 def _of_run(name: str) -> bool:
     """Whether a run cannot go on without this file."""
-    return name in RUN or name.startswith(("body-", "coarser-"))
+    return name in RUN or name.startswith("body-")
 
 
 def require_no_result(directory: Path) -> None:
@@ -131,7 +131,7 @@ class RunFolder:
         require_writable(self.directory)
         self._made = not self.directory.exists()
         self.directory.mkdir(parents=True, exist_ok=True)
-        files = [form.format(name) for name in bodies for form in (BODY_FILE, COARSER_FILE)]
+        files = [BODY_FILE.format(name) for name in bodies]
         replacement = self.directory / REPLACEMENT
         self._lock = locked(self.directory)
         try:

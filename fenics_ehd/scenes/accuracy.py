@@ -26,9 +26,9 @@ from fenics_ehd.base.output import ACCURACY, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.base.text_file import read_json
 from fenics_ehd.scenes.accuracy_choice import rounded
-from fenics_ehd.scenes.coarse_part import counts, with_counts
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.given import changed
+from fenics_ehd.scenes.part_cells import counts, with_counts
 from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
 from fenics_ehd.scenes.scene_text import stored
 
@@ -142,6 +142,7 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
                     scene.bodies[name], f"bodies.{name}"
                 ).geometry
                 for name in meshed(scene)
+                if scene.bodies[name].reduction.method != "rigid"
             },
         )
     kept = _kept(scene)

@@ -12,8 +12,8 @@ from fenics_ehd.multibody.energy import ENERGY_LIMIT, trusted
 from fenics_ehd.multibody.error_budget import FILM_ORDERS
 from fenics_ehd.multibody.error_shares import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.multibody.other_films import FINER
-from fenics_ehd.multibody.part_mesh import PART_ORDER
 from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.results.recorded_run import RecordedRun
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.accuracy import NOISE, Search
@@ -26,7 +26,7 @@ from fenics_ehd.scenes.accuracy_choice import (
     cheapest,
     rounded,
 )
-from fenics_ehd.scenes.coarse_part import counts, part_cells
+from fenics_ehd.scenes.part_cells import counts, part_cells
 from fenics_ehd.scenes.scene import Scene, meshed
 
 #: Share of the accuracy that all components together are aimed at, and that a part's mesh, a basis
@@ -72,7 +72,7 @@ def account(
     AccuracyError
         A component is not estimated.
     """
-    errors = _errors(search, scene, recorded, worth["error_budget_notes"])
+    errors = _errors(search, recorded, worth["error_budget_notes"])
     budgets = recorded.tracker.worth
     if search.runs and search.runs[-1]["chosen"] == search.chosen:
         search.runs.pop()  # a complete run, taken up again
@@ -89,20 +89,21 @@ def account(
             "processor_time_s": recorded.processor_time + worth["error_budget_processor_time_s"],
         }
     )
+    warnings, why = list(scene.warnings), worth["error_budget_notes"].get("part_mesh")
+    if why is not None:
+        warnings.append(f"output.accuracy = {search.asked:g} is without the part mesh: {why}")
     if search.met:
-        return {"accuracy": search.figures(), "status": "complete"}
+        return {"accuracy": search.figures(), "status": "complete", "warnings": warnings}
     if len(search.runs) <= RUNS:
         values = _next(search, scene, recorded, errors)
         search.wanted = {k: v for k, v in values.items() if v != search.chosen.get(k)}
     found = {"accuracy": search.figures(), "status": search.runs[-1]["status"]}
     if not search.wanted:
-        found["warnings"] = [*scene.warnings, _missed(search)]
+        found["warnings"] = [*warnings, _missed(search)]
     return found
 
 
-def _errors(
-    search: Search, scene: Scene, recorded: RecordedRun, notes: Mapping[str, str]
-) -> Errors:
+def _errors(search: Search, recorded: RecordedRun, notes: Mapping[str, str]) -> Errors:
     """Components that count."""
     found: dict[tuple[str, str], dict[str, float]] = {}
     for joint, budget in recorded.tracker.worth.items():
@@ -114,9 +115,7 @@ def _errors(
                     own[key] = value
                 elif key == "start" and value != NOT_APPLICABLE:
                     own[key] = search.asked  # films that repeat by chance: once more
-                elif value != NOT_APPLICABLE and (
-                    key != "part_mesh" or scene.output.part_mesh_error
-                ):
+                elif value != NOT_APPLICABLE and key != "part_mesh":
                     raise AccuracyError(
                         f"output.accuracy = {search.asked:g}: the error of joints.{joint} by "
                         f"{key.replace('_', ' ')} is {value}: {notes.get(key, 'drop the key')}"
@@ -162,7 +161,8 @@ def _part(
         values[f"{key}.reduction"] = {**reduction, "vibration_modes": more}
     over = left.largest("part_mesh", joints) / (PART_SHARE * search.asked)
     if over > 1.0 and counts(part):
-        around = max(part.geometry[k] for k in counts(part) if "around" in k)
+        cells = (part.geometry[key] for key in counts(part) if "around" in key)
+        around = max(cells, default=MOST_AROUND)
         factor = min(over ** (1.0 / PART_ORDER), max(1.0, MOST_AROUND / around))
         left.scale("part_mesh", factor**-PART_ORDER, joints)
         values[f"{key}.geometry"] = part_cells(part, factor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from time import perf_counter
 
 import attrs
@@ -17,10 +18,11 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import check_period
 from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.run import Steps
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction import ReducedBody, load_body
 from fenics_ehd.scenes import loads, schema
 from fenics_ehd.scenes.elastic_part import ElasticPart, elastic_part
 from fenics_ehd.scenes.entries import flexible_body, ideal_joint, rough_pose, stiff_body
+from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.films import (
     build_film,
     check_fit,
@@ -28,9 +30,9 @@ from fenics_ehd.scenes.films import (
     reference_rate,
     stand_in_film,
 )
-from fenics_ehd.scenes.part import ReducedPart
+from fenics_ehd.scenes.part import ReducedPart, model_file
 from fenics_ehd.scenes.rough_pose import assembled_bodies
-from fenics_ehd.scenes.scene import Scene, meshed
+from fenics_ehd.scenes.scene import Scene, flexible, meshed
 from fenics_ehd.scenes.shapes import joint_shapes
 
 
@@ -105,7 +107,7 @@ def build_mechanism(
     ideal = _ideal(scene, parts, stiff, *loads_of)
     reduced, found = {}, {}
     for name, part in parts.items():
-        made = part.reduce()
+        made = part.reduce(mesh_error=scene.output.error_budget and scene.output.part_mesh_error)
         if isinstance(made, ReducedPart):
             reduced[name] = made
         found[name] = made.body if isinstance(made, ReducedPart) else made
@@ -146,6 +148,12 @@ def _parts(
 ) -> dict[str, ElasticPart]:
     """Elastic parts, not yet reduced; every journal fits its bore."""
     found = {}
+    for name in flexible(scene):  # all files are there before the first part is meshed
+        settings = scene.bodies[name]
+        if name not in reduced and settings.model != NONE:
+            model_file(settings, f"bodies.{name}")
+        elif name not in reduced and not Path(settings.body).is_file():
+            load_body(settings.body)
     for name, settings in scene.bodies.items():
         if isinstance(settings, schema.FlexibleSettings):
             element = scene.film_element(name)

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 
+import attrs
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.fem.models import stored_mesh_error
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.reduction import ReducedBody, Reductor, Structure, load_body
 from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.mesh_error import (
+    FINER,
+    MOST_REFINED,
+    SMOOTH,
+    compliance,
+    compliance_errors,
+    missing_compliance,
+)
+from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
 from fenics_ehd.scenes.part import (
@@ -23,6 +35,7 @@ from fenics_ehd.scenes.part import (
     reduction_provenance,
     structure_provenance,
 )
+from fenics_ehd.scenes.part_cells import counts, part_cells, with_counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,22 +97,53 @@ class ElasticPart:
         found = {name: bore.centre[:2] for name, bore in self.source.bores.items()} | found
         return {name: (float(x), float(y)) for name, (x, y) in found.items()}
 
-    def reduce(self, reductor: Reductor | None = None) -> ReducedPart | ReducedBody:
+    def reduce(
+        self, reductor: Reductor | None = None, *, mesh_error: bool = False
+    ) -> ReducedPart | ReducedBody:
         """The reduced part, that of a file as it is; collective.
 
-        A `reductor` of the structure serves other reductions of the part as well.
+        Parameters
+        ----------
+        reductor
+            Of the structure, which serves other reductions of the part as well.
+        mesh_error
+            Whether the body is to know what its mesh misses, as far as the model allows.
         """
         source, settings = self.source, self.settings
         if isinstance(source, ReducedBody):
             return source
         start = perf_counter()
-        body = reduce_structure(reductor or source, settings.reduction)
+        reductor = reductor or Reductor(source, solver=settings.reduction.solver)
+        body = reduce_structure(reductor, settings.reduction)
         columns = body.columns
         assert columns is not None
+        if mesh_error:
+            with suppress(EhdError):  # whatever goes wrong with another mesh, this one is there
+                body = self._with_mesh_error(body, reductor)
         made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
         made |= reduction_provenance(settings.reduction)
         body = replace(body, columns=None, provenance={**body.provenance, **made})
         return ReducedPart(body, source, columns, perf_counter() - start)
+
+    def _with_mesh_error(self, body: ReducedBody, reductor: Reductor) -> ReducedBody:
+        settings, part = self.settings, reductor.structure
+        if settings.reduction.method == "rigid":  # it does not bend, on any mesh
+            side = SMOOTH * len(part.bores)
+            return replace(body, mesh_compliance=np.zeros((side, side)))
+        model, own = model_file(settings, "body"), compliance(reductor.static)
+        if model.suffix == ".msh":
+            missing = stored_mesh_error(model, tuple(part.bores)) / settings.material.youngs_modulus
+        else:
+            factor = FINER if part.size <= MOST_REFINED else 1.0 / FINER
+            counted = with_counts(settings, "body")
+            settings = attrs.evolve(settings, geometry=part_cells(counted, factor))
+            size = 1.0 if counts(counted) else 1.0 / factor
+            other = _assembled("body", settings, self.film_element, part.comm, size)
+            there = compliance(StaticSolver(other, solver=settings.reduction.solver))
+            missing = missing_compliance(own, part.size, there, other.size)
+        error = max(compliance_errors(missing, own).values())
+        accuracy = {**body.accuracy, "flexibility_mesh_error": error}
+        return replace(body, mesh_compliance=missing, accuracy=accuracy)
 
 
 def _mean_place(structure: Structure, name: str) -> np.ndarray:
@@ -125,7 +169,11 @@ def elastic_part(
 
 
 def _assembled(
-    key: str, settings: schema.FlexibleSettings, film_element: str, comm: MPI.Comm
+    key: str,
+    settings: schema.FlexibleSettings,
+    film_element: str,
+    comm: MPI.Comm,
+    size: float = 1.0,
 ) -> Structure:
     # Gmsh and dolfinx are for scenes that mesh a part.
     from fenics_ehd.fem.geometry import build_mesh
@@ -139,6 +187,7 @@ def _assembled(
         serendipity_geometry=settings.element == "serendipity",
         cells=settings.cells,
         bores=settings.bores,
+        size=size,
     )
     material = settings.material
     return assemble_structure(

@@ -20,12 +20,11 @@ from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.results.error_budget import estimated
 from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, record_run
-from fenics_ehd.results.run_folder import BODY_FILE, COARSER_FILE, SCENE_NAME
+from fenics_ehd.results.run_folder import BODY_FILE, SCENE_NAME
 from fenics_ehd.scenes.accuracy import Search
 from fenics_ehd.scenes.accuracy_step import account
 from fenics_ehd.scenes.build import Built, build_mechanism
-from fenics_ehd.scenes.coarse_part import coarser_part
-from fenics_ehd.scenes.scene import Scene, flexible, lubricated_joints, meshed
+from fenics_ehd.scenes.scene import Scene, flexible, lubricated_joints
 from fenics_ehd.scenes.scene_text import as_stored, csv_files, scene_text
 
 
@@ -84,8 +83,7 @@ def run_scene(
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
     if judged and scene.output.error_budget and lubricated_joints(scene):
-        coarser = coarser_parts(scene, directory, former is None)
-        judge = partial(_worth, scene=scene, coarser=coarser, search=search)
+        judge = partial(_worth, scene=scene, search=search)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     last = orbits[-1] if orbits else None
     entered = last.entered(run, built.parts) if last else None
@@ -120,24 +118,13 @@ def _worth(
     recorded: RecordedRun,
     directory: Path,
     scene: Scene,
-    coarser: Mapping[str, ReducedBody],
     search: Search | None,
 ) -> dict[str, Any]:
     """What the summary has of a run's budget, and of the search for an accuracy."""
-    found = estimated(recorded, directory, coarser)
+    found = estimated(recorded, directory)
     if search is not None:
         return found | account(search, scene, recorded, found)
     return found | {"status": recorded.tracker.verdict(scene.output.error_limit)}
-
-
-def coarser_parts(scene: Scene, directory: Path, new: bool) -> dict[str, ReducedBody]:
-    """Bodies of coarser meshes where they are wanted, in the folder of a run."""
-    wanted = meshed(scene) if scene.output.part_mesh_error else ()
-    paths = {name: directory / COARSER_FILE.format(name) for name in wanted}
-    if new:
-        for name, path in paths.items():
-            save_body(coarser_part(scene, name), path)
-    return {name: load_body(path) for name, path in paths.items()}
 
 
 def _reductions(built: Built) -> dict[str, Any]:

@@ -455,7 +455,7 @@ class OutputSettings:
         example="0.1 for 10 %",
     )
     part_mesh_error: bool = flag(
-        False, "whether parts are meshed again, half as fine, to know what their meshes are worth"
+        True, "whether parts are meshed again, more finely, to know what their meshes are worth"
     )
     accuracy: float = number(
         0.0,
