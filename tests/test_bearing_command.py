@@ -71,6 +71,18 @@ def test_help_imports_no_numerics():
     assert "attitude angle, from x to the" in result.stdout
 
 
+def test_numbers_may_have_units_as_in_scenes(call):
+    plain = call("--load", 5e3, "--speed", 300.0, "--groove", 90, 10, 1e5, "--cells", "20x4")
+    units = ("--load", "5 kN", "--speed", "300 rad/s", "--groove", "90 deg", "10", "1 bar")
+    assert call(*units, "--cells", "20x4") == plain
+    assert plain[0] == 0
+    for wrong, told in (("5 kW", "a unit like it: kW is none"), ("five", "or one with its unit")):
+        status, _, err = call("--load", wrong)
+        assert status == 2
+        assert f"'--load': '{wrong}' must be a" in err
+        assert told in err
+
+
 def test_coefficients(call):
     status, out, _ = call("--load", 3000, "--coefficients", "--json", "--cells", "40x6")
     values = json.loads(out, parse_constant=refuse)

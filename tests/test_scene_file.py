@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mechanism_cases import GOLDEN, deviation
 from mpi4py import MPI
+from scene_cases import tables_of
 
 from fenics_ehd.base.errors import InputError, InterfaceMismatchError, MeshError, SettingsError
 from fenics_ehd.multibody.flexible_body import FlexibleBody
@@ -275,7 +276,8 @@ scale = 2.0
 
 
 def test_forces_of_every_kind():
-    mechanism = made(FOUR_BAR, extra=FORCES).mechanism
+    two = ("revolutions = 1.0 ", "revolutions = 2.0 ")
+    mechanism = made(FOUR_BAR, two, extra=FORCES).mechanism
     assert mechanism.gravity == (0.0, -9.81)
     push, belt = mechanism.forces["push"], mechanism.forces["belt"]
     assert isinstance(push, PointForce)
@@ -371,8 +373,9 @@ def test_steps_and_times():
     built = made(FOUR_BAR, ("revolutions = 1.0 ", "revolutions = 4.0 "))
     assert built.period == pytest.approx(8 * np.pi / 100)
     assert built.steps.largest == pytest.approx(0.005)
-    seconds = made(FOUR_BAR, ("revolutions = 1.0 ", "period = 0.5 "))
-    assert (seconds.period, seconds.end, seconds.steps.largest) == (0.5, None, 0.02)
+    ten = 0.2 * np.pi
+    seconds = made(FOUR_BAR, ("revolutions = 1.0 ", f"period = {ten!r} "))
+    assert (seconds.period, seconds.end, seconds.steps.largest) == (ten, None, 0.02)
 
 
 @pytest.mark.mpi
@@ -590,6 +593,32 @@ def test_numbers_in_another_unit_perhaps_are_named():
     scene = scene_of(tables(FOUR_BAR, ("viscosity = 0.05 ", "viscosity = 50 ")), "case")
     (warning,) = scene.warnings
     assert warning.startswith("lubricants.oil.viscosity = 50 is outside the usual")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"forces.more": {"kind": "gravity"}},
+            r"forces.weight, forces.more: .* \[0, -19.62\] m/s2",
+        ),
+        (
+            {"lubricants.oil.viscosity": 1e-4},
+            r"joints.left: .* Reynolds number of 2088, .* to 1000",
+        ),
+        (
+            {"bodies.shaft": {"kind": "massless", "points": {"left": [0.0, 0.0]}}},
+            "none has a mass, so that gravity",
+        ),
+    ],
+)
+def test_what_a_scene_hardly_means_is_a_notice(changes, told):
+    if "bodies.shaft" in changes:
+        points = ("right", "disk")
+        changes = changes | {f"bodies.shaft.points.{point}": [0.0, 0.0] for point in points}
+    scene = scene_of(tables_of("rotor-two-bearings", changes), "case")
+    assert re.search(told, scene.warnings[0])
+    assert not scene_of(tables_of("rotor-two-bearings", {}), "case").warnings
 
 
 TIME = "time_s,speed_rad_per_s"

@@ -14,6 +14,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.feed_region import FeedGroove, FeedHole
 from fenics_ehd.multibody.system import System
 from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.scenes.films import check_fit
 from fenics_ehd.scenes.scene_file import scene_of
 from fenics_ehd.scenes.scene_text import stored
 
@@ -96,6 +97,20 @@ WRONG = [
     ({f"{AT}.inlet.diameter": 1e-3}, r"size of 1 mm, less than a .* = \[158, 20\]"),
     ({f"{AT}.groove.width": 19e-3}, r"supply.groove has a land of 0.5 mm, less than"),
 ]  # fmt: skip
+
+
+def test_cells_that_grooves_stretch_must_hold_a_hole_before_anything_is_reduced():
+    groove = {"joints.bearing.grooves": [[101.0, 30.0, 1e5]], f"{AT}.inlet.on": "bore"}
+    hole = {
+        f"{AT}.inlet.diameter": 6.3e-3,
+        f"{AT}.inlet.angle": 0.0,
+        "joints.bearing.cells": [25, 8],
+    }
+    scene = scene_of(
+        tables_of("loaded-journal", deepcopy(FED) | {f"{AT}.groove": None} | hole | groove), "case"
+    )
+    with pytest.raises(SettingsError, match=r"^joints.bearing.supply.inlet has a size of 6.3 mm"):
+        check_fit(scene, "bearing")
 
 
 @pytest.mark.parametrize(("changes", "message"), WRONG)

@@ -1,7 +1,9 @@
 """What a run says of its own errors, and whether it may be believed."""
 
 import json
+import re
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -10,8 +12,11 @@ from hand_made_rod import REVOLUTION, SPEED, Joint, flexible, make_body, with_re
 from mechanism_cases import flexible_slider_crank
 from scene_cases import ROD_OF_A_FILE, write_scene
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.cli.run import report
+from fenics_ehd.multibody import tracking
 from fenics_ehd.multibody.basis_error import BasisErrorEstimate, neglected_inertia, slowest_pattern
+from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.energy import EnergyBalance, Powers, trusted
 from fenics_ehd.multibody.error_shares import COMPONENTS, QUANTITIES, summed
 from fenics_ehd.multibody.joints import Speed
@@ -19,6 +24,32 @@ from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import simulate
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import save_body
+
+# --- What is printed
+
+
+def test_times_add_up_and_a_pressure_that_nothing_bears_is_noticed(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(tracking, "HIGHEST", 1e4)
+    coarse = {"joints.bearing.cells": [12, 2]}
+    once = {"time.periodic": False, "time.revolutions": 0.02, "time.tolerance": 1e-2}
+    path = write_scene(tmp_path / "s.toml", "loaded-journal", coarse | once)
+    began = perf_counter()
+    assert call("run", path, "-o", tmp_path / "out", "--no-plots") == 0
+    took = perf_counter() - began
+    told = capfd.readouterr()
+    *parts, whole = map(float, re.findall(r"([0-9.]+) s\b", told.out.split("  time: ")[1]))
+    assert whole == pytest.approx(sum(parts), abs=0.02)
+    assert 0.8 * took < whole <= took
+    (notice,) = json.loads((tmp_path / "out" / "summary.json").read_text())["notices"]
+    assert f"warning: {notice}" in told.err
+    assert "bearing: " in notice
+    assert "MPa, more than 0.01 MPa" in notice
+
+
+def test_a_course_of_one_step_has_no_rates():
+    with pytest.raises(SettingsError, match=r"one step is too short to tell: raise time\.end"):
+        Disturbance(np.array([1e-6]), [np.zeros((1, 5))], [3])
+
 
 # --- Energy
 

@@ -22,7 +22,7 @@ from fenics_ehd.bearing.settings import (
 from fenics_ehd.cli.bearing_answer import report, summary
 from fenics_ehd.cli.bearing_help import DESCRIPTION
 from fenics_ehd.cli.bearing_shape import bore_shape, shape_options
-from fenics_ehd.cli.options import json_option
+from fenics_ehd.cli.options import Measured, json_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.bearing.operating_point import BearingResult
@@ -53,7 +53,8 @@ def _default(name: str) -> Any:
 
 def _number(name: str, help_text: str, metavar: str, *, optional: bool = False) -> Callable:
     """Option for a number of the settings, with its default; that of `optional` ones says none."""
-    return _setting(name, help_text, type=float, show_default=not optional, metavar=metavar)
+    measured = Measured(help_text)
+    return _setting(name, help_text, type=measured, show_default=not optional, metavar=metavar)
 
 
 def _choice(name: str, options: tuple[str, ...], help_text: str) -> Callable:
@@ -69,14 +70,13 @@ def _setting(name: str, help_text: str, *, show_default: bool = True, **more: An
 
 
 def _pair(name: str, metavar: str, help_text: str) -> Callable:
-    return click.option(
-        f"--{name}", type=(float, float), default=(0.0, 0.0), metavar=metavar, help=help_text
-    )
+    both = (Measured(help_text), Measured(help_text))
+    return click.option(f"--{name}", type=both, default=(0.0, 0.0), metavar=metavar, help=help_text)
 
 
 @click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing.")
 @click.option("--eccentricity", type=float, metavar="E", help="Eccentricity over clearance, 0..1.")
-@click.option("--load", type=float, metavar="W", help="Load on the shaft [N], instead.")
+@click.option("--load", type=Measured("[N]"), metavar="W", help="Load on the shaft [N], instead.")
 @_number("radius", "Radius R of the bore [m].", "R")
 @_number("clearance", "Radial clearance c [m].", "C")
 @_number("width", "Width B [m].", "B")
@@ -88,7 +88,7 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 @click.option(
     "--groove",
     "grooves",
-    type=(float, float, float),
+    type=(Measured("[degrees]"), Measured("[degrees]"), Measured("[Pa]")),
     multiple=True,
     metavar="ANGLE WIDTH PRESSURE",
     help="Axial groove over the whole width: its middle from the load line in direction of "

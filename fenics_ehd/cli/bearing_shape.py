@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.cli.options import Measured
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.film.shape import Shape
@@ -26,7 +27,7 @@ NUMBERS = (
 def shape_options(command: Callable) -> Callable:
     """Add the options to a command."""
     options = [
-        click.option(f"--{name}", type=float, default=0.0, metavar=metavar, help=text)
+        click.option(f"--{name}", type=Measured(text), default=0.0, metavar=metavar, help=text)
         for name, metavar, text in NUMBERS
     ]
     table = click.option(

@@ -7,7 +7,32 @@ from typing import Any, TypeVar
 
 import click
 
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import unit_of
+from fenics_ehd.base.units import in_unit
+
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Measured(click.ParamType):
+    """A number, or one with its unit, ``5 kN``, in that which a help text has in brackets."""
+
+    name = "float"
+
+    def __init__(self, help_text: str):
+        self.unit = unit_of(help_text)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """See click."""
+        try:
+            return float(value)
+        except ValueError:
+            pass
+        try:
+            return in_unit(value, self.unit)
+        except SettingsError as error:
+            self.fail(f"{value!r} {error}", param, ctx)
+
 
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print results as JSON on stdout, nothing else there."

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -49,6 +50,8 @@ class Wishes:
     as_json: bool
     #: Whether the largest multiplier of a periodic solution is found, too.
     multiplier: bool
+    #: When the command began [s].
+    began: float = field(default_factory=perf_counter)
 
 
 def run(scene: Scene, directory: Path, overwrite: bool, wishes: Wishes) -> None:
@@ -177,7 +180,10 @@ def _finish(
         if built is not first:
             parts = {**(parts or {}), **_whole_parts(built)}
         _write_series(scene, built, folder.path, parts or {})
-    click.echo(to_json(summary) if wishes.as_json else report(summary, folder.directory))
+    warn_of(summary["notices"])
+    seconds = perf_counter() - wishes.began if former is None else None
+    told = report(summary, folder.directory, seconds)
+    click.echo(to_json(summary) if wishes.as_json else told)
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
 
@@ -196,8 +202,8 @@ def _write_series(
     write_run(built.mechanism, load_results(directory), parts, directory / "vtk", frames)
 
 
-def report(summary: Mapping[str, Any], directory: Path) -> str:
-    """The run in a few lines."""
+def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
+    """The run in a few lines; `seconds` is what all of it took, if it was one process."""
     joints = summary["joints"] if "joints" in summary else {summary["joint"]: summary}
     lines = [
         f"{summary['scene']}: {summary['steps']} steps, "
@@ -245,10 +251,18 @@ def report(summary: Mapping[str, Any], directory: Path) -> str:
         f"  energy balance error    {summary['energy_balance_error']:9.1e}     of the energy "
         f"exchanged{net}",
         f"  time: reduction {summary['reduction_time_s']:.2f} s, "
-        f"integration {summary['wall_time_s']:.2f} s",
+        f"integration {summary['wall_time_s']:.2f} s" + _rest(summary, seconds),
         f"  results in {directory}",
     ]
     return "\n".join(lines)
+
+
+def _rest(summary: Mapping[str, Any], seconds: float | None) -> str:
+    """What is left of the time that a command took."""
+    if seconds is None:
+        return ""
+    rest = seconds - summary["reduction_time_s"] - summary["wall_time_s"]
+    return f", error estimates, pictures and files {rest:.2f} s: {seconds:.2f} s in all"
 
 
 def real_film(joint: Mapping[str, Any]) -> list[str]:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fenics_ehd.base.columns import split_unit
 from fenics_ehd.cli.options import json_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
@@ -79,6 +78,8 @@ def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
 
 def _units(figure: Figure, number: Along) -> str:
     """Of a derivative, ``Pa/(rad/s)``."""
+    from fenics_ehd.base.columns import split_unit
+
     own, along = split_unit(figure.column)[1], number.unit or "1"
     return f"{own}/({along})" if re.search("[ /]", along) else f"{own}/{along}"
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.kinematics import Gap
 
 #: Of every film: change of the gap at the Gauss points and its rate [m], [m/s], or None.
@@ -25,6 +26,11 @@ class Disturbance:
         Of every film where its gap is observed, Gauss points first, shape (k, w) [m], or None.
     points
         Gauss points of every film.
+
+    Raises
+    ------
+    SettingsError
+        Of a single time, of which no rate is known.
     """
 
     times: np.ndarray
@@ -32,6 +38,8 @@ class Disturbance:
     points: Sequence[int]
 
     def __post_init__(self) -> None:
+        if len(self.times) < 2:
+            raise SettingsError("a run of one step is too short to tell: raise time.end")
         inside = [
             None if change is None else change[:, :count]
             for change, count in zip(self.observed, self.points, strict=True)

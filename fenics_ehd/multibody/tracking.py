@@ -41,6 +41,10 @@ from fenics_ehd.multibody.thickening import unresolved
 #: of an orbit by less; at 0.8 it is 15 %.
 NODE_SPACING = 0.5
 
+#: Pressure beyond which a notice asks for the reason [Pa]: bearing metals yield far below, and
+#: films of gears and rollers, whose solids are not those of a bearing, begin there.
+HIGHEST = 1e9
+
 #: Names of a body's frame coordinates in a history.
 FRAME = ("x_m", "y_m", "angle_rad")
 
@@ -273,6 +277,13 @@ class Tracker:
             "simulated_time_s": self.time,
             **self.counts,
             "rejected_because": dict(self.rejected_because),
+            "notices": [
+                f"{name}: {1e-6 * found.max_pressure:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: "
+                "no lining bears that, and no model here is made for it: see loads, units, size "
+                "and whether a bore is meant to be rigid"
+                for name, found in self.extremes.items()
+                if found.max_pressure > HIGHEST
+            ],
         }
 
     def _means(self, joint: str) -> dict[str, float]:

@@ -75,10 +75,10 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
     joint_shapes(joint, name, width)
     if own is not None and joint.grooves and not joint.cells:
         raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
+    grid = uniform_grid(radius, width, joint.cells or DEFAULT_CELLS, joint.element)
     if joint.grooves:
-        grid = uniform_grid(radius, width, joint.cells or DEFAULT_CELLS, joint.element)
         try:
-            _film(scene, joint, grid, 1.0)
+            grid = _film(scene, joint, grid, 1.0).parameters.grid
         except SettingsError as error:
             raise SettingsError(f"{key}.grooves: {error}") from None
     holes = holes_of(bore)
@@ -88,8 +88,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
                 f"{key}.cells: a supply or a hole of the bore needs film cells "
                 "of its own, [40, 10] say"
             )
-        cells = joint.cells or DEFAULT_CELLS
-        check_supply(scene, name, uniform_grid(radius, width, cells, joint.element), holes)
+        check_supply(scene, name, grid, holes)
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
     if (

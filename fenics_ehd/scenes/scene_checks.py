@@ -8,10 +8,18 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.oil import DENSITY
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.fields import NONE
-from fenics_ehd.scenes.heat import check_heat, check_lubricants
+from fenics_ehd.scenes.heat import check_heat, check_lubricants, joint_lubricant
 from fenics_ehd.scenes.scene import GROUND, Scene
+
+#: Bodies that have a mass whatever is written.
+ELASTIC = (schema.FlexibleSettings, schema.ShaftSettings)
+
+#: Reynolds number up to which films of bearings are laminar: turbulence begins at about 1000 and is
+#: complete near 1600 (chapter 5.5 of Bearing Design in Machinery, opened at 1library.net).
+LAMINAR = 1000.0
 
 #: Keys that name points, by the settings class's field.
 POINT_KEYS = ("between", "line", "point", "journal", "bore")
@@ -190,6 +198,40 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
                 f"{key}.{idle} does nothing under Reynolds' condition: set {key}.cavitation = "
                 "'mass-conserving'"
             )
+
+
+def notices(scene: Scene) -> list[str]:
+    """What a scene may say and hardly means, one line each."""
+    weights = [n for n, f in scene.forces.items() if isinstance(f, schema.GravitySettings)]
+    found = []
+    if len(weights) > 1:
+        x, y = np.sum([scene.forces[name].acceleration for name in weights], axis=0)
+        found.append(f"forces.{', forces.'.join(weights)}: all of them are gravity, and act with "
+                     f"their sum, [{x:g}, {y:g}] m/s2")  # fmt: skip
+    stiff = [b for b in scene.bodies.values() if isinstance(b, schema.MasslessSettings)]
+    plain = not any(isinstance(b, ELASTIC) for b in scene.bodies.values())
+    given = weights or any(isinstance(body, schema.RigidSettings) for body in stiff)
+    if plain and given and not any(getattr(body, "mass", 0.0) for body in stiff):
+        found.append("bodies: none has a mass, so that gravity and inertia do nothing")
+    for name, joint in scene.joints_of(schema.LubricatedSettings):
+        found += _turbulent(scene, name, joint)
+    return found
+
+
+def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> list[str]:
+    """A line where a film's Reynolds number, by speeds as written, is not that of laminar flow."""
+    oil, radius = scene.lubricants.get(joint.lubricant), joint.radius
+    if not radius and (elastic := scene.elastic_bore(joint)):
+        radius = float(scene.bodies[elastic[0]].geometry.get("bore_radius", 0.0))
+    journal, bore = (scene.speed_of(at.partition(".")[0]) for at in (joint.journal, joint.bore))
+    flow = (oil.density if oil else DENSITY) * abs(journal - bore) * radius * joint.clearance
+    number = flow / joint_lubricant(scene, joint).viscosity
+    if number <= LAMINAR:
+        return []
+    return [
+        f"joints.{name}: its film has a Reynolds number of {number:.4g}, and is laminar, as the "
+        f"equations take it, up to {LAMINAR:g}: see speed, clearance and viscosity"
+    ]
 
 
 def check_time(scene: Scene) -> None:

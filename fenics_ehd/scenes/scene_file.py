@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from fenics_ehd.base.settings import build, read_toml, unusual
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.moved_keys import hint as moved_hint
 from fenics_ehd.scenes.scene import GROUND, Scene
-from fenics_ehd.scenes.scene_checks import check_names, check_time
+from fenics_ehd.scenes.scene_checks import check_names, check_time, notices
 
 #: Tables of a scene file.
 TABLES = (*schema.KINDS, "time", "output")
@@ -127,10 +128,10 @@ def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
     for table, found in entries.items():
         for entry, settings in found.items():
             warnings += unusual(settings, f"{table}.{entry}.")
-    scene = Scene(name, tables, **entries, time=time, output=output, warnings=tuple(warnings))
+    scene = Scene(name, tables, **entries, time=time, output=output, warnings=())
     check_names(scene)
     check_time(scene)
-    return scene
+    return replace(scene, warnings=(*warnings, *notices(scene)))
 
 
 def _entries(table: str, given: Any) -> dict[str, Any]:
