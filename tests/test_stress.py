@@ -13,9 +13,9 @@ from scipy import linalg
 from test_recovery import RING, STEEL, hooke
 
 from fenics_ehd.base.errors import VerificationError
-from fenics_ehd.fem import nodal_stress
+from fenics_ehd.fem import stress as stress_module
 from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.nodal_stress import NodalStress
+from fenics_ehd.fem.stress import NodalStress
 from fenics_ehd.fem.structure import assemble_structure
 from fenics_ehd.reduction import load_dependent, residual_flexibility
 from fenics_ehd.reduction.basis_file import von_mises
@@ -136,7 +136,7 @@ def test_linear_stresses_are_continued_to_the_nodes_of_every_cell(bar):
 def test_nodes_have_the_mean_of_the_cells_around_them_in_whatever_blocks(bar, monkeypatch):
     columns = np.random.default_rng(4).normal(size=(bar.size, 2)) * 1e-9
     whole = all_nodes(bar, columns)
-    monkeypatch.setattr(nodal_stress, "_BLOCK_BYTES", 1)
+    monkeypatch.setattr(stress_module, "_NODAL_BYTES", 1)
     size = np.abs(whole).max()
     assert np.abs(all_nodes(bar, columns) - whole).max() < 1e-12 * size
     nodal = NodalStress(bar.recovery.stress(columns))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from fenics_ehd.fem.stress_cycle import deviatoric, largest_half_range, largest_principal
+from fenics_ehd.fem.stress import deviatoric, largest_half_range, largest_principal
 from fenics_ehd.reduction.basis_file import von_mises
 
 TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
@@ -116,13 +116,13 @@ def test_pressure_from_all_sides_has_no_range():
 
 
 def test_many_points_in_blocks_are_each_their_own(monkeypatch):
-    from fenics_ehd.fem import stress_cycle
+    from fenics_ehd.fem import stress as stress_module
 
     stress = np.random.default_rng(2).normal(size=(60, 6, 40))
     # From lines to clouds: from few to many candidates.
     stress *= np.linspace(0, 1, 60)[:, None, None] ** 3 + np.eye(6)[0][:, None] * 2
     whole = largest_half_range(stress)
-    monkeypatch.setattr(stress_cycle, "_PAIRS", 500)
+    monkeypatch.setattr(stress_module, "_PAIRS", 500)
     parts = largest_half_range(stress)
     np.testing.assert_array_equal(parts.instants, whole.instants)
     np.testing.assert_allclose(whole.von_mises, by_force(stress), rtol=1e-12)

@@ -10,7 +10,7 @@ from oracle_stress import ROD, StaticRod
 from rough_cases import surfaces
 from scene_cases import structure as structure_of
 
-from fenics_ehd.fem.nodal_stress import NodalStress
+from fenics_ehd.fem.stress import NodalStress
 from fenics_ehd.film import Film, FilmParameters, Lubricant
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.multibody.flexible_body import FlexibleBody

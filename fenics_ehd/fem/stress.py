@@ -4,17 +4,43 @@ Stresses are those of the finite-element displacement, ``sigma = C : sym(grad u)
 inside the cells, neither extrapolated nor averaged: at the 2x2x2 Gauss points of hexahedra, where
 they converge one order faster than elsewhere (Barlow, Int. J. Numer. Meth. Eng. 10, 1976), and at
 the 4 points of the rule of degree 2 of tetrahedra.
+
+In every cell the stresses at its sampling points are continued to its nodes, by the polynomial
+through these points: trilinear in hexahedra, linear in tetrahedra; what cells around a node say is
+averaged (G. Dhondt, The Finite Element Method for Three-Dimensional Thermomechanical Applications,
+section 2.4). All of it is linear: the tensor is averaged, and invariants are taken of that. How far
+the cells around a node differ shows what the mesh does not resolve.
+
+Fatigue is judged by the largest half-range of a cycle, its mean and the largest principal stress.
+The half-range of a pair of instants i, j is the tensor ``(s_i - s_j) / 2``; of all pairs that one
+counts whose half-range has the largest von Mises stress. Code_Aster's R7.04.04 has the same
+maximum over pairs of instants (DEPSPE, of plastic strains,
+docaster-en-codeaster-doc-4113bb35b8213385c636b94f1536856d7f617.gitlab.io,
+man_r/r7/r7.04.04/Crit_res_en_formule). Directions that turn are followed, which a difference of two
+von Mises stresses does not do.
+
+The mean is ``(s_i + s_j) / 2`` of the same pair, so that both belong to one cycle between two
+states that were there, as in a Haigh diagram; a mean over time would depend on how long the load
+lingers where.
+
+In the five coordinates of `deviatoric` a von Mises stress is a length, and the largest range the
+diameter of a set of points. It is found exactly, not by trying all pairs: two sweeps to the
+farthest point give a pair at distance L; about its middle, another pair can only be farther apart
+if one point's distance and the largest of any exceed L together. Where stress swings along a line
+that leaves a few points near its ends; where it turns on a circle all, and all pairs are tried.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import basix
 import numpy as np
 from mpi4py import MPI
+from scipy import sparse
 
 from fenics_ehd.base import compat
 from fenics_ehd.fem.elements import superlinear_degree
@@ -301,3 +327,210 @@ def stress_operator(space: fem.FunctionSpace, material: Material) -> StressOpera
         mesh=mesh,
         cell=cell,
     )
+
+
+# At nodes
+
+#: Memory of the stresses of a block of cells, all that leads to them included.
+_NODAL_BYTES = 1 << 27
+
+
+class NodalStress:
+    """Stresses at the nodes of a part that is whole on one rank.
+
+    Parameters
+    ----------
+    field
+        Of displacement columns.
+
+    Attributes
+    ----------
+    nodes
+        Number of nodes.
+    """
+
+    def __init__(self, field: StressField):
+        self._field, self._operator = field, field.operator
+        cells, size = self._operator.nodes.shape
+        self.nodes = self._operator.owned
+        self._continued = continuation(self._operator.cell, size)
+        columns = np.arange(cells * size)
+        share = sparse.csr_matrix(
+            (np.ones(cells * size), (self._operator.nodes.ravel(), columns)),
+            shape=(self.nodes, cells * size),
+        )
+        share.data /= np.repeat(np.diff(share.indptr), np.diff(share.indptr))
+        self._share = share
+
+    def blocks(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Nodes and their stresses, shape (b,) and (b, 6, columns) [Pa], until all are through."""
+        size = self._operator.nodes.shape[1]
+        first_cell = self._share.indices[self._share.indptr[:-1]] // size
+        order = np.argsort(first_cell, kind="stable")
+        # Of displacement derivatives and stresses at its points, and stresses at its nodes.
+        points, columns = len(self._operator.derivatives), max(1, self._field.shape[3])
+        each = 8 * columns * (15 * points + 6 * size)
+        count = max(1, _NODAL_BYTES // each) * self.nodes // max(1, len(self._operator.nodes))
+        for start in range(0, self.nodes, max(1, count)):
+            nodes = order[start : start + max(1, count)]
+            share = self._share[nodes]
+            cells, values = self._in_cells(share.indices // size)
+            place = np.searchsorted(cells, share.indices // size) * size + share.indices % size
+            local = sparse.csr_matrix(
+                (share.data, place, share.indptr), shape=(len(nodes), values.shape[0] * size)
+            )
+            flat = values.reshape(values.shape[0] * size, -1)
+            yield nodes, (local @ flat).reshape(len(nodes), *values.shape[2:])
+
+    def around(self, node: int) -> np.ndarray:
+        """What each cell around a node says of it, shape (cells around, 6, columns) [Pa]."""
+        size = self._operator.nodes.shape[1]
+        cell, place = np.divmod(self._share[node].indices, size)
+        cells, values = self._in_cells(cell)
+        return values[np.searchsorted(cells, cell), place]
+
+    def _in_cells(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Some cells, ascending, and stresses at the nodes of each, (c, nodes, 6, columns)."""
+        cells = np.unique(cells)
+        stresses = self._field.block(cells)
+        count, points = stresses.shape[:2]
+        flat = self._continued @ stresses.reshape(count, points, -1)
+        return cells, flat.reshape(count, -1, *stresses.shape[2:])
+
+
+# Over a cycle
+
+#: Numbers in memory at a time while pairs are tried.
+_PAIRS = 1 << 22
+
+_ROOT3 = np.sqrt(3.0)
+
+#: Places of the Voigt stresses xx, yy, zz, yz, xz, xy in the tensor.
+_TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+
+
+def deviatoric(stress: np.ndarray) -> np.ndarray:
+    """Coordinates in which the von Mises stress is the Euclidean norm.
+
+    Parameters
+    ----------
+    stress
+        Voigt stresses xx, yy, zz, yz, xz, xy, shape (..., 6) [Pa].
+
+    Returns
+    -------
+    numpy.ndarray
+        Linear in the stress, shape (..., 5) [Pa].
+    """
+    xx, yy, zz = (stress[..., i] for i in range(3))
+    plane = [xx - 0.5 * (yy + zz), 0.5 * _ROOT3 * (yy - zz)]
+    return np.stack([*plane, *(_ROOT3 * stress[..., i] for i in range(3, 6))], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfRange:
+    """Largest half-range of points [Pa].
+
+    Attributes
+    ----------
+    instants
+        The pair, ascending, shape (points, 2).
+    von_mises
+        Of the half-range, shape (points,) [Pa].
+    half_range, mean
+        Half the later stress less the earlier one, and half their sum, shape (points, 6) [Pa].
+    """
+
+    instants: np.ndarray
+    von_mises: np.ndarray
+    half_range: np.ndarray
+    mean: np.ndarray
+
+
+def largest_half_range(stress: np.ndarray) -> HalfRange:
+    """Largest half-range over all pairs of instants, exact to round-off.
+
+    Parameters
+    ----------
+    stress
+        Histories, shape (points, 6, instants) [Pa].
+    """
+    points = deviatoric(np.moveaxis(stress, 1, 2))
+    pair = _farthest(points)
+    pair.sort(axis=1)
+    first, last = (np.take_along_axis(stress, pair[:, None, i : i + 1], 2)[..., 0] for i in (0, 1))
+    half = 0.5 * (last - first)
+    return HalfRange(pair, np.linalg.norm(deviatoric(half), axis=1), half, 0.5 * (first + last))
+
+
+def _farthest(points: np.ndarray) -> np.ndarray:
+    """The pair of instants farthest apart, of every set of points (sets, instants, 5)."""
+    pair = np.zeros((len(points), 2), dtype=np.int64)
+    reach = np.zeros(len(points))
+    for end in (0, 1, 0):
+        distances = _distances(points, _at(points, pair[:, 1 - end]))
+        pair[:, end] = distances.argmax(axis=1)
+        reach = distances.max(axis=1)
+    centred = points - 0.5 * (_at(points, pair[:, 0]) + _at(points, pair[:, 1]))[:, None]
+    radii = np.linalg.norm(centred, axis=2)
+    candidate = radii + radii.max(axis=1)[:, None] > reach[:, None]
+    counts = candidate.sum(axis=1)
+    # Sets of about as many candidates together, these first.
+    order = np.argsort(~candidate, axis=1, kind="stable")
+    sets = np.argsort(counts, kind="stable")
+    sets = sets[counts[sets] > 1]
+    while len(sets):
+        ahead = np.arange(1, len(sets) + 1) * counts[sets] ** 2
+        block, sets = np.split(sets, [max(1, int(np.searchsorted(ahead, _PAIRS)))])
+        chosen = order[block, : counts[block[-1]]]
+        _try_all(
+            block, chosen, np.take_along_axis(centred[block], chosen[..., None], 1), pair, reach
+        )
+    return pair
+
+
+def _try_all(
+    sets: np.ndarray, chosen: np.ndarray, points: np.ndarray, pair: np.ndarray, reach: np.ndarray
+) -> None:
+    """Take the farthest pair of some instants of some sets where it beats the one known."""
+    squares = np.einsum("pic,pic->pi", points, points)
+    apart = squares[:, :, None] + squares[:, None] - 2 * points @ points.swapaxes(1, 2)
+    best = apart.reshape(len(sets), -1).argmax(axis=1)
+    first, last = np.divmod(best, apart.shape[2])
+    row = np.arange(len(sets))
+    better = np.linalg.norm(points[row, first] - points[row, last], axis=1) > reach[sets]
+    found = np.column_stack([chosen[row, first], chosen[row, last]])
+    pair[sets[better]] = found[better]
+
+
+def _at(points: np.ndarray, instants: np.ndarray) -> np.ndarray:
+    return points[np.arange(len(points)), instants]
+
+
+def _distances(points: np.ndarray, origins: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(points - origins[:, None], axis=2)
+
+
+def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest principal stress over the cycle.
+
+    Parameters
+    ----------
+    stress
+        Histories, shape (points, 6, instants) [Pa].
+
+    Returns
+    -------
+    values, instants : numpy.ndarray
+        shape (points,) each [Pa].
+    """
+    mean = stress[:, :3].mean(axis=1)
+    equivalent = np.linalg.norm(deviatoric(np.moveaxis(stress, 1, 2)), axis=2)
+    # With von Mises stress q and mean stress m it lies from m + q / 3 to m + 2 q / 3, so that few
+    # instants can have it; of the others the bound below stands for it.
+    values = mean + equivalent / 3
+    possible = mean + 2 * equivalent / 3 >= values.max(axis=1)[:, None]
+    tensors = np.moveaxis(stress, 1, 2)[possible][:, _TENSOR]
+    values[possible] = np.linalg.eigvalsh(tensors)[:, 2]
+    instants = values.argmax(axis=1)
+    return _at(values, instants), instants

@@ -12,9 +12,9 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.folder import claim
-from fenics_ehd.fem.nodal_stress import NodalStress
-from fenics_ehd.fem.stress_cycle import (
+from fenics_ehd.fem.stress import (
     HalfRange,
+    NodalStress,
     deviatoric,
     largest_half_range,
     largest_principal,
