@@ -13,6 +13,7 @@ from foreign_parts import ring
 from hand_made_rod import Joint, flexible
 from mpi4py import MPI
 
+from fenics_ehd.base import sealed_file, whole_file
 from fenics_ehd.base.errors import BodyFileError, InputError, OutputError, StructureError
 from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.reduction import (
@@ -109,6 +110,24 @@ def test_a_link_in_place_of_a_part_file_is_not_followed(tmp_path):
         write(path)
         read(path)
     assert precious.read_text() == "mine"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_that_write_one_file_at_a_time_both_write_it_whole(kind, tmp_path, monkeypatch):
+    """The second begins and ends as the first is about to put its file in place."""
+    path, put = tmp_path / "file.h5", whole_file.put_in_place
+
+    def after_another(partial, target):
+        monkeypatch.undo()
+        KINDS[kind][0](path)
+        KINDS[kind][1](path)
+        put(partial, target)
+
+    for module in (whole_file, sealed_file):
+        monkeypatch.setattr(module, "put_in_place", after_another)
+    KINDS[kind][0](path)
+    KINDS[kind][1](path)
+    assert [p.name for p in tmp_path.iterdir()] == ["file.h5"]
 
 
 def test_the_digest_of_a_body_is_that_of_its_numbers(tmp_path):

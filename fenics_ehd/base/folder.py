@@ -1,7 +1,7 @@
 """Folders that the program writes to: by one process at a time, and over nothing but its own files.
 
-``manifest.txt`` lists what the program made in a folder or is about to make, a name a line, of a
-folder with a slash behind it. Nothing else is ever removed or replaced, and nothing is done through
+``manifest.txt`` lists what the program made in a folder or is about to make, a name a line, that of
+a folder with a slash behind. Nothing else is ever removed or replaced, and nothing is done through
 a symbolic link. Lines are only ever appended, so that whoever is killed has listed what is there.
 """
 
@@ -18,8 +18,9 @@ from fenics_ehd.base.errors import InputError, InUseError
 from fenics_ehd.base.text_file import read_text
 from fenics_ehd.base.whole_file import PART, naming, sync_path
 
-#: Names of what the program made in a folder.
+#: Names of what the program made in a folder, and how the list begins.
 MANIFEST = "manifest.txt"
+HEADER = "fenics_ehd made these in this folder, and may remove or replace them:"
 
 
 def locked(directory: Path) -> ExitStack:
@@ -56,9 +57,14 @@ def listed(directory: Path) -> tuple[str, ...]:
     try:
         if path.is_symlink():
             raise OSError("a link")
-        names = tuple(dict.fromkeys(filter(None, read_text(path).split("\n"))))
+        lines = read_text(path).split("\n")
+        if lines[0] not in ("", HEADER):
+            raise OSError(
+                "not a list that this program made: move it away, or choose another folder"
+            )
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: {error}") from None
+    names = tuple(dict.fromkeys(line for line in lines if line not in ("", HEADER)))
     for name in names:
         if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
             raise InputError(f"{path}: {name!r} is not in this folder: it is no list of a run")
@@ -93,7 +99,8 @@ def claim(directory: Path, names: Iterable[str]) -> None:
             _part(directory / name).unlink(missing_ok=True)
         if new:
             with open(manifest, "a", opener=_no_link, encoding="utf-8") as file:
-                file.write("\n".join(["", *new, ""]))  # the last line may not have been ended
+                # The last line there may not have been ended.
+                file.write("\n".join(["" if file.tell() else HEADER, *new, ""]))
             sync_path(manifest)
             sync_path(directory)
 

@@ -29,6 +29,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import accidents
 import binaries
+import folders
 import parts
 import texts
 from attempt import launch, side_by_side
@@ -47,6 +48,11 @@ CLASSES: dict[str, tuple[Callable[[World, Random], Iterator[Case]], int]] = {
     "stopped run": (binaries.stopped_runs, 80),
     "structure": (binaries.structures, 60),
     "matrices": (binaries.matrices, 90),
+    "names": (folders.names, 40),
+    "folders": (folders.folders, 80),
+    "links": (folders.links, 80),
+    "storage": (folders.storage, 15),
+    "limits": (folders.limits, 60),
     "part files": (parts.part_files, 90),
 }
 
