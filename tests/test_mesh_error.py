@@ -16,11 +16,10 @@ from fenics_ehd.reduction import save_body
 from fenics_ehd.reduction.mesh_error import (
     PATTERNS,
     SMOOTH,
-    compliance,
     compliance_errors,
-    missing_compliance,
-    missing_outward,
-    smooth_fields,
+    excess,
+    outward_of,
+    smooth_answers,
 )
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes.build import build_mechanism
@@ -37,7 +36,7 @@ def rod(around, **changes):
 
 def of_mesh(around, **changes):
     part = structure("slider-crank", "rod", MPI.COMM_SELF, rod(around, **changes))
-    return compliance(StaticSolver(part)), part.size
+    return smooth_answers(StaticSolver(part)), part.size
 
 
 @pytest.fixture(scope="module", params=["hex", pytest.param("tet", marks=pytest.mark.slow)])
@@ -49,32 +48,25 @@ def known(request):
     built = build_mechanism(scene_of(tables, "rod"), MPI.COMM_SELF)
     body = built.parts["rod"]
     (own, size), (fine, finest) = of_mesh(10, **cells), of_mesh(30, **cells)
-    true = fine - own + missing_compliance(fine, finest, own, size)
-    return compliance_errors(body.mesh_compliance, own), compliance_errors(true, own), body
+    true = excess(size, finest) * (fine.compliance - own.compliance)
+    return body, own.compliance, compliance_errors(true, own.compliance)
 
 
 def test_what_a_mesh_misses_is_known_within_two(known):
-    estimated, true, body = known
+    """Told by the work of pressures, and in the displacement of the bore."""
+    body, own, true = known
+    shapes = outward_of(np.eye(SMOOTH), body.bores)
+    missing = np.linalg.lstsq(shapes, body.mesh_flexibility, rcond=None)[0]
+    estimated = compliance_errors(missing, own)
     for name in PATTERNS:
         assert 0.5 < estimated[name] / true[name] < 2.0, name
-    assert body.accuracy["flexibility_mesh_error"] == pytest.approx(max(estimated.values()))
-
-
-def test_the_bore_moves_by_what_its_mesh_misses(known):
-    """A smooth pressure does the work that it does in the missing compliance."""
-    body = known[2]
-    moved = missing_outward(body.mesh_compliance, body.bores)
-    bore = body.bore
-    pressure = smooth_fields(bore.pressure_coordinates, bore.width)[:, 3]
-    shape = smooth_fields(bore.coordinates, bore.width)
-    found = np.linalg.lstsq(shape, moved @ pressure, rcond=None)[0]
-    area = np.pi * bore.radius * bore.width
-    assert found[3] * area == pytest.approx(body.mesh_compliance[3, 3], rel=1e-9)
+    most = body.accuracy["flexibility_mesh_error"]
+    assert most == pytest.approx(max(estimated.values()), rel=0.2)
 
 
 def test_meshes_alike_tell_nothing():
     with pytest.raises(StructureError, match="tell nothing"):
-        missing_compliance(np.eye(3), 1000, np.eye(3), 1100)
+        excess(1000, 1100)
 
 
 def test_a_mesh_says_what_it_misses(tmp_path):

@@ -192,7 +192,7 @@ def _checked(
         FINER,
         MOST_REFINED,
         compliance_errors,
-        missing_compliance,
+        excess,
     )
 
     bores, clamped = tuple(placed.named.bores), "held" if placed.named.held else None
@@ -209,7 +209,8 @@ def _checked(
         file = Path(folder, "other.msh")
         other.write(file)
         there = part_figures(file, material, bores, clamped)
-    missing = missing_compliance(here.compliance, here.unknowns, there.compliance, there.unknowns)
+    share = excess(here.unknowns, there.unknowns)
+    missing = share * (there.compliance - here.compliance)
     store_mesh_error(path, bores, material.youngs_modulus * missing)
     errors = compliance_errors(missing, here.compliance)
     return found | {

@@ -13,7 +13,7 @@ from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.structure import assemble_structure
 from fenics_ehd.reduction.distributed import inner, multiply
-from fenics_ehd.reduction.mesh_error import compliance
+from fenics_ehd.reduction.mesh_error import smooth_answers
 from fenics_ehd.reduction.rigid_motion import rigid_fields
 from fenics_ehd.reduction.static import StaticSolver
 
@@ -29,7 +29,7 @@ class PartFigures:
     unknowns
         Degrees of freedom.
     compliance
-        See `fenics_ehd.reduction.mesh_error.compliance` [J/Pa^2].
+        See `fenics_ehd.reduction.mesh_error.Answers` [J/Pa^2].
     """
 
     mass: float
@@ -55,4 +55,5 @@ def part_figures(
     structure = assemble_structure(mesh, material, bores=bores, attachments=(), clamped=clamped)
     moves = rigid_fields(structure.coordinates)[:, :1]
     mass = inner(moves, multiply(structure.mass, moves), structure.comm)[0, 0]
-    return PartFigures(float(mass), structure.size, compliance(StaticSolver(structure)))
+    answers = smooth_answers(StaticSolver(structure))
+    return PartFigures(float(mass), structure.size, answers.compliance)

@@ -12,7 +12,7 @@ from fenics_ehd.multibody.course import Course
 from fenics_ehd.multibody.disturbance import Disturbance
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.system import FilmPlace, System
-from fenics_ehd.reduction.mesh_error import missing_outward
+from fenics_ehd.reduction.mesh_error import smooth_part
 
 
 def lacking_in_basis(system: System) -> dict[str, BasisErrorEstimate]:
@@ -46,15 +46,15 @@ def lacking_in_mesh(system: System) -> dict[str, BasisErrorEstimate]:
     for place in system.films:
         if place.bore:
             body = bore_body(system, place)
-            missing, bores = body.reduced.mesh_compliance, body.reduced.bores
+            missing = body.reduced.mesh_flexibility
             if not missing.size:
                 raise SettingsError(
                     f"{place.bore_body}: no other mesh of the part is known, see "
                     "output.part_mesh_error"
                 )
-            error = missing_outward(missing, bores)
-            nodes = body.reduced.rows_of(place.bore).nodes
-            found[place.name] = BasisErrorEstimate(error[nodes], body.damping_time)
+            error = missing[body.reduced.rows_of(place.bore).nodes]
+            error = error @ smooth_part(body.reduced.bores)
+            found[place.name] = BasisErrorEstimate(error, body.damping_time)
     return found
 
 

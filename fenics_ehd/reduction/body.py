@@ -118,9 +118,9 @@ class ReducedBody:
     missing_flexibility
         Outward bore displacement per nodal pressure that the basis cannot
         follow, shape (m, k) [m/Pa]; empty when not computed.
-    mesh_compliance
-        What the part has more than its mesh, see `fenics_ehd.reduction.mesh_error`, shape
-        (s, s) [J/Pa^2]; empty when unknown.
+    mesh_flexibility
+        Outward displacement of the bore nodes that the part has more than its mesh under smooth
+        pressures, see `fenics_ehd.reduction.mesh_error`, shape (m, s) [m/Pa]; empty when unknown.
     rigid_mass, rigid_coupling
         ``R^T M R``, shape (6, 6), and ``R^T M T``, shape (6, n), of the unit translations
         and rotations R about the bore's centre; empty when unknown.
@@ -152,7 +152,7 @@ class ReducedBody:
     inertia: InertiaIntegrals
     points: Mapping[str, np.ndarray]
     missing_flexibility: np.ndarray
-    mesh_compliance: np.ndarray = field(default_factory=unknown)
+    mesh_flexibility: np.ndarray = field(default_factory=unknown)
     rigid_mass: np.ndarray = field(default_factory=unknown)
     rigid_coupling: np.ndarray = field(default_factory=unknown)
     rigid_load: np.ndarray = field(default_factory=unknown)

@@ -2,27 +2,30 @@
 
 Both meshes are loaded with the same smooth pressures, waves around times Legendre polynomials
 along every bore, of which each mesh has the compliance ``C_ij``, the work of pressure i on what
-pressure j displaces. It needs a solve for each, and nothing is read from one mesh onto the other.
-With n and n' degrees of freedom the exact part is estimated to have
+pressure j displaces, and the displacement of its bore. It needs a solve for each. With n and n'
+degrees of freedom the exact part is estimated to have
 
     (C' - C) / (1 - (n / n')^(p / 3)),   p = 2,
 
-more than the first mesh. Re-entrant edges leave errors of order 1.09 (Williams' exponent is 0.5445
-at a right angle), smooth solutions of quadratic cells order 4: from cells two thirds as large the
-estimate is within 1.6 of either. From larger cells it would be within 3, which is why the other
-mesh is a finer one wherever that can be paid.
+more than the first mesh, and of displacements likewise: read at the nodes of the first, as a thin
+film feels what is as short as its cells more than what is smooth. Re-entrant edges leave errors of
+order 1.09 (Williams' exponent is 0.5445 at a right angle), smooth solutions of quadratic cells
+order 4: from cells two thirds as large the estimate is within 1.6 of either. From larger cells it
+would be within 3, which is why the other mesh is a finer one wherever that can be paid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.bore import BoreSurface, all_outward
 from fenics_ehd.reduction.distributed import inner, load_columns
+from fenics_ehd.reduction.projection import bore_rows
 from fenics_ehd.reduction.static import StaticSolver
 
 #: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
@@ -69,35 +72,42 @@ PATTERNS = {
 }
 
 
-def compliance(solver: StaticSolver) -> np.ndarray:
-    """``C``, of all bores one after the other, shape (bores x SMOOTH,) * 2 [J/Pa^2]; collective."""
-    bores = solver.structure.every_bore()
-    pressures = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores]
-    loads = solver.equilibrate(load_columns(solver.structure.load, block_diag(*pressures)))
-    found = inner(loads, solver.solve(loads), solver.structure.comm)
-    return 0.5 * (found + found.T)
+class Answers(NamedTuple):
+    """To the smooth pressures in all s / `SMOOTH` bores, one after the other.
 
-
-def missing_compliance(
-    own: np.ndarray, size: int, other: np.ndarray, other_size: int
-) -> np.ndarray:
-    """What the exact part is estimated to have more than the `compliance` of a mesh.
-
-    Parameters
+    Attributes
     ----------
-    own, size
-        Of a mesh, and its number of degrees of freedom.
-    other, other_size
-        Of another one of the same part.
+    compliance
+        C, shape (s, s) [J/Pa^2].
+    outward
+        Displacement of all bores' nodes, shape (m, s) [m/Pa].
+    """
+
+    compliance: np.ndarray
+    outward: np.ndarray
+
+
+def smooth_answers(solver: StaticSolver) -> Answers:
+    """Of a mesh; collective."""
+    part, bores = solver.structure, solver.structure.every_bore()
+    pressures = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores]
+    loads = solver.equilibrate(load_columns(part.load, block_diag(*pressures)))
+    moved = solver.solve(loads)
+    found = inner(loads, moved, part.comm)
+    return Answers(0.5 * (found + found.T), all_outward(part.bores, bore_rows(part, moved)))
+
+
+def excess(size: int, other: int) -> float:
+    """What the exact part has more than a mesh, over what another mesh has, by their sizes.
 
     Raises
     ------
     StructureError
         Their numbers of degrees of freedom are too much alike.
     """
-    if not max(size / other_size, other_size / size) > ANOTHER:
-        raise StructureError(f"meshes of {size} and {other_size} unknowns tell nothing of either")
-    return (other - own) / (1.0 - (size / other_size) ** (ORDER / 3.0))
+    if not max(size / other, other / size) > ANOTHER:
+        raise StructureError(f"meshes of {size} and {other} unknowns tell nothing of either")
+    return 1.0 / (1.0 - (size / other) ** (ORDER / 3.0))
 
 
 def compliance_errors(missing: np.ndarray, own: np.ndarray) -> dict[str, float]:
@@ -110,19 +120,18 @@ def compliance_errors(missing: np.ndarray, own: np.ndarray) -> dict[str, float]:
     }
 
 
-def missing_outward(missing: np.ndarray, bores: Mapping[str, BoreSurface]) -> np.ndarray:
-    """Outward displacement of bores' nodes per nodal pressure by a `missing_compliance`.
-
-    Returns
-    -------
-    numpy.ndarray
-        At the nodes of all bores, shape (m, k) [m/Pa].
-    """
-    shapes, fits = [], []
+def outward_of(missing: np.ndarray, bores: Mapping[str, BoreSurface]) -> np.ndarray:
+    """Outward displacement of bores' nodes, as `Answers` have it, that goes with a compliance."""
+    shapes = []
     for bore in bores.values():
         area = np.full((HEIGHTS, 2 * WAVES + 1), np.pi * bore.radius * bore.width)
         area[:, 0] *= 2.0
         area /= 2.0 * np.arange(HEIGHTS)[:, None] + 1.0
         shapes.append(smooth_fields(bore.coordinates, bore.width) / area.ravel())
-        fits.append(np.linalg.pinv(smooth_fields(bore.pressure_coordinates, bore.width)))
-    return np.asarray(block_diag(*shapes) @ missing @ block_diag(*fits))
+    return np.asarray(block_diag(*shapes) @ missing)
+
+
+def smooth_part(bores: Mapping[str, BoreSurface]) -> np.ndarray:
+    """Amplitudes of the smooth pressures in nodal ones on all bores, shape (s, k)."""
+    found = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores.values()]
+    return np.asarray(block_diag(*map(np.linalg.pinv, found)))

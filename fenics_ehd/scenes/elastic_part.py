@@ -10,19 +10,23 @@ from time import perf_counter
 import attrs
 import numpy as np
 from mpi4py import MPI
+from scipy import sparse
 
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.fem.models import stored_mesh_error
 from fenics_ehd.film.layout import film_grid
+from fenics_ehd.film.surface_reading import interpolation_matrix
+from fenics_ehd.multibody.bore_film import bore_surface
 from fenics_ehd.reduction import ReducedBody, Reductor, Structure, load_body
 from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.reduction.mesh_error import (
     FINER,
     MOST_REFINED,
     SMOOTH,
-    compliance,
     compliance_errors,
-    missing_compliance,
+    excess,
+    outward_of,
+    smooth_answers,
 )
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes import schema
@@ -128,22 +132,35 @@ class ElasticPart:
     def _with_mesh_error(self, body: ReducedBody, reductor: Reductor) -> ReducedBody:
         settings, part = self.settings, reductor.structure
         if settings.reduction.method == "rigid":  # it does not bend, on any mesh
-            side = SMOOTH * len(part.bores)
-            return replace(body, mesh_compliance=np.zeros((side, side)))
-        model, own = model_file(settings, "body"), compliance(reductor.static)
+            none = np.zeros((len(part.bore_nodes), SMOOTH * len(part.bores)))
+            return replace(body, mesh_flexibility=none)
+        model, own = model_file(settings, "body"), smooth_answers(reductor.static)
         if model.suffix == ".msh":
             missing = stored_mesh_error(model, tuple(part.bores)) / settings.material.youngs_modulus
+            moved = outward_of(missing, part.bores)
         else:
             factor = FINER if part.size <= MOST_REFINED else 1.0 / FINER
             counted = with_counts(settings, "body")
             settings = attrs.evolve(settings, geometry=part_cells(counted, factor))
             size = 1.0 if counts(counted) else 1.0 / factor
             other = _assembled("body", settings, self.film_element, part.comm, size)
-            there = compliance(StaticSolver(other, solver=settings.reduction.solver))
-            missing = missing_compliance(own, part.size, there, other.size)
-        error = max(compliance_errors(missing, own).values())
+            there = smooth_answers(StaticSolver(other, solver=settings.reduction.solver))
+            share = excess(part.size, other.size)
+            missing = share * (there.compliance - own.compliance)
+            moved = share * (_read(other.bores, part.bores) @ there.outward - own.outward)
+        error = max(compliance_errors(missing, own.compliance).values())
         accuracy = {**body.accuracy, "flexibility_mesh_error": error}
-        return replace(body, mesh_compliance=missing, accuracy=accuracy)
+        return replace(body, mesh_flexibility=moved, accuracy=accuracy)
+
+
+def _read(bores: Mapping[str, BoreSurface], wanted: Mapping[str, BoreSurface]) -> sparse.csr_matrix:
+    """From values at the nodes of bores to those at the nodes of the same bores on another mesh."""
+    found = []
+    for name, bore in bores.items():
+        surface = bore_surface(bore.coordinates, bore.cells, bore.family)
+        x, y, z = wanted[name].coordinates.T
+        found.append(interpolation_matrix(surface, np.arctan2(y, x), z))
+    return sparse.block_diag(found, format="csr")
 
 
 def _mean_place(structure: Structure, name: str) -> np.ndarray:
