@@ -46,6 +46,13 @@ def test_times_add_up_and_a_pressure_that_nothing_bears_is_noticed(tmp_path, cap
     assert "MPa, more than 0.01 MPa" in notice
 
 
+def test_a_mechanism_at_rest_is_complete(tmp_path, capfd):
+    rest = {"time.periodic": False, "time.end": 0.01, "time.revolutions": 0.0}
+    path = write_scene(tmp_path / "s.toml", "four-bar", rest | {"drives.crank.speed": 0.0})
+    assert call("run", path, "-o", tmp_path / "out", "--no-plots") == 0
+    assert "rocker_end: nothing moves or loads its film" in capfd.readouterr().err
+
+
 def test_a_course_of_one_step_has_no_rates():
     with pytest.raises(SettingsError, match=r"one step is too short to tell: raise time\.end"):
         Disturbance(np.array([1e-6]), [np.zeros((1, 5))], [3])

@@ -45,6 +45,9 @@ NODE_SPACING = 0.5
 #: films of gears and rollers, whose solids are not those of a bearing, begin there.
 HIGHEST = 1e9
 
+#: Pressure over that of a film which moves in the time simulated, below which it is rounding.
+RESTING = 1e-6
+
 #: Names of a body's frame coordinates in a history.
 FRAME = ("x_m", "y_m", "angle_rad")
 
@@ -277,13 +280,7 @@ class Tracker:
             "simulated_time_s": self.time,
             **self.counts,
             "rejected_because": dict(self.rejected_because),
-            "notices": [
-                f"{name}: {1e-6 * found.max_pressure:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: "
-                "no lining bears that, and no model here is made for it: see loads, units, size "
-                "and whether a bore is meant to be rigid"
-                for name, found in self.extremes.items()
-                if found.max_pressure > HIGHEST
-            ],
+            "notices": self._notices(),
         }
 
     def _means(self, joint: str) -> dict[str, float]:
@@ -295,6 +292,31 @@ class Tracker:
         place = next(film for film in self._equations.system.films if film.name == joint)
         return means | ({} if place.joint.heat is None else temperatures(place, found))
 
+    def _notices(self) -> list[str]:
+        """One line each of what is hardly meant."""
+        return [
+            f"{name}: {1e-6 * found.max_pressure:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: no "
+            "lining bears that, and no model here is made for it: see loads, units, size and "
+            "whether a bore is meant to be rigid"
+            for name, found in self.extremes.items()
+            if found.max_pressure > HIGHEST
+        ] + [
+            f"{name}: nothing moves or loads its film, the {self.extremes[name].max_pressure:.2g} "
+            "Pa in it are rounding"
+            for name in self._resting
+        ]
+
+    @property
+    def _resting(self) -> list[str]:
+        """Names of the films whose pressures are nothing beside what a motion would make."""
+        return [
+            place.name
+            for place in self._equations.system.films
+            if self.counts["steps"]
+            and self.extremes[place.name].max_pressure
+            < RESTING * place.film.film.parameters.pressure_scale
+        ]
+
     def verdict(self, limit: float = np.inf) -> str:
         """``"complete"``, or why the figures cannot be trusted.
 
@@ -302,6 +324,8 @@ class Tracker:
         these errors, of the films' meshes and of the steps, counts as far as they are not known; a
         defect of the energy also where it exceeds them.
         """
+        if self.extremes and len(self._resting) == len(self.extremes):
+            return "complete"  # errors of nothing are no shares
         if told := above(self.worth, limit):
             return told
         mesh, steps = (stated(self.worth, component) for component in ("film_mesh", "step_size"))
