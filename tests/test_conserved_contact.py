@@ -67,8 +67,8 @@ def test_a_closed_journal_settles_to_the_free_boundary_solution(whirl, figure):
     errors = closed_journal_errors(exact, whirl, rough)
     rates = np.log2(errors[0] / errors[-1]) / 2
     name = f"conserved oil between rough surfaces, closed journal whirling at {whirl:g} rad/s"
-    figure(GROUP, f"{name}, fluid fraction", errors[-1][0], most=0.02, unit="%")
-    figure(GROUP, f"{name}, observed order of it", rates[0], least=0.7)
+    figure(GROUP, f"{name}, fluid fraction", errors[-1][0], most=0.01, unit="%")
+    figure(GROUP, f"{name}, observed order of it", rates[0], least=0.9)
     figure(GROUP, f"{name}, largest pressure", errors[-1][1], most=0.02, unit="%")
 
 
@@ -150,10 +150,10 @@ def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones():
 @pytest.mark.slow
 def test_energy_is_balanced(figure):
     defects = []
-    for tolerance in (1e-4, 1e-6):
+    for tolerance in (1e-4, 3e-7):
         columns = touched(tolerance, surfaces()).columns
         defects.append(np.abs(columns["energy_defect_J"]).max() / columns["film_work_J"][-1])
-    name = "conserved oil between rough surfaces, energy balance over what is dissipated, 1e-6"
+    name = "conserved oil between rough surfaces, energy balance over what is dissipated, 3e-7"
     figure(GROUP, name, defects[1], most=1e-3)
     assert defects[1] < 0.3 * defects[0]
 

@@ -55,8 +55,8 @@ def test_a_closed_journal_settles_to_the_free_boundary_solution(whirl, figure):
     rates = np.log2(errors[0] / errors[-1]) / 2
     assert rates.min() > 0.7
     name = f"conserved oil in the coupled step, closed journal whirling at {whirl:g} rad/s"
-    figure("film", f"{name}, fluid fraction", errors[-1][0], most=0.02, unit="%")
-    figure("film", f"{name}, observed order of it", rates[0], least=0.7)
+    figure("film", f"{name}, fluid fraction", errors[-1][0], most=0.01, unit="%")
+    figure("film", f"{name}, observed order of it", rates[0], least=0.9)
     figure("film", f"{name}, largest pressure", errors[-1][1], most=0.02, unit="%")
 
 
@@ -131,7 +131,7 @@ def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(fi
     name = "conserved oil in the coupled step, squeezed journal, empty area"
     figure("film", name, errors[-1, 0], most=1e-3, unit="%")
     order = np.log2(errors[0, 0] / errors[-1, 0]) / 2
-    figure("film", f"{name}, observed order", order, least=1.0)
+    figure("film", f"{name}, observed order", order, least=1.7)
 
 
 def assert_steps_are_those_of_the_film_alone(film, run, end, filling):
@@ -500,6 +500,24 @@ def test_a_starved_bearing_has_less_film_than_one_that_reynolds_fills(figure):
     name = "starved loaded journal, balance of a cycle's oil"
     supplied, lost = mean_flows(oil)
     figure("film", name, abs(lost / supplied - 1), most=0.02, unit="%")
+
+
+@pytest.mark.slow
+def test_a_slider_crank_on_40_cells_has_the_film_of_80(figure):
+    oil = {"element": "bilinear", "cavitation": "mass-conserving", "ambient_pressure": 1e5}
+    changes = {f"joints.big_end.{key}": value for key, value in oil.items()}
+    tables = tables_of("slider-crank", changes | {"time.tolerance": 1e-3})
+    built = build_mechanism(scene_of(tables, "oil"), MPI.COMM_SELF)
+    run = Run(built.mechanism, built.steps, built.period)
+    for _ in run.until(2 * built.period):
+        pass
+    steps = list(run.until(3 * built.period))
+    pressure = max(step.solution.films[0].pressure.max() for step in steps)
+    thickness = min(run.norm.film_gaps(step.observed)[0].min() for step in steps)
+    # 80 x 10 cells at a tolerance of 1e-4; with first-order upwinding 81 MPa and 1.79 um on 40.
+    name = "conserved oil, slider-crank with M4 on 40 cells against 80, third cycle"
+    figure("film", f"{name}, largest pressure", abs(pressure / 55.3e6 - 1), most=0.03, unit="%")
+    figure("film", f"{name}, minimum film", abs(thickness / 2.131e-6 - 1), most=0.01, unit="%")
 
 
 @pytest.mark.parametrize(
