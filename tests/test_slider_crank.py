@@ -316,7 +316,7 @@ def test_an_energy_balance_sees_what_leaks():
     class Steady:
         def __init__(self, stored):
             self.stored, self.drive, self.drag, self.film, self.damping = stored, 5.0, 2.0, 2.0, 1.0
-            self.applied = 1.0
+            self.applied, self.unfelt = 1.0, 0.0
 
     balance = EnergyBalance(0.0, Steady(10.0))
     balance.add(0.5, Steady(12.5))
