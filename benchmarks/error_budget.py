@@ -244,18 +244,25 @@ FRESH: dict[str, tuple[str, Mapping[str, Any]]] = {
             "time.tolerance": 1e-3,
         },
     ),
-    "soft rod, M3": (
+    "journal, conserved": (
+        "loaded-journal-starved",
+        {f"{JOURNAL}.cells": [48, 4], "forces.load.scale": 0.7},
+    ),
+    "slider-crank, conserved": (
         "slider-crank",
-        {
-            "bodies.rod.material.youngs_modulus": 70e9,
-            "bodies.rod.material.density": 2700.0,
-            METHOD: "m3",
+        RIGID_ROD
+        | {
+            f"{BIG}.cells": [32, 4],
+            f"{BIG}.element": "bilinear",
+            f"{BIG}.cavitation": "mass-conserving",
+            f"{BIG}.ambient_pressure": 1e5,
             "drives.crank.speed": 300.0,
-            f"{BIG}.cells": [20, 5],
             "time.tolerance": 1e-3,
+            "time.order": 2,
         },
     ),
 }
+FRESH["soft rod, M3"] = ("slider-crank", {**FRESH["soft rod"][1], METHOD: "m3"})
 SCENES |= FRESH
 
 #: Of references of those: most of their tolerance and of their largest step, and cells either way.
