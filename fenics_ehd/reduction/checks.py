@@ -218,12 +218,8 @@ def _check_units(structure: Structure) -> None:
     """Mass and nodes make a density that a part may have; in any units motions are rigid ones."""
     comm = structure.comm
     x = structure.coordinates
-    low, high = (
-        comm.allreduce(ends, op=which)
-        for ends, which in (
-            (x.min(axis=0, initial=np.inf), MPI.MIN), (x.max(axis=0, initial=-np.inf), MPI.MAX)
-        )
-    )  # fmt: skip
+    low = np.min(comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
+    high = np.max(comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
     along = np.zeros((len(x), 3))
     along[:, 0] = 1.0
     along = along.reshape(-1, 1)
