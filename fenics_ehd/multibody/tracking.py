@@ -358,6 +358,7 @@ class Tracker:
             "rates": self.rates.stored_state(),
             "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
             "oil": {name: asdict(found) for name, found in self.oil.items()},
+            "groups": dict(self.groups),
         }
 
     def load_state(self, stored: Mapping[str, Any]) -> None:
@@ -384,6 +385,8 @@ class Tracker:
         self._start = float(stored["totals"]["start"])
         self.crank_angle.left_out = float(stored["totals"]["turns_left_out"])
         self.rejected_because = {name: int(n) for name, n in stored["rejected"].items()}
+        # A run may have no step left to tell them anew.
+        self.groups.update({name: str(place) for name, place in stored["groups"].items()})
         names = [field.name for field in fields(Extremes)]
         for extremes, key in ((self.extremes, "extremes"), (self.former, "former")):
             for joint, found in stored[key].items():
