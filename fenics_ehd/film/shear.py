@@ -100,6 +100,13 @@ def sheared_heights(film: Film, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
     return (gap.thickness, gap.thickness) if surfaces is None else surfaces.sheared(gap)
 
 
+def full_shear(film: Film, state: FilmState) -> float:
+    """Power that shear takes from a gap that is full of oil, ``int eta U^2 / h dA`` [W]."""
+    fields, sliding = film_fields(film, state, "full"), state.gap.sliding_velocity
+    area = film.parameters.grid.radius**2 * film.assembly.area
+    return float(np.sum(area * fields.viscosity * sliding**2 / sheared_heights(film, state.gap)[0]))
+
+
 def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
     """Power per area of the pressure's stress, beyond that of the drag of `Film.powers` [W/m2].
 

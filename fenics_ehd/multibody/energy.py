@@ -40,8 +40,8 @@ class Powers:
 
     Without friction the films lose what drives their pressure flow, and the drag comes from
     outside. With friction they lose all that they dissipate; the drag is internal, and zero. Oil
-    that is let in and out under pressure brings its work with the drag. What the films' shear and
-    their asperities would dissipate were it felt is ``unfelt``, and no part of the balance.
+    that is let in and out under pressure brings its work with the drag. What shear would dissipate
+    were it felt, in gaps full of oil, is ``unfelt``, and no part of the balance.
     """
 
     kinetic: float

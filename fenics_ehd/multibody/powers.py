@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fenics_ehd.film.flow import under_pressure
+from fenics_ehd.film.shear import full_shear
 from fenics_ehd.multibody.energy import Powers
 from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
@@ -28,7 +29,7 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         if place.film.friction:
             lost, fed = lost + found.friction.sheared, 0.0
         else:
-            unfelt += found.friction.sheared
+            unfelt += full_shear(place.film.film, found.state)
         if under_pressure(place.film.film):
             fed += found.flows.work
         if found.contact is not None:
