@@ -1,0 +1,200 @@
+"""Golden curves of whole machines: made, read, and run again in the same steps.
+
+A golden is the history of a scene of `tests/golden/house` or of a shipped one as the program gave
+it when the file was made: times of all its steps, and at some of them extremes, forces, torques,
+flows and contents of every film, solved to 1e-9; the last step's pressures; and what a run in steps
+of its own found. It says what was computed, not what is true.
+
+This module is the only one of these tests that looks below the public names.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_ehd.multibody.bdf import follow
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.solver_state import MechanismStep
+from fenics_ehd.scenes.build import Built, build_mechanism
+from fenics_ehd.scenes.scene_file import read_scene
+
+FOLDER = Path(__file__).parent / "golden" / "house"
+
+#: Scenes of `FOLDER`, which together have every model.
+SMALL = (
+    "slider-crank-small", "slider-crank-plain", "four-bar-oil", "slider-crank-rough",
+    "slider-crank-shapes", "journal-starved", "slider-crank-conserved", "slider-crank-both",
+    "rotor-tilt", "slider-crank-torque", "slider-crank-full",
+)  # fmt: skip
+
+#: Shipped ones, whose parts are meshed and reduced first.
+SHIPPED = (
+    "slider-crank", "slider-crank-paper", "slider-crank-both-ends", "four-bar", "loaded-journal",
+    "loaded-journal-starved", "rotor", "rotor-paper", "rotor-two-bearings", "engine",
+)  # fmt: skip
+
+#: Steps of a golden at most, and rows of its columns.
+STEPS, ROWS = 300, 100
+
+#: Of Newton's last update in held steps.
+NEWTON = 1e-9
+
+#: Columns of a joint that a golden keeps, where the joint has them.
+COLUMNS = (
+    "max_pressure_Pa", "min_film_thickness_m", "force_x_N", "force_y_N", "friction_torque_Nm",
+    "bore_friction_torque_Nm", "dissipated_power_W", "side_flow_m3_per_s", "supply_flow_m3_per_s",
+    "oil_content_m3", "contact_force_N", "contact_share",
+)  # fmt: skip
+
+#: Digits of columns: the finest tolerance is 1e-6 of a column's largest value.
+DIGITS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Columns at the rows of a golden and the last pressures of every film, by path."""
+
+    columns: Mapping[str, np.ndarray]
+    pressures: Mapping[str, np.ndarray]
+
+    def deviation(self, other: Curve) -> dict[str, float]:
+        """Largest difference of every column over its own largest value."""
+        found = {}
+        for name, own in {**self.columns, **self.pressures}.items():
+            largest = max(float(np.abs(own).max()), np.finfo(float).tiny)
+            theirs = (other.columns | other.pressures)[name]
+            found[name] = float(np.abs(own - theirs).max()) / largest
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Golden:
+    """What a file has: steps that are held, a curve, and what a run in its own steps found."""
+
+    times: np.ndarray
+    corners: np.ndarray
+    curve: Curve
+    own: Mapping[str, float]
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON."""
+        found = {
+            "times": self.times.tolist(),
+            "corners": np.flatnonzero(self.corners).tolist(),
+            "own": dict(self.own),
+            "columns": {name: _rounded(values) for name, values in self.curve.columns.items()},
+            "pressures": {name: _rounded(values) for name, values in self.curve.pressures.items()},
+        }
+        lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in found.items()]
+        path.write_text("{" + ",\n".join(lines) + "}\n")
+
+    @classmethod
+    def load(cls, name: str) -> Golden:
+        """Of a scene."""
+        found = json.loads((FOLDER / f"{name}.json").read_text())
+        times = np.array(found["times"])
+        corners = np.isin(np.arange(len(times)), found["corners"])
+        arrays = (
+            {key: np.array(values) for key, values in found[part].items()}
+            for part in ("columns", "pressures")
+        )
+        return cls(times, corners, Curve(*arrays), found["own"])
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in values]
+
+
+def built(name: str) -> Built:
+    """Mechanism of a scene."""
+    path = FOLDER / f"{name}.toml"
+    scene = read_scene(path if path.exists() else name)
+    return build_mechanism(scene, MPI.COMM_SELF)
+
+
+def run_of(machine: Built) -> Run:
+    """At the start."""
+    span = machine.period or machine.end
+    assert span is not None
+    return Run(machine.mechanism, machine.steps, span)
+
+
+def first_steps(machine: Built) -> tuple[np.ndarray, np.ndarray]:
+    """Times of the first steps that a run takes by itself, and which end at corners of tables."""
+    run, span = run_of(machine), machine.period or machine.end
+    found: list[tuple[float, bool]] = []
+    for step in run.until(float(span or 0.0)):
+        found.append((step.time, len(run.state.times) == 1))
+        if len(found) == STEPS:
+            break
+    times, corners = zip(*found, strict=True)
+    return np.array(times), np.array(corners)
+
+
+def held(machine: Built, times: np.ndarray, corners: np.ndarray) -> Curve:
+    """Curve of a run through given steps, from its start."""
+    run = run_of(machine)
+    record = Recorder(run)
+    for step in _follow(run, times, corners):
+        record.add(step)
+    columns, fields = record.rows()
+    rows = np.unique(np.linspace(0, len(times) - 1, min(ROWS, len(times))).astype(int))
+    kept = {
+        name: values[rows] for name, values in columns.items() if name.rpartition(".")[2] in COLUMNS
+    }
+    pressures = {
+        path: values[-1] for path, values in fields.items() if path.endswith("film/pressure")
+    }
+    return Curve(kept, pressures)
+
+
+def _follow(run: Run, times: np.ndarray, corners: np.ndarray) -> Iterator[MechanismStep]:
+    for time, corner in zip(times, corners, strict=True):
+        step, run.state = follow(
+            run.norm, run.state, float(time), bool(corner), run.control, run.solve, NEWTON
+        )
+        yield step
+
+
+def own_run(machine: Built, periodicity: float = 1e-3) -> dict[str, float]:
+    """Extremes, temperatures, steps and iterations of a run in its own steps."""
+    run = run_of(machine)
+    record, cycles = Recorder(run), None
+    if machine.period is not None:
+        cycles = Cycles(run, machine.period, periodicity)
+    for step in cycles or run.until(float(machine.end or 0.0)):
+        record.add(step, cycles)
+    figures = record.tracker.figures()
+    found = {key: figures[key] for key in ("steps", "newton_iterations")}
+    for joint, values in record.tracker.joint_figures().items():
+        for key in ("max_pressure_Pa", "min_film_thickness_m", "effective_temperature_C"):
+            if key in values:
+                found[f"{joint}.{key}"] = values[key]
+    return found
+
+
+def make(name: str) -> Golden:
+    """Golden of a scene as the program gives it now."""
+    machine = built(name)
+    times, corners = first_steps(machine)
+    return Golden(times, corners, held(machine, times, corners), own_run(machine))
+
+
+def compared(name: str, *, own: bool = True) -> dict[str, Any]:
+    """Deviations of today's program from a golden: held, and in its own steps if wanted."""
+    golden, machine = Golden.load(name), built(name)
+    curve = held(machine, golden.times, golden.corners)
+    found: dict[str, Any] = {"held": golden.curve.deviation(curve), "own": {}}
+    if own:
+        now = own_run(machine)
+        found["own"] = {key: now[key] / value - 1.0 for key, value in golden.own.items()}
+    return found
