@@ -153,7 +153,6 @@ def progress(study: StudyData) -> list[str]:
 
 def run_paper(scene: str, directory: Path, workers: int) -> None:
     """Study a scene with the paper's numbers of modes, as far as it has not been done."""
-    from mpi4py import MPI
     from paper_scope import SCOPES
 
     from fenics_ehd.study import folder, plan, pool, run
@@ -161,11 +160,10 @@ def run_paper(scene: str, directory: Path, workers: int) -> None:
     scope, start = SCOPES[scene]
     study = plan.make_study(scene, scope=scope, start=start)
     with (
-        pool.open_pool(MPI.COMM_WORLD, workers) as processes,
+        pool.open_pool(workers) as processes,
         folder.StudyFolder(directory, study) as held,
     ):
-        if processes is not None:
-            run.run_study(held, processes)
+        run.run_study(held, processes)
 
 
 def main() -> None:

@@ -15,8 +15,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
-
 from fenics_ehd.study.folder import StudyFolder
 from fenics_ehd.study.plan import Study, make_study
 from fenics_ehd.study.pool import open_pool
@@ -73,7 +71,7 @@ def plan() -> Study:
 def run(folder: Path, workers: int = 1) -> list[dict[str, Any]]:
     """Rows of the table."""
     study = plan()
-    with open_pool(MPI.COMM_WORLD, workers) as pool, StudyFolder(folder, study) as place:
+    with open_pool(workers) as pool, StudyFolder(folder, study) as place:
         return run_study(place, pool)
 
 

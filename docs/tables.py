@@ -19,7 +19,6 @@ import click
 
 from fenics_ehd.cli.main import cli
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.moved_keys import MOVED
 from fenics_ehd.scenes.supply_settings import SUPPLIES
 
 DOCS = Path(__file__).parent
@@ -89,15 +88,6 @@ def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else json.dumps(value)
 
 
-def moved_keys(machine: str) -> list[str]:
-    """Keys of a machine of version 0.1 and what to write for them."""
-    rows = [
-        f"| {', '.join(f'`{key}`' for key in keys.split())} | {now} |"
-        for keys, now in MOVED[machine]
-    ]
-    return ["| old key | new key |", "|---|---|", *rows]
-
-
 def validation_figures(group: str) -> list[str]:
     """Figures that the tests assert, or the versions that gave them, as ``make figures`` wrote."""
     recorded = json.loads((DOCS / "validation.json").read_text())
@@ -139,7 +129,6 @@ def number(value: float, unit: str) -> str:
 
 WRITERS = {
     "command-help": command_help,
-    "moved-keys": moved_keys,
     "scene-settings": scene_settings,
     "validation-figures": validation_figures,
 }

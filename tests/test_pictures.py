@@ -255,14 +255,6 @@ def test_a_map_marks_the_extreme_of_all_nodes_and_steps(quantity, sign):
     assert found[marked] == pytest.approx(found[node], rel=1e-12)
 
 
-def test_maps_of_different_meshes_are_subtracted_place_by_place():
-    coarse, fine = filmed(), filmed(cells=(16, 4), peak=10.0)
-    axes, _ = drawn("pressure_map", coarse, fine, difference=True)
-    assert axes.get_title(loc="right").startswith("10 MPa")
-    with pytest.raises(SettingsError, match="20 mm and 30 mm wide"):
-        drawn("pressure_map", coarse, filmed(width=0.03), difference=True)
-
-
 def test_between_drawn_bore_and_journal_lies_the_film():
     film = filmed().film
     for step in (0, 17):

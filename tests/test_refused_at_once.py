@@ -135,7 +135,7 @@ def test_sizes_that_do_not_fit_the_part_are_refused_once_it_is_meshed(
     [
         ("", "no [bodies.NAME] tables; write bodies, joints, drives and forces: 'fenics-ehd init"),
         ('scene = "slider-crank"\n', "a scene file of version 0.1; write bodies, joints"),
-        ("[mechanism]\ncrank_length = 0.05\n", "docs/scene-keys.md says where every old key went"),
+        ("[mechanism]\ncrank_length = 0.05\n", "a scene file of version 0.1"),
         ("scene = 3\n", "a scene file of version 0.1"),
         ("bodies = 3\n", "bodies = 3 must be tables: [bodies.NAME]"),
         ("[bodies]\nrod = 3\n", "bodies.rod = 3 must be a table: [bodies.rod]"),

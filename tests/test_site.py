@@ -70,7 +70,7 @@ def test_validation_page_shows_the_figures_of_the_tests_that_there_are():
 
 def test_tables_are_what_the_program_says():
     # Refresh with: python docs/tables.py
-    for name in ("settings.md", "scene-keys.md", "validation.md"):
+    for name in ("settings.md", "validation.md"):
         page = (DOCS / name).read_text()
         assert tables.filled(page) == page, name
     # How help is laid out depends on click's version, what it lists does not.

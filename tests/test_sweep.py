@@ -183,7 +183,7 @@ def test_one_worker_finds_the_same_rows(scene, swept, tmp_path, capfd):
 
 
 @pytest.mark.mpi
-def test_processes_and_ranks_find_the_rows_of_this_process(tmp_path, capfd):
+def test_processes_find_the_rows_of_this_process_and_ranks_are_refused(tmp_path, capfd):
     comm = MPI.COMM_WORLD
     directory = comm.bcast(tmp_path)
     path = comm.bcast(write_scene(tmp_path))
@@ -191,11 +191,14 @@ def test_processes_and_ranks_find_the_rows_of_this_process(tmp_path, capfd):
     status, _, errors = exit_of(
         capfd, "sweep", path, *given_values(assignments), "-o", directory / "swept"
     )
+    if comm.size > 1:
+        assert status == 2
+        assert not comm.rank or not errors
+        assert comm.rank or f"{comm.size} ranks: cases run in processes" in errors
+        return
     assert status == 0, errors
-    if comm.rank == 0:
-        sweep_inline(make_sweep(path, assignments), directory / "inline")
-        assert results(rows_of(directory / "swept")) == results(rows_of(directory / "inline"))
-    comm.barrier()
+    sweep_inline(make_sweep(path, assignments), directory / "inline")
+    assert results(rows_of(directory / "swept")) == results(rows_of(directory / "inline"))
 
 
 # What is there already

@@ -47,10 +47,9 @@ def output_option(
     return click.option("-o", "--output", name, type=path, help=help_text, required=required)
 
 
-def workers_option(more: str) -> Callable[[Command], Command]:
-    """``--workers``; `more` is what else there is to say."""
-    return click.option(
-        "--workers",
-        type=click.IntRange(min=1),
-        help=f"Processes [default: the cores this one may use]{more}",
-    )
+#: Shared by commands that run many cases.
+workers_option = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes [default: the cores this one may use]; with 1 no run disturbs another.",
+)

@@ -15,7 +15,7 @@ from fenics_ehd.cli.options import json_option, output_option, workers_option
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.study.folder import StudyFolder
     from fenics_ehd.study.plan import Study
-    from fenics_ehd.study.pool import Pool
+    from fenics_ehd.study.pool import ProcessPool
 
 #: Columns of the printed table: column, heading, factor, format.
 SHOWN = (
@@ -36,7 +36,7 @@ SHOWN = (
     type=click.FloatRange(min=0),
     help="Time from which on errors count [s] [default: 2 % of the simulated time, 0 of a cycle].",
 )
-@workers_option("; with 1 no run disturbs another. Under mpirun the ranks work.")
+@workers_option
 @click.option("--report/--no-report", default=True, show_default=True, help="Write the report.")
 @click.option("--overwrite", is_flag=True, help="Run everything anew.")
 @json_option
@@ -55,15 +55,11 @@ def study(
     Error against run time, over numbers of modes, step tolerances and film meshes, relative to
     the full interface. Runs that are complete are not run again.
     """
-    from mpi4py import MPI
-
     from fenics_ehd.study.folder import StudyFolder
     from fenics_ehd.study.plan import make_study
     from fenics_ehd.study.pool import open_pool
 
-    with open_pool(MPI.COMM_WORLD, workers) as pool:
-        if pool is None:
-            return
+    with open_pool(workers) as pool:
         plan = make_study(scene, quick=quick, start=start)
         target = Path(directory or Path("results") / f"{Path(scene).stem}-study")
         with StudyFolder(target, plan, overwrite=overwrite) as folder:
@@ -71,7 +67,7 @@ def study(
     _conclude(plan, target, rows, report, as_json)
 
 
-def _run(folder: StudyFolder, pool: Pool) -> list[dict[str, Any]]:
+def _run(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
     """Run what is missing, with a bar; Ctrl-C ends it between two runs."""
     from fenics_ehd.study.run import run_study
 

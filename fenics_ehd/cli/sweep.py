@@ -14,7 +14,7 @@ from fenics_ehd.cli.cases import case_bar, table_lines
 from fenics_ehd.cli.options import json_option, output_option, workers_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.study.pool import Pool
+    from fenics_ehd.study.pool import ProcessPool
     from fenics_ehd.study.sweep import Sweep
     from fenics_ehd.study.sweep_table import SweepTable
 
@@ -38,7 +38,7 @@ SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f"))
     "first:last:count:log, words as m1,m3, lists as '[20,5];[40,10]'. Repeatable.",
 )
 @output_option("directory", "Folder for sweep.csv [default: results/SCENE-sweep].")
-@workers_option("; under mpirun the ranks work.")
+@workers_option
 @click.option("--keep", is_flag=True, help="Keep history and summary of each case, runs/0001 ...")
 @click.option("--resume", is_flag=True, help="Insist on rows of a former attempt to go on from.")
 @click.option("--overwrite", is_flag=True, help="Begin anew, whatever rows the folder holds.")
@@ -58,8 +58,6 @@ def sweep(
     Rows of a former attempt that are complete are not run again. A case that fails is a row as
     well and ends nothing.
     """
-    from mpi4py import MPI
-
     from fenics_ehd.study.pool import open_pool
     from fenics_ehd.study.sweep import make_sweep
     from fenics_ehd.study.sweep_table import SweepTable
@@ -67,9 +65,7 @@ def sweep(
     if resume and overwrite:
         raise SettingsError("--resume and --overwrite exclude each other")
     target = Path(directory or Path("results") / f"{Path(scene).stem}-sweep")
-    with open_pool(MPI.COMM_WORLD, workers) as pool:
-        if pool is None:
-            return
+    with open_pool(workers) as pool:
         plan = make_sweep(scene, assignments)
         with SweepTable(target, plan, resume=resume, overwrite=overwrite) as table:
             _run(table, pool, keep)
@@ -77,7 +73,7 @@ def sweep(
     _conclude(plan, table.path, rows, as_json)
 
 
-def _run(table: SweepTable, pool: Pool, keep: bool) -> None:
+def _run(table: SweepTable, pool: ProcessPool, keep: bool) -> None:
     """Run what is missing, with a bar; Ctrl-C ends it between two rows."""
     from fenics_ehd.study.sweep_run import run_sweep
 

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.plotting.curves import Rows
-from fenics_ehd.plotting.picture import DIFFERENCES, WIDTH, plt, with_unit
+from fenics_ehd.plotting.picture import WIDTH, plt, with_unit
 from fenics_ehd.plotting.shown import TIME, ShownJoint
 
 #: Colours at most.
@@ -74,38 +73,14 @@ class Map:
             panels += [(raster, levels) for raster in found]
         return self._figure(panels, self.colours)
 
-    def difference(self, rows: Rows) -> Figure:
-        """The figure of the second run of every row less the first."""
-        panels = []
-        for title, (first, second) in rows.items():
-            one = self.raster(first, title)
-            values = self.raster(second, title, one).values - one.values
-            largest = float(np.abs(values).max())
-            less = one._replace(values=values, mark=_largest(values, one.angle, one.height))
-            panels.append((less, _levels(-largest, largest)))
-        return self._figure(panels, DIFFERENCES)
-
-    def raster(self, joint: ShownJoint, title: str, like: Raster | None = None) -> Raster:
-        """Of one joint, at the lines of its mesh or at those of another.
-
-        Raises
-        ------
-        SettingsError
-            The other one is of a bore of another width.
-        """
+    def raster(self, joint: ShownJoint, title: str) -> Raster:
+        """Of one joint, at the lines of its mesh."""
         film = joint.film
         values = getattr(film, self.fields)
         nodal = self.factor * self.nodal(values, joint.columns[TIME][: len(values)])
         angle, height = (np.unique(x.round(9)) for x in film.grid.node_positions.T)
         angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
         height = 1e3 * height
-        if like is not None:
-            if not np.isclose(np.ptp(height), np.ptp(like.height), rtol=1e-6):
-                raise SettingsError(
-                    f"--difference: bores of {title} are {np.ptp(like.height):.4g} mm and "
-                    f"{np.ptp(height):.4g} mm wide, maps are subtracted between equal ones"
-                )
-            angle, height = like.angle, like.height
         around, along = (x.ravel() for x in np.meshgrid(np.radians(angle), 1e-3 * height))
         found = (film.grid.interpolation(around, along) @ nodal).reshape(len(height), len(angle))
         return Raster(found, angle, height, title, self._mark(joint, found, angle, height))

@@ -31,8 +31,8 @@ COLOURS = (BLUE, RED, YELLOW, BLACK, "#44AA99", "#882255", "#999933")
 #: The same, drawn over each other: equal ones show through the gaps.
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (6, 2, 1, 2)))
 
-#: Colours of fields, from light to dark also in grey: pressures, films, and differences of both.
-PRESSURES, FILMS, DIFFERENCES = "YlOrRd", "cividis", "RdBu_r"
+#: Colours of fields, from light to dark also in grey: pressures and films.
+PRESSURES, FILMS = "YlOrRd", "cividis"
 
 #: Width of a picture [inches], and of a panel beside others.
 WIDTH, PANEL = 7.2, 4.4

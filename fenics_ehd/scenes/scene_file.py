@@ -17,7 +17,6 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.key_hints import key_hint, setting_names
 from fenics_ehd.base.settings import build, read_toml, unusual
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.moved_keys import hint as moved_hint
 from fenics_ehd.scenes.scene import GROUND, Scene
 from fenics_ehd.scenes.scene_checks import check_names, check_time, notices
 
@@ -110,17 +109,14 @@ def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
     """
     if "bodies" not in tables:
         old = "scene" in tables or OLD & set(tables)
-        moved = f": {moved}" if (moved := moved_hint(tables)) else ""
         raise SettingsError(
             f"{name}: {'a scene file of version 0.1' if old else 'no [bodies.NAME] tables'}; write "
             "bodies, joints, drives and forces: 'fenics-ehd init slider-crank-paper' prints them "
             "with every setting explained"
-            + (f", docs/scene-keys.md says where every old key went{moved}" if old else "")
         )
     for key in tables:
         if key not in TABLES:
-            moved = moved_hint({key: tables[key]})
-            raise SettingsError(f"unknown table [{key}]: {moved or key_hint(TABLES, key)}")
+            raise SettingsError(f"unknown table [{key}]: {key_hint(TABLES, key)}")
     entries = {table: _entries(table, tables.get(table, {})) for table in schema.KINDS}
     time = _settings(schema.TimeSettings, tables.get("time", {}), "time")
     output = _settings(schema.OutputSettings, tables.get("output", {}), "output")

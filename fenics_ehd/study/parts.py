@@ -20,7 +20,7 @@ from fenics_ehd.scenes.elastic_part import ElasticPart, elastic_part
 from fenics_ehd.scenes.part import ReducedPart
 from fenics_ehd.study.case import Case, NeededBody
 from fenics_ehd.study.outcome import Outcome, failed, patiently, recorded
-from fenics_ehd.study.pool import Pool, outcomes
+from fenics_ehd.study.pool import ProcessPool, outcomes
 
 #: Entries of a body's provenance: what it took, by the clock and of the processor.
 SECONDS, PROCESSOR_SECONDS = "reduction_time_s", "reduction_processor_time_s"
@@ -40,7 +40,7 @@ def body_path(directory: Path, body: NeededBody) -> Path:
 
 
 def reduce_missing(
-    cases: Iterable[Case], directory: Path, pool: Pool, check: Callable[[], None]
+    cases: Iterable[Case], directory: Path, pool: ProcessPool, check: Callable[[], None]
 ) -> Mapping[str, Outcome]:
     """Reduce what cases need and is not there, or cannot be read; those that failed, by name."""
     needed = {body.name: body for case in cases for body in case.bodies.values()}

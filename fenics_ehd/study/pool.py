@@ -1,23 +1,21 @@
-"""Workers: the processes of a pool, or under mpirun all ranks but the first."""
+"""Workers: processes that take one task each."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import signal
-import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
-    Executor,
     Future,
     ProcessPoolExecutor,
     wait,
 )
 from contextlib import contextmanager
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 
@@ -35,48 +33,23 @@ class WorkerDiedError(EhdError):
     """The process of a worker ended in the middle of its work."""
 
 
-class Pool(Protocol):
-    """Workers that take one task each."""
-
-    width: int
-
-    def submit(self, function: Callable[[T], R], task: T) -> Future[R]:
-        """Start a task; no more of them are under way than there are workers."""
-
-
-@contextmanager
-def open_pool(comm: MPI.Intracomm, workers: int | None) -> Iterator[Pool | None]:
-    """Ranks of `comm`, or processes where it has only one.
-
-    Yields
-    ------
-    Pool or None
-        None on ranks that have worked, once all work is done.
+def open_pool(workers: int | None) -> ProcessPool:
+    """Processes, as many as cores where no number is given; a context.
 
     Raises
     ------
     SettingsError
-        A number of processes is given although ranks do the work.
+        Several ranks were started.
     """
-    if comm.size == 1:
-        with ProcessPool(workers or len(os.sched_getaffinity(0))) as pool:
-            yield pool
-        return
-    if workers is not None:
-        raise SettingsError(f"--workers {workers}: under mpirun the ranks are the workers")
-    from mpi4py.futures import MPICommExecutor
-
-    with MPICommExecutor(comm, root=0) as executor:
-        try:
-            yield RankPool(executor, comm.size - 1) if executor is not None else None
-        except KeyboardInterrupt:
-            # Leaving in order would mean to wait until all ranks are done with their cases.
-            print("fenics-ehd: interrupted", file=sys.stderr, flush=True)
-            comm.Abort(130)
+    if MPI.COMM_WORLD.size > 1:
+        raise SettingsError(
+            f"{MPI.COMM_WORLD.size} ranks: cases run in processes, --workers of them: leave mpirun"
+        )
+    return ProcessPool(workers or len(os.sched_getaffinity(0)))
 
 
 def outcomes(
-    pool: Pool,
+    pool: ProcessPool,
     function: Callable[[T], R],
     tasks: Iterable[T],
     check: Callable[[], None],
@@ -112,18 +85,6 @@ def outcomes(
                 yield task, future.result()
 
 
-class RankPool:
-    """Ranks of a communicator; mpirun ends them all when one dies."""
-
-    def __init__(self, executor: Executor, width: int):
-        self.width = width
-        self._executor = executor
-
-    def submit(self, function: Callable[[T], R], task: T) -> Future[R]:
-        """Start a task on a free rank."""
-        return self._executor.submit(function, task)
-
-
 class ProcessPool:
     """Processes of this machine, each started with its first task in an executor of its own.
 
@@ -138,7 +99,7 @@ class ProcessPool:
         self._others = set(multiprocessing.active_children())
 
     def submit(self, function: Callable[[T], R], task: T) -> Future[R]:
-        """Start a task."""
+        """Start a task; no more of them may be under way than there are processes."""
         free = (n for n in range(self.width) if n not in self._last or self._last[n].done())
         place = next(free)
         with _interrupt_blocked():

@@ -10,7 +10,7 @@ from fenics_ehd.study.compare import Comparison
 from fenics_ehd.study.folder import StudyFolder
 from fenics_ehd.study.outcome import Outcome
 from fenics_ehd.study.plan import REFERENCE
-from fenics_ehd.study.pool import Pool
+from fenics_ehd.study.pool import ProcessPool
 from fenics_ehd.study.provenance import call, describe_study, former_calls
 from fenics_ehd.study.reference import describe_reference
 from fenics_ehd.study.table import table_row, write_table
@@ -19,7 +19,7 @@ from fenics_ehd.study.work import CaseTask, run_cases
 
 def run_study(
     folder: StudyFolder,
-    pool: Pool,
+    pool: ProcessPool,
     *,
     check: Callable[[], None] = lambda: None,
     progress: Callable[[str], None] = lambda status: None,

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from fenics_ehd.base.folder import let_go
 from fenics_ehd.study.case import Case
 from fenics_ehd.study.outcome import Outcome
-from fenics_ehd.study.pool import Pool
+from fenics_ehd.study.pool import ProcessPool
 from fenics_ehd.study.sweep_table import SweepTable, folder_of
 from fenics_ehd.study.work import CaseTask, run_cases
 
 
 def run_sweep(
     table: SweepTable,
-    pool: Pool,
+    pool: ProcessPool,
     *,
     keep: bool = False,
     check: Callable[[], None] = lambda: None,

@@ -25,7 +25,7 @@ from fenics_ehd.scenes.scene import flexible
 from fenics_ehd.study.case import Case
 from fenics_ehd.study.outcome import Outcome, failed, patiently, recorded
 from fenics_ehd.study.parts import SECONDS, body_path, part_figures, reduce_missing
-from fenics_ehd.study.pool import Pool, outcomes
+from fenics_ehd.study.pool import ProcessPool, outcomes
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class CaseTask:
 def run_cases(
     tasks: Sequence[CaseTask],
     bodies: Path,
-    pool: Pool,
+    pool: ProcessPool,
     ended: Callable[[Case, Outcome], None],
     check: Callable[[], None] = lambda: None,
 ) -> None:
