@@ -18,7 +18,7 @@ from fenics_ehd.base.petsc_options import configure, destroy_with, solve_columns
 from fenics_ehd.film.pattern import Pattern
 
 #: Fastest of PETSc's factorisations on these matrices when only values change; CHOLMOD takes over
-#: for large ones (`benchmarks/cavitation_solvers.py`). Film matrices need no pivoting for
+#: for large ones (`docs/measurements.md`). Film matrices need no pivoting for
 #: stability that was ever seen to matter; every solution is verified.
 SYMMETRIC_OPTIONS = {
     "ksp_type": "preonly",
