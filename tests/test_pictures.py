@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from recorded_runs import short_run
 
 from fenics_ehd.base.columns import Quantity
-from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.base.errors import InputError
 from fenics_ehd.cli.main import main
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.history_layout import assemble_result
