@@ -89,9 +89,10 @@ def floating(part, joint):
 
 
 def oil_in(part, friction):
+    # Streamers begin and end at points of the film, so that powers are not smooth over time.
     film = Film(FilmParameters(film_grid(part.pressure_nodes), 17e-6, Lubricant(0.02), rate=600.0))
     return LubricatedJoint(
-        "disk", "rod.bore", film, friction=friction,
+        "disk", "rod.bore", film, friction=friction, shear_rule="full",
         eccentricity=(5e-6, 0.0), eccentricity_rate=(0.0, 0.02),
     )  # fmt: skip
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from fenics_ehd.cli.error_budget import COMPONENTS, aligned, share
+from fenics_ehd.multibody.error_shares import NOT_ESTIMATED
 from fenics_ehd.scenes.accuracy import Search
 from fenics_ehd.scenes.given import changed
 from fenics_ehd.scenes.scene import Scene
@@ -63,7 +64,8 @@ def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
         rows.append([key, *("as given" if value is None else shown(value) for value in values)])
     for key, words in COMPONENTS.items():
         if key in runs[0]["errors"]:
-            rows.append([f"largest by {words}", *(share(run["errors"][key]) for run in runs)])
+            values = [share(run["errors"].get(key, NOT_ESTIMATED)) for run in runs]
+            rows.append([f"largest by {words}", *values])
     rows.append(["largest total", *(share(run["estimate"]) for run in runs)])
     rows.append(["processor time", *(f"{run['processor_time_s']:.1f} s" for run in runs)])
     missed = [] if found["met"] else [f"  {summary['warnings'][-1]}"]

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
-from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
 from fenics_ehd.fem.models import stored_mesh_error
 from fenics_ehd.film.layout import film_grid
 from fenics_ehd.film.surface_reading import interpolation_matrix
@@ -139,11 +139,7 @@ class ElasticPart:
             missing = stored_mesh_error(model, tuple(part.bores)) / settings.material.youngs_modulus
             moved = outward_of(missing, part.bores)
         else:
-            factor = FINER if part.size <= MOST_REFINED else 1.0 / FINER
-            counted = with_counts(settings, "body")
-            settings = attrs.evolve(settings, geometry=part_cells(counted, factor))
-            size = 1.0 if counts(counted) else 1.0 / factor
-            other = _assembled("body", settings, self.film_element, part.comm, size)
+            other = self._other_mesh(part, with_counts(settings, "body"))
             there = smooth_answers(StaticSolver(other, solver=settings.reduction.solver))
             share = excess(part.size, other.size)
             missing = share * (there.compliance - own.compliance)
@@ -151,6 +147,19 @@ class ElasticPart:
         error = max(compliance_errors(missing, own.compliance).values())
         accuracy = {**body.accuracy, "flexibility_mesh_error": error}
         return replace(body, mesh_flexibility=moved, accuracy=accuracy)
+
+    def _other_mesh(self, part: Structure, counted: schema.FlexibleSettings) -> Structure:
+        """The part on a finer mesh if that is small enough and can be made, else a coarser one."""
+
+        def made(factor: float) -> Structure:
+            settings = attrs.evolve(counted, geometry=part_cells(counted, factor))
+            size = 1.0 if counts(counted) else 1.0 / factor
+            return _assembled("body", settings, self.film_element, part.comm, size)
+
+        if part.size <= MOST_REFINED:
+            with suppress(MeshError):  # a model has limits to its numbers of cells
+                return made(FINER)
+        return made(1.0 / FINER)
 
 
 def _read(bores: Mapping[str, BoreSurface], wanted: Mapping[str, BoreSurface]) -> sparse.csr_matrix:
