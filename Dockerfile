@@ -14,7 +14,7 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 
 # Whoever --user names must find a home to write to: FFCx compiles forms into ~/.cache, Matplotlib
-# lists the fonts there. Nothing is compiled in advance; to keep it, mount a volume at /home/ehd.
+# lists the fonts there. To keep what other scenes add, mount a volume at /home/ehd.
 RUN useradd --uid 1000 ehd \
  && mkdir -p /home/ehd/.cache/fenics /home/ehd/.cache/matplotlib /home/ehd/.config/matplotlib \
  && chmod -R 1777 /home/ehd \
@@ -27,6 +27,17 @@ COPY . /opt/fenics_ehd
 RUN /usr/bin/python3 -m venv --system-site-packages /opt/venv \
  && pip install --no-cache-dir --no-deps --no-build-isolation /opt/fenics_ehd \
  && rm -rf /opt/fenics_ehd/build /opt/fenics_ehd/*.egg-info
+
+# Forms of the shipped scenes, compiled in advance. Of everybody: who comes next adds to them.
+RUN printf '%s\n' \
+      'import fenics_ehd as ehd' \
+      'from fenics_ehd.multibody.mechanism import System' \
+      'from fenics_ehd.scenes.library import shipped_names' \
+      'for name in shipped_names():' \
+      '    for place in System(ehd.build(ehd.read_scene(name)).mechanism).films:' \
+      '        place.film.film.equation.forms' \
+    | OMP_NUM_THREADS=1 python - \
+ && chmod -R a+rwX /home/ehd/.cache
 
 # One thread per rank, and no pytest cache beside tests that this user cannot write to.
 ENV OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTEST_ADDOPTS="-p no:cacheprovider"

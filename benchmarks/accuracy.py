@@ -5,8 +5,8 @@
 For each scene and accuracy a row of what `output.accuracy` comes to: the largest estimate of the
 run chosen; its largest true error, against the reference of `benchmarks/error_budget.py`, which has
 three times the scene's own cells either way, M4 and short steps with a thirtieth of its tolerance;
-processor time of the runs before it with their budgets, and of its own integration, which may begin
-on their orbit. Beside it the cheapest of a grid, each from the start, that meets the accuracy truly
+processor time of the runs before it with their budgets, and of its own integration.
+Beside it the cheapest of a grid, each from the start, that meets the accuracy truly
 and may be trusted, and the time over its time.
 The grid varies one setting at a time around the choice: tolerances times 1/10, 1/4, 4, 10, cells
 times 0.7, 0.85, 1.2, 1.5.
@@ -22,19 +22,15 @@ from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Any
 
-from error_budget import METHOD, SCENES, References, changed, extremes_of, finer, reduced, strict
-from mpi4py import MPI
-from tqdm import tqdm
+from error_budget import METHOD, SCENES, References, extremes_of, finer, reduced, strict
 
-from fenics_ehd.base.errors import EhdError
-from fenics_ehd.multibody.energy import trusted
+import fenics_ehd as ehd
+from fenics_ehd.multibody.energy import ENERGY_LIMIT
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.scenes.accuracy import begun
-from fenics_ehd.scenes.accurate_run import run_accurately
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.fields import FEWEST_CELLS
-from fenics_ehd.scenes.scene import Scene, lubricated_joints
-from fenics_ehd.scenes.scene_text import stored
+from fenics_ehd.scenes.run import run_accurately
+from fenics_ehd.scenes.scene import changed, lubricated_joints, stored
+from fenics_ehd.scenes.schema import FEWEST_CELLS
 
 TOLERANCES, CELLS = (0.1, 0.25, 4.0, 10.0), (0.7, 0.85, 1.2, 1.5)
 
@@ -57,32 +53,33 @@ def true_error(own: Mapping[str, list[float]], exact: Mapping[str, list[float]])
     )
 
 
-def exact_extremes(scene: Scene, references: References) -> dict[str, list[float]]:
+def exact_extremes(scene: ehd.Scene, references: References) -> dict[str, list[float]]:
     """Of the reference of a scene as it is written."""
     run, _ = references.run(scene)
     basis = {METHOD: "m4"} if reduced(scene) else {}
     return references.extremes(changed(scene, strict(scene) | basis | finer(scene, run, 3)))
 
 
-def tried(scene: Scene, references: References, exact: Mapping[str, list[float]]) -> Tried | None:
+def tried(
+    scene: ehd.Scene, references: References, exact: Mapping[str, list[float]]
+) -> Tried | None:
     """A run with given settings; None: it comes to no end."""
     try:
         run, cycles = references.run(scene)
         tracker, began = Tracker(run.equations, run.norm), process_time()
         for step in run.until(scene.span) if cycles is None else cycles:
-            tracker.begins(cycles)
-            tracker.add(step)
-    except EhdError:
+            tracker.add(step, cycles)
+    except ehd.errors.EhdError:
         return None
     seconds = process_time() - began
     return Tried(
         true_error(extremes_of(tracker), exact),
         seconds,
-        tracker.balance is None or trusted(tracker.balance.error, 0.0) == "complete",
+        tracker.energy_error <= ENERGY_LIMIT,
     )
 
 
-def around(scene: Scene) -> Iterator[dict[str, Any]]:
+def around(scene: ehd.Scene) -> Iterator[dict[str, Any]]:
     """Values of a grid around a scene's, one setting at a time."""
     yield {}
     for factor in TOLERANCES:
@@ -97,17 +94,16 @@ def around(scene: Scene) -> Iterator[dict[str, Any]]:
         }
 
 
-def chosen(scene: Scene, accuracy: float) -> tuple[Scene, dict[str, Any]]:
+def chosen(scene: ehd.Scene, accuracy: float) -> tuple[ehd.Scene, dict[str, Any]]:
     """The scene of the run that comes out, and the summary of it."""
     asked = changed(scene, {"output.accuracy": accuracy, "output.error_budget": True})
     pilot, search = begun(stored(asked))
     with TemporaryDirectory() as folder:
-        built = build_mechanism(pilot, MPI.COMM_SELF)
+        built = ehd.build(pilot)
         last, _, summary = run_accurately(
             pilot,
             built,
             Path(folder),
-            lambda own: tqdm(total=1.0, disable=True),
             search,
             interval=1e9,
         )
@@ -125,7 +121,7 @@ def stated(summary: Mapping[str, Any]) -> dict[str, list[float]]:
 def row(name: str, accuracy: float, references: References) -> tuple[str, bool, float]:
     """Line of the table, whether the true error meets the accuracy, time over the cheapest."""
     shipped, changes = SCENES[name]
-    scene = changed(shipped, changes)
+    scene = ehd.read_scene(shipped, **changes)
     exact = exact_extremes(scene, references)
     last, summary = chosen(scene, accuracy)
     found = summary["accuracy"]

@@ -27,6 +27,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil
@@ -35,17 +36,17 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from scene_runs import Parts, changed
 
-from fenics_ehd.multibody.course import course_of
-from fenics_ehd.multibody.error_budget import QUANTITIES, Estimator
-from fenics_ehd.multibody.error_curves import ErrorCurves
+import fenics_ehd as ehd
+from fenics_ehd.analysis.error_budget import ErrorCurves, Estimator
+from fenics_ehd.analysis.replay import course_of
+from fenics_ehd.multibody.error_shares import QUANTITIES
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.scenes.scene import changed
 
 PIN, BIG, JOURNAL = "joints.rocker_end", "joints.big_end", "joints.bearing"
 METHOD = "bodies.rod.reduction.method"
@@ -318,27 +319,24 @@ class Done:
 def extremes_of(tracker: Tracker) -> dict[str, list[float]]:
     """Of every joint, at nodes and steps."""
     return {
-        name: [getattr(found, quantity) for quantity in QUANTITIES]
+        name: [found[quantity][0] for quantity in QUANTITIES]
         for name, found in tracker.extremes.items()
     }
 
 
 def done(run: Run, span: float, cycles: Cycles | None) -> Done:
     """Of a run at its start."""
-    recorder, start, before = Recorder(run), run.state, process_time()
-    for step in run.until(span) if cycles is None else cycles:
-        recorder.add(step, cycles)
+    solved, before = Simulation(run, span, cycles), process_time()
+    deque(solved.steps(), maxlen=0)
     seconds = process_time() - before
-    course = course_of(run.equations.system, *recorder.rows())
-    began = start if cycles is None else cycles.began
     period = None if cycles is None else cycles.period
-    more = ErrorCurves(course, began.time, period).sampling
-    peaks, films = more.peaks + more.more_pressure, more.films + more.more_film
-    said = extremes_of(recorder.tracker)
+    more = ErrorCurves(course_of(solved), period).sampling
+    peaks, films = more.said + more.more
+    said = extremes_of(solved.tracker)
     return Done(
         said,
         {name: [peaks[:, i].max(), films[:, i].min()] for i, name in enumerate(said)},
-        Estimator(run, cycles, began, course, recorder.tracker),
+        Estimator(solved),
         seconds,
     )
 
@@ -347,14 +345,16 @@ class References:
     """Extremes of scenes between nodes and steps, kept."""
 
     def __init__(self, folder: Path):
-        self.folder, self.parts = folder, Parts()
+        self.folder, self._bodies = folder, {}
         folder.mkdir(parents=True, exist_ok=True)
 
-    def extremes(self, scene: Scene) -> dict[str, list[float]]:
+    def extremes(self, scene: ehd.Scene) -> dict[str, list[float]]:
         """Peak pressure and thinnest film of every joint."""
         return self._kept(scene, "smooth", lambda: self.done(scene).smooth)
 
-    def with_budget(self, scene: Scene) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    def with_budget(
+        self, scene: ehd.Scene
+    ) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
         """The same, and what the reference says of its own totals."""
 
         def solve() -> list[dict[str, list[float]]]:
@@ -366,22 +366,29 @@ class References:
         smooth, own = self._kept(scene, "judged", solve)
         return smooth, own
 
-    def _kept(self, scene: Scene, kind: str, solve: Callable[[], Any]) -> Any:
+    def _kept(self, scene: ehd.Scene, kind: str, solve: Callable[[], Any]) -> Any:
         text = kind + json.dumps(scene.tables, sort_keys=True, default=str)
         path = self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.json"
         if not path.exists():
             path.write_text(json.dumps(solve()))
         return json.loads(path.read_text())
 
-    def run(self, scene: Scene) -> tuple[Run, Cycles | None]:
+    def run(self, scene: ehd.Scene) -> tuple[Run, Cycles | None]:
         """At its start."""
-        built, time = self.parts.build(scene), scene.time
+        parts = {
+            name: repr((part, scene.film_element(name)))
+            for name, part in scene.bodies.items()
+            if isinstance(part, schema.FlexibleSettings)
+        }
+        known = {name: self._bodies[key] for name, key in parts.items() if key in self._bodies}
+        built, time = ehd.build(scene, bodies=known), scene.time
+        self._bodies |= {parts[name]: body for name, body in built.bodies.items()}
         run = Run(built.mechanism, built.steps, scene.span)
         if not time.periodic:
             return run, None
         return run, Cycles(run, scene.span, time.periodicity, time.cycles)
 
-    def done(self, scene: Scene) -> Done:
+    def done(self, scene: ehd.Scene) -> Done:
         """To its end."""
         run, cycles = self.run(scene)
         return done(run, scene.span, cycles)
@@ -394,7 +401,7 @@ def minus(one: Errors, other: Errors) -> Errors:
     }
 
 
-def strict(scene: Scene, share: float = STRICT) -> dict[str, Any]:
+def strict(scene: ehd.Scene, share: float = STRICT) -> dict[str, Any]:
     """Short steps."""
     time = scene.time
     return {
@@ -403,7 +410,7 @@ def strict(scene: Scene, share: float = STRICT) -> dict[str, Any]:
     }
 
 
-def finer(scene: Scene, run: Run, factor: float) -> dict[str, Any]:
+def finer(scene: ehd.Scene, run: Run, factor: float) -> dict[str, Any]:
     """Cells of all films times a factor, an even number around."""
     cells = {p.name: p.film.film.parameters.grid.cells for p in run.equations.system.films}
     return {
@@ -415,7 +422,7 @@ def finer(scene: Scene, run: Run, factor: float) -> dict[str, Any]:
     }
 
 
-def reduced(scene: Scene) -> bool:
+def reduced(scene: ehd.Scene) -> bool:
     """Whether M4 has more than a part of it."""
     return any(
         isinstance(body, schema.FlexibleSettings) and body.reduction.method != "m4"
@@ -426,7 +433,7 @@ def reduced(scene: Scene) -> bool:
 def judge(name: str, references: References) -> list[dict[str, Any]]:
     """True errors and estimates of a row's joints."""
     shipped, changes = SCENES[name]
-    scene = changed(shipped, changes)
+    scene = ehd.read_scene(shipped, **changes)
     run, cycles = references.run(scene)
     found = done(run, scene.span, cycles)
     budget = found.estimator.budget()
@@ -452,7 +459,7 @@ def judge(name: str, references: References) -> list[dict[str, Any]]:
 
 
 def against_one(
-    scene: Scene, run: Run, found: Done, references: References
+    scene: ehd.Scene, run: Run, found: Done, references: References
 ) -> tuple[Errors, Errors]:
     """Totals beside one reference, and what that says of its own."""
     values = strict(scene, LESS_STRICT) | finer(scene, run, LESS_FINE)
@@ -461,7 +468,7 @@ def against_one(
 
 
 def against_two(
-    scene: Scene, run: Run, found: Done, references: References
+    scene: ehd.Scene, run: Run, found: Done, references: References
 ) -> tuple[dict[str, Errors], Errors]:
     """Totals beside one reference, and what that says of its own; those of the steps."""
     time = scene.time
@@ -480,7 +487,7 @@ def against_two(
 
 
 def by_component(
-    scene: Scene, run: Run, found: Done, references: References
+    scene: ehd.Scene, run: Run, found: Done, references: References
 ) -> tuple[dict[str, Errors], Errors]:
     """Errors by component, and what is left of those of the film's mesh with twice the cells."""
     short = strict(scene)

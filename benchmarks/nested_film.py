@@ -1,6 +1,6 @@
 """The obvious formulation of a lubricated mechanism: the film solved within every evaluation.
 
-`fenics_ehd.multibody.step_solver` solves pressures and coordinates together. Here pressures are
+`fenics_ehd.multibody.newton` solves pressures and coordinates together. Here pressures are
 a function of coordinates and rates, made by a whole solution of every film, and Newton's method
 is left with coordinates and multipliers alone. Tests and benchmarks use it as the independent
 way to solve a step.
@@ -12,16 +12,40 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.errors import SolverError
+import fenics_ehd as ehd
 from fenics_ehd.film import FilmState
 from fenics_ehd.film.kinematics import GapDerivatives
-from fenics_ehd.multibody.implicit_step import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved
-from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved
+from fenics_ehd.multibody.newton import CoupledState
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.solver_state import CoupledState
 from fenics_ehd.multibody.step_equations import Point, StepEquations
 
 MAX_NEWTON = 12
+
+
+def pressure_derivative(
+    film: ehd.Film, state: FilmState, derivatives: GapDerivatives
+) -> np.ndarray:
+    """Derivative of a solved film's nodal pressures along n changes of the gap, (nodes, n) [Pa].
+
+    The active set held: with ``A`` the residual's derivative and W its weights, the pressures of
+    the full nodes I and the defects of the others C answer a change of the residual by
+    ``A_I dp_I - W_C dy_C = -dr``.
+    """
+    scale, problem, pattern = film.parameters.pressure_scale, state.problem, film.equation.pattern
+    change = film.equation.change(
+        state.gap, state.pressure / scale, derivatives, state.density_rate
+    )
+    full = np.zeros(pattern.size, dtype=bool)
+    full[state.cavitation.full_film] = True
+    matrix = pattern.matrix(problem.entries(state.cavitation.pressure)).toarray()
+    weights = np.eye(pattern.size)
+    if problem.weights is not None:
+        weights = pattern.matrix(problem.weights).toarray()
+    answer = np.linalg.solve(np.where(full, matrix, -weights), -change)
+    found = np.zeros((film.assembly.size, change.shape[1]))
+    found[film.free[full]] = scale * answer[full]
+    return found
 
 
 class NestedSteps:
@@ -42,24 +66,22 @@ class NestedSteps:
     ) -> tuple[Point, list[FilmState]]:
         """All equations at ``(z, l, m)`` with the pressures that belong to it."""
         # Without patterns a gap does not depend on pressures.
-        nothing = [np.zeros(size) for size in self.equations.sizes]
-        point = self.equations.evaluate(nothing, rest)
-        films = [place.film.film for place in self.system.films]
+        u = np.zeros(len(self.equations.lower))
+        u[self.equations.rest] = rest
+        point, films = self.equations.evaluate(u), self.equations.films
         found = [
-            film.solve(own.gap, guess)
+            film.film.solve(own.gap, guess)
             for film, own, guess in zip(films, point.films, guesses, strict=True)
         ]
-        pressures = [
-            state.pressure[film.free] / film.parameters.pressure_scale
-            for film, state in zip(films, found, strict=True)
-        ]
-        return self.equations.evaluate(pressures, rest), found
+        for film, own, state in zip(films, self.equations.places, found, strict=True):
+            u[own] = film.values(state.pressure)
+        return self.equations.evaluate(u), found
 
     def jacobian(self, point: Point, films: list[FilmState], shift: float) -> np.ndarray:
         """Total derivative of motion and constraints along ``(z, l, m)``."""
         derivative = self.equations.linearise(point)
         jacobian = derivative.core
-        for place, border, state in zip(self.system.films, derivative.borders, films, strict=True):
+        for place, border, state in zip(self.system.films, derivative.films, films, strict=True):
             film = place.film
             shape = (*film.film.points.angle.shape, -1)
             unmoved = np.zeros((len(film.thickness), 1))
@@ -67,9 +89,8 @@ class NestedSteps:
             thickness = np.hstack([film.thickness, unmoved])
             velocity = np.hstack([shift * film.mean_velocity, turning])
             slopes = (thickness, shift * thickness, velocity)
-            answer = film.film.sensitivity(
-                state, GapDerivatives(*(s.reshape(shape) for s in slopes))
-            )
+            changes = GapDerivatives(*(s.reshape(shape) for s in slopes))
+            answer = pressure_derivative(film.film, state, changes)
             jacobian[place.xi] -= film.load @ answer @ border.spread
         return jacobian
 
@@ -85,7 +106,7 @@ class NestedSteps:
             try:
                 point, films = self.evaluate(rest, guesses)
                 update = -np.linalg.solve(self.jacobian(point, films, step.shift), point.rest)
-            except (SolverError, np.linalg.LinAlgError) as error:
+            except (ehd.errors.SolverError, np.linalg.LinAlgError) as error:
                 return Attempt(iteration, failure=f"{type(error).__name__}: {error}", cause=error)
             guesses = films
             observed, moved = problem.observe(rest[:n]), problem.observe(rest[:n] + update[:n])
@@ -104,9 +125,9 @@ class NestedSteps:
 class NestedRun(Run):
     """A run whose steps are solved so."""
 
-    def __init__(self, mechanism: Mechanism, steps: Steps, span: float):
+    def __init__(self, mechanism: ehd.Mechanism, steps: Steps, span: float):
         super().__init__(mechanism, steps, span)
-        self._solve: Any = NestedSteps(self.equations)
+        self.solve: Any = NestedSteps(self.equations)
 
 
 def _open(before: np.ndarray, after: np.ndarray) -> float:

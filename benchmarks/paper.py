@@ -24,12 +24,11 @@ import paper_slider_crank
 from matplotlib.figure import Figure
 from paper_statement import NOT_RUN, near, paper_m3
 
-from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.output import write_whole
-from fenics_ehd.plotting.picture import FORMATS, SETTINGS, plt, save
-from fenics_ehd.study.report.curves import best, draw_errors, draw_methods
-from fenics_ehd.study.report.reading import read_study
-from fenics_ehd.study.report.study_data import JointData, StudyData, StudyRow
+import fenics_ehd as ehd
+from fenics_ehd.base.files import PICTURE_FORMATS, write_whole
+from fenics_ehd.plotting.picture import SETTINGS, plt, save
+from fenics_ehd.study.report.figures import best, draw_errors, draw_methods
+from fenics_ehd.study.report.study_data import JointData, StudyData, StudyRow, read_study
 
 #: By scene.
 STATEMENTS = {
@@ -54,13 +53,15 @@ def read_paper(directory: Path) -> JointData:
 
     Raises
     ------
-    InputError
+    ehd.errors.InputError
         It is the study of something else.
     """
     study = read_study(directory)
     if study.info["scene"] not in STATEMENTS:
         known = " or ".join(STATEMENTS)
-        raise InputError(f"{directory}: scene = {study.info['scene']}, the paper's are {known}")
+        raise ehd.errors.InputError(
+            f"{directory}: scene = {study.info['scene']}, the paper's are {known}"
+        )
     return study.joints[0]
 
 
@@ -138,7 +139,9 @@ def write_paper(directory: Path) -> list[str]:
     with plt.rc_context(SETTINGS):
         for name, figure, caption in figures(joint):
             if figure is not None:
-                save(figure, [directory / "paper" / f"{name}.{ending}" for ending in FORMATS])
+                save(
+                    figure, [directory / "paper" / f"{name}.{ending}" for ending in PICTURE_FORMATS]
+                )
                 lines += [f"![{name}](paper/{name}.png)", "", f"*{name}: {caption}*", ""]
     write_whole(directory / "paper.md", "\n".join(lines))
     return lines
@@ -155,15 +158,12 @@ def run_paper(scene: str, directory: Path, workers: int) -> None:
     """Study a scene with the paper's numbers of modes, as far as it has not been done."""
     from paper_scope import SCOPES
 
-    from fenics_ehd.study import folder, plan, pool, run
+    from fenics_ehd.study import compare, plan, pool
 
     scope, start = SCOPES[scene]
     study = plan.make_study(scene, scope=scope, start=start)
-    with (
-        pool.open_pool(workers) as processes,
-        folder.StudyFolder(directory, study) as held,
-    ):
-        run.run_study(held, processes)
+    with pool.open_pool(workers) as processes, compare.StudyFolder(directory, study) as held:
+        compare.run_study(held, processes)
 
 
 def main() -> None:

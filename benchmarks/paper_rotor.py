@@ -28,16 +28,16 @@ from paper_statement import (
 )
 from scipy.spatial import cKDTree
 
+from fenics_ehd.study.plan import REFERENCE
+from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
     PRESSURE,
     QUANTITIES,
-    REFERENCE_RUN,
     JointData,
     Quantity,
     StudyRow,
 )
-from fenics_ehd.study.report.style import family
-from fenics_ehd.study.report.tables import percent
+from fenics_ehd.study.report.write import percent
 
 #: Overall modes of figures 10 and 11.
 FEW, MANY = 30, 50
@@ -46,10 +46,10 @@ FEW, MANY = 30, 50
 def unsymmetric(joint: JointData) -> Finding:
     """Pressure at the highest peak against its mirror image about mid-width."""
     reference_history(joint)
-    fields = joint.pressures(REFERENCE_RUN)
-    if fields is None:
+    film = joint.film(REFERENCE)
+    if film is None:
         raise MissingRunsError("pressure fields of the reference")
-    (angle, height), pressures = fields[0].T, fields[1]
+    angle, height, pressures = map(np.asarray, (film.angle, film.height, film.pressure))
     pressure, height = pressures[pressures.max(axis=1).argmax()], height / np.ptp(height)
     places = np.column_stack([np.cos(angle), np.sin(angle), height - height.mean()])
     distance, partner = cKDTree(places).query(places * [1.0, 1.0, -1.0])
@@ -71,7 +71,7 @@ def large_where_high(joint: JointData) -> Finding:
             float(weight[part] @ np.abs(error[part]) / weight[part].sum()) for part in (high, ~high)
         )
         words.append(f"{name.upper()} {percent(above)} above, {percent(below)} below")
-        larger.append(clearly(above > below, above - below, row.floor(PRESSURE, "l2")))
+        larger.append(clearly(above > below, above - below, joint.limit(PRESSURE, "l2")))
     return Finding(", ".join(words), verdict(larger))
 
 

@@ -5,8 +5,19 @@ M1 and M2 get as many modes as M3 has vibration and residual modes together.
 
 from __future__ import annotations
 
-from fenics_ehd.study.scope import SELECTIONS, Scope
-from fenics_ehd.study.variants import Variant, film, full, m1, m2, m3, m4, rigid, steps
+from fenics_ehd.study.plan import (
+    SELECTIONS,
+    Scope,
+    Variant,
+    film,
+    full,
+    m1,
+    m2,
+    m3,
+    m4,
+    rigid,
+    steps,
+)
 
 
 def _selections(pressure_set: str, modes: tuple[int, ...]) -> list[Variant]:

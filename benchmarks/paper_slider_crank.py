@@ -36,16 +36,16 @@ from paper_statement import (
 )
 from scipy import stats
 
-from fenics_ehd.reduction import ReducedBody, load_body
+import fenics_ehd as ehd
+from fenics_ehd.study.plan import REFERENCE
+from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
     FILM,
     PRESSURE,
-    REFERENCE_RUN,
     History,
     JointData,
     StudyRow,
 )
-from fenics_ehd.study.report.style import family
 
 #: Plateau of the peak pressure [s].
 PLATEAU = (6e-3, 8e-3)
@@ -187,8 +187,10 @@ def _faster(one: StudyRow, two: StudyRow) -> bool | None:
 def independent_numbers(joint: JointData) -> Finding:
     """Vibration frequencies of M3's bodies with different numbers of residual modes."""
     folders = {joint.study.folder(row["run"]) for row in ended(joint, method="m3")}
-    bodies = [load_body(path) for folder in sorted(folders) for path in folder.glob("body-*.h5")]
-    groups: dict[int, list[ReducedBody]] = {}
+    bodies = [
+        ehd.load_body(path) for folder in sorted(folders) for path in folder.glob("body-*.h5")
+    ]
+    groups: dict[int, list[ehd.ReducedBody]] = {}
     for body in bodies:
         groups.setdefault(body.kinds.count("vibration"), []).append(body)
     kept = {n: group for n, group in groups.items() if n and len(set(map(_static, group))) > 1}
@@ -208,7 +210,7 @@ def independent_numbers(joint: JointData) -> Finding:
     )
 
 
-def _static(body: ReducedBody) -> int:
+def _static(body: ehd.ReducedBody) -> int:
     return body.kinds.count("static")
 
 
@@ -257,10 +259,10 @@ def peak_at_the_axis(joint: JointData) -> Finding:
 def smoother_flank(joint: JointData) -> Finding:
     """How far behind the peak, in the widening gap, the pressure has fallen to half."""
     reference_history(joint, until=PLATEAU[1])
-    history, fields = joint.history(REFERENCE_RUN), joint.pressures(REFERENCE_RUN)
-    if fields is None or history is None:
+    history, film = joint.history(REFERENCE), joint.film(REFERENCE)
+    if film is None or history is None:
         raise MissingRunsError("pressure fields of the reference")
-    (angle, height), pressures = fields[0].T, fields[1]
+    angle, height, pressures = map(np.asarray, (film.angle, film.height, film.pressure))
     middle = np.abs(height - height[np.abs(height - height.mean()).argmin()]) < 1e-9
     ring = np.flatnonzero(middle)[np.argsort(angle[middle])]
     flanks = []

@@ -13,24 +13,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fenics_ehd.base.errors import (
-    CavitationError,
-    FilmTooThinError,
-    GapClosedError,
-    StepSizeError,
-)
+import fenics_ehd as ehd
+from fenics_ehd.study.plan import REFERENCE
+from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
     FILM,
     PRESSURE,
     QUANTITIES,
-    REFERENCE_RUN,
     History,
     JointData,
     Quantity,
     StudyRow,
 )
-from fenics_ehd.study.report.style import family
-from fenics_ehd.study.report.tables import bounded
+from fenics_ehd.study.report.write import bounded
 
 T = TypeVar("T")
 
@@ -40,7 +35,12 @@ OPEN, NOT_RUN = "undecided", "not run"
 #: Ends of a run that tell something about its model: it could not be integrated to the end.
 BREAKDOWNS = tuple(
     f"failed: {kind.__name__}"
-    for kind in (StepSizeError, GapClosedError, FilmTooThinError, CavitationError)
+    for kind in (
+        ehd.errors.StepSizeError,
+        ehd.errors.GapClosedError,
+        ehd.errors.FilmTooThinError,
+        ehd.errors.CavitationError,
+    )
 )
 
 #: M3 as the paper has it in either example.
@@ -245,7 +245,7 @@ def reference_history(joint: JointData, until: float = 0.0) -> History:
         There is none.
     """
     complete = joint.study.reference.get("status") == "complete"
-    history = joint.history(REFERENCE_RUN) if complete else None
+    history = joint.history(REFERENCE) if complete else None
     if history is None:
         raise MissingRunsError("the reference, complete")
     # Steps end at sums of binary fractions.

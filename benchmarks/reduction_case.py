@@ -14,16 +14,15 @@ from time import perf_counter
 import numpy as np
 from mpi4py import MPI
 from reduction_scipy import SCIPY_METHODS
-from scene_runs import changed
 
+import fenics_ehd as ehd
 from fenics_ehd.reduction import (
-    Structure,
     craig_bampton,
     load_dependent,
     residual_flexibility,
     two_step_craig_bampton,
 )
-from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.scenes.part import elastic_part
 
 #: No error estimate: that is a Pc1 reduction more for every method but M4.
 METHODS = {
@@ -66,12 +65,12 @@ def peak_memory() -> float:
     return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def make(size: int) -> Structure:
+def make(size: int) -> ehd.Structure:
     """Rod of about `size` degrees of freedom, over all ranks."""
     cells = {f"bodies.rod.geometry.{name}": value for name, value in geometry(size).items()}
-    rod = changed("slider-crank-paper", cells).bodies["rod"]
+    rod = ehd.read_scene("slider-crank-paper", **cells).bodies["rod"]
     source = elastic_part(rod, "rod", "lagrange", MPI.COMM_WORLD).source
-    assert isinstance(source, Structure)
+    assert isinstance(source, ehd.Structure)
     return source
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fenics_ehd.reduction import Structure
-from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS
-from fenics_ehd.reduction.rigid_motion import rigid_fields
+import fenics_ehd as ehd
+from fenics_ehd.reduction.bore import rigid_fields
+from fenics_ehd.reduction.load_dependent import PRESSURE_SETS
 
 
 def csr(matrix: object) -> sparse.csr_matrix:
@@ -25,7 +25,7 @@ def csr(matrix: object) -> sparse.csr_matrix:
 class FreePart:
     """K, M, J of a free part and the factors of K on a determinate support."""
 
-    def __init__(self, structure: Structure):
+    def __init__(self, structure: ehd.Structure):
         self.structure = structure
         self.stiffness, self.mass = csr(structure.stiffness), csr(structure.mass)
         self.load = csr(structure.bore.load)
@@ -66,7 +66,7 @@ class FreePart:
         return np.einsum("ic,icn->in", radial, rows[:, :2])
 
 
-def craig_bampton(structure: Structure, count: int) -> tuple[np.ndarray, np.ndarray]:
+def craig_bampton(structure: ehd.Structure, count: int) -> tuple[np.ndarray, np.ndarray]:
     """M1; the bore's mean motion and the pin held by Lagrange multipliers."""
     part = FreePart(structure)
     centre = np.zeros((len(structure.coordinates), 3, 6))
@@ -93,7 +93,7 @@ def craig_bampton(structure: Structure, count: int) -> tuple[np.ndarray, np.ndar
 
 
 def load_dependent(
-    structure: Structure, n_vibration: int, n_residual: int, pressure_set: str
+    structure: ehd.Structure, n_vibration: int, n_residual: int, pressure_set: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """M3 with the residual modes of lowest frequency."""
     part = FreePart(structure)
@@ -115,7 +115,9 @@ def load_dependent(
     return angular / (2 * np.pi), _flexibility(part, basis)
 
 
-def residual_flexibility(structure: Structure, n_vibration: int) -> tuple[np.ndarray, np.ndarray]:
+def residual_flexibility(
+    structure: ehd.Structure, n_vibration: int
+) -> tuple[np.ndarray, np.ndarray]:
     """M4 without truncation: every static response, all at once."""
     part = FreePart(structure)
     angular, _ = part.modes(n_vibration, part.respond)

@@ -1,9 +1,9 @@
-"""Derivatives through the steps beside differences: elasticities and processor time.
+"""Derivatives in the same steps: elasticities by change, on a finer film, in own steps, and time.
 
     python benchmarks/sensitivity.py [SCENE] [--tolerance 1e-4]
 
-Along one and along all numbers of a scene. Differences in the very same steps, of 0.1 and 1 %, and
-of two runs in steps of their own, of 1 %, whose time is told, without the reduction.
+Of 1 and 0.1 % in the very same steps, on films of half as many cells again either way, and of two
+runs in steps of their own, of 1 %. Times are without the reduction.
 """
 
 from __future__ import annotations
@@ -12,12 +12,9 @@ import argparse
 from time import process_time
 from typing import Any
 
-from mpi4py import MPI
-
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.given import changed
-from fenics_ehd.scenes.scene_text import as_stored
-from fenics_ehd.study.sensitivity import differences, scene_sensitivity
+import fenics_ehd as ehd
+from fenics_ehd.analysis.sensitivity import SHARE, derivatives
+from fenics_ehd.study.sensitivity import mechanism_number, scene_sensitivity
 
 #: Steps for scenes that take long.
 COARSE = {"time.tolerance": 1e-3}
@@ -78,34 +75,41 @@ def main() -> None:
     changes, of, to = ASKED[given.scene]
     if given.tolerance:
         changes = changes | {"time.tolerance": given.tolerance}
-    scene = changed(as_stored(given.scene), changes)
-    bodies = build_mechanism(scene, MPI.COMM_SELF).parts
-    one = scene_sensitivity(scene, of, to[:1], bodies=bodies)
-    every = scene_sensitivity(scene, of, to, bodies=bodies)
+    scene = ehd.read_scene(given.scene, **changes)
+    bodies = ehd.build(scene).bodies
+    every = scene_sensitivity(scene, of, to, bodies=bodies, finer=True)
+    plain = scene_sensitivity(scene, of, to, bodies=bodies)
     print(
-        "| quantity | along | through the steps | same steps, 0.1 % | same steps, 1 % | own steps |"
+        "| quantity | along | same steps, 1 % | same steps, 0.1 % | finer film, 1 % | own steps |"
         "\n|---|---|---|---|---|---|"
     )
-    spent = []
-    for number in every.numbers:
-        same = [
-            differences(scene, number, every.figures, share, bodies, every.record)
-            for share in (1e-3, 1e-2)
-        ]
+    spent = 0.0
+    for along in every.numbers:
+        number = mechanism_number(scene, along, bodies)
+        small = derivatives(plain.record, number, plain.figures, share=1e-3)
         clock = process_time()
-        same.append(differences(scene, number, every.figures, bodies=bodies))
-        spent.append(process_time() - clock)
+        names = [f"{figure.joint}.{figure.name}" for figure in every.figures]
+        above, below = (
+            scene_sensitivity(along.change(scene, share), names, [], bodies=bodies).values
+            for share in (SHARE, -SHARE)
+        )
+        spent += process_time() - clock
         for figure in every.figures:
-            per = number.value / every.values[figure]
-            slopes = [every.derivatives[figure, number.key], *(own[figure] for own in same)]
+            per, key = along.value / every.values[figure], (figure, along.key)
+            slopes = (
+                every.derivatives[key],
+                small[figure],
+                every.finer[key],
+                (above[figure] - below[figure]) / (2 * SHARE * along.scale),
+            )
             values = " | ".join(f"{per * slope:.4f}" for slope in slopes)
-            print(f"| {figure.name} | {number.key} | {values} |", flush=True)
+            print(f"| {figure.name} | {along.key} | {values} |", flush=True)
+    run, found = plain.seconds.values()
     print(
-        "\n| numbers | the run [s] | through the steps [s] | differences [s] |\n|---|---|---|---|"
+        "\n| numbers | the run [s] | derivatives | with finer films | in own steps |"
+        f"\n|---|---|---|---|---|\n| {len(every.numbers)} | {run:.1f} | {found:.1f} | "
+        f"{every.seconds['derivatives']:.1f} | {spent:.1f} |"
     )
-    for found, count in ((one, 1), (every, len(every.numbers))):
-        through, run = found.seconds["through the steps"], found.seconds["run"]
-        print(f"| {count} | {run:.1f} | {through:.1f} | {sum(spent[:count]):.1f} |")
 
 
 if __name__ == "__main__":

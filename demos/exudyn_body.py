@@ -21,11 +21,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from fenics_ehd.base.errors import ExportError
+from fenics_ehd.base.errors import InputError
 from fenics_ehd.reduction import ReducedBody, Structure, load_dependent
-from fenics_ehd.reduction.distributed import inner, symmetric
-from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.rigid_motion import rigid_fields, turned
+from fenics_ehd.reduction.bore import rigid_fields, turned
+from fenics_ehd.reduction.distributed import MassOperator, inner, symmetric
 
 #: Position and unit translations stand before the elastic modes.
 MOVES, MODES = slice(1, 4), slice(4, None)
@@ -72,11 +71,11 @@ def export(body: ReducedBody, structure: Structure, path: Path) -> Path:
 
     Raises
     ------
-    ExportError
+    InputError
         Exudyn cannot hold it: it has no modes, is clamped, or has flexibility without mass.
     """
     if not body.modes or body.frame == "clamped" or body.residual is not None:
-        raise ExportError("Exudyn moves a free body whose coordinates all have mass: M1, M2, M3")
+        raise InputError("Exudyn moves a free body whose coordinates all have mass: M1, M2, M3")
     points, n = list(body.points.values()), body.modes
     nodes = np.vstack([body.bore_nodes, *(row[:, :1].T for row in points)])
     basis = np.concatenate([body.bore_basis, *(row[None, :, 3:] for row in points)])
@@ -134,8 +133,8 @@ def main() -> tuple[np.ndarray, np.ndarray]:
     """Frequencies of the rod by Exudyn and by the reduction [Hz]."""
     from mpi4py import MPI
 
-    from fenics_ehd.scenes.elastic_part import elastic_part
-    from fenics_ehd.scenes.scene_file import read_scene
+    from fenics_ehd.scenes.part import elastic_part
+    from fenics_ehd.scenes.scene import read_scene
 
     rod = read_scene("slider-crank-paper").bodies["rod"]
     structure = elastic_part(rod, "rod", "lagrange", MPI.COMM_SELF).source

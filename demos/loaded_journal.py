@@ -19,14 +19,14 @@ import sys
 from pathlib import Path
 
 from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.multibody.body import RigidBody, ground
 from fenics_ehd.multibody.forces import PointForce
+from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.result import Result
-from fenics_ehd.multibody.rigid_body import RigidBody, ground
-from fenics_ehd.multibody.simulation import simulate_periodic
-from fenics_ehd.scenes.load_history import read_load
+from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.scenes.tables import read_load
 
 LOAD = Path(__file__).parent / "loads" / "single_cylinder.csv"
 SPEED = 300.0  # rad/s
@@ -62,11 +62,11 @@ def mechanism(load: str | Path) -> tuple[Mechanism, float]:
 # remembers one stroke, so that two or three are enough.
 
 
-def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> Result:
+def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> History:
     """Find the orbit and print what a designer asks for first."""
     journal, period = mechanism(load)
-    result = simulate_periodic(
-        journal, period, periodicity=tolerance, tolerance=tolerance, order=2, first=1e-6
+    result = simulate(
+        journal, period=period, periodicity=tolerance, tolerance=tolerance, order=2, first=1e-6
     )
     film = result.joints["film"]
     print(f"periodic after {result.cycles} cycles, the last one in {len(result.time)} steps")

@@ -14,8 +14,8 @@
 import attrs
 import numpy as np
 
-from fenics_ehd.bearing.operating_point import BearingResult, solve_bearing
-from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.analysis.bearing import BearingResult, solve_bearing
+from fenics_ehd.analysis.bearing_settings import BearingSettings
 
 # -
 

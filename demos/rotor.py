@@ -13,21 +13,19 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.fem.structure import assemble_structure
 from fenics_ehd.film import Film, FilmParameters, Lubricant
-from fenics_ehd.film.layout import film_grid
-from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
-from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.film.grid import film_grid
+from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.forces import RotatingForce
+from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.result import Result
-from fenics_ehd.multibody.rotor import ModalRotor
-from fenics_ehd.multibody.shaft_body import ShaftBody
+from fenics_ehd.multibody.shaft import Disk, ModalRotor, Shaft, ShaftBody, beam_plane
 from fenics_ehd.multibody.simulation import simulate
 from fenics_ehd.reduction import ReducedBody, residual_flexibility
 
@@ -73,7 +71,7 @@ def housing() -> ReducedBody:
 # default, to be quick: what rings after the sudden start is damped by it.
 
 
-def main(revolutions: float = 0.25) -> Result:
+def main(revolutions: float = 0.25) -> History:
     """Run, and say where the film is thinnest."""
     part = housing()
     grid = film_grid(part.pressure_nodes)

@@ -12,18 +12,17 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.fem.structure import assemble_structure
 from fenics_ehd.film import Film, FilmParameters, Lubricant
-from fenics_ehd.film.layout import film_grid
-from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.film.grid import film_grid
+from fenics_ehd.multibody.body import FlexibleBody, RigidBody
+from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.joints import Revolute, Slider, Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.result import Result
-from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.simulation import simulate
 from fenics_ehd.reduction import ReducedBody, load_dependent
 
@@ -68,9 +67,9 @@ def mechanism(rod: ReducedBody) -> Mechanism:
             "piston": RigidBody(mass=0.5, inertia=1e-3, position=(CRANK + ROD, 0.0)),
         },
         joints={
-            "main": Revolute("ground", "crank"),
+            "main": Revolute(("ground", "crank")),
             "big_end": LubricatedJoint(journal="crank.pin", bore="rod.bore", film=film),
-            "gudgeon": Revolute("rod.pin", "piston"),
+            "gudgeon": Revolute(("rod.pin", "piston")),
             "cylinder": Slider("ground", "piston"),
         },
         drives={"crank": Speed(SPEED)},
@@ -87,14 +86,14 @@ def mechanism(rod: ReducedBody) -> Mechanism:
 # line says more: how much of the gap the reduction may miss, and a verdict.)
 
 
-def main(revolutions: float = 1.0) -> Result:
+def main(revolutions: float = 1.0) -> History:
     """The whole way."""
     end = revolutions * 2 * np.pi / SPEED
     result = simulate(mechanism(reduce()), end, largest=0.02 / revolutions)
     film = result.joints["big_end"]
     print(f"{len(result.time)} steps, maximum pressure {film.max_pressure.max() / 1e6:.2f} MPa")
     print(f"minimum film thickness {film.min_film_thickness.min() * 1e6:.3f} um")
-    print(f"energy balance closes to {result.energy_balance_error:.1e}")
+    print(f"energy balance closes to {result.summary()['energy_balance_error']:.1e}")
     return result
 
 

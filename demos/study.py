@@ -15,12 +15,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from fenics_ehd.study.folder import StudyFolder
-from fenics_ehd.study.plan import Study, make_study
+from fenics_ehd.study.compare import StudyFolder, run_study
+from fenics_ehd.study.plan import Scope, Study, film, full, m1, m2, m3, m4, make_study, steps
 from fenics_ehd.study.pool import open_pool
-from fenics_ehd.study.run import run_study
-from fenics_ehd.study.scope import Scope
-from fenics_ehd.study.variants import film, full, m1, m2, m3, m4, steps
 
 # -
 

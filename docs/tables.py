@@ -19,7 +19,8 @@ import click
 
 from fenics_ehd.cli.main import cli
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.supply_settings import SUPPLIES
+from fenics_ehd.scenes.part_settings import OutputSettings
+from fenics_ehd.scenes.schema import SUPPLIES
 
 DOCS = Path(__file__).parent
 
@@ -27,7 +28,7 @@ DOCS = Path(__file__).parent
 WIDTH = 88
 
 #: Tables of a scene that have no kinds.
-ALONE = {"time": schema.TimeSettings, "output": schema.OutputSettings}
+ALONE = {"time": schema.TimeSettings, "output": OutputSettings}
 
 #: Classes by kind.
 KINDS = {**schema.KINDS, "supply": SUPPLIES}

@@ -1,24 +1,68 @@
-"""Mechanisms with elastohydrodynamically lubricated revolute joints.
+"""Mechanisms with elastohydrodynamically lubricated revolute joints: the public names.
 
-Importing the package imports nothing heavy: `fenics_ehd.reduction` works
-without dolfinx, and ``fenics-ehd --help`` answers without either.
+    import fenics_ehd as ehd
+
+    scene = ehd.read_scene("slider-crank", **{"time.tolerance": 1e-4})
+    machine = ehd.build(scene)
+    history = ehd.simulate(machine.mechanism, **machine.options)
+
+Importing the package imports nothing heavy, a name brings its module along when it is asked for:
+`fenics_ehd.reduction` works without dolfinx, and ``fenics-ehd --help`` answers without either.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from importlib import import_module
+from typing import Any
 
-if TYPE_CHECKING:
-    from fenics_ehd.results.load import load_results
+__version__ = "0.3.0.dev0"
 
-__version__ = "0.2.0"
-__all__ = ["__version__", "load_results"]
+#: Public names by the module that defines them.
+_NAMES = {
+    "analysis.bearing": ("bearing", "solve_bearing"),
+    "analysis.bearing_settings": ("BearingSettings",),
+    "analysis.equilibrium": ("equilibrium", "linearise"),
+    "analysis.error_budget": ("error_budget",),
+    "analysis.multiplier": ("multiplier",),
+    "analysis.replay": ("replay",),
+    "analysis.sensitivity": ("sensitivity",),
+    "fem.geometry": ("build_mesh",),
+    "fem.structure": ("assemble_structure",),
+    "film.film": ("Film",),
+    "film.heat": ("Heat",),
+    "film.grid": ("FilmGrid",),
+    "film.kinematics": ("Lobes", "Misalignment", "Profile", "ShapeTable"),
+    "film.lubricant": ("Barus", "Cross", "DowsonHigginson", "Lubricant", "Oil", "Roelands"),
+    "film.parameters": ("FilmParameters",),
+    "film.rough_surfaces": ("RoughSurfaces",),
+    "film.supply": ("AxialGroove", "FeedGroove", "FeedHole", "Sides", "SupplyHole"),
+    "multibody.body": ("FlexibleBody", "RigidBody", "ground"),
+    "multibody.forces": ("PointForce", "RotatingForce", "SpringDamper", "Torque"),
+    "multibody.history": ("History",),
+    "multibody.joints": ("Fixed", "Revolute", "Slider", "Speed", "SpeedTable"),
+    "multibody.lubricated_joint": ("BoreFilm", "LubricatedJoint"),
+    "multibody.mechanism": ("Mechanism",),
+    "multibody.shaft": ("Disk", "ModalRotor", "Shaft", "ShaftBody"),
+    "multibody.simulation": ("simulate",),
+    "reduction.body": ("ReducedBody", "load_body", "save_body"),
+    "reduction.foreign_matrices": ("read_abaqus", "read_calculix"),
+    "reduction.reductor": ("Reductor",),
+    "reduction.structure": ("Structure",),
+    "results.history_file": ("load_history", "load_results"),
+    "scenes.build": ("Machine", "build"),
+    "scenes.run": ("run",),
+    "scenes.scene": ("Scene", "read_scene"),
+}
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+
+__all__ = ["__version__", "errors", *_MODULES]
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for when it is."""
-    if name == "load_results":
-        from fenics_ehd.results.load import load_results
-
-        return load_results
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """Import the module of a public name when that is asked for."""
+    if name == "errors":
+        return import_module(f"{__name__}.base.errors")
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = import_module(f"{__name__}.{_MODULES[name]}")
+    return getattr(module, name)

@@ -12,20 +12,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
-from fenics_ehd.multibody.bdf import follow
+import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import Step, blended
+from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.solver_state import MechanismStep
-from fenics_ehd.scenes.build import Built, build_mechanism
-from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.multibody.tracking import Tracker, gathered
+from fenics_ehd.scenes.build import build
 
 FOLDER = Path(__file__).parent / "golden" / "house"
 
@@ -114,21 +113,21 @@ def _rounded(values: np.ndarray) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
-def built(name: str) -> Built:
+def built(name: str) -> ehd.Machine:
     """Mechanism of a scene."""
     path = FOLDER / f"{name}.toml"
-    scene = read_scene(path if path.exists() else name)
-    return build_mechanism(scene, MPI.COMM_SELF)
+    scene = ehd.read_scene(path if path.exists() else name)
+    return build(scene)
 
 
-def run_of(machine: Built) -> Run:
+def run_of(machine: ehd.Machine) -> Run:
     """At the start."""
     span = machine.period or machine.end
     assert span is not None
     return Run(machine.mechanism, machine.steps, span)
 
 
-def first_steps(machine: Built) -> tuple[np.ndarray, np.ndarray]:
+def first_steps(machine: ehd.Machine) -> tuple[np.ndarray, np.ndarray]:
     """Times of the first steps that a run takes by itself, and which end at corners of tables."""
     run, span = run_of(machine), machine.period or machine.end
     found: list[tuple[float, bool]] = []
@@ -140,13 +139,13 @@ def first_steps(machine: Built) -> tuple[np.ndarray, np.ndarray]:
     return np.array(times), np.array(corners)
 
 
-def held(machine: Built, times: np.ndarray, corners: np.ndarray) -> Curve:
+def held(machine: ehd.Machine, times: np.ndarray, corners: np.ndarray) -> Curve:
     """Curve of a run through given steps, from its start."""
     run = run_of(machine)
-    record = Recorder(run)
+    tracker = Tracker(run.equations, run.norm)
     for step in _follow(run, times, corners):
-        record.add(step)
-    columns, fields = record.rows()
+        tracker.add(step)
+    columns, fields = tracker.history().columns, gathered(tracker.rows)
     rows = np.unique(np.linspace(0, len(times) - 1, min(ROWS, len(times))).astype(int))
     kept = {
         name: values[rows] for name, values in columns.items() if name.rpartition(".")[2] in COLUMNS
@@ -159,23 +158,30 @@ def held(machine: Built, times: np.ndarray, corners: np.ndarray) -> Curve:
 
 def _follow(run: Run, times: np.ndarray, corners: np.ndarray) -> Iterator[MechanismStep]:
     for time, corner in zip(times, corners, strict=True):
-        step, run.state = follow(
-            run.norm, run.state, float(time), bool(corner), run.control, run.solve, NEWTON
-        )
+        order = run.state.usable_order(run.control.order)
+        formula = blended(float(time), run.state.times, order, run.control.blend)
+        asked = run.state.implicit_step(run.norm, float(time), formula, order, NEWTON)
+        attempt = run.solve(run.norm, asked, run.state.solver)
+        solved = attempt.solved
+        assert solved is not None, attempt.failure
+        moved = solved.x, solved.rate, asked.acceleration(solved.rate), run.norm.observe(solved.x)
+        step = Step(float(time), *moved, solved.solution, attempt.iterations)
+        keep = 1 if corner else run.control.order + 2
+        run.state = run.state.after(step, run.state.step, solved.solver, keep)
         yield step
 
 
-def own_run(machine: Built, periodicity: float = 1e-3) -> dict[str, float]:
+def own_run(machine: ehd.Machine, periodicity: float = 1e-3) -> dict[str, float]:
     """Extremes, temperatures, steps and iterations of a run in its own steps."""
     run = run_of(machine)
-    record, cycles = Recorder(run), None
+    tracker, cycles = Tracker(run.equations, run.norm), None
     if machine.period is not None:
         cycles = Cycles(run, machine.period, periodicity)
     for step in cycles or run.until(float(machine.end or 0.0)):
-        record.add(step, cycles)
-    figures = record.tracker.figures()
+        tracker.add(step, cycles)
+    figures = tracker.figures()
     found = {key: figures[key] for key in ("steps", "newton_iterations")}
-    for joint, values in record.tracker.joint_figures().items():
+    for joint, values in replace(tracker.history(), told=figures).figures.items():
         for key in ("max_pressure_Pa", "min_film_thickness_m", "effective_temperature_C"):
             if key in values:
                 found[f"{joint}.{key}"] = values[key]

@@ -7,8 +7,9 @@ import example_parts
 import numpy as np
 from foreign_parts import OUTER, RADIUS, ring_mesh
 
-from fenics_ehd.fem.part_mesh import write_part
-from fenics_ehd.fem.solid import CORNERS, EDGES, Solid, raised
+from fenics_ehd.fem.drawn_part import write_part
+from fenics_ehd.fem.solid import Solid, raised
+from fenics_ehd.reduction.elements import SOLIDS
 
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0
 
@@ -28,7 +29,7 @@ def ring_solid(kind, around=12, along=2, across=1):
         corners[turned] = corners[turned][:, [1, 0, 2, 3]]
     solid = raised(points, corners, kind)
     x, radii = solid.points.copy(), np.linalg.norm(points[:, :2], axis=1)
-    for place, edge in enumerate(EDGES[kind], CORNERS[kind]):
+    for place, edge in enumerate(SOLIDS[kind].edges, SOLIDS[kind].corners):
         middles, ends = solid.cells[:, place], solid.cells[:, list(edge)]
         length = np.linalg.norm(solid.points[middles, :2], axis=1)
         x[middles, :2] = solid.points[middles, :2] * (radii[ends].mean(axis=1) / length)[:, None]

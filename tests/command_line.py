@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from interrupt_case import heed_interrupt, rows_in
 
-from fenics_ehd import load_results
+import fenics_ehd as ehd
 from fenics_ehd.cli.main import main
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
@@ -44,13 +44,12 @@ def program(*arguments, **options):
     )
 
 
-def start(arguments):
-    """The command in a process of its own, begun."""
+def start(arguments, **streams):
+    """The command in a process of its own, begun; what it says goes nowhere unless told."""
     return subprocess.Popen(
         [*COMMAND, *map(str, arguments)],
         preexec_fn=heed_interrupt,
-        stderr=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        **{"stderr": subprocess.DEVNULL, "stdout": subprocess.DEVNULL} | streams,
     )
 
 
@@ -68,7 +67,7 @@ def stop_after(process, folder, rows, how):
 def assert_same_results(one, other):
     """Two folders hold the same run, to the last bit."""
     assert (one / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
-    ours, theirs = load_results(one), load_results(other)
+    ours, theirs = ehd.load_results(one), ehd.load_results(other)
     for name in ("time", "coordinates", "rates", "quasi_static"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
     for name, joint in ours.joints.items():

@@ -27,9 +27,9 @@ from figures import (  # noqa: F401
 from hypothesis import settings
 from mpi4py import MPI
 
+import fenics_ehd as ehd
 from fenics_ehd.reduction import load_dependent
-from fenics_ehd.scenes.elastic_part import elastic_part
-from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.scenes.part import elastic_part
 
 # How long an example takes says what else the machine does; the same examples for everybody, so
 # that no change fails by chance (`--hypothesis-profile=default` draws others).
@@ -40,7 +40,7 @@ settings.load_profile("any machine")
 @pytest.fixture(scope="session")
 def rod_structure():
     """Default rod on this rank alone."""
-    rod = read_scene("slider-crank-paper").bodies["rod"]
+    rod = ehd.read_scene("slider-crank-paper").bodies["rod"]
     return elastic_part(rod, "rod", "lagrange", MPI.COMM_SELF).source
 
 
@@ -53,7 +53,7 @@ def rod_body(rod_structure):
 @pytest.fixture(scope="session")
 def housing_structure():
     """Default housing on this rank alone, its foot held."""
-    housing = read_scene("rotor-paper").bodies["housing"]
+    housing = ehd.read_scene("rotor-paper").bodies["housing"]
     return elastic_part(housing, "housing", "lagrange", MPI.COMM_SELF).source
 
 

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from fenics_ehd.film.overlay import overlay, triangle_rule
-from fenics_ehd.film.surface import Surface
-from fenics_ehd.film.transfer import outward_displacement
+from fenics_ehd.film.transfer import Surface, outward_displacement, overlay, triangle_rule
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fenics_ehd.film import Film, FilmParameters, Gap, Lubricant, ShaftMotion, shaft_gap
+import fenics_ehd as ehd
+from fenics_ehd.film import Gap, ShaftMotion, shaft_gap
 from fenics_ehd.film.grid import FAMILIES, uniform_grid
 
 __all__ = ["FAMILIES"]
@@ -15,8 +16,8 @@ def make_film(cells=(20, 5), family="lagrange", *, grid=None, width=2 * R, oil=N
     options = {name: more.pop(name) for name in ("options_prefix", "tolerance") if name in more}
     grid = uniform_grid(R, width, cells, family) if grid is None else grid
     values = {"clearance": C, "rate": OMEGA} | more
-    oil = Lubricant(ETA) if oil is None else oil
-    return Film(FilmParameters(grid, lubricant=oil, **values), **options)
+    oil = ehd.Lubricant(ETA) if oil is None else oil
+    return ehd.Film(ehd.FilmParameters(grid, lubricant=oil, **values), **options)
 
 
 def shaft(x=0.0, y=0.0, *, speed=OMEGA, rate=(0.0, 0.0), **more):

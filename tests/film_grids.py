@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fenics_ehd.film.grid import FilmGrid
+import fenics_ehd as ehd
 
 
 def graded_grid(
@@ -13,7 +13,7 @@ def graded_grid(
     *,
     focus: float,
     ratio: float,
-) -> FilmGrid:
+) -> ehd.FilmGrid:
     """Grid with cells that shrink smoothly along the circumference towards an angle.
 
     The density of cells is ``1 + a cos(phi - focus)``; a cell boundary lies at
@@ -38,4 +38,4 @@ def graded_grid(
         angle = np.clip(angle, 0.0, 2 * np.pi)
     angle[0], angle[-1] = 0.0, 2 * np.pi
     heights = np.linspace(-width / 2, width / 2, cells[1] + 1)
-    return FilmGrid(radius, focus + angle, heights, family)
+    return ehd.FilmGrid(radius, focus + angle, heights, family)

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 from scipy import sparse
 
-from fenics_ehd.reduction.boundary_points import PointWeights
+import fenics_ehd as ehd
 from fenics_ehd.reduction.faces import bore_from_faces
-from fenics_ehd.reduction.structure import Structure
+from fenics_ehd.reduction.structure import PointWeights
 
 RADIUS, OUTER, WIDTH = 0.02, 0.03, 0.024
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0
@@ -91,7 +91,7 @@ def ring_arguments(**changes):
 
 
 def ring(**changes):
-    return Structure(**ring_arguments(**changes))
+    return ehd.Structure(**ring_arguments(**changes))
 
 
 def to_scipy(matrix):

@@ -5,13 +5,10 @@ from dataclasses import replace
 import numpy as np
 from mechanism_cases import slider_crank
 
-from fenics_ehd.film import Film, FilmParameters, Gap, Lubricant, uniform_grid
-from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.rigid_body import RigidBody
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
+import fenics_ehd as ehd
+from fenics_ehd.film import Gap, uniform_grid
+from fenics_ehd.reduction.body import InertiaIntegrals, ResidualFlexibility
 from fenics_ehd.reduction.bore import BoreSurface
-from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 RADIUS, WIDTH, CLEARANCE, VISCOSITY = 0.0225, 0.022, 17e-6, 0.01
 CRANK, ROD, SPEED, PISTON = 0.048, 0.16, 500.0, 0.5
@@ -31,7 +28,7 @@ class Joint:
     def __init__(self, cells=(12, 3), bore_family="lagrange", clearance=CLEARANCE):
         self.cells, self.clearance = cells, clearance
         grid = uniform_grid(RADIUS, WIDTH, cells)
-        self.film = Film(FilmParameters(grid, clearance, Lubricant(VISCOSITY), SPEED))
+        self.film = ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(VISCOSITY), SPEED))
         self.pressure_nodes = grid.nodes
         self.bore_nodes = uniform_grid(RADIUS, WIDTH, cells, bore_family).nodes
         points = self.film.points
@@ -157,7 +154,7 @@ def make_body(joint, masses=ROD_MASSES, points=ROD_POINTS, modes=(), stiffness=N
     inertia = point_integrals(masses, fields_at(points, modes))
     stiffness = np.zeros((0, 0)) if stiffness is None else stiffness
     frequencies = np.sqrt(np.diag(stiffness) / np.diag(inertia.mass)[3:]) / (2 * np.pi)
-    return ReducedBody(
+    return ehd.ReducedBody(
         method="by hand",
         frame="none",
         stiffness=stiffness,
@@ -184,7 +181,7 @@ def make_body(joint, masses=ROD_MASSES, points=ROD_POINTS, modes=(), stiffness=N
 def make_mechanism(body, joint, damping_time=1e-3, **settings):
     """The paper's machine with this rod, its crank at constant speed; settings of the joint."""
     # Velocities of the rigid mechanism, for a crank whose speed nothing imposes.
-    rod = FlexibleBody(
+    rod = ehd.FlexibleBody(
         body, damping_time, position=(CRANK, 0.0), velocity=(0.0, CRANK * SPEED),
         speed=-CRANK * SPEED / ROD,
     )  # fmt: skip
@@ -193,14 +190,14 @@ def make_mechanism(body, joint, damping_time=1e-3, **settings):
 
 def driven(mechanism, inertia, **forces):
     """The same machine with a crank that nothing but forces drives."""
-    crank = RigidBody(1.0, inertia, {"pin": (CRANK, 0.0)}, speed=SPEED)
+    crank = ehd.RigidBody(1.0, inertia, {"pin": (CRANK, 0.0)}, speed=SPEED)
     return replace(mechanism, bodies={**mechanism.bodies, "crank": crank}, drives={}, forces=forces)
 
 
 def run(mechanism, revolutions, tolerance):
     """A run with steps of a fiftieth of a revolution at most."""
     steps = {"tolerance": tolerance, "largest": 0.02 / revolutions}
-    return simulate(mechanism, revolutions * REVOLUTION, **steps)
+    return ehd.simulate(mechanism, revolutions * REVOLUTION, **steps)
 
 
 def flexible(joint, seed=0, extra=None):

@@ -1,16 +1,11 @@
-"""Massless journals under a load, for the tests."""
+"""Journals in one bearing under loads, for the tests."""
 
 import numpy as np
 from scipy.optimize import root
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, ShaftMotion, shaft_gap, uniform_grid
-from fenics_ehd.multibody.forces import PointForce
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rigid_body import RigidBody
-from fenics_ehd.multibody.simulation import simulate_periodic
-from fenics_ehd.scenes.load_history import load_curves
+import fenics_ehd as ehd
+from fenics_ehd.film import ShaftMotion, shaft_gap, uniform_grid
+from fenics_ehd.scenes.tables import load_curves
 
 R, C, ETA, OMEGA = 0.02, 20e-6, 0.01, 300.0
 UNIT_LOAD = 6 * ETA * OMEGA * (R / C) ** 2 * R * 2 * R  # of the table for L/D = 1
@@ -18,7 +13,7 @@ UNIT_LOAD = 6 * ETA * OMEGA * (R / C) ** 2 * R * 2 * R  # of the table for L/D =
 
 def make_film(cells=(20, 5), *, width=2 * R, clearance=C, oil=None):
     grid = uniform_grid(R, width, cells, "lagrange")
-    return Film(FilmParameters(grid, clearance, oil or Lubricant(ETA), OMEGA))
+    return ehd.Film(ehd.FilmParameters(grid, clearance, oil or ehd.Lubricant(ETA), OMEGA))
 
 
 def ellipse(size, ratio, waves):
@@ -28,22 +23,32 @@ def ellipse(size, ratio, waves):
     )
 
 
-def journal(film, force, period, *, rows=73, speed=OMEGA, eccentricity=(0.0, 0.0)):
+def in_bearing(film, forces, *, mass=0.0, inertia=0.0, speed=OMEGA, **joint):
+    """A journal that turns in a film at rest, under forces on it."""
+    bearing = ehd.LubricatedJoint("journal", "ground", film, **joint)
+    bodies, drives = {"journal": ehd.RigidBody(mass, inertia)}, {"journal": ehd.Speed(speed)}
+    return ehd.Mechanism(bodies, {"bearing": bearing}, drives, forces)
+
+
+def steady(x, y=0.0):
+    """A constant force on the journal."""
+    return ehd.PointForce("journal", (x, y), lambda _: (float(np.hypot(x, y)), 0.0))
+
+
+def journal(film, force, period, *, rows=73, **joint):
     """A massless journal under a function of the share of the period, and the period."""
     share = np.linspace(0.0, 1.0, rows)
     curves = load_curves(period * share, np.array(force(share)).T)
     forces = {
-        axis: PointForce("journal", tuple(np.eye(2)[i]), curve)
+        axis: ehd.PointForce("journal", tuple(np.eye(2)[i]), curve)
         for i, (axis, curve) in enumerate(zip("xy", curves, strict=True))
     }
-    bearing = LubricatedJoint("journal", "ground", film, eccentricity=eccentricity)
-    drives = {"journal": Speed(speed)}
-    return Mechanism({"journal": RigidBody(0.0)}, {"bearing": bearing}, drives, forces), period
+    return in_bearing(film, forces, **joint), period
 
 
 def orbit(mechanism, period, tolerance=1e-4):
     """Times of the periodic orbit and eccentricities, shape (n,), (n, 2)."""
-    result = simulate_periodic(mechanism, period, tolerance=tolerance, order=2, first=1e-6)
+    result = ehd.simulate(mechanism, period=period, tolerance=tolerance, order=2, first=1e-6)
     return result.time, result.joints["bearing"].eccentricity
 
 

@@ -6,24 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.layout import film_grid
-from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.joints import Revolute, Slider, Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.result import JointResult
-from fenics_ehd.multibody.rigid_body import RigidBody
+import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import film_grid
+from fenics_ehd.multibody.history import JointResult
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0
 REVOLUTION = 2 * np.pi / SPEED
 GOLDEN = Path(__file__).parent / "golden"
 
 
-def film(radius, width, clearance, viscosity, cells=(40, 4)):
+def film(radius, width, clearance, viscosity, cells=(40, 4), *, rate=SPEED):
     """A film on a uniform mesh of 9-node elements."""
     grid = uniform_grid(radius, width, cells, "lagrange")
-    return Film(FilmParameters(grid, clearance, Lubricant(viscosity), rate=SPEED))
+    return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(viscosity), rate=rate))
 
 
 def short_films():
@@ -33,37 +30,39 @@ def short_films():
 
 def slider_crank(rod, big_end, gudgeon=None, **joint):
     """Crank at constant speed, a rod with ``pin`` and a bore at its origin, piston on a line."""
-    bore = "rod.bore" if isinstance(rod, FlexibleBody) else "rod"
-    return Mechanism(
+    bore = "rod.bore" if isinstance(rod, ehd.FlexibleBody) else "rod"
+    return ehd.Mechanism(
         bodies={
-            "crank": RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}),
+            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}),
             "rod": rod,
-            "piston": RigidBody(0.5, 1e-3, position=(CRANK + ROD, 0.0)),
+            "piston": ehd.RigidBody(0.5, 1e-3, position=(CRANK + ROD, 0.0)),
         },
         joints={
-            "main": Revolute("ground", "crank"),
-            "big_end": LubricatedJoint("crank.pin", bore, big_end, **joint),
-            "gudgeon": Revolute("rod.pin", "piston")
+            "main": ehd.Revolute(("ground", "crank")),
+            "big_end": ehd.LubricatedJoint("crank.pin", bore, big_end, **joint),
+            "gudgeon": ehd.Revolute(("rod.pin", "piston"))
             if gudgeon is None
-            else LubricatedJoint("piston", "rod.pin", gudgeon),
-            "cylinder": Slider("ground", "piston"),
+            else ehd.LubricatedJoint("piston", "rod.pin", gudgeon),
+            "cylinder": ehd.Slider("ground", "piston"),
         },
-        drives={"crank": Speed(SPEED)},
+        drives={"crank": ehd.Speed(SPEED)},
     )
 
 
 def rigid_rod(**changes):
     """The paper's rod."""
-    rod = RigidBody(0.973, 4e-3, {"pin": (ROD, 0.0)}, centre=(0.0677, 0.0), position=(CRANK, 0.0))
+    rod = ehd.RigidBody(
+        0.973, 4e-3, {"pin": (ROD, 0.0)}, centre=(0.0677, 0.0), position=(CRANK, 0.0)
+    )
     return replace(rod, **changes)
 
 
 def flexible_slider_crank(body, **joint):
     """The paper's machine with a reduced rod, the film on its bore's own cells."""
-    bore_film = Film(
-        FilmParameters(film_grid(body.pressure_nodes), 17e-6, Lubricant(0.01), rate=SPEED)
+    bore_film = ehd.Film(
+        ehd.FilmParameters(film_grid(body.pressure_nodes), 17e-6, ehd.Lubricant(0.01), rate=SPEED)
     )
-    rod = FlexibleBody(body, 1e-3, position=(CRANK, 0.0))
+    rod = ehd.FlexibleBody(body, 1e-3, position=(CRANK, 0.0))
     return slider_crank(rod, bore_film, **joint)
 
 
@@ -83,3 +82,11 @@ def deviation(name, time, joint: JointResult, start=2e-4) -> Mapping[str, float]
         "pressure": float(np.abs(joint.max_pressure[late] - pressure).max() / peak),
         "film": float(np.abs(joint.min_film_thickness[late] / film_thickness - 1).max()),
     }
+
+
+def recorded(time, coordinates, rates, quasi_static, pressures):
+    """A run that left these."""
+    state = {"coordinates": coordinates, "rates": rates, "quasi_static": quasi_static}
+    values = {"time": time} | {f"state/{name}": own for name, own in state.items()}
+    values |= {f"joints/{name}/film/pressure": own for name, own in pressures.items()}
+    return ehd.History({path: Quantity(own, "1") for path, own in values.items()})

@@ -3,8 +3,7 @@
 import numpy as np
 
 from fenics_ehd.base.errors import SolverError
-from fenics_ehd.multibody.bdf import IntegratorState, advance
-from fenics_ehd.multibody.implicit_step import BOUNDARY_FRACTION, Attempt, Solved
+from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, IntegratorState, Solved, advance
 
 MAX_NEWTON = 12
 

@@ -5,15 +5,12 @@ from dataclasses import replace
 import numpy as np
 from mechanism_cases import CRANK, ROD, SPEED, rigid_rod
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.supply import Sides
-from fenics_ehd.multibody.joints import Revolute, Slider, Speed
-from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rigid_body import RigidBody, ground
+import fenics_ehd as ehd
+from fenics_ehd.film import uniform_grid
+from fenics_ehd.multibody.lubricated_joint import ConservedContent
 
 RADIUS, ETA = 0.0225, 0.01
-CLOSED = Sides(None, None)
+CLOSED = ehd.Sides(None, None)
 
 
 def oil_film(
@@ -28,66 +25,69 @@ def oil_film(
 ):
     """A film on a uniform mesh."""
     grid = uniform_grid(RADIUS, width, cells, family)
-    sides = Sides() if sides is None else sides
-    oil = oil or Lubricant(ETA)
-    return Film(FilmParameters(grid, clearance, oil, SPEED, sides, **parameters))
+    sides = ehd.Sides() if sides is None else sides
+    oil = oil or ehd.Lubricant(ETA)
+    return ehd.Film(ehd.FilmParameters(grid, clearance, oil, SPEED, sides, **parameters))
 
 
 def whirling(film, eccentricity, whirl, **oil):
     """A turning journal whose centre goes round at a given distance, share of the clearance."""
     arm = eccentricity * film.parameters.clearance
-    return Mechanism(
-        bodies={"arm": RigidBody(1.0, 1.0, {"tip": (arm, 0.0)}), "journal": RigidBody(1.0, 1.0)},
+    return ehd.Mechanism(
+        bodies={
+            "arm": ehd.RigidBody(1.0, 1.0, {"tip": (arm, 0.0)}),
+            "journal": ehd.RigidBody(1.0, 1.0),
+        },
         joints={
-            "centre": Revolute("ground", "arm"),
-            "tip": Revolute("arm.tip", "journal"),
-            "film": LubricatedJoint(
+            "centre": ehd.Revolute(("ground", "arm")),
+            "tip": ehd.Revolute(("arm.tip", "journal")),
+            "film": ehd.LubricatedJoint(
                 "journal", "ground", film, eccentricity=(arm, 0.0), oil=ConservedContent(**oil)
             ),
         },
-        drives={"arm": Speed(whirl), "journal": Speed(SPEED)},
+        drives={"arm": ehd.Speed(whirl), "journal": ehd.Speed(SPEED)},
     )
 
 
 def oscillating(film, eccentricity, speed):
     """A journal that does not turn, at ``eccentricity c cos(speed t)`` along x to 1e-5 of it."""
     arm = eccentricity * film.parameters.clearance
-    return Mechanism(
+    return ehd.Mechanism(
         bodies={
-            "ground": ground({"bore": (1.0, 0.0)}),
-            "crank": RigidBody(1.0, 1.0, {"tip": (arm, 0.0)}),
-            "rod": RigidBody(1.0, 1.0, {"tip": (1.0, 0.0)}, position=(arm, 0.0)),
-            "journal": RigidBody(1.0, 1.0, position=(1.0 + arm, 0.0)),
+            "ground": ehd.ground({"bore": (1.0, 0.0)}),
+            "crank": ehd.RigidBody(1.0, 1.0, {"tip": (arm, 0.0)}),
+            "rod": ehd.RigidBody(1.0, 1.0, {"tip": (1.0, 0.0)}, position=(arm, 0.0)),
+            "journal": ehd.RigidBody(1.0, 1.0, position=(1.0 + arm, 0.0)),
         },
         joints={
-            "main": Revolute("ground", "crank"),
-            "big_end": Revolute("crank.tip", "rod"),
-            "gudgeon": Revolute("rod.tip", "journal"),
-            "line": Slider("ground", "journal"),
-            "film": LubricatedJoint(
+            "main": ehd.Revolute(("ground", "crank")),
+            "big_end": ehd.Revolute(("crank.tip", "rod")),
+            "gudgeon": ehd.Revolute(("rod.tip", "journal")),
+            "line": ehd.Slider("ground", "journal"),
+            "film": ehd.LubricatedJoint(
                 "journal", "ground.bore", film, eccentricity=(arm, 0.0), oil=ConservedContent()
             ),
         },
-        drives={"crank": Speed(speed)},
+        drives={"crank": ehd.Speed(speed)},
     )
 
 
 def rigid_slider_crank(film, **oil):
     """The paper's machine with a rigid rod; no oil: under Reynolds' condition."""
     content = ConservedContent(**oil) if oil else None
-    return Mechanism(
+    return ehd.Mechanism(
         bodies={
-            "crank": RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}),
+            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}),
             "rod": rigid_rod(),
-            "piston": RigidBody(0.5, 1e-3, position=(CRANK + ROD, 0.0)),
+            "piston": ehd.RigidBody(0.5, 1e-3, position=(CRANK + ROD, 0.0)),
         },
         joints={
-            "main": Revolute("ground", "crank"),
-            "big_end": LubricatedJoint("crank.pin", "rod", film, oil=content),
-            "gudgeon": Revolute("rod.pin", "piston"),
-            "cylinder": Slider("ground", "piston"),
+            "main": ehd.Revolute(("ground", "crank")),
+            "big_end": ehd.LubricatedJoint("crank.pin", "rod", film, oil=content),
+            "gudgeon": ehd.Revolute(("rod.pin", "piston")),
+            "cylinder": ehd.Slider("ground", "piston"),
         },
-        drives={"crank": Speed(SPEED)},
+        drives={"crank": ehd.Speed(SPEED)},
     )
 
 
@@ -95,7 +95,7 @@ def with_oil(mechanism, film=None, **oil):
     """A mechanism whose lubricated joints keep account of their oil, on another film if given."""
     joints = dict(mechanism.joints)
     for name, joint in joints.items():
-        if isinstance(joint, LubricatedJoint):
+        if isinstance(joint, ehd.LubricatedJoint):
             joints[name] = replace(joint, film=film or joint.film, oil=ConservedContent(**oil))
     return replace(mechanism, joints=joints)
 

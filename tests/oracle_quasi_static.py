@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.inertia import InertiaIntegrals
+import fenics_ehd as ehd
+from fenics_ehd.reduction.body import InertiaIntegrals
 
 
-def massless_coordinates(body: ReducedBody) -> ReducedBody:
+def massless_coordinates(body: ehd.ReducedBody) -> ehd.ReducedBody:
     """A body of which every residual pattern is a coordinate without mass.
 
     With ``K = V^T J^T G_res J V`` and the damping zeta K of all coordinates, the

@@ -219,12 +219,11 @@ def first_step(part: Part, n_interior: int, directions=(0, 1)) -> FirstStep:
     )
 
 
-def two_step(
-    part: Part, n_modes: int, n_interior: int, directions=(0, 1), *, literal: bool = False
-) -> np.ndarray:
-    """M2: ``T_1 T_2`` of (25).
+def two_step(part: Part, n_modes: int, n_interior: int, directions=(0, 1)) -> np.ndarray:
+    """M2: ``T_1 T_2`` of (25), the second step by a whole Craig-Bampton reduction.
 
-    `literal`: with the zeros of (23) where a second Craig-Bampton has its static modes.
+    The zeros of (22) and (23) to the letter, where bore and boundary meet, would hold the bore
+    undeformed under a force at a boundary point: K has none there after the first step.
     """
     first = first_step(part, n_interior, directions)
     v, p, b = first.sizes
@@ -232,8 +231,6 @@ def two_step(
     centre[v : v + p] = part.centre[part.bore_dofs]
     boundary = np.eye(v + p + b)[:, v + p :]
     second = _craig_bampton(first.stiffness, first.mass, centre, boundary, n_modes)
-    if literal:
-        second[:, second.shape[1] - b :] = boundary
     return first.basis @ second
 
 
@@ -371,14 +368,6 @@ def pencil(part: Part, basis: np.ndarray) -> np.ndarray:
     elastic = elastic / linalg.norm(elastic, axis=0)
     values = linalg.eigvalsh(elastic.T @ part.mass @ elastic, elastic.T @ part.stiffness @ elastic)
     return 1.0 / np.sqrt(values[::-1])
-
-
-def transfer(part: Part, basis: np.ndarray, omega: float) -> np.ndarray:
-    """``V (K - omega^2 M)^-1 V^T J`` on the bore, (3 m, k), V the rigid motions and the basis."""
-    both = np.hstack([part.rigid, without_rigid_motion(part, basis)])
-    both = both / linalg.norm(both, axis=0)
-    dynamic = both.T @ (part.stiffness - omega**2 * part.mass) @ both
-    return both[part.bore_dofs] @ linalg.solve(dynamic, both.T @ part.load, assume_a="sym")
 
 
 def spun(columns: np.ndarray) -> np.ndarray:

@@ -21,9 +21,9 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fenics_ehd.reduction.body import ReducedBody
+import fenics_ehd as ehd
+from fenics_ehd.reduction.body import InertiaIntegrals
 from fenics_ehd.reduction.bore import BoreSurface
-from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 MODEL = Path(__file__).resolve().parents[1] / "meshes" / "conrod.geo"
 GEOMETRY = {"bore_radius": 0.0225, "rod_length": 0.16, "pin_radius": 0.012}
@@ -282,7 +282,7 @@ def reduce_rod(
     selection: str = "lowest-frequency",
     pressure_set: str = "pc2",
     n_vibration: int = 6,
-) -> ReducedBody:
+) -> ehd.ReducedBody:
     """M3 of section 3.3 with unit forces at the pin along x and y."""
     omega, modes = rod.vibration_modes(n_vibration)
     pressures, attachment = pressure_columns(rod, pressure_set), rod.pin[:2].T
@@ -303,7 +303,7 @@ def reduce_rod(
     return _project(rod, basis, n_vibration)
 
 
-def _project(rod: OracleRod, basis: np.ndarray, n_vibration: int) -> ReducedBody:
+def _project(rod: OracleRod, basis: np.ndarray, n_vibration: int) -> ehd.ReducedBody:
     """Body of the mass-orthonormal columns (3 n, modes)."""
     stiffness = basis.T @ (rod.stiffness @ basis)
     fields = np.hstack([rod.nodes.reshape(-1, 1), rod.rigid_fields[:, :2], basis])
@@ -314,7 +314,7 @@ def _project(rod: OracleRod, basis: np.ndarray, n_vibration: int) -> ReducedBody
     inertia = InertiaIntegrals(
         fields.T @ (rod.mass @ fields), fields.T @ (rod.mass @ spun), spun.T @ (rod.mass @ spun)
     )
-    return ReducedBody(
+    return ehd.ReducedBody(
         method="m3",
         frame="mean-axis",
         stiffness=stiffness,

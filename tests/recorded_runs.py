@@ -1,28 +1,25 @@
 """Short runs of shipped scenes in folders, as `fenics-ehd run` leaves them."""
 
-import re
-import tomllib
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 from csv_history import read_history
-from mpi4py import MPI
+from scene_cases import write_scene
 
-from fenics_ehd.plotting.animation_shape import shape_of_part
-from fenics_ehd.plotting.recorded import recorded
+import fenics_ehd as ehd
+from fenics_ehd.plotting.animated_bodies import shape_of_part
+from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.reduction import BasisFile, save_basis
-from fenics_ehd.results.part_fields import gather_part, part_of_basis
-from fenics_ehd.results.progress import progress_bar
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.given import with_method
+from fenics_ehd.results.paraview import gather_part, part_of_basis
+from fenics_ehd.results.recorded_run import progress_bar
+from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.run import run_scene
-from fenics_ehd.scenes.scene_file import shipped
-from fenics_ehd.scenes.scene_text import as_stored
+from fenics_ehd.scenes.scene import as_stored
 
 BASIS = "part.h5"
 
 
-def short_run(directory, name, time, method=None, extra=""):
-    """Run a shipped scene with another [time], once through.
+def short_run(directory, name, changes=MappingProxyType({}), **time):
+    """Run a shipped scene with changes and another [time], once through.
 
     Attributes
     ----------
@@ -33,14 +30,11 @@ def short_run(directory, name, time, method=None, extra=""):
     parts, shapes
         Whole parts by name of their body, and what an animation shows of them.
     """
-    text = shipped(name)
-    order = tomllib.loads(text)["time"].get("order", 3)
-    text = re.sub(r"(?ms)^\[time\].*?(?=^\[output\]|\Z)", "", text) + extra
-    source = directory / "source.toml"
-    source.write_text(f"{text}\n[time]\norder = {order}\n{time}\n")
-    scene = as_stored(source)
-    scene = with_method(scene, method) if method else scene
-    built = build_mechanism(scene, MPI.COMM_SELF)
+    order = ehd.read_scene(name).time.order
+    scene = as_stored(
+        write_scene(directory / "source.toml", name, changes, {"time": {"order": order, **time}})
+    )
+    built = build(scene)
     run_scene(scene, built, directory, progress_bar(scene.span))
     found = SimpleNamespace(
         directory=directory, built=built, run=recorded(directory),

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from foreign_parts import ring
 
+import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity, split_unit
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.multibody.history_layout import FIELD_UNITS
-from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility, save_body
-from fenics_ehd.results.history_file import HistoryWriter
-from fenics_ehd.study.errors_file import errors_path
-from fenics_ehd.study.report.reading import TEXTS, read_study
-from fenics_ehd.study.report.study_data import StudyData, StudyRow
+from fenics_ehd.multibody.history import FIELD_UNITS
+from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility
+from fenics_ehd.study.compare import COLUMNS, errors_path
+from fenics_ehd.study.report.study_data import TEXTS, StudyData, StudyRow, read_study
 
 PAPER = {"slider-crank-paper": ("big_end", 0.0125), "rotor-paper": ("bearing", 0.0105)}
 ERRORS = {"pressure_error_max": 0.01, "pressure_error_l2": 0.005, "film_error_max": 0.02,
@@ -32,9 +32,7 @@ def run(name, **values):
              "min_film_thickness_m": 2.5e-6, "estimated_gap_error_m": 1e-7,
              "true_gap_error_m": 6e-8, "highest_frequency_Hz": 2e5, **ERRORS,
              "pressure_floor": 1e-3, "film_floor": 2e-3}  # fmt: skip
-    numbers = ("vibration_modes", "residual_modes", "residual_truncation", "pressure_floor_l2",
-               "film_floor_l2", "own_pressure_error_max", "own_film_error_max")  # fmt: skip
-    empty = dict.fromkeys(TEXTS, "") | dict.fromkeys(numbers, NAN)
+    empty = dict.fromkeys(COLUMNS, NAN) | dict.fromkeys(TEXTS, "")
     return StudyRow(empty | {"run": name} | usual | values)
 
 
@@ -91,9 +89,7 @@ def write_study(directory, rows, joints=("big_end",), reference=None, **info):
              "basis": {"pressure_max": None, "why": "full-6: not run"}}  # fmt: skip
     (directory / "reference.json").write_text(json.dumps(reference or found))
     with open(directory / "table.csv", "w", newline="") as file:
-        # The table tells no floor of root mean squares.
-        names = [name for name in run("").values if not name.endswith("floor_l2")]
-        writer = csv.DictWriter(file, names, extrasaction="ignore")
+        writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
         for row in rows:
             for joint in joints if not row["joint"] else (row["joint"],):
@@ -144,25 +140,31 @@ def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True
         rows[f"{prefix}max_pressure_angle_deg"] = 0.0 * time
         errors[f"{prefix}pressure_error"] = above * high
         errors[f"{prefix}film_error"] = thicker + 0.0 * time
-    fixed, places = {"state/coordinates": {"names": [], "units": []}}, {}
+    own = {column: values for column, values in rows.items() if column in COMMON}
+    values = {f"{'' if column == 'time_s' else 'run/'}{column}": v for column, v in own.items()}
     for prefix, joint in zip(prefixes, joints, strict=True):
         film = f"joints/{joint}/film"
+        for column in rows:
+            if column.startswith(prefix) and column not in COMMON:
+                values[f"joints/{joint}/{column.removeprefix(prefix)}"] = rows[column]
+        peaks, thicknesses = (
+            rows[f"{prefix}{n}"] for n in ("max_pressure_Pa", "min_film_thickness_m")
+        )
         grids |= dict(zip((f"{film}/angle", f"{film}/height"), nodes.T, strict=True))
         grids[f"{film}/cells"] = grid.cell_nodes
-        fixed[film] = {"family": grid.family, "radius": grid.radius, "clearance": 17e-6}
-        fixed |= {f"{film}/{field}": {"units": unit} for field, unit in FIELD_UNITS.items()}
-        own = [column for column in rows if column.startswith(prefix) and column not in COMMON]
-        places |= {column: f"joints/{joint}/{column.removeprefix(prefix)}" for column in own}
-    with HistoryWriter(study.folder(name), grids, fixed, places) as history:
-        for i, moment in enumerate(time):
-            row = {column: values[i] for column, values in rows.items()}
-            fields = {f"state/{kind}": np.zeros(0) for kind in ("coordinates", "rates")}
-            for prefix, joint in zip(prefixes, joints, strict=True):
-                pressure = row[f"{prefix}max_pressure_Pa"] * profile(nodes, moment, tilt)
-                gap = np.full(len(nodes), row[f"{prefix}min_film_thickness_m"])
-                film = f"joints/{joint}/film"
-                fields |= {f"{film}/pressure": pressure, f"{film}/gap": gap}
-            history.add(row, fields)
+        grids |= {f"{film}/radius": grid.radius, f"{film}/clearance": 17e-6}
+        shapes = [profile(nodes, moment, tilt) for moment in time]
+        grids[f"{film}/pressure"] = peaks[:, None] * np.array(shapes)
+        grids[f"{film}/gap"] = np.multiply.outer(thicknesses, np.ones(len(nodes)))
+    quantities = {}
+    for column, v in values.items():
+        path, unit = split_unit(column)
+        quantities[path] = Quantity(v, unit)
+    for path, v in grids.items():
+        quantities[path] = Quantity(v, FIELD_UNITS[path.rpartition("/")[2]])
+    for kind in ("coordinates", "rates"):
+        quantities[f"state/{kind}"] = Quantity(np.zeros((len(time), 0)), "1")
+    ehd.History(quantities).save(study.folder(name))
     np.savez(errors_path(study.folder(name), "reference"), **errors)
 
 
@@ -178,4 +180,4 @@ def write_bodies(study, *names):
     ]  # fmt: skip
     for name, body in zip(names, bodies, strict=True):
         study.folder(name).mkdir(parents=True, exist_ok=True)
-        save_body(body, study.folder(name) / "body-rod.h5")
+        ehd.save_body(body, study.folder(name) / "body-rod.h5")

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.reduction.body import ReducedBody
+import fenics_ehd as ehd
+from fenics_ehd.film import uniform_grid
+from fenics_ehd.reduction.body import InertiaIntegrals
 from fenics_ehd.reduction.bore import BoreSurface
-from fenics_ehd.reduction.inertia import InertiaIntegrals
 
 R, WIDTH, C, ETA, SPEED = 0.0225, 0.022, 17e-6, 0.01, 600.0
 
 
 def make_film(cells=(12, 3), *, width=WIDTH, clearance=C, speed=SPEED, family="lagrange"):
     grid = uniform_grid(R, width, cells, family)
-    return Film(FilmParameters(grid, clearance, Lubricant(ETA), speed))
+    return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(ETA), speed))
 
 
 def held_body(film, modes=(), frequencies=()):
@@ -27,7 +27,7 @@ def held_body(film, modes=(), frequencies=()):
     # Four kilograms about the bore's centre; the modes leave that where it is.
     mass = np.diag([4.0 * R**2, 4.0, 4.0, *np.ones(n)])
     frequencies = np.array(frequencies, dtype=float)
-    return ReducedBody(
+    return ehd.ReducedBody(
         method="by hand",
         frame="clamped",
         stiffness=np.diag((2 * np.pi * frequencies) ** 2),

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from fenics_ehd.film.asperities import Asperities
-from fenics_ehd.film.rough_surfaces import RoughSurfaces
+import fenics_ehd as ehd
 
 #: 1 / E' of steel on steel.
 MODULUS = 210e9 / (2 * (1 - 0.3**2))
@@ -14,5 +13,12 @@ def surfaces(
 ):
     """Of a combined roughness; `share` of its square is the journal's."""
     journal, bore = np.sqrt(share) * roughness, np.sqrt(1 - share) * roughness
-    asperities = Asperities(float(np.hypot(journal, bore)), 0.04, 0.01, modulus, offset)
-    return RoughSurfaces(journal, bore, asperities, friction, flow_factors)
+    return ehd.RoughSurfaces(
+        journal_roughness=journal,
+        bore_roughness=bore,
+        asperity_slenderness=0.01,
+        summit_offset=offset,
+        modulus=modulus,
+        boundary_friction=friction,
+        flow_factors=flow_factors,
+    )

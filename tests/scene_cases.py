@@ -9,9 +9,10 @@ from typing import Any
 
 from mpi4py import MPI
 
-from fenics_ehd.reduction import Structure
-from fenics_ehd.scenes.elastic_part import elastic_part
-from fenics_ehd.scenes.scene_file import scene_of, shipped
+import fenics_ehd as ehd
+from fenics_ehd.scenes.library import shipped
+from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.scene import scene_of
 
 #: The paper's machine with a rod of a file beside the scene, for `hand_made_rod.make_body`.
 ROD_OF_A_FILE = {
@@ -97,9 +98,9 @@ def write_scene(path: Path, scene: str, *changes: Mapping[str, Any]) -> Path:
 
 def structure(
     scene: str, body: str, comm: MPI.Comm, changes: Mapping[str, Any] = MappingProxyType({})
-) -> Structure:
+) -> ehd.Structure:
     """The assembled part of a body of a shipped scene with changes; collective."""
     settings = scene_of(tables_of(scene, changes), scene).bodies[body]
     source = elastic_part(settings, f"bodies.{body}", "lagrange", comm).source
-    assert isinstance(source, Structure)
+    assert isinstance(source, ehd.Structure)
     return source

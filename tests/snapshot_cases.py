@@ -1,7 +1,7 @@
 """M3 with patterns trained on snapshots, under a name beside those of the selections."""
 
 from fenics_ehd.reduction import SELECTIONS, load_dependent, proper_orthogonal
-from fenics_ehd.reduction.pressure_sets import pressure_patterns
+from fenics_ehd.reduction.load_dependent import pressure_patterns
 
 PROPER_ORTHOGONAL = "proper-orthogonal"
 WAYS = (*SELECTIONS, PROPER_ORTHOGONAL)

@@ -2,11 +2,8 @@
 
 from sweep_cases import Inline
 
-from fenics_ehd.study.folder import StudyFolder
-from fenics_ehd.study.plan import make_study
-from fenics_ehd.study.run import run_study
-from fenics_ehd.study.scope import Scope
-from fenics_ehd.study.variants import film, full, m1, m3, m4, rigid, steps
+from fenics_ehd.study.compare import StudyFolder, run_study
+from fenics_ehd.study.plan import Scope, film, full, m1, m3, m4, make_study, rigid, steps
 
 SCENE = "slider-crank-paper"
 

@@ -1,21 +1,16 @@
 """Short scenes to sweep, and sweeps in this process or another one."""
 
 import csv
-import subprocess
-import sys
 from concurrent.futures import Future
 
-import pytest
+import scene_cases
+from scene_cases import LOAD, tables_of, toml
 
-from fenics_ehd.cli.main import main
-from fenics_ehd.scenes.scene_text import as_stored, scene_text
-from fenics_ehd.study.keys import with_values
-from fenics_ehd.study.sweep_run import run_sweep
-from fenics_ehd.study.sweep_table import SweepTable
-from fenics_ehd.study.variants import FILM, values_in
-from fenics_ehd.study.work import CaseTask
-
-COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
+from fenics_ehd.scenes.scene import as_stored, scene_text
+from fenics_ehd.study.cases import with_values
+from fenics_ehd.study.plan import FILM, values_in
+from fenics_ehd.study.pool import CaseTask
+from fenics_ehd.study.sweep import SweepTable, run_sweep
 
 
 def scene_as(name, values):
@@ -30,38 +25,10 @@ SLIDER_CRANK = scene_as("slider-crank-paper", {**RIGID, "time.revolutions": 0.00
 ROTOR = scene_as("rotor-paper", {**RIGID, "time.revolutions": 0.01, "time.first_step": 1e-8})
 #: Two films on one crank.
 ENGINE = scene_as("engine", {**RIGID, "time.periodic": False, "time.revolutions": 0.002, FILM: 0.5})
-LOADED_JOURNAL = """
-[bodies.journal]
-kind = "massless"
-[bodies.ground.points]
-bearing = [0.0, 0.0]
-[joints.bearing]
-kind = "lubricated"
-journal = "journal"
-bore = "ground.bearing"
-radius = 0.025
-width = 0.02
-clearance = 25e-6
-viscosity = 0.01
-cells = [12, 2]
-[drives.journal]
-kind = "speed"
-speed = 300.0
-[forces.load]
-kind = "time-table"
-point = "journal"
-file = "load.csv"
-[time]
-periodic = true
-period = 0.02
-periodicity = 1e-3
-tolerance = 1e-3
-largest_step = 0.1
-"""
-LOAD_FILE = "time_ms,Fx_N,Fy_N\n0,500,900\n5,0,500\n10,-500,900\n15,0,1200\n20,500,900\n"
+LOADED_JOURNAL = toml(tables_of("loaded-journal", scene_cases.LOADED_JOURNAL))
 
 #: Cases 1 and 3 can run; a clearance is not thin, a film soon thinner than it may be.
-SOME_FAIL = ("clearance=14e-6,17e-6,2e-3", "smallest_film=0.01,0.9999")
+SOME_FAIL = ("clearance=14e-6,17e-6,3e-3", "smallest_film=0.01,0.9999")
 #: Enough cases to be stopped in the middle of them.
 MANY = "clearance=10e-6:30e-6:8"
 
@@ -86,7 +53,7 @@ class Inline:
 
 
 def write_scene(directory, text=SLIDER_CRANK):
-    (directory / "load.csv").write_text(LOAD_FILE)
+    (directory / "load.csv").write_text(LOAD)
     path = directory / "short.toml"
     path.write_text(text)
     return str(path)
@@ -94,19 +61,6 @@ def write_scene(directory, text=SLIDER_CRANK):
 
 def given_values(assignments):
     return [word for assignment in assignments for word in ("--set", assignment)]
-
-
-def call(*arguments, **options):
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=120, **options
-    )
-
-
-def exit_of(capfd, *arguments):
-    """Status, output and error output of the command, in this process."""
-    with pytest.raises(SystemExit) as end:
-        main([*map(str, arguments)])
-    return end.value.code, *capfd.readouterr()
 
 
 def rows_of(directory):

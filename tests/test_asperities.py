@@ -7,8 +7,7 @@ from scipy.integrate import quad
 from scipy.special import gamma
 
 from fenics_ehd.film import flow_factors
-from fenics_ehd.film.asperities import APART, Asperities, seven_halves
-from fenics_ehd.film.rough_surfaces import nominal
+from fenics_ehd.film.rough_surfaces import APART, seven_halves
 
 
 def integral(order, ratio):
@@ -46,7 +45,7 @@ def test_asperity_pressure_ends_without_a_jump():
 
 @pytest.mark.parametrize("offset", [0.0, 1.5])
 def test_force_of_a_rough_plane_on_a_tilted_one(offset):
-    rough = surfaces(offset=offset).asperities
+    rough = surfaces(offset=offset)
     # p_c over a wedge, by quadrature of the definition, and by the potential at both ends.
     ends, width = np.array([-0.3e-6, 2e-6]), 1e-2
     factor = 16 * np.sqrt(2) * np.pi / 15 * 0.04**2 * 0.1 * MODULUS
@@ -62,7 +61,7 @@ def test_force_of_a_rough_plane_on_a_tilted_one(offset):
 
 @pytest.mark.parametrize("offset", [0.0, 2.0])
 def test_contact_is_conservative_and_its_stiffness_exact(offset):
-    rough, gap, step = surfaces(offset=offset).asperities, np.linspace(-1e-6, 3.9e-6, 40), 1e-11
+    rough, gap, step = surfaces(offset=offset), np.linspace(-1e-6, 3.9e-6, 40), 1e-11
     low, middle, high = (rough.touch(gap + x) for x in (-step, 0.0, step))
     for value, slope in (("potential", -middle.pressure), ("pressure", middle.slope)):
         difference = (getattr(high, value) - getattr(low, value)) / (2 * step)
@@ -70,7 +69,7 @@ def test_contact_is_conservative_and_its_stiffness_exact(offset):
 
 
 def test_share_of_true_contact():
-    rough = Asperities(1e-6, 0.04, 0.01, MODULUS, 1.2)
+    rough = surfaces(1e-6, offset=1.2)
     for ratio in (-0.5, 0.0, 1.0, 3.0):
         expected = np.pi**2 * 0.04**2 * integral(2.0, ratio - 1.2)
         assert rough.contact_share(1e-6 * np.array(ratio)) == pytest.approx(expected, rel=1e-9)
@@ -80,10 +79,10 @@ def test_flow_factors_are_those_of_patir_and_cheng():
     # By the coefficients of their tables (gamma = 1), by a pocket calculator, for H = 1, 3 and 6.
     ratio = np.array([1.0, 3.0, 6.0])
     np.testing.assert_allclose(
-        flow_factors.pressure_factor(ratio)[0], [0.485912, 0.832264, 0.968738], atol=1e-6
+        flow_factors.pressure_factor(ratio), [0.485912, 0.832264, 0.968738], atol=1e-6
     )
     np.testing.assert_allclose(
-        flow_factors.shear_factor(ratio)[0], [0.795589, 0.553202, 0.251245], atol=1e-6
+        flow_factors.shear_factor(ratio), [0.795589, 0.553202, 0.251245], atol=1e-6
     )
     np.testing.assert_allclose(
         ratio * flow_factors.rough_stress_factor(ratio), [1.146765, 0.299614, 0.022958], atol=1e-6
@@ -92,7 +91,7 @@ def test_flow_factors_are_those_of_patir_and_cheng():
         flow_factors.stress_pressure_factor(ratio), [0.276408, 0.806703, 0.973312], atol=1e-6
     )
     # Both branches of the shear factor meet to the digits of its coefficients.
-    ends = flow_factors.shear_factor(np.array([5.0, 5.0 + 1e-12]))[0]
+    ends = flow_factors.shear_factor(np.array([5.0, 5.0 + 1e-12]))
     assert abs(ends[1] - ends[0]) < 2e-4
 
 
@@ -108,41 +107,33 @@ def test_stress_factor_is_the_mean_of_one_over_the_film(ratio):
 
 
 def test_mean_gap_is_the_mean_of_what_is_open():
-    for ratio in (-3.9, -2.0, 0.0, 0.5, 4.0):
+    for ratio in (-7.0, -4.1, -3.9, -2.0, 0.0, 0.5, 4.0):
         open_, _ = quad(
             lambda s, h=ratio: (h + s) * np.exp(-0.5 * s**2) / np.sqrt(2 * np.pi),
             -ratio,
             max(-ratio, 0) + 12,
             epsabs=0,
         )
-        value, share, density = flow_factors.mean_gap(np.array([ratio]))
+        value, share = flow_factors.mean_gap(np.array([ratio]))
         assert value[0] == pytest.approx(open_, rel=1e-9)
         step = 1e-5
         sides = [flow_factors.mean_gap(np.array([ratio + x])) for x in (-step, step)]
         assert (sides[1][0] - sides[0][0])[0] / (2 * step) == pytest.approx(share[0], rel=1e-6)
-        assert (sides[1][1] - sides[0][1])[0] / (2 * step) == pytest.approx(density[0], rel=1e-6)
 
 
-def test_nominal_gap_of_an_average_one():
-    ratio = np.array([0.0, 0.5, 1.0, 3.0, 7.9, 9.0, 100.0])
-    np.testing.assert_allclose(nominal(flow_factors.mean_gap(ratio)[0]), ratio, atol=1e-13)
+@pytest.mark.parametrize("ratio", [0.5, 0.7, 2.0, 7.0, 12.0])
+def test_mobility_is_as_published_and_goes_on_without_a_kink(ratio):
+    least, value, power = continuation = flow_factors.continuation_below()
 
+    def mobility(ratio):
+        return flow_factors.mobility(ratio, flow_factors.mean_gap(ratio)[0], continuation)
 
-@pytest.mark.parametrize("ratio", [-2.0, 0.3, 0.5, 0.7, 2.0, 7.0, 12.0])
-def test_mobility_has_an_exact_slope(ratio):
-    rough, clearance = surfaces(), 17e-6
-    factor = rough.conductance(clearance)
-    average = flow_factors.mean_gap(np.array([ratio]))[0] * rough.roughness / clearance
-    step = 1e-6 * average
-
-    def mobility(thickness):
-        return thickness**3 * factor(thickness)[0]
-
-    value, along = factor(average)
-    exact = 3 * average**2 * value + average**3 * along
-    difference = (mobility(average + step) - mobility(average - step)) / (2 * step)
-    np.testing.assert_allclose(difference, exact, rtol=2e-6)
-    if ratio >= 0.5:
-        published = (ratio * rough.roughness / clearance) ** 3
-        published *= flow_factors.pressure_factor(np.array([ratio]))[0]
-        np.testing.assert_allclose(mobility(average), published, rtol=1e-12)
+    published = ratio**3 * flow_factors.pressure_factor(ratio)
+    np.testing.assert_allclose(mobility(np.array([ratio])), published, rtol=1e-12)
+    step, end = 1e-6, flow_factors.PUBLISHED
+    below, at, above = mobility(np.array([end - step, end, end + step]))
+    assert at == pytest.approx(value, rel=1e-12)
+    assert (at - below) == pytest.approx(above - at, rel=1e-4)
+    deep = np.array([-2.0])
+    average = flow_factors.mean_gap(deep)[0]
+    np.testing.assert_allclose(mobility(deep), value * (average / least) ** power, rtol=1e-14)

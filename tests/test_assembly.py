@@ -1,21 +1,21 @@
-"""Assembly from tabulated cells against dolfinx on a closed surface mesh."""
+"""Films of a flat mesh with folded numbers against dolfinx on a closed surface mesh."""
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
 from dolfinx_cases import create_mesh, quadrature_element
-from film_cases import FAMILIES, R
+from film_cases import FAMILIES, OMEGA, C, R, make_film
 from mpi4py import MPI
 from scipy import sparse
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
+import fenics_ehd as ehd
 from fenics_ehd.base import compat
 from fenics_ehd.fem.elements import quadratic_element
-from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.forms import GAUSS_POINTS, cell_tensors
-from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.film import Gap
+from fenics_ehd.film.assembly import GAUSS_POINTS, Assembly
 
 pytestmark = pytest.mark.kernels
 
@@ -27,7 +27,7 @@ def crooked_grid(family):
     random = np.random.default_rng(2)
     angles = np.append(0.0, np.cumsum(random.uniform(0.5, 1.5, 7)))
     heights = np.cumsum(random.uniform(0.3, 1.0, 4)) * R
-    return FilmGrid(R, 0.4 + 2 * np.pi * angles / angles[-1], heights, family)
+    return ehd.FilmGrid(R, 0.4 + 2 * np.pi * angles / angles[-1], heights, family)
 
 
 class Prism:
@@ -68,7 +68,7 @@ class Prism:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_vectors_and_matrices_are_those_of_dolfinx(family):
+def test_residual_and_matrix_are_those_of_a_closed_surface(family):
     grid = crooked_grid(family)
     prism = Prism(grid)
     element = (
@@ -77,53 +77,47 @@ def test_vectors_and_matrices_are_those_of_dolfinx(family):
         else quadratic_element(family, "quadrilateral")
     )
     space = compat.functionspace(prism.mesh, element)
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    v, pressure = ufl.TestFunction(space), fem.Function(space)
     around, along = (
         (lambda w, i=i: ufl.dot(direction(prism.mesh, i), ufl.grad(w))) for i in (0, 1)
     )
-    values = np.random.default_rng(5).uniform(-1, 1, (8, int(np.prod(grid.cells)), 9))
-    f, g, s, *k = (prism.coefficient(x) for x in values)
-    petsc = compat.fem_petsc()
-    vector = petsc.assemble_vector(fem.form((f * around(v) + g * along(v) + s * v) * DX)).array
-    matrix = petsc.assemble_matrix(
-        fem.form(
-            (
-                (k[0] * around(u) + k[2] * u) * around(v)
-                + (k[1] * along(u) + k[3] * u) * along(v)
-                + k[4] * u * v
-            )
-            * DX
-        )
-    )
-    matrix.assemble()
-    matrix = sparse.csr_matrix(matrix.getValuesCSR()[::-1]).toarray()
+    values = np.random.default_rng(5).uniform(0.5, 1, (3, int(np.prod(grid.cells)), 9))
+    height, rate, speed = (prism.coefficient(x) for x in values)
+    flow = height**3 * around(pressure) - height * speed
+    residual = (flow * around(v) + height**3 * along(pressure) * along(v) + rate * v) * DX
     places = prism.place(*grid.node_positions.T)
     distance, order = cKDTree(space.tabulate_dof_coordinates()).query(places)
     assert distance.max() < 1e-12
-    free = np.flatnonzero(np.arange(len(order)) % 5 != 2)
-    assembly = Assembly(grid, free)
-    np.testing.assert_allclose(assembly.vector(*values[:3]), vector[order], atol=1e-13)
-    found = assembly.pattern.matrix(assembly.matrix(Coefficients(*values[3:]))).toarray()
-    np.testing.assert_allclose(found, matrix[order][:, order][free][:, free], atol=1e-13)
+    film = make_film(grid=grid)
+    p = np.random.default_rng(6).uniform(0, 1, len(film.free))
+    pressure.x.array[order] = film.equation.nodal(p)
+    petsc = compat.fem_petsc()
+    vector = petsc.assemble_vector(fem.form(residual)).array
+    matrix = petsc.assemble_matrix(
+        fem.form(ufl.derivative(residual, pressure, ufl.TrialFunction(space)))
+    )
+    matrix.assemble()
+    matrix = sparse.csr_matrix(matrix.getValuesCSR()[::-1]).toarray()
+    units = C, C * OMEGA, OMEGA * R
+    gap = Gap(*(x * unit for x, unit in zip(values, units, strict=True)), np.zeros_like(values[0]))
+    problem = film.equation.problem(gap)
+    np.testing.assert_allclose(problem.residual(p), vector[order][film.free], atol=1e-13)
+    found = film.equation.pattern.matrix(problem.entries(p)).toarray()
+    expected = matrix[order][:, order][film.free][:, film.free]
+    np.testing.assert_allclose(found, expected, atol=1e-13)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_many_directions_and_values_at_points_belong_to_the_vector(family):
-    grid = crooked_grid(family)
-    assembly = Assembly(grid, np.arange(5))
-    f, g, s = np.random.default_rng(5).uniform(-1, 1, (3, int(np.prod(grid.cells)), 9))
-    directions = np.random.default_rng(6).uniform(-1, 1, (f.size, 4))
-    columns = assembly.gather(assembly.flux_elements(f, g)) @ directions
-    columns = columns + assembly.source_vectors(s, directions)
-    for column, direction in zip(columns.T, directions.T, strict=True):
-        scale = direction.reshape(f.shape)
-        expected = assembly.vector(f * scale, g * scale, s * scale)
-        np.testing.assert_allclose(column, expected, atol=1e-14)
-    # p . r is the integral of flux times slopes and of source times value.
-    p = np.random.default_rng(7).uniform(-1, 1, len(grid.node_positions))
-    value, around, along = assembly.at_points(p)
-    work = np.sum(assembly.area * (f * around + g * along + s * value))
-    assert work == pytest.approx(p @ assembly.vector(f, g, s), abs=1e-13)
+def test_values_at_points_belong_to_integrals(family):
+    assembly = Assembly(crooked_grid(family))
+    source = np.random.default_rng(5).uniform(-1, 1, assembly.area.shape)
+    p, q = np.random.default_rng(7).uniform(-1, 1, (2, assembly.size))
+    values = [assembly.at_points(x)[0] for x in (p, q)]
+    assert np.sum(assembly.area * source * values[0]) == pytest.approx(
+        p @ assembly.source(source), abs=1e-13
+    )
+    mass = assembly.mass(np.arange(assembly.size))
+    assert p @ (mass @ q) == pytest.approx(np.sum(assembly.area * values[0] * values[1]), abs=1e-13)
 
 
 def direction(mesh, axis):
@@ -134,20 +128,24 @@ def direction(mesh, axis):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_tabulated_shape_functions_are_nodal_polynomials(family):
-    t = cell_tensors(family)
-    x, y = t.points.T
-    # dolfinx order of the nodes.
-    nodes = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0), (0, 0.5), (1, 0.5), (0.5, 1),
-                      (0.5, 0.5)])[: t.value.shape[1]]  # fmt: skip
+def test_shape_functions_are_nodal_polynomials(family):
+    assembly = Assembly(crooked_grid(family))
+    # Of one cell, in its own coordinates: two terms that no seam breaks.
+    cell, (around, along) = 9, assembly.grid.cell_sizes
+    nodes, corner = assembly.grid.cell_nodes[cell], assembly.grid.node_positions
+    x, y = (corner[nodes] / (1.0, R)).T
+    first = x[0], y[0]
     powers = [(a, b) for a in range(3) for b in range(3)]
     if family == "bilinear":
         powers = [(a, b) for a, b in powers if max(a, b) < 2]
     elif family == "serendipity":
         powers = powers[:-1]
+    s, t = assembly.reference.T
+    width, height = around[cell], along[cell]
     for a, b in powers:
-        nodal = nodes[:, 0] ** a * nodes[:, 1] ** b
-        np.testing.assert_allclose(t.value @ nodal, x**a * y**b, atol=1e-13)
-        np.testing.assert_allclose(t.around @ nodal, a * x ** max(a - 1, 0) * y**b, atol=1e-13)
-        np.testing.assert_allclose(t.along @ nodal, b * x**a * y ** max(b - 1, 0), atol=1e-13)
-    assert t.weights.sum() == pytest.approx(1.0, abs=1e-14)
+        nodal = np.zeros(assembly.size)
+        nodal[nodes] = ((x - first[0]) / width) ** a * ((y - first[1]) / height) ** b
+        value, slope, rise = (w[cell] for w in assembly.at_points(nodal))
+        np.testing.assert_allclose(value, s**a * t**b, atol=1e-12)
+        np.testing.assert_allclose(slope * width, a * s ** max(a - 1, 0) * t**b, atol=1e-12)
+        np.testing.assert_allclose(rise * height, b * s**a * t ** max(b - 1, 0), atol=1e-12)

@@ -10,7 +10,7 @@ from newton_steps import integrate
 
 from fenics_ehd.base.errors import GapClosedError, StepSizeError
 from fenics_ehd.multibody.bdf import IntegratorState, StepControl
-from fenics_ehd.multibody.differentiation import (
+from fenics_ehd.multibody.tabulated import (
     blended,
     derivative_weights,
     extrapolation_weights,
@@ -356,21 +356,6 @@ def test_every_attempt_is_an_accepted_or_a_counted_rejected_step():
     assert sum(bool(s.rejected) for s in steps) < 10
 
 
-def test_newton_iterations_are_the_evaluations_made():
-    problem = oscillator(1.0, 4.0, lambda t: 1e3 * (t > 0.5))
-    steps = run(problem, 1.0, 1, 0)
-    assert sum(s.newton_iterations for s in steps) == len(problem.calls)
-
-
-def test_newton_iterations_of_failed_attempts_are_the_evaluations_made():
-    problem = Closing(np.ones(1), np.ones(1), longest=0.01)
-    first = next(integrate(problem, (0.0, 10.0), np.ones(1), np.zeros(1),
-                           control(first_step=0.8, tolerance=1e-3)))  # fmt: skip
-    # Three attempts fail at their first evaluation.
-    assert sum(first.rejected.values()) == 3
-    assert first.newton_iterations == len(problem.calls)
-
-
 def test_a_step_below_the_smallest_names_the_key_and_the_reason():
     problem = Closing(np.ones(1), np.ones(1), longest=1e-9)
     with pytest.raises(StepSizeError) as caught:
@@ -426,13 +411,6 @@ def test_the_last_step_ends_exactly_at_the_end(end, first_step):
     assert times[-1] - times[-2] > 0.3 * (times[-2] - times[-3])
 
 
-@pytest.mark.parametrize("start", [0.0, 0.25, 1e3])
-def test_a_run_of_no_length_takes_no_step(start):
-    problem = oscillator(1.0, 4.0)
-    assert list(integrate(problem, (start, start), np.ones(1), np.zeros(1), control())) == []
-    assert problem.calls == []
-
-
 def test_no_step_is_longer_than_the_longest_allowed():
     steps = run(oscillator(1.0, 4.0), 1.0, 1, 0, tolerance=1e6, first_step=0.3, largest_step=0.01)
     assert np.diff([0.0, *(s.time for s in steps)]).max() <= 0.01 * (1 + 1e-12)
@@ -463,11 +441,3 @@ def test_history_is_that_of_accepted_steps_only():
             newer.acceleration[0] + newer.rate[0] + 4 * newer.x[0] - 30.0 * (newer.time > 0.5)
         )
         assert residual == pytest.approx(0.0, abs=1e-10 + 1e-14 * weights[0] ** 2)
-
-
-def test_every_step_starts_from_the_solution_of_the_last_accepted_one():
-    problem = oscillator(1.0, 4.0, lambda t: 1e3 * (t > 0.5))
-    steps = run(problem, 1.0, 1, 0)
-    # The state counts evaluations since the start, those of rejected attempts left out.
-    rejected_calls = len(problem.calls) - steps[-1].solution
-    assert rejected_calls == 2 * sum(sum(s.rejected.values()) for s in steps)

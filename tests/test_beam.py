@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
-from fenics_ehd.multibody.forces import RotatingForce
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rotor import ModalRotor
-from fenics_ehd.multibody.shaft_body import ShaftBody
-from fenics_ehd.multibody.simulation import simulate
+import fenics_ehd as ehd
+from fenics_ehd.multibody.shaft import beam_plane
 
 LENGTH, MODULUS, DENSITY = 1.0, 210e9, 7446.0
 FORCE, BEARING_WIDTH = 3600.0, 0.022
@@ -17,7 +12,7 @@ FORCE, BEARING_WIDTH = 3600.0, 0.022
 
 def shaft(diameter=0.045, *, elements=20, density=DENSITY, supports=1e13):
     """Pinned at its ends unless told otherwise."""
-    return Shaft(LENGTH, diameter, MODULUS, density, supports, elements)
+    return ehd.Shaft(LENGTH, diameter, MODULUS, density, supports, elements)
 
 
 def pinned_frequencies(beam, modes):
@@ -29,7 +24,7 @@ def pinned_frequencies(beam, modes):
 
 def turning(rotor, speed, damping=0.0):
     """``M, C, K`` of the deflections of a shaft that turns at a speed, and its body."""
-    body = ShaftBody(rotor, 1.0, damping)
+    body = ehd.ShaftBody(rotor, 1.0, damping)
     rest, rates = np.zeros((2, body.size))
     rates[0] = speed
     found = body.balance(rest, rates, rest, lift=np.zeros(2)).derivatives()
@@ -59,7 +54,7 @@ def test_frequencies_of_a_pinned_beam_converge_with_order_four(diameter, figure)
     errors = []
     for elements in (4, 8, 16):
         plane = beam_plane(shaft(diameter, elements=elements, supports=supports))
-        errors.append(ModalRotor.of(plane, 4).angular / expected - 1)
+        errors.append(ehd.ModalRotor.of(plane, 4).angular / expected - 1)
     rates = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     figure("rotor", "beam elements, observed order less 4", np.abs(rates[1] - 4).max(), most=0.2)
     # Leading error of the cubic element: (k h)^4 / 1440.
@@ -68,7 +63,7 @@ def test_frequencies_of_a_pinned_beam_converge_with_order_four(diameter, figure)
 
 def test_a_stiff_beam_bounces_and_pitches_on_its_springs():
     light = shaft(supports=1e3)
-    found = ModalRotor.of(beam_plane(light), 2).angular
+    found = ehd.ModalRotor.of(beam_plane(light), 2).angular
     # Rigid: 2 k over the mass, k l^2 / 2 over the inertia, that of the cross section included.
     inertia = light.mass * LENGTH**2 / 12 + light.polar_inertia / 2
     expected = np.sqrt([2e3 / light.mass, 1e3 * LENGTH**2 / 2 / inertia])
@@ -77,7 +72,7 @@ def test_a_stiff_beam_bounces_and_pitches_on_its_springs():
 
 def test_mass_and_inertia_are_those_of_the_rotor():
     beam = shaft()
-    plane = beam_plane(beam, [Disk(0.3, 0.8, 1e-3, 5e-4)])
+    plane = beam_plane(beam, [ehd.Disk(0.3, 0.8, 1e-3, 5e-4)])
     nodes = np.linspace(0, LENGTH, beam.elements + 1)
     up, turned = np.zeros((2, 2 * len(nodes)))
     up[::2], turned[::2], turned[1::2] = 1.0, nodes - 0.3, 1.0
@@ -121,7 +116,7 @@ def test_points_see_any_cubic(position):
 @pytest.mark.parametrize("speed", [600.0, 2e4])
 def test_forward_and_backward_whirl_of_a_turning_shaft(speed, figure):
     beam = shaft(0.1, elements=24)
-    rotor = ModalRotor.of(beam_plane(beam), 10)
+    rotor = ehd.ModalRotor.of(beam_plane(beam), 10)
     found = whirl_frequencies(*turning(rotor, speed))[:8]
     # (A + I k^2) w^2 -+ 2 I k^2 Omega w - E I k^4 / rho = 0
     k = np.pi * np.arange(1, 11) / LENGTH
@@ -137,8 +132,8 @@ def test_forward_and_backward_whirl_of_a_turning_shaft(speed, figure):
 def test_forward_and_backward_whirl_of_a_disk(speed, figure):
     # A disk half way on a shaft without mass: it bounces, and it nods against 12 E I / l.
     beam = shaft(0.02, density=1e-6)
-    disk = Disk(0.5, 5.0, 0.04, 0.025)
-    rotor = ModalRotor.of(beam_plane(beam, [disk]), 2)
+    disk = ehd.Disk(0.5, 5.0, 0.04, 0.025)
+    rotor = ehd.ModalRotor.of(beam_plane(beam, [disk]), 2)
     found = whirl_frequencies(*turning(rotor, speed))
     rigidity = MODULUS * beam.second_moment
     bounce = np.sqrt(48 * rigidity / LENGTH**3 / disk.mass)
@@ -150,7 +145,9 @@ def test_forward_and_backward_whirl_of_a_disk(speed, figure):
 
 
 def test_forward_whirl_turns_with_the_shaft():
-    rotor = ModalRotor.of(beam_plane(shaft(0.02, density=1e-6), [Disk(0.5, 5, 0.04, 0.025)]), 2)
+    rotor = ehd.ModalRotor.of(
+        beam_plane(shaft(0.02, density=1e-6), [ehd.Disk(0.5, 5, 0.04, 0.025)]), 2
+    )
     mass, damping, stiffness = turning(rotor, 3000.0)
     a, b = damping[:2, :2], damping[:2, 2:]
     # In w = u + i v, of which e^(i w t) is forward.
@@ -161,8 +158,8 @@ def test_forward_whirl_turns_with_the_shaft():
 
 
 def test_gyroscopic_forces_do_no_work():
-    rotor = ModalRotor.of(beam_plane(shaft()), 10)
-    body = ShaftBody(rotor, 1.0)
+    rotor = ehd.ModalRotor.of(beam_plane(shaft()), 10)
+    body = ehd.ShaftBody(rotor, 1.0)
     rates = np.append(600.0, np.random.default_rng(3).standard_normal(20))
     forces = body.balance(np.zeros(21), rates, np.zeros(21), lift=np.zeros(2)).forces
     assert np.abs(forces).max() > 1.0
@@ -174,8 +171,8 @@ def test_gyroscopic_forces_do_no_work():
 
 def jeffcott(ratio, modes=1):
     """A disk half way on a shaft without mass, its speed a share of the critical one."""
-    beam, disk = shaft(0.02, density=1e-6), Disk(0.5, 5.0, 0.0, 0.0)
-    rotor = ModalRotor.of(beam_plane(beam, [disk]), modes)
+    beam, disk = shaft(0.02, density=1e-6), ehd.Disk(0.5, 5.0, 0.0, 0.0)
+    rotor = ehd.ModalRotor.of(beam_plane(beam, [disk]), modes)
     critical = np.sqrt(48 * MODULUS * beam.second_moment / LENGTH**3 / disk.mass)
     speed = ratio * critical
     # 10 um off centre.
@@ -205,11 +202,11 @@ def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping, figure):
 def test_unbalance_whirl_in_time(figure):
     ratio, damping = 1.4, 0.05
     rotor, critical, speed, amplitude = jeffcott(ratio)
-    mechanism = Mechanism(
-        {"shaft": ShaftBody(rotor, 1e-3, damping, {"middle": 0.5})},
+    mechanism = ehd.Mechanism(
+        {"shaft": ehd.ShaftBody(rotor, 1e-3, damping, {"middle": 0.5})},
         joints={},
-        drives={"shaft": Speed(speed)},
-        forces={"unbalance": RotatingForce("shaft.middle", amplitude, speed)},
+        drives={"shaft": ehd.Speed(speed)},
+        forces={"unbalance": ehd.RotatingForce("shaft.middle", amplitude, speed)},
     )
     # From rest: the whirl, and what dies out of the free vibration.
     radius, free = circle(ratio, damping), critical * (-damping + 1j * np.sqrt(1 - damping**2))
@@ -217,7 +214,7 @@ def test_unbalance_whirl_in_time(figure):
     shares = np.linalg.solve([[1.0, 1.0], [free, other]], [-radius, -1j * speed * radius])
     errors = []
     for tolerance in (1e-6, 1e-8):
-        result = simulate(mechanism, 4 * np.pi / speed, tolerance=tolerance, order=2)
+        result = ehd.simulate(mechanism, 4 * np.pi / speed, tolerance=tolerance, order=2)
         found = result.bodies["shaft"].coordinates[:, 1:] @ rotor.motion(0.5)[:2].T @ [1.0, 1.0j]
         time = result.time
         exact = radius * np.exp(1j * speed * time) + shares @ np.exp(np.outer([free, other], time))

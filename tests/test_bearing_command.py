@@ -3,14 +3,16 @@
 import json
 import subprocess
 import sys
+from functools import partial
 
 import h5py
 import numpy as np
 import pytest
+from command_line import exit_of
 
-import fenics_ehd.bearing.operating_point
-from fenics_ehd.base.errors import CavitationError
-from fenics_ehd.cli.main import main
+import fenics_ehd.analysis.bearing
+from fenics_ehd.base.errors import CavitationError, MeshError, StepSizeError
+from fenics_ehd.base.files import keeping_failed_film
 
 PROMISED = {
     "load_N", "attitude_angle_deg", "max_pressure_Pa", "max_pressure_angle_deg",
@@ -22,13 +24,7 @@ LINEAR = {"stiffness_N_per_m", "damping_Ns_per_m", "stability_threshold"}
 
 @pytest.fixture
 def call(capsys):
-    def run(*arguments):
-        with pytest.raises(SystemExit) as exit_:
-            main(["bearing", *map(str, arguments)])
-        captured = capsys.readouterr()
-        return exit_.value.code, captured.out, captured.err
-
-    return run
+    return partial(exit_of, capsys, "bearing")
 
 
 def refuse(name):
@@ -36,15 +32,7 @@ def refuse(name):
 
 
 def test_a_process_of_its_own_prints_json_and_nothing_else():
-    command = [
-        sys.executable,
-        "-m",
-        "fenics_ehd.cli",
-        "bearing",
-        "--eccentricity",
-        "0.6",
-        "--json",
-    ]
+    command = f"{sys.executable} -m fenics_ehd.cli bearing --eccentricity 0.6 --json".split()
     result = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stderr
     values = json.loads(result.stdout, parse_constant=refuse)
@@ -57,18 +45,6 @@ def test_a_process_of_its_own_prints_json_and_nothing_else():
     mean = values["load_N"] / (0.045 * 0.022)
     sommerfeld = 0.01 * 500 / (2 * np.pi) / mean * (0.0225 / 17e-6) ** 2
     assert values["sommerfeld_number"] == pytest.approx(sommerfeld)
-
-
-def test_help_imports_no_numerics():
-    code = (
-        "import sys\nfrom fenics_ehd.cli.main import cli\n"
-        "cli.main(['bearing', '--help'], standalone_mode=False)\n"
-        "heavy = {'dolfinx', 'petsc4py', 'numpy', 'matplotlib'} & set(sys.modules)\n"
-        "sys.exit(', '.join(heavy) or 0)"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
-    assert "attitude angle, from x to the" in result.stdout
 
 
 def test_numbers_may_have_units_as_in_scenes(call):
@@ -132,33 +108,25 @@ def test_pictures_without_a_film(call, tmp_path):
         ([], "either --eccentricity or --load"),
         (["--load", 5, "--eccentricity", 0.5], "either --eccentricity or --load"),
         (["--eccentricity", 1], "eccentricity = 1 must be at least 0 and below 1"),
-        (["--eccentricity", -0.1], "eccentricity = -0.1 must be at least 0"),
-        (["--eccentricity", "nan"], "eccentricity = nan must be"),
         (["--load", -5], "load = -5 N must be a finite number above 0"),
-        (["--load", "inf"], "load = inf N must be"),
         (["--load", 5, "--radius", "nan"], "radius = nan must be a finite number"),
-        (["--load", 5, "--width", -1], "width = -1.0 must be above 0"),
-        (["--load", 5, "--clearance", 0], "clearance = 0.0 must be above 0"),
-        (["--load", 5, "--clearance", 0.004], "0.1 of radius = 0.0225 m"),
+        (["--load", 5, "--clearance", 0.004], "below 0.1 of the bore radius 0.0225 m"),
         (["--load", 5, "--clearance", 30], "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
-        (
-            ["--load", 5, "--clearance", 1e-7],
-            "1e-05 and 0.1 of radius = 0.0225 m: lengths are in m",
-        ),
-        (["--load", 5, "--radius", 22.5], "radius = 22.5 must be below 5: in m, 0.025 for 25 mm"),
-        (["--load", 5, "--radius", 4], "between 1e-05 and 0.1 of radius = 4 m: lengths are in m"),
-        (["--load", 5, "--width", 22], "width = 22.0 must be below 5: in m"),
+        (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths are in m"),
         (["--load", 5, "--viscosity", 0], "viscosity = 0.0 must be above 0"),
-        (["--load", 5, "--speed", "nan"], "speed = nan must be a finite number"),
-        (["--load", 5, "--tilt", "nan", 0], "tilt = (nan, 0.0) must be two finite numbers"),
+        (["--load", 5, "--tilt", "nan", 0], "tilt = [nan, 0.0] must be two numbers [x, y] in rad"),
         (["--load", 5, "--tilt", 2e-3, 0], "tilt = 0.002 rad closes the gap"),
-        (["--load", 5, "--ambient", -1], "ambient = -1.0 must be at least 0"),
-        (["--load", 5, "--cells", "64"], "--cells '64' must be two whole numbers"),
         (["--load", 5, "--cells", "64x-1"], "--cells '64x-1' must be two whole numbers"),
         (["--load", 5, "--cells", "2x2"], "cells_around = 2 must be a whole number, at least 3"),
         (["--load", 5, "--cells", "9999x999"], "at most 100000"),
-        (["--load", 5, "--groove", 0, 400, 0], "a width of 400 degrees must lie in 0..360"),
-        (["--load", 5, "--groove", 0, 10, -1], "--groove: pressure = -1.0 must be at least 0"),
+        (
+            ["--load", 5, "--groove", 0, 400, 0],
+            "groove 400 degrees wide: it must lie in",
+        ),
+        (
+            ["--load", 5, "--groove", 0, 10, -1],
+            "--groove: the pressure of a groove = -1 Pa",
+        ),
         (["--load", 5, "--groove", 0, 10, 0, "--line-at-max-film"], "exclude each other"),
         (["--load", 5, "--groove", 0, 10, 0, "--bore-speed", 1], "shaft or bore must"),
         (
@@ -175,12 +143,8 @@ def test_pictures_without_a_film(call, tmp_path):
         ),
         (["--load", 5, "--barus", 1e-8, "--roelands", 0.6], "exclude each other"),
         (["--load", 5, "--viscosity", 1e308], "viscosity = 1e+308 must be 0 or from 1e-30 to"),
-        (["--load", 5, "--viscosity", 1e-320], "must be 0 or from 1e-30 to 1e+30 in size"),
-        (["--load", 5, "--speed", 1e308], "speed = 1e+308 must be 0 or from 1e-30 to 1e+30"),
-        (["--load", 5, "--squeeze", 1e303, 0], "size of inf Pa, which cannot be computed"),
-        (["--load", 5, "--squeeze", 1e308, 0], "rate = inf of the film must be a finite number"),
+        (["--load", 5, "--squeeze", 1e160, 0], "squeeze = [1e+160, 0.0] must be two numbers"),
         (["--load", 5, "--ambient", 1e308], "ambient = 1e+308 must be below 1e+12"),
-        (["--load", 5, "--line-held"], "line_held needs line_at_max_film"),
         (["--load", 5, "--plot", "picture.xyz"], "its ending must be one of"),
         (["--load", 5, "--plot", "/dev/null/picture.png"], "/dev/null is not a folder"),
     ],
@@ -193,17 +157,14 @@ def test_bad_input_is_one_line_and_status_2(call, arguments, message):
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "unknown"),
-    [([], "dissipation"), (["--coefficients"], "power_loss")],
-)
 @pytest.mark.parametrize("as_json", [["--json"], []])
-def test_a_figure_that_is_no_finite_number_is_named(call, arguments, unknown, as_json):
-    squeezed = ["--eccentricity", 0.6, "--squeeze", 1e160, 0, "--cells", "20x4"]
-    status, out, err = call(*squeezed, *arguments, *as_json)
+def test_numbers_far_from_any_bearing_end_in_one_line(call, as_json, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = call(
+        "--eccentricity", 0.3, "--speed", 0, "--squeeze", 1e-300, 0, "--groove", 90, 20, 0.1,
+        *as_json,
+    )  # fmt: skip
     assert (status, out) == (1, "")
-    assert unknown in err
-    assert "no finite number" in err
     assert err.count("\n") == 1
 
 
@@ -217,19 +178,8 @@ def test_an_oil_that_thickens_without_end_is_named(call, law, condition, tmp_pat
     )  # fmt: skip
     assert (status, out) == (1, "")
     assert "the viscosity runs away with the pressure" in err
-    assert "lower load, eccentricity or the coefficient" in err
+    assert "lower the load or the pressure coefficient" in err
     assert err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_pressure_that_is_no_finite_number_is_named(call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    slow = ["--eccentricity", 0.3, "--speed", 0, "--squeeze", 1e-300, 0, "--cells", "16x3"]
-    status, out, err = call(*slow, "--groove", 90, 20, 0.1)
-    assert (status, out) == (1, "")
-    assert "the film's pressure is no finite number: are viscosity, speed" in err
-    assert err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
 
 
 def test_oil_that_thickens_is_conserved_as_well(call):
@@ -242,23 +192,16 @@ def test_oil_that_thickens_is_conserved_as_well(call):
     assert thickening["load_N"] > 1.1 * constant["load_N"]
 
 
-def test_a_line_without_pressure_turns_with_the_shaft_unless_it_is_held(call):
-    """Held it is a groove of no width, which stands still."""
+def test_a_line_without_pressure_is_held_for_the_coefficients(call):
+    """As a groove of no width, which stands still."""
     options = ["--eccentricity", 0.1, "--coefficients", "--json", "--cells", "48x8"]
-    line = [*options, "--line-at-max-film"]
-    turning, held = (json.loads(call(*line, *more)[1]) for more in ([], ["--line-held"]))
-    same = set(turning) - LINEAR - {"settings", "critical_mass_kg", "whirl_frequency_ratio"}
-    assert {name: held[name] for name in same} == {name: turning[name] for name in same}
-    opposite = turning["attitude_angle_deg"] + 180
+    line = json.loads(call(*options, "--line-at-max-film")[1])
+    opposite = line["attitude_angle_deg"] + 180
     groove = json.loads(call(*options, "--groove", opposite, 0, 0)[1])
-    assert groove["load_N"] == pytest.approx(held["load_N"], rel=1e-3)
+    assert groove["load_N"] == pytest.approx(line["load_N"], rel=1e-3)
     for name in ("stiffness_N_per_m", "damping_Ns_per_m"):
-        found, theirs = np.array(held[name]), np.array(groove[name])
+        found, theirs = np.array(line[name]), np.array(groove[name])
         assert np.abs(found - theirs).max() < 2e-3 * np.abs(theirs).max(), name
-    change = np.array(turning["stiffness_N_per_m"]) - held["stiffness_N_per_m"]
-    assert np.abs(change).max() > 0.1 * np.abs(held["stiffness_N_per_m"]).max()
-    table = call(*line[:3], "--line-at-max-film", "--line-held", "--cells", "48x8")[1]
-    assert "of a line at the maximum film that stays where it is" in table
 
 
 def test_supplied_oil_all_leaves_at_the_sides_when_mass_is_conserved(call):
@@ -279,10 +222,28 @@ def test_failed_film_is_kept(call, tmp_path, monkeypatch):
         raise CavitationError("no luck", {"pressure": np.arange(3.0), "thickness": np.ones((2, 2))})
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(fenics_ehd.bearing.operating_point, "solve_bearing", fail)
+    monkeypatch.setattr(fenics_ehd.analysis.bearing, "solve_bearing", fail)
     status, _, err = call("--eccentricity", 0.5)
     assert status == 1
     assert "no luck; the film is kept in failed_film.h5" in err
     with h5py.File(tmp_path / "failed_film.h5") as file:
         np.testing.assert_array_equal(file["pressure"], [0.0, 1.0, 2.0])
         assert file["thickness"].shape == (2, 2)
+
+
+def test_film_behind_a_step_that_fell_too_short_is_kept(tmp_path):
+    film = CavitationError("no active set", {"pressure": np.arange(4.0), "thickness": np.eye(2)})
+    with (
+        pytest.raises(StepSizeError, match=r"too short; the film is kept in .*failed_film\.h5"),
+        keeping_failed_film(tmp_path),
+    ):
+        raise StepSizeError("too short") from film
+    with h5py.File(tmp_path / "failed_film.h5") as file:
+        np.testing.assert_array_equal(file["pressure"], np.arange(4.0))
+        np.testing.assert_array_equal(file["thickness"], np.eye(2))
+
+
+def test_error_without_a_film_is_left_alone(tmp_path):
+    with pytest.raises(MeshError, match=r"^no bore$"), keeping_failed_film(tmp_path):
+        raise MeshError("no bore")
+    assert not list(tmp_path.iterdir())

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from film_cases import ETA, OMEGA, C
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import InterfaceMismatchError
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.layout import film_grid
-from fenics_ehd.multibody.bore_film import BoreFilm
-from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
+from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import film_grid
+from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.scenes.films import film_mesh
 from fenics_ehd.scenes.schema import LubricatedSettings
 
@@ -42,12 +42,12 @@ def film_in(body, around, along, family, **more):
 
 
 def film_on(grid, **more):
-    return Film(FilmParameters(grid, C, Lubricant(ETA), OMEGA), **more)
+    return ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA), **more)
 
 
 def joint_of(body, film, transfer="conservative", *, tilting=False):
     """Maps of a joint with coordinates ``(e, psi, q)``."""
-    return JointFilm(LubricatedJoint("shaft", "rod.bore", film, transfer), body, tilting)
+    return JointFilm(ehd.LubricatedJoint("shaft", "rod.bore", film, transfer), body, tilting)
 
 
 def some_pressure(film):
@@ -66,7 +66,7 @@ def forces(bore):
 @pytest.mark.parametrize("mesh", MESHES)
 def test_resultants_are_those_of_the_films_pressure(body, mesh, transfer):
     film = film_in(body, *mesh)
-    bore = BoreFilm(body, film, transfer)
+    bore = ehd.BoreFilm(body, film, transfer)
     pressure = some_pressure(film)
     normal = np.stack(film.points.normal, axis=-1)
     expected = film.load(normal) @ pressure
@@ -104,7 +104,7 @@ def test_matching_mesh_gives_the_loads_of_the_body(body):
     # Whose own integrals run over the discrete bore of 20 cells: round to 1e-4.
     film = film_on(film_grid(body.pressure_nodes))
     assert film.parameters.grid.cells == (20, 5)
-    bore = BoreFilm(body, film)
+    bore = ehd.BoreFilm(body, film)
     assert bore.projected is None
     pressure = some_pressure(film)
     expected = body.load_projection[1:] @ bore.structure_pressure(pressure)
@@ -118,11 +118,13 @@ def test_matching_mesh_gives_the_loads_of_the_body(body):
 def test_generalised_forces_converge_with_the_film_mesh(body):
     # The same smooth pressure on finer and finer film meshes, on the bore of 20 x 5 cells.
     fine = film_in(body, 160, 20, "lagrange")
-    expected = forces(BoreFilm(body, fine)) @ some_pressure(fine)
+    expected = forces(ehd.BoreFilm(body, fine)) @ some_pressure(fine)
     errors = []
     for cells in ((20, 5), (40, 10)):
         film = film_in(body, *cells, "lagrange")
-        errors.append(np.abs(forces(BoreFilm(body, film)) @ some_pressure(film) - expected).max())
+        errors.append(
+            np.abs(forces(ehd.BoreFilm(body, film)) @ some_pressure(film) - expected).max()
+        )
     assert errors[-1] < 1e-4 * np.abs(expected).max()
     assert errors[0] / errors[1] > 6
 
@@ -150,7 +152,7 @@ def test_film_of_another_cylinder_is_refused(body):
     ):
         film = film_on(uniform_grid(radius, width, (20, 5)))
         with pytest.raises(InterfaceMismatchError, match=f"the film's {named} of"):
-            BoreFilm(body, film)
+            ehd.BoreFilm(body, film)
 
 
 @pytest.mark.parametrize("mesh", [(20, 5, "serendipity"), (24, 4, "lagrange")])
@@ -158,4 +160,4 @@ def test_load_matrix_of_another_body_is_refused(body, mesh):
     film = film_in(body, *mesh)
     for load in (1.05 * body.load_projection, -body.load_projection, body.load_projection[:, ::-1]):
         with pytest.raises(InterfaceMismatchError, match="disagree on the work of a pressure"):
-            BoreFilm(replace(body, load_projection=load), film)
+            ehd.BoreFilm(replace(body, load_projection=load), film)

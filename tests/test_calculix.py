@@ -18,15 +18,13 @@ from calculix_ring import (
 from foreign_parts import to_scipy
 from mpi4py import MPI
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.fields import Material
 from fenics_ehd.fem import structure
-from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.material import Material
 from fenics_ehd.reduction import (
     PointWeights,
-    Structure,
     bore_from_faces,
-    read_calculix,
     residual_flexibility,
     tetrahedron_mass,
 )
@@ -44,9 +42,9 @@ def both(folder, solid, element):
     """The part by CalculiX and by this program, and the former's dofs in the latter's order."""
     numbers = 11 + 3 * np.random.default_rng(0).permutation(len(solid.points))
     write_deck(folder / "ring.inp", solid, numbers)
-    read = read_calculix(run_calculix(folder / "ring.inp"), numbers)
+    read = ehd.read_calculix(run_calculix(folder / "ring.inp"), numbers)
     write_model(folder / "ring.msh", solid)
-    mesh = build_mesh(folder / "ring.msh", comm=MPI.COMM_SELF, serendipity_geometry=True)
+    mesh = ehd.build_mesh(folder / "ring.msh", comm=MPI.COMM_SELF, serendipity_geometry=True)
     ours = structure.assemble_structure(
         mesh, STEEL, family="serendipity", pressure_family="serendipity"
     )
@@ -56,7 +54,7 @@ def both(folder, solid, element):
     weights = ours.attachments["pin"][0].array.reshape(-1, 3)[:, 0]
     used = np.flatnonzero(weights)
     faces = read.places(numbers[surfaces(solid)["bore"]])
-    theirs = Structure(
+    theirs = ehd.Structure(
         read.stiffness,
         read.mass,
         solid.points,
@@ -75,7 +73,7 @@ def difference(theirs, ours, order):
 
 def with_rule(monkeypatch, cell, **degrees):
     """Quadrature of this program as that of CalculiX."""
-    rule = replace(structure.DEGREES[cell], **degrees)
+    rule = {**structure.DEGREES[cell], **degrees}
     monkeypatch.setitem(structure.DEGREES, cell, rule)
 
 

@@ -2,27 +2,32 @@
 
 import numpy as np
 import pytest
-from bearing_problem import linear_system
 from differences import numbers
 from film_cases import FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film, shaft, solve
-from film_solvers import block_pivot, projected_sor, relaxation_factor
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracle_cavitation import enumerate_active_sets
+from oracle_cavitation import block_pivot, enumerate_active_sets, projected_sor
 from petsc4py import PETSc
-from scipy.sparse.linalg import spsolve
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import CavitationError, SolverError
-from fenics_ehd.film import Gap, snes_vi
+from fenics_ehd.film import Gap
+from fenics_ehd.film import cavitation as snes_vi
 from fenics_ehd.film.cavitation import verify_complementarity
 from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.film.supply import AxialGroove
-from fenics_ehd.reduction.surface_elements import ELEMENTS
+from fenics_ehd.reduction.elements import ELEMENTS
 
 pytestmark = pytest.mark.kernels
 
 #: Few enough free nodes to try every active set.
 SMALL = {"bilinear": (6, 3), "serendipity": (11, 1), "lagrange": (6, 1)}
+
+
+def linear_system(film, gap):
+    """``A`` (free nodes) and ``b`` of (11), dimensionless, of a constant oil."""
+    problem = film.equation.problem(gap)
+    zero = np.zeros(len(film.free))
+    return film.equation.pattern.matrix(problem.entries(zero)), -problem.residual(zero)
 
 
 def mass_matrix(film):
@@ -104,14 +109,9 @@ def test_snes_vi_agrees_with_relaxation_and_block_pivots(family, cells, figure):
     gap = rough_gap(film, seed=3)
     state = film.solve(gap)
     matrix, rhs = linear_system(film, gap)
-    relaxed = projected_sor(
-        matrix, rhs, None, 1e-12, factor=relaxation_factor(matrix), max_sweeps=50_000
-    )
-    pivoted = block_pivot(matrix, rhs, None, 1e-13, lambda a, b: spsolve(a.tocsc(), b))
     scale = state.cavitation.pressure.max()
-    for result in (relaxed, pivoted):
-        assert result.converged
-        error = np.abs(state.cavitation.pressure - result.pressure).max() / scale
+    for expected in (projected_sor(matrix, rhs, 1e-12), block_pivot(matrix, rhs)):
+        error = np.abs(state.cavitation.pressure - expected).max() / scale
         figure("film", "pressure, projected relaxation and block pivots", error, most=1e-8)
     assert 0 < len(state.cavitation.full_film) < len(rhs)
 
@@ -147,7 +147,7 @@ def test_matrix_is_symmetric_positive_definite(family):
 def test_minpack_journal_bearing_has_its_minimum(family, cells, figure):
     # Given to five digits by Averick et al. (1992) for b = 10, eccentricity 0.1.
     grid = uniform_grid(1.0, 20.0, cells, family)
-    film = make_film(grid=grid, clearance=1e-3, regions=(AxialGroove(0.0, 0.0),))
+    film = make_film(grid=grid, clearance=1e-3, regions=(ehd.AxialGroove(0.0, 0.0),))
     gap = given_gap(film, lambda phi, z: 1 + 0.1 * np.cos(phi), 0.0, 1.0)
     pressure = film.solve(gap).cavitation.pressure
     matrix, rhs = linear_system(film, gap)
@@ -237,21 +237,6 @@ def test_film_too_thin_for_arithmetic_is_a_named_error_and_not_the_end():
     np.testing.assert_allclose(solve(film, 0.5).pressure, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("pressure", "flux", "named"),
-    [
-        ([-1e-3, 1.0], [0.0, 0.0], "negative pressure"),
-        ([0.0, 1.0], [-1e-3, 0.0], "negative flux"),
-        ([1.0, 0.5], [0.0, 1e-3], "pressure times flux"),
-    ],
-)
-def test_verification_catches_each_violation(pressure, flux, named):
-    with pytest.raises(CavitationError, match=named) as caught:
-        verify_complementarity(np.array(pressure), np.array(flux), 1.0)
-    np.testing.assert_array_equal(caught.value.state["pressure"], pressure)
-    verify_complementarity(np.array([0.0, 1.0]), np.array([1.0, 0.0]), 1.0)
-
-
 @pytest.mark.parametrize("share", [0.5, 2.0])
 @pytest.mark.parametrize(
     ("pressure", "flux", "named"),
@@ -268,8 +253,9 @@ def test_complementarity_is_verified_to_a_hundred_millionth(pressure, flux, name
     if share < 1:
         verify_complementarity(pressure, flux, 3.0)
     else:
-        with pytest.raises(CavitationError, match=named):
+        with pytest.raises(CavitationError, match=named) as caught:
             verify_complementarity(pressure, flux, 3.0)
+        np.testing.assert_array_equal(caught.value.state["pressure"], pressure)
 
 
 @pytest.mark.parametrize(

@@ -7,57 +7,40 @@ import pytest
 from hand_made_rod import CLEARANCE
 from mechanism_cases import REVOLUTION, film, flexible_slider_crank, rigid_rod, slider_crank
 from rough_cases import surfaces
-from test_coupled_steps import LIMITS, changed, mechanism_with, some_step, split, whole_matrix
+from test_coupled_steps import assert_derivatives, mechanism_with
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
-from fenics_ehd.film import Film, Lubricant
-from fenics_ehd.film.shape import Lobes
 from fenics_ehd.multibody import step_equations
-from fenics_ehd.multibody.friction import FilmFriction
+from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.system import System
+from fenics_ehd.multibody.step_equations import FilmFriction
 from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import full_interface, residual_flexibility
-from fenics_ehd.scenes.contact import rough_surfaces
-from fenics_ehd.scenes.scene_file import read_scene
-from fenics_ehd.scenes.scene_text import scene_text
+from fenics_ehd.scenes.films import rough_surfaces
+from fenics_ehd.scenes.scene import scene_text
 
 
 def with_surfaces(mechanism, rough, **changes):
     """The same with rough surfaces in its lubricated joint, and other changes of that."""
     ((name, joint),) = ((n, j) for n, j in mechanism.joints.items() if hasattr(j, "film"))
-    film = Film(replace(joint.film.parameters, surfaces=rough))
+    film = ehd.Film(replace(joint.film.parameters, surfaces=rough))
     joint = replace(joint, film=film, **changes)
     return replace(mechanism, joints={**mechanism.joints, name: joint})
 
 
 @pytest.mark.kernels
-@pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("residual", [False, True])
-@pytest.mark.parametrize(("share", "shape"), [(0.5, None), (0.9, None), (0.5, Lobes(3e-6, 0.3))])
-def test_derivatives_equal_central_differences(residual, limit, share, shape):
+@pytest.mark.parametrize(
+    ("share", "shape"), [(0.5, None), (0.9, None), (0.5, ehd.Lobes(3e-6, 0.3))]
+)
+def test_derivatives_equal_central_differences(residual, share, shape):
     # So rough and stiff that contact is everywhere, and as strong as the film.
     # Tips that stand out reach further than they would.
     rough = surfaces(CLEARANCE / 2, share, modulus=1e13, offset=4 * share - 2)
     mechanism = with_surfaces(mechanism_with("lagrange", residual), rough, journal_shape=shape)
-    equations = StepEquations(System(mechanism), dense_limit=limit)
-    equations.lead(100)
-    start, sizes, rng = some_step(equations)
-    point = equations.evaluate(*split(equations, start))
+    point = assert_derivatives(mechanism, 1e-6)
     assert point.films[0].touch.pressure.max() > 1e6
-    matrix = whole_matrix(equations, equations.linearise(point))
-
-    m, n = equations.sizes[0], equations.system.n
-    for part in (slice(0, m), slice(m, m + n), slice(m + n, None)):
-        direction = np.zeros(len(start))
-        direction[part] = (sizes * rng.uniform(-1, 1, len(start)))[part]
-        found, expected = matrix @ direction, changed(equations, start, direction)
-        size = np.abs(matrix) @ sizes
-        size[:m] = size[:m].max()
-        assert np.abs(found - expected).max() > 0
-        assert np.all(np.abs(found - expected) <= 1e-6 * size)
 
 
 @pytest.mark.kernels
@@ -66,22 +49,10 @@ def test_derivatives_of_boundary_friction_are_exact(residual, monkeypatch):
     # The oil's own shear, whose derivative is left out, must not act.
     rough = surfaces(CLEARANCE / 3, modulus=1e13, friction=0.3)
     mechanism = with_surfaces(mechanism_with("lagrange", residual), rough, friction=True)
-    equations = StepEquations(System(mechanism), dense_limit=10_000)
-    start, sizes, rng = some_step(equations)
-    place = equations.system.films[0]
+    (place,) = System(mechanism).films
     none = FilmFriction(np.zeros(place.film.size), 0.0, 0.0, np.zeros(1))
     monkeypatch.setattr(step_equations, "film_friction", lambda *_: none)
-    matrix = whole_matrix(
-        equations, equations.linearise(equations.evaluate(*split(equations, start)))
-    )
-
-    m, n = equations.sizes[0], equations.system.n
-    direction = np.zeros(len(start))
-    direction[m : m + n] = (sizes * rng.uniform(-1, 1, len(start)))[m : m + n]
-    found, expected = matrix @ direction, changed(equations, start, direction)
-    size = np.abs(matrix) @ sizes
-    size[:m] = size[:m].max()
-    assert np.all(np.abs(found - expected) <= 1e-6 * size)
+    assert_derivatives(mechanism, 1e-6)
 
 
 def machine(rough, cells=(16, 3), viscosity=2e-4, **changes):
@@ -96,12 +67,12 @@ END = 1.7e-3
 
 @pytest.fixture(scope="module")
 def run():
-    return simulate(machine(surfaces(), friction=True), END, tolerance=2e-5)
+    return ehd.simulate(machine(surfaces(), friction=True), END, tolerance=2e-5)
 
 
 def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones(run):
     with pytest.raises(FilmTooThinError):
-        simulate(machine(None), END, tolerance=1e-4)
+        ehd.simulate(machine(None), END, tolerance=1e-4)
     columns = run.columns
     assert run.time[-1] == pytest.approx(END)
     assert columns["contact_share"].max() > 0.3
@@ -111,7 +82,7 @@ def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones(run):
 
 
 def test_newtons_method_converges_fast(run):
-    assert run.newton_iterations < 3.0 * len(run.time)
+    assert run.summary()["newton_iterations"] < 3.0 * len(run.time)
 
 
 def test_energy_of_contact_is_balanced(run, figure):
@@ -123,7 +94,7 @@ def test_energy_of_contact_is_balanced(run, figure):
 def test_wear_is_where_the_surfaces_rub():
     equations = Run(machine(surfaces()), Steps(tolerance=1e-4), END)
     tracker = Tracker(equations.equations, equations.norm)
-    rows = [tracker.add(step)[0] for step in equations.until(END)]
+    rows = [tracker.add(step) for step in equations.until(END)]
     figures = tracker.figures()
     largest = max(row["max_contact_pressure_Pa"] for row in rows)
     assert figures["max_contact_pressure_Pa"] == largest
@@ -131,8 +102,8 @@ def test_wear_is_where_the_surfaces_rub():
     assert 0 < figures["contact_sliding_Pa_m"] < largest * distance
     # What a tracker knows goes on where it was.
     other = Tracker(equations.equations, equations.norm)
-    record, stored = other.contacts["big_end"], tracker.contacts["big_end"].stored_state()
-    record.load_state(stored)
+    record, stored = other.contacts["big_end"], tracker.contacts["big_end"].state
+    record.state = stored
     assert record.figures() == tracker.contacts["big_end"].figures()
 
 
@@ -140,15 +111,15 @@ def test_surfaces_that_overlap_too_far_end_a_run_with_a_named_error():
     # Asperities a thousand times softer than steel's bear nothing.
     rough = surfaces(modulus=1e7, flow_factors=False)
     with pytest.raises(ContactError, match=r"big_end overlap .*contact describes"):
-        simulate(machine(rough, (12, 2), viscosity=2e-5), END, tolerance=1e-3)
+        ehd.simulate(machine(rough, (12, 2), viscosity=2e-5), END, tolerance=1e-3)
 
 
 def test_smooth_surfaces_know_nothing_of_contact():
     mechanism = machine(None)
     found = Run(mechanism, Steps(), 1e-4)
-    assert found.equations.contacts is None
+    assert not any(found.equations.contacts.joints)
     tracker = Tracker(found.equations, found.norm)
-    row, _ = tracker.add(next(found.until(1e-4)))
+    row = tracker.add(next(found.until(1e-4)))
     assert not [name for name in (*row, *tracker.figures()) if "contact" in name]
 
 
@@ -157,7 +128,7 @@ def test_smooth_surfaces_know_nothing_of_contact():
 def test_contact_converges_with_the_mesh(flow_factors, figure):
     rough, peaks = surfaces(1e-6, flow_factors=flow_factors), []
     for cells in ((24, 4), (48, 8), (96, 16)):
-        result = simulate(machine(rough, cells), 1.5e-3, tolerance=1e-5)
+        result = ehd.simulate(machine(rough, cells), 1.5e-3, tolerance=1e-5)
         peaks.append(result.columns["contact_force_N"][-1])
     coarse, fine = abs(peaks[0] - peaks[1]), abs(peaks[1] - peaks[2])
     figure("contact", "observed order of the contact force in the mesh",
@@ -168,7 +139,7 @@ def test_contact_converges_with_the_mesh(flow_factors, figure):
 def test_energy_of_contact_converges_with_the_tolerance(figure):
     defects = []
     for tolerance in (1e-4, 1e-6):
-        columns = simulate(machine(surfaces()), END, tolerance=tolerance).columns
+        columns = ehd.simulate(machine(surfaces()), END, tolerance=tolerance).columns
         defects.append(np.abs(columns["energy_defect_J"]).max())
     # A formula of order 3: steps shrink with the fourth root of the tolerance, 0.03 in all at best.
     figure("contact", "energy defect at tolerance 1e-6 over that at 1e-4",
@@ -184,9 +155,9 @@ def test_methods_agree_in_contact(rod_structure, figure):
     }.items():
         mechanism = with_surfaces(flexible_slider_crank(body), surfaces())
         joint = mechanism.joints["big_end"]
-        thin = Film(replace(joint.film.parameters, lubricant=Lubricant(1e-3)))
+        thin = ehd.Film(replace(joint.film.parameters, lubricant=ehd.Lubricant(1e-3)))
         joints = {**mechanism.joints, "big_end": replace(joint, film=thin)}
-        found[name] = simulate(replace(mechanism, joints=joints), REVOLUTION, tolerance=1e-4)
+        found[name] = ehd.simulate(replace(mechanism, joints=joints), REVOLUTION, tolerance=1e-4)
     clock = np.linspace(3e-4, REVOLUTION, 400)
     for column, most in (("min_film_thickness_m", 0.02), ("max_contact_pressure_Pa", 0.02)):
         one, other = (np.interp(clock, r.time, r.columns[column]) for r in found.values())
@@ -195,7 +166,7 @@ def test_methods_agree_in_contact(rod_structure, figure):
 
 
 def test_scene_settings_of_contact_reach_the_film(tmp_path):
-    text = scene_text(read_scene("slider-crank"))
+    text = scene_text(ehd.read_scene("slider-crank"))
     scene = tmp_path / "scene.toml"
     for change, message in (
         ("boundary_friction = 0.2", "journal_roughness and bore_roughness are 0"),
@@ -205,16 +176,16 @@ def test_scene_settings_of_contact_reach_the_film(tmp_path):
     ):
         scene.write_text(with_keys(text, change))
         with pytest.raises(SettingsError, match=rf"joints\.big_end\.contact.*{message}"):
-            read_scene(scene)
+            ehd.read_scene(scene)
     given = "journal_roughness = 0.3e-6\nbore_roughness = 0.4e-6\njournal_modulus = 100e9"
     given += "\nsummit_offset = 1.2"
     scene.write_text(with_keys(text, given))
-    found = read_scene(scene)
+    found = ehd.read_scene(scene)
     rough = rough_surfaces(found, found.joints["big_end"])
     assert rough.roughness == pytest.approx(0.5e-6)
-    assert rough.asperities.offset == 1.2
+    assert rough.summit_offset == 1.2
     # The bore is of the rod's own material.
-    assert rough.asperities.modulus == pytest.approx(1 / (0.91 / 100e9 + 0.91 / 210e9))
+    assert rough.modulus == pytest.approx(1 / (0.91 / 100e9 + 0.91 / 210e9))
 
 
 def with_keys(text, keys):

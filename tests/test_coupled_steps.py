@@ -1,6 +1,6 @@
 """Steps of films and motion together: derivatives, linear algebra, residual patterns."""
 
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,45 +18,37 @@ from hand_made_rod import (
 )
 from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
-from scipy.interpolate import CubicSpline
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.feed import Feed
-from fenics_ehd.film.feed_region import FeedGroove, FeedHole
-from fenics_ehd.film.lubricant import Barus, Roelands
-from fenics_ehd.film.thinning import Cross
-from fenics_ehd.multibody import step_solver
-from fenics_ehd.multibody.assembly import assemble
+import fenics_ehd as ehd
+from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.supply import Feed
+from fenics_ehd.multibody import newton as step_solver
+from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
-from fenics_ehd.multibody.film_block import film_block
-from fenics_ehd.multibody.forces import PointForce, Torque
-from fenics_ehd.multibody.implicit_step import ImplicitStep
+from fenics_ehd.multibody.mechanism import System, assemble
+from fenics_ehd.multibody.newton import CoupledSteps
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.step_solver import CoupledSteps
-from fenics_ehd.multibody.system import System
 
 pytestmark = pytest.mark.kernels
 
 FAMILIES = ["lagrange", "serendipity", "bilinear"]
 
-#: Free nodes up to which a film's matrix is dense: none, or all.
-LIMITS = [0, 10_000]
-
-
 #: Oils whose viscosity changes with pressure, with the shear rate, with both.
 OILS = {
-    "Roelands": Lubricant(0.01, Roelands(0.01)),
-    "Cross": Lubricant(0.01, shear_law=Cross(3e5, 0.8, 0.4)),
-    "Barus and Cross": Lubricant(0.01, Barus(2e-8), shear_law=Cross(3e5, 0.8, 0.4)),
+    "Roelands": ehd.Lubricant(0.01, ehd.Roelands(0.01)),
+    "Cross": ehd.Lubricant(0.01, shear_law=ehd.Cross(3e5, 0.8, 0.4)),
+    "Barus and Cross": ehd.Lubricant(0.01, ehd.Barus(2e-8), shear_law=ehd.Cross(3e5, 0.8, 0.4)),
 }
 
 
 def film_of(joint, family, cells=(12, 3), oil=None, feeds=()):
     parameters = joint.film.parameters.grid
     grid = uniform_grid(parameters.radius, parameters.width, cells, family)
-    return Film(FilmParameters(grid, CLEARANCE, oil or Lubricant(0.01), SPEED, feeds=feeds))
+    return ehd.Film(
+        ehd.FilmParameters(grid, CLEARANCE, oil or ehd.Lubricant(0.01), SPEED, feeds=feeds)
+    )
 
 
 def mechanism_with(family, residual, damping_time=1e-3, oil=None, feeds=()):
@@ -69,8 +61,8 @@ def mechanism_with(family, residual, damping_time=1e-3, oil=None, feeds=()):
     return driven(
         make_mechanism(body, joint, damping_time),
         2e-3,
-        torque=Torque("crank", lambda a: (3 * np.cos(2 * a), -6 * np.sin(2 * a)), True, 0.01),
-        gas=PointForce(
+        torque=ehd.Torque("crank", lambda a: (3 * np.cos(2 * a), -6 * np.sin(2 * a)), True, 0.01),
+        gas=ehd.PointForce(
             "piston", (-1.0, 0.0), lambda a: (4e3 * np.sin(a), 4e3 * np.cos(a)), "crank"
         ),
     )
@@ -94,7 +86,7 @@ def some_step(equations, shift=2e3, seed=0):
     equations.begin(ImplicitStep(1.3e-3, shift, *past, start, start, nothing, 1e-7))
     film = system.films[0].film.film
     most = 3e7 / film.parameters.pressure_scale
-    (nodes,) = equations.sizes
+    nodes = len(equations.films[0].nodes)
     sizes = [np.full(nodes, most), size, np.full(m, 1e3), np.full(m, 1e-3)]
     values = [
         most * rng.uniform(0, 1, nodes), z, 1e3 * rng.uniform(-1, 1, m),
@@ -103,82 +95,73 @@ def some_step(equations, shift=2e3, seed=0):
     return np.concatenate(values), np.concatenate(sizes), rng
 
 
-def split(equations, values):
-    """Pressures of the one film and the other unknowns."""
-    (m,) = equations.sizes
-    return [values[:m]], values[m:]
-
-
 def whole_matrix(equations, derivative):
     """As `joined_matrix`, W^-1 before the film's rows."""
-    (m,), (matrix,) = equations.sizes, derivative.matrices
-    found = joined_matrix(equations, derivative)
-    if matrix.weights is not None:
-        weights = matrix.pattern.matrix(matrix.weights).toarray()
+    (film,), found = derivative.films, joined_matrix(equations, derivative)
+    m = len(film.inputs)
+    if film.weights is not None:
+        weights = film.pattern.matrix(film.weights).toarray()
         found[:m] = np.linalg.solve(weights, found[:m])
     return found
 
 
 def joined_matrix(equations, derivative):
     """Of all unknowns from its parts, leading patterns and contact pressures eliminated."""
-    (m,), (matrix,), (border,) = equations.sizes, derivative.matrices, derivative.borders
+    (film,) = derivative.films
+    m = len(film.inputs)
     found = np.zeros((m + len(derivative.core),) * 2)
-    found[:m, :m] = matrix.block(np.arange(m), np.arange(m))
-    found[:m, m:] = border.inputs @ border.spread
-    found[m + border.rows, :m] += border.outputs
+    found[:m, :m] = film.block(np.arange(m), np.arange(m))
+    found[:m, m:] = film.inputs @ film.spread
+    found[m + film.rows, :m] += film.outputs
     found[m:, m:] = derivative.core
     kept = m + equations.rest_size
     inner = np.linalg.solve(found[kept:, kept:], found[kept:, :kept])
     return found[:kept, :kept] - found[:kept, kept:] @ inner
 
 
-@pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("residual", [False, True])
 @pytest.mark.parametrize("family", FAMILIES)
-def test_derivatives_equal_central_differences(family, residual, limit):
-    assert_derivatives(mechanism_with(family, residual), limit)
+def test_derivatives_equal_central_differences(family, residual):
+    assert_derivatives(mechanism_with(family, residual))
 
 
 @pytest.mark.parametrize("residual", [False, True])
 @pytest.mark.parametrize("oil", OILS)
 def test_derivatives_of_oils_that_change_equal_central_differences(oil, residual):
-    for limit in LIMITS:
-        assert_derivatives(mechanism_with("lagrange", residual, oil=OILS[oil]), limit)
+    assert_derivatives(mechanism_with("lagrange", residual, oil=OILS[oil]))
 
 
 #: A hole that turns with the journal behind a passage, a groove that does, one at rest.
 FEEDS = (
-    Feed("hole", FeedHole(0.3, 1e-3, 9e-3), 4e6, 1e11, on_journal=True),
-    Feed("turning", FeedGroove(2.0, 0.0, 0.6, 11e-3), 1e6, on_journal=True),
-    Feed("resting", FeedGroove(4.0, -1e-3, 0.5, 9e-3), 2e6),
+    Feed("hole", ehd.FeedHole(0.3, 1e-3, 9e-3), 4e6, 1e11, on_journal=True),
+    Feed("turning", ehd.FeedGroove(2.0, 0.0, 0.6, 11e-3), 1e6, on_journal=True),
+    Feed("resting", ehd.FeedGroove(4.0, -1e-3, 0.5, 9e-3), 2e6),
 )
 
 
-@pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("family", FAMILIES)
-def test_derivatives_with_supplies_equal_central_differences(family, limit):
-    assert_derivatives(mechanism_with(family, False, feeds=FEEDS), limit)
+def test_derivatives_with_supplies_equal_central_differences(family):
+    assert_derivatives(mechanism_with(family, False, feeds=FEEDS))
 
 
 def changed(equations, start, direction):
     """Derivative of all equations along a direction, by differences."""
 
     def function(h):
-        point = equations.evaluate(*split(equations, start + h * direction))
-        return np.concatenate([point.films[0].defect, point.rest])
+        return equations.evaluate(start + h * direction).residual
 
     return slope(function, step=1e-3)
 
 
-def assert_derivatives(mechanism, limit):
-    equations = StepEquations(System(mechanism), dense_limit=limit)
+def assert_derivatives(mechanism, most=1e-7):
+    """Of all equations along all unknowns and along their kinds; returns where."""
+    equations = StepEquations(System(mechanism))
     equations.lead(100)
     start, sizes, rng = some_step(equations)
-    matrix = whole_matrix(
-        equations, equations.linearise(equations.evaluate(*split(equations, start)))
-    )
+    point = equations.evaluate(start)
+    matrix = whole_matrix(equations, equations.linearise(point))
 
-    m, n = equations.sizes[0], equations.system.n
+    m, n = len(equations.films[0].nodes), equations.system.n
     parts = (slice(0, m), slice(m, m + n), slice(m + n, None))
     for part in (None, *parts):
         direction = sizes * rng.uniform(-1, 1, len(start))
@@ -188,30 +171,31 @@ def assert_derivatives(mechanism, limit):
         # Row by row: forces on frames stand beside elastic ones that are 1e9 times as large.
         size = np.abs(matrix) @ sizes
         size[:m] = size[:m].max()
-        assert np.all(np.abs(found - expected) <= 1e-7 * size)
+        assert np.all(np.abs(found - expected) <= most * size)
+    return point
 
 
-def linearised(family, residual, limit, seed=0):
+def linearised(family, residual, seed=0):
     """Equations with their derivatives somewhere, and blocks to factorise."""
     system = System(mechanism_with(family, residual))
-    equations = StepEquations(system, dense_limit=limit)
+    equations = StepEquations(system)
     equations.lead(100)
     start, _, rng = some_step(equations, seed=seed)
-    derivative = equations.linearise(equations.evaluate(*split(equations, start)))
-    block = film_block(system.films[0], limit, f"test_{family}_")
+    derivative = equations.linearise(equations.evaluate(start))
+    block = equations.films[0].system(f"test_{family}_")
     return equations, derivative, block, rng
 
 
-@pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("residual", [False, True])
 @pytest.mark.parametrize("family", FAMILIES)
-def test_both_linear_solvers_solve_the_system_on_an_active_set(family, residual, limit):
-    equations, derivative, block, rng = linearised(family, residual, limit)
-    (m,), (matrix,) = equations.sizes, derivative.matrices
+def test_the_system_is_solved_on_an_active_set(family, residual):
+    equations, derivative, block, rng = linearised(family, residual)
+    (matrix,) = derivative.films
+    m = len(matrix.inputs)
     whole = whole_matrix(equations, derivative)
-    full = np.flatnonzero(rng.uniform(0, 1, m) > 0.4).astype(np.int32)
-    block.prepare(matrix, full)
-    system = BorderedSystem([block], derivative.borders, derivative.core)
+    full = np.flatnonzero(rng.uniform(0, 1, m) > 0.4)
+    block.prepare(matrix.entries, matrix.weights, full)
+    system = BorderedSystem([block], [matrix.on(full)], derivative.core)
     film, rest = np.zeros(m), np.zeros(len(derivative.core))
     film[full] = rng.uniform(-1, 1, len(full))
     rest[: equations.rest_size] = rng.uniform(-1, 1, equations.rest_size)
@@ -219,7 +203,7 @@ def test_both_linear_solvers_solve_the_system_on_an_active_set(family, residual,
     if matrix.weights is not None:
         weighted = matrix.pattern.multiply(matrix.weights, film)
     (pressures,), x = system.solve([weighted], rest)
-    assert not np.delete(pressures, full).any()
+    assert matrix.weights is not None or not np.delete(pressures, full).any()
     rows = np.append(full, np.arange(m, len(whole)))
     solution = np.append(pressures[full], x[: equations.rest_size])
     expected = np.append(film[full], rest[: equations.rest_size])
@@ -231,17 +215,18 @@ def test_both_linear_solvers_solve_the_system_on_an_active_set(family, residual,
 @pytest.mark.parametrize("changes", [(0, 0), (6, 0), (0, 6), (7, 5)])
 @pytest.mark.parametrize("residual", [False, True])
 def test_factors_serve_an_active_set_that_changed_a_little(residual, changes):
-    equations, derivative, block, rng = linearised("lagrange", residual, 10_000)
-    (m,), (matrix,) = equations.sizes, derivative.matrices
+    equations, derivative, block, rng = linearised("lagrange", residual)
+    (matrix,) = derivative.films
+    m = len(matrix.inputs)
     order = rng.permutation(m)
     half, (filled, emptied) = m // 2, changes
     then, now = np.sort(order[:half]), np.sort(order[emptied : half + filled])
-    block.prepare(matrix, then)
-    former = BorderedSystem([block], derivative.borders, derivative.core)
-    kept = ChangedSystem(former, [(matrix, np.setdiff1d(now, then), np.setdiff1d(then, now))])
-    other = film_block(equations.system.films[0], 10_000, "test_other_")
-    other.prepare(matrix, now)
-    fresh = BorderedSystem([other], derivative.borders, derivative.core)
+    block.prepare(matrix.entries, None, then)
+    former = BorderedSystem([block], derivative.films, derivative.core)
+    kept = ChangedSystem(former, [(np.setdiff1d(now, then), np.setdiff1d(then, now))])
+    other = equations.films[0].system("test_other_")
+    other.prepare(matrix.entries, None, now)
+    fresh = BorderedSystem([other], derivative.films, derivative.core)
     film, rest = np.zeros(m), rng.uniform(-1, 1, len(derivative.core))
     film[now] = rng.uniform(-1, 1, len(now))
     for found, expected in zip(
@@ -270,13 +255,6 @@ def test_steps_are_those_of_a_film_solved_within(family):
     np.testing.assert_allclose(pressure, expected, atol=1e-5 * expected.max())
 
 
-@pytest.fixture(params=LIMITS)
-def each_algebra(request, monkeypatch):
-    """Runs whose films are sparse, or dense."""
-    solver = partial(CoupledSteps, dense_limit=request.param)
-    monkeypatch.setattr("fenics_ehd.multibody.run.CoupledSteps", solver)
-
-
 @cache
 def run_without_patterns(damping_time):
     """Of rods whose patterns are coordinates, and are left out."""
@@ -288,7 +266,6 @@ def run_without_patterns(damping_time):
     ]
 
 
-@pytest.mark.usefixtures("each_algebra")
 @pytest.mark.parametrize("damping_time", [1e-6, 1e-3])
 def test_residual_patterns_are_coordinates_without_mass(damping_time):
     joint = Joint()
@@ -302,25 +279,6 @@ def test_residual_patterns_are_coordinates_without_mass(damping_time):
         last = [result.columns[name][-1] for result in (found, expected, without)]
         assert last[0] == pytest.approx(last[1], rel=1e-4)
         assert abs(last[2] / last[1] - 1) > 5e-4, "the patterns must matter"
-
-
-def test_a_sparse_film_gives_the_run_of_a_dense_one(monkeypatch):
-    mechanism, runs = mechanism_with("lagrange", residual=True), []
-    for dense_limit in LIMITS:
-        solver = partial(CoupledSteps, dense_limit=dense_limit)
-        monkeypatch.setattr("fenics_ehd.multibody.run.CoupledSteps", solver)
-        runs.append(run(mechanism, 0.02, 1e-6).columns)
-    # Newton's updates end below 1e-8 of the gap, a hundredth of the error that the length of the
-    # next step follows: steps differ by more than what is found at the same time.
-    times = [columns["time_s"] for columns in runs]
-    np.testing.assert_allclose(*times, rtol=1e-3)
-    for name in ("max_pressure_Pa", "min_film_thickness_m", "crank.angle_rad"):
-        found, expected = (
-            CubicSpline(own, columns[name])(times[0])
-            for own, columns in zip(times, runs, strict=True)
-        )
-        # Just after the start pressures are small differences of large forces.
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-7 * np.abs(found).max())
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -374,9 +332,7 @@ def test_iterations_without_the_derivative_of_friction_shrink_the_error(length):
     equations.begin(ImplicitStep(last.time, shift, *past, last.x, last.x, nothing, 1e-7))
     pressure = last.solution.films[0].pressure[film.free] / film.parameters.pressure_scale
     start = np.concatenate([pressure, last.x, motion.multipliers, np.zeros(system.m)])
-    matrix = whole_matrix(
-        equations, equations.linearise(equations.evaluate(*split(equations, start)))
-    )
+    matrix = whole_matrix(equations, equations.linearise(equations.evaluate(start)))
     free = np.append(pressure > 1e-12, np.full(equations.rest_size, True))
     steps = np.concatenate(
         [
@@ -387,8 +343,7 @@ def test_iterations_without_the_derivative_of_friction_shrink_the_error(length):
     )
 
     def function(change):
-        point = equations.evaluate(*split(equations, start + change))
-        return np.concatenate([point.films[0].defect, point.rest])[free]
+        return equations.evaluate(start + change).residual[free]
 
     # Differences of rows and columns of one size.
     exact = np.column_stack([

@@ -4,20 +4,13 @@ import numpy as np
 import pytest
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
 
-from fenics_ehd.bearing.operating_point import solve_bearing
-from fenics_ehd.bearing.settings import BearingSettings
+import fenics_ehd as ehd
 from fenics_ehd.cli.run import real_film
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+from fenics_ehd.film import uniform_grid
 from fenics_ehd.film.grid import aligned_grid
-from fenics_ehd.multibody.cycle_answer import EXTREMES, CycleAnswer
-from fenics_ehd.multibody.deformed_bore import nearest_circle
-from fenics_ehd.multibody.forces import PointForce, Torque
-from fenics_ehd.multibody.joint_places import upper_most
-from fenics_ehd.multibody.joints import Revolute, Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rigid_body import RigidBody, ground
-from fenics_ehd.multibody.simulation import simulate, simulate_periodic
+from fenics_ehd.multibody.lubricated_joint import nearest_circle
+from fenics_ehd.multibody.quantities import upper_most
+from fenics_ehd.multibody.tracking import EXTREMES, UsedCycle
 
 TURN = 2 * np.pi / OMEGA
 
@@ -28,7 +21,7 @@ def test_journal_is_told_from_the_least_squares_circle_of_its_bore(family):
     grid = uniform_grid(R, 2 * R, (20, 4), "lagrange" if family == "uneven" else family)
     if family == "uneven":
         grid = aligned_grid(grid, np.array([0.3, 0.7]))
-    film = Film(FilmParameters(grid, C, Lubricant(ETA), OMEGA))
+    film = ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA))
     angle, height = grid.node_positions.T
     journal_at, centre, wider, oval = np.array([7e-6, -3e-6]), np.array([-2e-6, 5e-6]), 1e-6, 2e-6
     normal = np.stack([np.cos(angle), np.sin(angle)])
@@ -49,21 +42,21 @@ def test_of_equal_places_the_upper_one_is_told():
 def at_rest(load, *, turned=0.0):
     """A journal under a constant load along x in a bore whose frame is turned."""
     film = make_film((64, 8))
-    joint = LubricatedJoint("journal", "block", film, eccentricity=(0.1 * C, 0.0))
-    weight = PointForce("journal", (1.0, 0.0), lambda _: (load, 0.0))
-    bodies = {"journal": RigidBody(0.0), "block": RigidBody(1e9, 1e9, orientation=turned)}
-    drives = {"journal": Speed(OMEGA), "block": Speed(0.0, turned)}
-    machine = Mechanism(bodies, {"film": joint}, drives, {"load": weight})
-    return simulate(machine, 6 * TURN, tolerance=1e-3)
+    joint = ehd.LubricatedJoint("journal", "block", film, eccentricity=(0.1 * C, 0.0))
+    weight = ehd.PointForce("journal", (1.0, 0.0), lambda _: (load, 0.0))
+    bodies = {"journal": ehd.RigidBody(0.0), "block": ehd.RigidBody(1e9, 1e9, orientation=turned)}
+    drives = {"journal": ehd.Speed(OMEGA), "block": ehd.Speed(0.0, turned)}
+    machine = ehd.Mechanism(bodies, {"film": joint}, drives, {"load": weight})
+    return ehd.simulate(machine, 6 * TURN, tolerance=1e-3)
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.8])
 def test_journal_at_rest_lies_where_its_bearing_says(turned, figure):
-    settings = BearingSettings(
+    settings = ehd.BearingSettings(
         radius=R, width=2 * R, clearance=C, viscosity=ETA, speed=OMEGA, cells_along=8
     )
     load = 0.2 * UNIT_LOAD
-    expected = solve_bearing(settings, load=load)
+    expected = ehd.solve_bearing(settings, load=load)
     columns = at_rest(load, turned=turned).columns
     end = {name: values[-1] for name, values in columns.items()}
     attitude = abs(end["attitude_angle_deg"] - np.degrees(expected.attitude))
@@ -84,13 +77,13 @@ def test_journal_at_rest_lies_where_its_bearing_says(turned, figure):
 
 def loaded(turns):
     mechanism, period = journal(make_film((16, 3)), ellipse(0.2, 0.5, 1), 2 * TURN)
-    return simulate(mechanism, turns * TURN, tolerance=1e-3), mechanism, period
+    return ehd.simulate(mechanism, turns * TURN, tolerance=1e-3), mechanism, period
 
 
 def test_last_cycle_of_a_run_is_that_of_its_loads():
     """Of 5 turns under a load over two: turns 3 to 5, and the start is left out."""
     result, _, period = loaded(5.0)
-    assert result.cycle_used == "last of 2"
+    assert result.summary()["cycle_used"] == "last of 2"
     found, columns = result.figures["bearing"], result.columns
     angle = columns["crank_angle_deg"]
     assert np.all(np.diff(angle) > 0.0)
@@ -117,15 +110,15 @@ def test_last_cycle_of_a_run_is_that_of_its_loads():
 
 def test_run_without_a_full_cycle_is_told_whole():
     result, *_ = loaded(1.5)
-    assert result.cycle_used == "whole run: no full cycle"
+    assert result.summary()["cycle_used"] == "whole run: no full cycle"
     found = result.figures["bearing"]
     assert found["cycle_max_pressure_Pa"] == found["max_pressure_Pa"]
 
 
 def test_search_tells_its_last_cycle_from_its_own_zero():
     mechanism, period = journal(make_film((16, 3)), ellipse(0.2, 0.5, 2), 2 * TURN)
-    result = simulate_periodic(mechanism, period, tolerance=1e-2, periodicity=1e-2)
-    assert result.cycle_used == f"last of {result.cycles}"
+    result = ehd.simulate(mechanism, period=period, tolerance=1e-2, periodicity=1e-2)
+    assert result.summary()["cycle_used"] == f"last of {result.cycles}"
     angle = result.columns["crank_angle_deg"]
     assert angle[0] == pytest.approx(0.0, abs=1e-9)
     assert np.all(np.diff(angle) > 0.0)
@@ -146,19 +139,19 @@ def test_search_that_was_stopped_tells_its_last_whole_cycle():
 
     def answer(steps):
         part = {name: values[:steps] for name, values in columns.items()}
-        return CycleAnswer.of(None, part, ["flow_m3_per_s"])
+        return UsedCycle.of(None, part)
 
     stopped, whole, first = answer(11), answer(9), answer(3)
     assert stopped.figures() == whole.figures()
     assert stopped.figures()["cycle_used"] == "last of 2"
     assert stopped.figures()["cycle_start_s"] == pytest.approx(2.0)
     assert stopped.figures()["cycle_end_s"] == pytest.approx(4.0)
-    found = stopped.joint("")
+    found = stopped.joint("", ["flow_m3_per_s"])
     assert found["cycle_max_pressure_Pa"] == peak[4:9].max()
     assert found["cycle_min_film_thickness_m"] == peak[4:9].min()
     # Means of models are those of the cycle under way, unless that is not the one.
     assert found["cycle_mean_flow_m3_per_s"] == pytest.approx(1.2, abs=0.1)
-    assert "cycle_mean_flow_m3_per_s" not in whole.joint("")
+    assert "cycle_mean_flow_m3_per_s" not in whole.joint("", ["flow_m3_per_s"])
     assert first.figures()["cycle_used"] == "first cycle: films build up"
 
 
@@ -173,13 +166,16 @@ def test_crank_angle_is_that_of_what_is_driven():
     """By a speed, else by a torque, else the journal's; the column is there without any film."""
 
     def angles(drives, forces):
-        wheel, other = RigidBody(1.0, 1e-3, orientation=0.5), RigidBody(1.0, 1e-3, speed=20.0)
-        bodies = {"wheel": wheel, "axle": other, "ground": ground({})}
-        joints = {name: Revolute("ground", name) for name in ("wheel", "axle")}
-        machine = Mechanism(bodies, joints, drives, forces)
-        return simulate(machine, 0.1, tolerance=1e-6).columns["crank_angle_deg"]
+        wheel, other = (
+            ehd.RigidBody(1.0, 1e-3, orientation=0.5),
+            ehd.RigidBody(1.0, 1e-3, speed=20.0),
+        )
+        bodies = {"wheel": wheel, "axle": other, "ground": ehd.ground({})}
+        joints = {name: ehd.Revolute(("ground", name)) for name in ("wheel", "axle")}
+        machine = ehd.Mechanism(bodies, joints, drives, forces)
+        return ehd.simulate(machine, 0.1, tolerance=1e-6).columns["crank_angle_deg"]
 
-    assert angles({"wheel": Speed(10.0, 0.5)}, {})[-1] == pytest.approx(np.degrees(1.5))
-    torque = Torque("wheel", lambda _: (0.2, 0.0))
+    assert angles({"wheel": ehd.Speed(10.0, 0.5)}, {})[-1] == pytest.approx(np.degrees(1.5))
+    torque = ehd.Torque("wheel", lambda _: (0.2, 0.0))
     assert angles({}, {"motor": torque})[-1] == pytest.approx(np.degrees(1.5), rel=1e-4)
     assert angles({}, {})[-1] == pytest.approx(np.degrees(2.0), rel=1e-4)

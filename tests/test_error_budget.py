@@ -1,45 +1,51 @@
 """What a run says of its own errors, beside what they are."""
 
 import json
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from command_line import call
 from hand_made_rod import driven
+from journal_cases import in_bearing, steady
+from mechanism_cases import film as plain_film
 from mechanism_cases import rigid_rod, slider_crank
 from scene_cases import LOADED_JOURNAL, write_scene
 
-from fenics_ehd.cli.error_budget import beside, budget_table
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+import fenics_ehd as ehd
+from fenics_ehd.analysis.error_budget import (
+    SETTLED,
+    Change,
+    ErrorCurves,
+    Extreme,
+    summed,
+)
+from fenics_ehd.analysis.replay import (
+    LONGEST,
+    BetweenNodes,
+    Course,
+    CourseRecorder,
+    Replay,
+    course_of,
+    finer_grid,
+    taken_over,
+    with_finer_films,
+)
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.cli.run import beside, budget_table
+from fenics_ehd.film import uniform_grid
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.beside import LONGEST, Beside
-from fenics_ehd.multibody.between_nodes import BetweenNodes
-from fenics_ehd.multibody.course import Course, course_of
-from fenics_ehd.multibody.disturbance import Disturbance
-from fenics_ehd.multibody.error_budget import judged
-from fenics_ehd.multibody.error_curves import Change, ErrorCurves
 from fenics_ehd.multibody.error_shares import (
     COMPONENTS,
     NOT_APPLICABLE,
     NOT_ESTIMATED,
     QUANTITIES,
-    Extreme,
-    summed,
 )
-from fenics_ehd.multibody.forces import RotatingForce
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.other_films import finer_grid, on_finer_films, with_finer_films
-from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.recorder import gathered
-from fenics_ehd.multibody.rigid_body import RigidBody
+from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.step_solver import CoupledSteps
-from fenics_ehd.multibody.system import System
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.step_equations import Disturbance
 
 #: Largest true error over the estimate, and least.
 WITHIN = 2.0
@@ -50,7 +56,7 @@ END = 6e-3
 
 def film(cells, clearance=17e-6, family="lagrange"):
     grid = uniform_grid(0.0225, 0.022, cells, family)
-    return Film(FilmParameters(grid, clearance, Lubricant(0.01), 500.0))
+    return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(0.01), 500.0))
 
 
 def machine(cells, clearance=17e-6, family="lagrange", **joint):
@@ -60,13 +66,19 @@ def machine(cells, clearance=17e-6, family="lagrange", **joint):
 def followed(mechanism, tolerance, end=END):
     """A run, its beginning, its course, and what it has shown."""
     run = Run(mechanism, Steps(tolerance=tolerance), end)
-    tracker, began = Tracker(run.equations, run.norm), run.state
-    rows, fields = zip(*map(tracker.add, run.until(end)), strict=True)
-    return run, began, course_of(run.equations.system, gathered(rows), gathered(fields)), tracker
+    solved = Simulation(run, end)
+    deque(solved.steps(), maxlen=0)
+    return run, course_of(solved), solved.tracker
 
 
-def grids(run):
-    return [place.film.film.parameters.grid for place in run.equations.system.films]
+def replayed(run, course, **how):
+    """The course in the steps of the run or longer ones, as an error budget takes them."""
+    replay = Replay(run, course, SETTLED * run.control.tolerance, **how)
+    replay.state, given = course.start, how.get("disturbance")
+    recorder = CourseRecorder(replay)
+    for step in replay.until(course.times[-1]):
+        recorder.add(step, given and given.observed_at(replay.row))
+    return recorder.course()
 
 
 @pytest.fixture(scope="module")
@@ -75,17 +87,21 @@ def coarse_run():
 
 
 def test_along_its_own_steps_a_run_is_met_again(coarse_run):
-    run, began, course, _ = coarse_run
-    again = Beside(run.solve, run.control, grids(run)).follow(began, course, 1)
+    run, course, _ = coarse_run
+    again = replayed(run, course)
     np.testing.assert_array_equal(again.times, course.times)
     late = course.times > 1e-4
-    np.testing.assert_allclose(again.films[late], course.films[late], rtol=1e-3)
-    np.testing.assert_allclose(again.peaks[late], course.peaks[late], rtol=2e-3)
+    np.testing.assert_allclose(
+        again.between_nodes[1][late], course.between_nodes[1][late], rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        again.between_nodes[0][late], course.between_nodes[0][late], rtol=2e-3
+    )
 
 
 def test_longer_steps_end_where_the_run_ends_and_grow_no_faster(coarse_run):
-    run, began, course, _ = coarse_run
-    again = Beside(run.solve, run.control, grids(run)).follow(began, course, 3)
+    run, course, _ = coarse_run
+    again = replayed(run, course, stride=3)
     assert again.times[-1] == course.times[-1]
     assert np.isin(again.times, course.times).all()
     sizes = np.diff(again.times, prepend=0.0)
@@ -94,21 +110,26 @@ def test_longer_steps_end_where_the_run_ends_and_grow_no_faster(coarse_run):
 
 
 def test_a_given_gap_acts_as_a_clearance_does(coarse_run):
-    run, began, course, _ = coarse_run
-    wider, more = CoupledSteps(System(machine((12, 3), 17.1e-6))), 0.1e-6
-    other = Beside(wider, run.control, grids(run)).follow(began, course, 2)
+    run, course, _ = coarse_run
+    wider, more = run.with_mechanism(machine((12, 3), 17.1e-6)), 0.1e-6
+    other = replayed(wider, course, stride=2)
     observed = np.full((len(course.times), len(run.equations.system.films[0].film.observed)), more)
     points = [len(run.equations.system.films[0].film.thickness)]
     given = Disturbance(course.times, [observed], points)
-    beside = Beside(run.solve, run.control, grids(run))
-    found = beside.follow(began, course, 2, given)
-    plain = beside.follow(began, course, 2)
+    found = replayed(run, course, stride=2, disturbance=given)
+    plain = replayed(run, course, stride=2)
     late = found.times > 1e-4
-    effect = np.abs(plain.films[late] / other.films[late] - 1.0).max()
+    effect = np.abs(plain.between_nodes[1][late] / other.between_nodes[1][late] - 1.0).max()
     assert effect > 3e-3
     # The clearance is also in the shaft's radius.
-    assert np.abs(found.films[late] / other.films[late] - 1.0).max() < 0.02 * effect
-    assert np.abs(found.peaks[late] / other.peaks[late] - 1.0).max() < 0.02 * effect
+    assert (
+        np.abs(found.between_nodes[1][late] / other.between_nodes[1][late] - 1.0).max()
+        < 0.02 * effect
+    )
+    assert (
+        np.abs(found.between_nodes[0][late] / other.between_nodes[0][late] - 1.0).max()
+        < 0.02 * effect
+    )
 
 
 @pytest.mark.parametrize(
@@ -130,12 +151,12 @@ def test_a_finer_film_holds_the_same_share_of_oil():
     run = Run(mechanism, Steps(tolerance=1e-2), 2e-4)
     for _ in run.until(2e-4):
         pass
-    finer = CoupledSteps(System(with_finer_films(mechanism)))
-    state = on_finer_films(IntegratorState(**run.state.points()), run.solve, finer)
+    finer = run.with_mechanism(with_finer_films(mechanism))
+    state = taken_over(run.state, run, finer)
     contents = []
-    for solve, point in ((run.solve, run.state.x[0]), (finer, state.x[0])):
-        norm = StepNorm(solve.equations)
-        contents += solve.equations.contents(point, norm.film_gaps(norm.observe(point)))
+    for own, point in ((run, run.state.x[0]), (finer, state.x[0])):
+        gaps = own.norm.film_gaps(own.norm.observe(point))
+        contents += own.equations.contents(point, gaps)
     assert contents[1] == pytest.approx(contents[0], rel=0.02)
 
 
@@ -166,8 +187,10 @@ def test_a_peak_between_nodes_is_met_as_it_passes_them(family):
         angle, height = grid.node_positions.T
         values = np.exp(np.cos(angle - centres)) - ((height - 1e-3) / 0.01) ** 2
         nodes.append(np.abs(values.max(axis=1) - np.e).max())
-        between.append(np.abs(BetweenNodes(grid).largest(values) - np.e).max())
-        np.testing.assert_allclose(BetweenNodes(grid).least(-values), -np.e, rtol=2e-3)
+        between.append(np.abs(BetweenNodes(*grid.node_positions.T).largest(values) - np.e).max())
+        np.testing.assert_allclose(
+            BetweenNodes(*grid.node_positions.T).least(-values), -np.e, rtol=2e-3
+        )
     assert np.log2(nodes[0] / nodes[1]) < 2.6
     assert np.log2(between[0] / between[1]) > 3.0
     assert between[0] < 0.1 * nodes[0]
@@ -176,13 +199,30 @@ def test_a_peak_between_nodes_is_met_as_it_passes_them(family):
 def test_at_the_end_of_a_row_a_film_is_as_its_node_says():
     grid = uniform_grid(0.02, 0.01, (24, 4))
     angle, height = grid.node_positions.T
-    assert BetweenNodes(grid).largest((height + 0.0 * angle)[None])[0] == pytest.approx(0.005)
+    assert BetweenNodes(*grid.node_positions.T).largest((height + 0.0 * angle)[None])[
+        0
+    ] == pytest.approx(0.005)
 
 
-def curves(times, peaks, films, sampled=None):
-    none = np.zeros((0, 0))
-    columns = peaks[:, None], films[:, None]
-    return Course(times, none, [], {}, *columns, none, none, sampled or columns)
+def curves(times, peaks, films, sampled=None, began=0.0):
+    grid = uniform_grid(0.02, 0.01, (4, 1))
+    nodal = np.ones(len(grid.node_positions))
+    said = sampled or (peaks, films)
+    values = {
+        "time": times,
+        "state/coordinates": np.zeros((len(times), 0)),
+        "joints/pin/max_pressure": said[0].ravel(),
+        "joints/pin/min_film_thickness": said[1].ravel(),
+        "joints/pin/film/angle": grid.node_positions[:, 0],
+        "joints/pin/film/height": grid.node_positions[:, 1],
+        "joints/pin/film/cells": grid.cell_nodes,
+        "joints/pin/film/radius": 0.02,
+        "joints/pin/film/clearance": 1e-5,
+        "joints/pin/film/pressure": np.multiply.outer(peaks, nodal),
+        "joints/pin/film/gap": np.multiply.outer(films, nodal),
+    }
+    start = IntegratorState([began], *4 * [np.zeros((0, 0))])
+    return Course({path: Quantity(v, "1") for path, v in values.items()}, start=start)
 
 
 def test_extremes_move_by_what_lies_between_long_steps():
@@ -194,8 +234,9 @@ def test_extremes_move_by_what_lies_between_long_steps():
 
     short, long = np.linspace(0.0, 2.0, 41), np.linspace(0.0, 2.0, 11)
     run = at(short, 0.0, 0.0)
-    sampled = run.peaks - 0.05, run.films + 0.05
-    own = ErrorCurves(curves(short, run.peaks[:, 0], run.films[:, 0], sampled), -0.05)
+    peaks, films = run.between_nodes[..., 0]
+    sampled = peaks - 0.05, films + 0.05
+    own = ErrorCurves(curves(short, peaks, films, sampled, began=-0.05))
     change = own.change(run, at(long, -0.3, 0.1), -0.1)
     peak, film = Extreme("max_pressure", 0, 9.95), Extreme("min_film_thickness", 0, 10.05)
     # The step before the vertex and that behind it change it differently, the vertex by 0.03.
@@ -210,7 +251,7 @@ def test_what_cancels_is_not_relied_on():
     times = np.linspace(0.0, 1.0, 51)
     value = 10.0 - (times[:, None] - 0.5) ** 2
     more = np.where(np.abs(times[:, None] - 0.5) < 0.05, 0.0, -0.1)
-    change = Change(times, value, value, more, more)
+    change = Change(times, np.array([value, value]), np.array([more, more]))
     extreme = Extreme("max_pressure", 0, 10.0)
     assert extreme.bias([change]) == 0.0
     assert extreme.near(change) == pytest.approx(0.01, rel=0.1)
@@ -226,22 +267,22 @@ def test_a_cycle_is_judged_by_what_is_different_the_second_time(contraction):
     run, other = (curves(times, own, own) for own in (base, grown))
     first = times <= 1.0 + 1e-9
     course = curves(times[first], base[first], base[first])
-    found = ErrorCurves(course, 0.0, period).change(run, other, 1.0, contraction)
-    np.testing.assert_allclose(found.more_pressure[15:-5], 0.1, rtol=0.05)
+    found = ErrorCurves(course, period).change(run, other, 1.0, contraction)
+    np.testing.assert_allclose(found.more[0, 15:-5], 0.1, rtol=0.05)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["lagrange", "bilinear"])
 def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
     cells = {"lagrange": (16, 4), "bilinear": (32, 8)}[family]
-    run = Run(machine(cells, family=family), Steps(tolerance=1e-3), END)
-    tracker, budget = judged(run, END)
-    exact = followed(machine(cells, family=family), 1e-5)[3]
-    finer = followed(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)[3]
+    history = ehd.simulate(machine(cells, family=family), END, tolerance=1e-3)
+    tracker, budget = history.solved.tracker, ehd.error_budget(history)
+    exact = followed(machine(cells, family=family), 1e-5)[2]
+    finer = followed(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)[2]
     found = {}
     for quantity in QUANTITIES:
         own, steps, mesh = (
-            getattr(each.extremes["big_end"], quantity) for each in (tracker, exact, finer)
+            each.extremes["big_end"][quantity][0] for each in (tracker, exact, finer)
         )
         estimates = budget.joints["big_end"][quantity]
         assert set(estimates) == {*COMPONENTS, "between_nodes", "known", "total", "bias"}
@@ -263,11 +304,11 @@ def test_steps_of_a_coarse_tolerance_are_not_taken_for_too_little(crank, toleran
     mechanism, end = machine((12, 3)), 4 * END
     if crank == "free":
         mechanism = driven(mechanism, 0.02)
-    run = Run(mechanism, Steps(tolerance=tolerance, largest=0.01), end)
-    tracker, budget = judged(run, end)
-    exact = followed(mechanism, 3e-5, end)[3]
+    history = ehd.simulate(mechanism, end, tolerance=tolerance, largest=0.01)
+    tracker, budget = history.solved.tracker, ehd.error_budget(history)
+    exact = followed(mechanism, 3e-5, end)[2]
     for quantity in QUANTITIES:
-        own, true = (getattr(each.extremes["big_end"], quantity) for each in (tracker, exact))
+        own, true = (each.extremes["big_end"][quantity][0] for each in (tracker, exact))
         stated = budget.joints["big_end"][quantity]["step_size"]
         assert abs(own - true) / own < max(WITHIN * stated, 3e-3)
 
@@ -275,22 +316,18 @@ def test_steps_of_a_coarse_tolerance_are_not_taken_for_too_little(crank, toleran
 @pytest.mark.slow
 def test_steps_near_a_whirl_are_not_taken_for_much_too_much():
     """What a cycle changes comes back with the other sign after the next."""
-    grid = uniform_grid(0.025, 0.02, (24, 5))
-    own = Film(FilmParameters(grid, 25e-6, Lubricant(0.01), 600.0))
-    mechanism = Mechanism(
-        bodies={"shaft": RigidBody(100.0, 1e-2)},
-        joints={"bearing": LubricatedJoint("shaft", "ground", own, eccentricity=(0.0, -10e-6))},
-        drives={"shaft": Speed(600.0)},
-        forces={"unbalance": RotatingForce("shaft", 60.0, 600.0)},
-        gravity=(0.0, -2.0),
+    own = plain_film(0.025, 0.02, 25e-6, 0.01, (24, 5), rate=600.0)
+    forces = {"unbalance": ehd.RotatingForce("journal", 60.0, 600.0), "weight": steady(0.0, -200.0)}
+    mechanism = in_bearing(
+        own, forces, mass=100.0, inertia=1e-2, speed=600.0, eccentricity=(0.0, -10e-6)
     )
     period, found = 2 * np.pi / 600.0, []
     for tolerance in (1e-3, 1e-5):
-        run = Run(mechanism, Steps(tolerance=tolerance, largest=0.04, order=2), period)
-        cycles = Cycles(run, period, 1e-4, 60)
-        found.append(judged(run, period, cycles))
-    assert cycles.contraction > 0.5
-    own, true = (each.extremes["bearing"].min_film_thickness for each, _ in found)
+        steps = {"tolerance": tolerance, "largest": 0.04, "order": 2}
+        history = ehd.simulate(mechanism, period=period, periodicity=1e-4, cycles=60, **steps)
+        found.append((history.solved.tracker, ehd.error_budget(history)))
+    assert history.solved.cycles.contraction > 0.5
+    own, true = (each.extremes["bearing"]["min_film_thickness"][0] for each, _ in found)
     stated = found[0][1].joints["bearing"]["min_film_thickness"]["step_size"]
     assert 1 / WITHIN < stated / (abs(own - true) / own) < WITHIN
 
@@ -336,7 +373,7 @@ def test_a_budget_that_was_interrupted_is_the_same_after_all(folders, monkeypatc
 
     folder = folders / "stopped"
     with monkeypatch.context() as patched:
-        patched.setattr("fenics_ehd.scenes.run.estimated", stop)
+        patched.setattr("fenics_ehd.results.recorded_run.RecordedRun.estimate_errors", stop)
         assert call("run", folders / "scene.toml", "--no-plots", "-o", folder) == 130
     assert json.loads((folder / "summary.json").read_text())["status"] == "interrupted"
     assert call("run", "--resume", folder, "--no-plots") == 0

@@ -12,23 +12,15 @@ from mpi4py import MPI
 from scipy import sparse
 from test_demos import demo
 
-from fenics_ehd.base.errors import ExportError
+import fenics_ehd as ehd
+from fenics_ehd.base.errors import InputError
 from fenics_ehd.reduction import ResidualFlexibility, craig_bampton, load_dependent, rigid
-from fenics_ehd.reduction.export import contents, export_npz
-from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.projection import Basis, gram_matrices, project
-from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.scenes.elastic_part import elastic_part
-from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.reduction.body import contents, export_npz
+from fenics_ehd.scenes.part import elastic_part
 
 exudyn_body = demo("exudyn_body")
 
 METHODS = ("m3", "m1")
-
-
-@pytest.fixture(scope="module")
-def mass(rod_structure):
-    return MassOperator(rod_structure.mass)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +76,7 @@ def test_a_rigid_body_has_empty_matrices(rod_structure, tmp_path):
 
 
 def test_several_bores_stand_one_after_the_other():
-    bodies = read_scene("slider-crank-both-ends").bodies
+    bodies = ehd.read_scene("slider-crank-both-ends").bodies
     part = elastic_part(bodies["rod"], "rod", "lagrange", MPI.COMM_SELF).source
     body = load_dependent(part, 6, 8, estimate_error=False)
     found = contents(body)
@@ -166,7 +158,7 @@ def test_couplings_are_the_sums_over_the_part(rod_structure, bodies, files, meth
     ],
 )
 def test_what_exudyn_cannot_hold_is_refused(bodies, rod_structure, tmp_path, change):
-    with pytest.raises(ExportError, match="M1, M2, M3"):
+    with pytest.raises(InputError, match="M1, M2, M3"):
         exudyn_body.export(change(bodies["m1"]), rod_structure, tmp_path / "rod.npz")
     assert not list(tmp_path.iterdir())
 
@@ -185,181 +177,3 @@ def test_exudyn_finds_the_free_frequencies(exudyn, bodies, files, method):
     expected = exudyn_body.free_frequencies(bodies[method])
     assert found[:6].max() < 1e-3 * expected[0]
     np.testing.assert_allclose(found[6:], expected, rtol=1e-8)
-
-
-def test_the_frame_does_not_change_the_frequencies(exudyn, rod_structure, mass, bodies, tmp_path):
-    body, bore = bodies["m3"], rod_structure.bore
-    moved = np.einsum("ick,icn->kn", bore.reference, body.bore_basis)
-    columns = body.columns - rigid_fields(rod_structure.coordinates) @ moved
-    matrices = gram_matrices(rod_structure, mass, columns)
-    basis = Basis(columns, *matrices, body.kinds, (), {})
-    other = project(rod_structure, mass, basis, method="m3", frame="bore-centre")
-    other = replace(other, columns=columns)
-    path = exudyn_body.export(other, rod_structure, tmp_path / "c2.npz")
-    expected = exudyn_body.free_frequencies(body)
-    np.testing.assert_allclose(exudyn_body.frequencies(path)[6:], expected, rtol=1e-7)
-
-
-def moving_body(exudyn, path, rates, **motion):
-    """System with the body, its numbers, and modal coordinates and rates at the start."""
-    container = exudyn.SystemContainer()
-    mbs = container.AddSystem()
-    ids = exudyn_body.add_body(mbs, path, **motion)
-    for name, values in zip(("initialCoordinates", "initialCoordinates_t"), rates, strict=True):
-        mbs.SetNodeParameter(ids["nGenericODE2"], name, list(values))
-    mbs.Assemble()
-    return container, mbs, ids
-
-
-def part_motion(exudyn, mbs, ids, structure, body):
-    """Rotation, Jacobian of angular velocity, nodal positions and velocities along fixed axes."""
-    from exudyn.rigidBodyUtilities import EulerParameters2GLocal, EulerParameters2RotationMatrix
-
-    kind = exudyn.OutputVariableType
-    rigid, modal = ids["nRigidBody"], ids["nGenericODE2"]
-    s = np.add(
-        mbs.GetNodeOutput(rigid, kind.Coordinates),
-        mbs.GetNodeParameter(rigid, "referenceCoordinates"),
-    )
-    v = np.array(mbs.GetNodeOutput(rigid, kind.Coordinates_t))
-    q, q_rate = (
-        np.array(mbs.GetNodeOutput(modal, k)) for k in (kind.Coordinates, kind.Coordinates_t)
-    )
-    turn, slope = EulerParameters2RotationMatrix(s[3:]), EulerParameters2GLocal(s[3:])
-    local = structure.coordinates + (body.columns @ q).reshape(-1, 3)
-    rate = np.cross(slope @ v[3:], local) + (body.columns @ q_rate).reshape(-1, 3)
-    return turn, slope, s[:3] + local @ turn.T, v[:3] + rate @ turn.T, q
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_inertia_in_exudyn_is_that_of_every_node(
-    exudyn, rod_structure, mass, bodies, files, method
-):
-    """Mass matrix and velocity forces of a strongly deformed, turning and vibrating part."""
-    body, random = bodies[method], np.random.default_rng(1)
-    size = np.abs(body.columns).max(axis=0)
-    q, q_rate = (a * random.standard_normal(body.modes) / size for a in (1e-2, 3.0))
-    axes = np.linalg.qr(random.standard_normal((3, 3)))[0]
-    axes *= np.linalg.det(axes)
-    omega = 300 * random.standard_normal(3)
-    # The container must live as long as its system.
-    _container, mbs, ids = moving_body(
-        exudyn,
-        files[method],
-        (q, q_rate),
-        positionRef=[0.1, 0.2, 0.3],
-        rotationMatrixRef=axes,
-        initialVelocity=[1, 2, 3],
-        initialAngularVelocity=list(omega),
-    )
-    solver, options = exudyn.MainSolverImplicitSecondOrder(), exudyn.SimulationSettings()
-    options.solution.file.write = False
-    solver.InitializeSolver(mbs, options)
-    solver.ComputeMassMatrix(mbs)
-    n = 7 + body.modes
-    found = np.array(solver.GetSystemMassMatrix())[:n, :n]
-    solver.ComputeODE2RHS(mbs)
-    forces = np.array(solver.GetSystemResidual())[:n]
-    solver.FinalizeSolver(mbs, options)
-    turn, slope, x, *_ = part_motion(exudyn, mbs, ids, rod_structure, body)
-    np.testing.assert_allclose(turn, axes, atol=1e-12)
-    p = (x - (0.1, 0.2, 0.3)) @ turn
-    spun = -np.cross(p[:, :, None], np.eye(3), axis=1).reshape(-1, 3)
-    jacobian = np.hstack([np.tile(turn.T, (len(p), 1)), spun @ slope, body.columns])
-    expected = jacobian.T @ mass.multiply(jacobian)
-    scale = np.sqrt(np.diag(expected))
-    assert np.abs((found - expected) / np.outer(scale, scale)).max() < 1e-9
-    w = turn.T @ omega
-    relative = (body.columns @ q_rate).reshape(-1, 3)
-    acceleration = np.cross(w, np.cross(w, p)) + 2 * np.cross(w, relative)
-    velocity_forces = jacobian.T @ mass.multiply(acceleration.reshape(-1, 1))[:, 0]
-    forces[7:] += body.stiffness @ q
-    for part in (slice(0, 3), slice(3, 7), slice(7, None)):
-        worst = np.abs(velocity_forces[part]).max()
-        assert np.abs(forces[part] + velocity_forces[part]).max() < 1e-9 * worst
-
-
-def solve(exudyn, mbs, end, steps):
-    options = exudyn.SimulationSettings()
-    options.timeIntegration.endTime = end
-    options.timeIntegration.numberOfSteps = steps
-    options.timeIntegration.verboseMode = 0
-    options.timeIntegration.newton.relativeTolerance = 1e-10
-    options.timeIntegration.generalizedAlpha.spectralRadius = 1.0
-    options.solution.file.write = False
-    mbs.SolveDynamic(options, updateInitialValues=True)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_free_motion_conserves_energy_and_momentum(
-    exudyn, rod_structure, mass, bodies, files, method
-):
-    body, drifts = bodies[method], []
-    rate = np.where(np.arange(body.modes) < 3, 0.5, 0.0)
-    for steps in (125, 250):
-        _container, mbs, ids = moving_body(
-            exudyn,
-            files[method],
-            (0 * rate, rate),
-            initialVelocity=[1, 2, 3],
-            initialAngularVelocity=[50, -80, 500],
-        )
-        figures = []
-        for end in (None, 1e-3):
-            if end:
-                solve(exudyn, mbs, end, steps)
-            _, _, x, v, q = part_motion(exudyn, mbs, ids, rod_structure, body)
-            # M is the same in every position: it commutes with the rotation.
-            momentum = mass.multiply(v.reshape(-1, 1)).reshape(-1, 3)
-            energy = 0.5 * np.sum(v * momentum) + 0.5 * q @ body.stiffness @ q
-            figures.append([energy, momentum.sum(axis=0), np.cross(x, momentum).sum(axis=0)])
-        drifts.append(
-            [np.abs(b - a).max() / np.abs(a).max() for a, b in zip(*figures, strict=True)]
-        )
-    coarse, fine = np.array(drifts)
-    assert fine.max() < 2e-5
-    assert (coarse / fine).min() > 2.5
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_free_fall_neither_turns_nor_bends(exudyn, bodies, files, method):
-    rest = np.zeros((2, bodies[method].modes))
-    gravity = np.array([0.5, -9.81, 1.0])
-    _container, mbs, ids = moving_body(exudyn, files[method], rest, gravity=list(gravity))
-    solve(exudyn, mbs, 1e-2, 50)
-    kind = exudyn.OutputVariableType.Coordinates
-    rigid = mbs.GetNodeOutput(ids["nRigidBody"], kind)
-    np.testing.assert_allclose(rigid[:3], gravity * 0.5e-4, rtol=1e-9)
-    np.testing.assert_allclose(rigid[3:], 0.0, atol=1e-12)
-    assert np.abs(mbs.GetNodeOutput(ids["nGenericODE2"], kind)).max() < 1e-15
-
-
-def test_force_at_a_boundary_point_bends_the_part(exudyn, bodies, files):
-    """Frame held: the pin yields by its flexibility, through Exudyn's marker on its mesh node."""
-    item = pytest.importorskip("exudyn.itemInterface")
-
-    body, rest = bodies["m1"], np.zeros((2, bodies["m1"].modes))
-    _container, mbs, ids = moving_body(exudyn, files["m1"], rest)
-    pin = mbs.AddMarker(
-        item.MarkerSuperElementPosition(
-            bodyNumber=ids["oFFRFreducedOrder"],
-            meshNodeNumbers=[len(body.bore_nodes)],
-            weightingFactors=[1.0],
-        )
-    )
-    ground = mbs.AddMarker(item.MarkerBodyRigid(bodyNumber=mbs.AddObject(item.ObjectGround())))
-    node = mbs.AddMarker(item.MarkerNodeRigid(nodeNumber=ids["nRigidBody"]))
-    mbs.AddObject(item.GenericJoint(markerNumbers=[ground, node]))
-    force = np.array([0.0, 800.0, 0.0])
-    mbs.AddLoad(item.Force(markerNumber=pin, loadVector=list(force)))
-    mbs.Assemble()
-    kind = exudyn.OutputVariableType.Position
-    before = np.array(mbs.GetMarkerOutput(pin, kind))
-    options = exudyn.SimulationSettings()
-    options.solution.file.write = False
-    mbs.SolveStatic(options, updateInitialValues=True)
-    row = body.points["pin"]
-    np.testing.assert_allclose(before, row[:, 0], atol=1e-12)
-    expected = row[:, 3:] @ np.linalg.solve(body.stiffness, row[:, 3:].T @ force)
-    found = np.array(mbs.GetMarkerOutput(pin, kind)) - before
-    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())

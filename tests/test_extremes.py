@@ -1,56 +1,69 @@
-"""Stiff and extreme runs: what was found wrong with them, and quick rows of the benchmark."""
+"""Stiff and extreme runs: what was found wrong with them, and mechanics of a textbook."""
 
 import numpy as np
 import pytest
-from extremes import measured
-from extremes_case import scene
-from extremes_machines import machines
-from extremes_numerics import numerics
-from extremes_runs import Workshop
-from scene_runs import changed, follow
+from oracle_slider_crank import RigidSliderCrank, balanced
+from scene_cases import RIGID_ROD, tables_of
 
-from fenics_ehd.base.errors import FilmTooThinError
+import fenics_ehd as ehd
 from fenics_ehd.multibody.run import Run
+from fenics_ehd.scenes.scene import scene_of
 
-QUICK = (
-    "E = 1 GPa, 500 rad/s",
-    "piston 10 kg, 500 rad/s",
-    "viscosity 0.5 Pa s",
-    "n_r = 8, P_c1",
-    "zeta 0, M4 truncated at 0.1",
-    "start at e_x = 0.98 c",
-    "crank reversed by a brake, rigid",
-)
+REDUCTION = "bodies.rod.reduction"
 
 
-@pytest.fixture(scope="module")
-def shop():
-    return Workshop()
+def machine(scene, changes):
+    """Its machine, elastic parts of it meshed and reduced."""
+    return ehd.build(scene_of(tables_of(scene, changes), scene))
 
 
-@pytest.fixture(scope="module")
-def rows(shop):
-    return {case.name: case for case in (*machines(shop.folder), *numerics())}
+def elastic(method, revolutions, changes=None):
+    usual = {
+        f"{REDUCTION}.method": method,
+        f"{REDUCTION}.estimate_error": False,
+        "time.revolutions": revolutions,
+        "time.tolerance": 1e-4,
+    }
+    return machine("slider-crank-paper", usual | (changes or {}))
 
 
-def test_few_rows_expect_errors(rows):
-    assert sum(case.error is not None for case in rows.values()) <= len(rows) / 4
+def new_run(built):
+    return Run(built.mechanism, built.steps, built.end)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", QUICK)
-def test_a_row_goes_as_expected(shop, rows, name):
-    row = measured(shop, rows[name])
-    assert row.passed, row.cells()
+def rigid(revolutions, changes=None):
+    usual = RIGID_ROD | {"time.revolutions": revolutions, "time.tolerance": 1e-4}
+    return machine("slider-crank-paper", usual | (changes or {}))
 
 
-def new_run(shop, settings):
-    built = shop.build(settings)
-    return Run(built.mechanism, built.steps, settings.span)
+def test_a_rigid_rod_bears_the_load_of_a_textbook():
+    built = rigid(1.0)
+    history = ehd.simulate(built.mechanism, **built.options)
+    joint = history.joints["big_end"]
+    times, pressure, film = balanced(built, built.end)
+    begin = 0.1 / built.mechanism.drives["crank"](0.0)[1]
+    own, other = history.time >= begin, times >= begin
+    assert joint.max_pressure[own].max() == pytest.approx(pressure[other].max(), rel=0.01)
+    assert joint.min_film_thickness[own].min() == pytest.approx(film[other].min(), rel=0.01)
 
 
-def test_a_film_without_thickness_is_an_infinite_error(shop):
-    run = new_run(shop, scene("m3"))
+def test_a_crank_that_a_brake_turns_back_follows_one_equation_of_motion():
+    brake, speed, inertia = -60.0, 100.0, 1e-2
+    changes = {
+        "drives.crank": {"kind": "torque", "torque": brake},
+        "bodies.crank.speed": speed,
+        "bodies.crank.inertia": inertia,
+    }
+    built = rigid(0.5, changes)
+    history = ehd.simulate(built.mechanism, **built.options)
+    expected = RigidSliderCrank(built).driven(speed, inertia, brake, history.time)
+    found = history.columns["crank.angle_rad"]
+    assert np.abs(found - expected).max() < 2e-3 * np.ptp(expected)
+    assert history.columns["crank.speed_rad_per_s"][-1] < -0.1 * speed
+
+
+def test_a_film_without_thickness_is_an_infinite_error():
+    run = new_run(rigid(1.0))
     observed = run.norm.observe(run.state.x[0])
     error = np.zeros_like(observed)
     gaps = run.norm.gaps(observed)
@@ -60,30 +73,24 @@ def test_a_film_without_thickness_is_an_infinite_error(shop):
     assert run.norm.error_norm(observed, error) == np.inf
 
 
-def test_a_run_does_not_step_through_the_bore(shop):
+def test_a_run_does_not_step_through_the_bore():
     """A rod as soft as rubber: the film closes at its nodes before it does at Gauss points."""
-    soft = {"bodies.rod.material.youngs_modulus": 1e9}
-    found = follow(new_run(shop, scene("m3", 0.1, soft)), 1.0)
-    assert isinstance(found.error, FilmTooThinError)
-    assert found.film.min() > 0
+    run = new_run(elastic("m3", 0.1, {"bodies.rod.material.youngs_modulus": 1e9}))
+    with pytest.raises(ehd.errors.FilmTooThinError):  # noqa: PT012
+        for step in run.until(1.0):
+            assert run.norm.gaps(step.observed).min() > 0
 
 
-def test_few_patterns_without_damping_start_a_film(shop):
+def test_few_patterns_without_damping_start_a_film():
     """Full updates lead from one active set to another and back there, from 1e-8 s down."""
-    few = {"bodies.rod.reduction.residual_truncation": 0.1, "bodies.rod.damping_time": 0.0}
-    settings = scene("m4", 0.002, few)
-    run = new_run(shop, settings)
-    found = follow(run, settings.span)
-    assert found.error is None
-    assert found.figures["max_pressure_Pa"] > 1e6
-    assert found.figures["rejected_because"].keys() <= {"error above tolerance"}
+    few = {f"{REDUCTION}.residual_truncation": 0.1, "bodies.rod.damping_time": 0.0}
+    built = elastic("m4", 0.002, few)
+    run = new_run(built)
+    peak, steps, attempts = 0.0, 0, 0
+    for step in run.until(built.end):
+        assert step.rejected.keys() <= {"error above tolerance"}
+        peak = max(peak, step.solution.films[0].pressure.max())
+        steps, attempts = steps + 1, attempts + 1 + sum(step.rejected.values())
+    assert peak > 1e6
     # Only where full updates fail are others tried.
-    attempts = found.figures["steps"] + found.figures["rejected_steps"]
-    assert attempts < run.solve.solves < 1.5 * found.figures["steps"]
-
-
-def test_steps_that_converge_at_once_need_no_search(shop):
-    settings = changed(scene("m3", 0.01), {"time.tolerance": 1e-5})
-    run = new_run(shop, settings)
-    figures = follow(run, settings.span).figures
-    assert run.solve.solves == figures["steps"] + figures["rejected_steps"]
+    assert attempts < run.solve.solves < 1.5 * steps

@@ -6,7 +6,7 @@ from differences import slope
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, given_gap, make_film
 from film_grids import graded_grid
 
-from fenics_ehd.film import Lubricant
+import fenics_ehd as ehd
 from fenics_ehd.film.grid import uniform_grid
 
 HALF = 0.6  # half width over radius
@@ -57,7 +57,9 @@ def viscosity(phi, z):
 @pytest.mark.parametrize("graded", [False, True])
 @pytest.mark.parametrize("field", [None, viscosity])
 def test_full_film_converges_at_the_rate_of_its_element(family, graded, field):
-    oil = Lubricant(ETA, viscosity_field=field and (lambda angle, height: field(angle, height / R)))
+    oil = ehd.Lubricant(
+        ETA, viscosity_field=field and (lambda angle, height: field(angle, height / R))
+    )
     rate = squeeze(lambda phi, z: gap(phi, z) ** 3 / (field(phi, z) if field else 1.0))
     # Sampled off the Gauss points, where finite elements are better than they are.
     phi, z = (x.ravel() for x in np.meshgrid(np.linspace(0, 6.2, 181), np.linspace(-1, 1, 53)))

@@ -1,26 +1,170 @@
-"""The film of forms against the one whose derivatives are written by hand."""
+"""Forms of a film: derivatives of every law, other meshes, compilations that are killed."""
 
-import film_forms
-import film_forms_film
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
-from film_cases import FAMILIES
+from differences import slope
+from film_cases import ETA, FAMILIES, OMEGA, C, R, make_film
+from rough_cases import surfaces
 
-LAWS = "Patir-Cheng, rough bore, Cross, Barus, Dowson-Higginson"
+import fenics_ehd as ehd
+from fenics_ehd.base import compat
+from fenics_ehd.film.film_forms import compiled
+from fenics_ehd.film.kinematics import Gap, GapDerivatives
+from fenics_ehd.film.reynolds import DensityRate
+from fenics_ehd.film.supply import Feed
+
+
+def place(angle, height):
+    """Factor of a viscosity that depends on the place."""
+    return 1 + 0.3 * np.cos(angle) + 5 * height
+
+
+HOLE = Feed("hole", ehd.FeedHole(2.0, 0.1 * R, 0.9 * R), 3e5, 2e11, on_journal=True)
+GROOVE = Feed("groove", ehd.FeedGroove(4.0, 0.0, 0.9, R), 2e5)
+
+EVERYTHING = {
+    "oil": ehd.Lubricant(
+        ETA, ehd.Barus(2e-8), ehd.DowsonHigginson(), shear_law=ehd.Cross(1e5, 0.7)
+    ),
+    "surfaces": surfaces(share=0.2),
+}
+
+CASES = {
+    "constant": {},
+    "Roelands, at a place": {"oil": ehd.Lubricant(ETA, ehd.Roelands(ETA), viscosity_field=place)},
+    "Cross": {"oil": ehd.Lubricant(ETA, shear_law=ehd.Cross(1e5, 2.3, 0.1))},
+    "average gap alone": {"surfaces": surfaces(flow_factors=False)},
+    "hole and groove": {"feeds": (HOLE, GROOVE), "oil": ehd.Lubricant(ETA, ehd.Barus(2e-8))},
+    "everything": EVERYTHING,
+}
+
+
+def film_of(family, case):
+    """Graded mesh, sides and a groove under pressure."""
+    share = np.linspace(0.0, 2 * np.pi, 17)
+    heights = R * np.array([-1.0, -0.7, -0.3, 0.1, 0.5, 0.75, 1.0])
+    grid = ehd.FilmGrid(R, 0.4 + share - 0.3 * np.sin(share), heights, family)
+    groove = ehd.AxialGroove(1.1, 0.6, 4e5, length=0.6 * R)
+    return make_film(grid=grid, sides=ehd.Sides(1e5, 3e5), regions=(groove,), **case)
+
+
+def point_of(film, seed=3):
+    """A gap without order, oil that slides both ways, pressures, and directions of all."""
+    random, shape = np.random.default_rng(seed), film.points.angle.shape
+    rough = film.parameters.surfaces
+    # Between rough surfaces where they overlap, touch and are apart; off the ends of branches.
+    height = C * random.uniform(0.1, 2.0, shape)
+    if rough:
+        height = rough.roughness * random.choice([-7.0, -3.5, -1.0, 0.3, 2.0, 7.0], shape)
+    speed = OMEGA * R
+    sliding = speed * random.uniform(0.2, 2, shape) * random.choice([-1, 1], shape)
+    gap = Gap(
+        height, OMEGA * C * random.uniform(-1, 1, shape), speed * random.uniform(-1, 1, shape),
+        sliding,
+    )  # fmt: skip
+    unit = 0.01 * (rough.roughness if rough else C)
+    directions = GapDerivatives(
+        *(s * random.uniform(-1, 1, (*shape, 1)) for s in (unit, C * OMEGA, speed, 0.01 * speed))
+    )
+    # Pressures that undershoot between nodes, none zero.
+    pressure = random.uniform(0.2, 1.0, len(film.free)) * 1e8 / film.parameters.pressure_scale
+    return gap, directions, pressure
+
+
+def changed(gap, directions, amount, name):
+    """A gap of which one of the data is changed."""
+    change = amount * getattr(directions, name)[..., 0]
+    return replace(gap, **{name: getattr(gap, name) + change})
+
+
+#: Every law on one element, and all laws together on every one.
+WHERE = [("lagrange", name) for name in CASES] + [
+    (family, name) for family in FAMILIES[:-1] for name in ("constant", "everything")
+]
+
+
+@pytest.mark.parametrize(("family", "name"), WHERE)
+def test_derivatives_are_those_of_the_residual(family, name):
+    film = film_of(family, CASES[name])
+    equation, (gap, directions, pressure) = film.equation, point_of(film)
+    rate = None
+    if name == "everything":
+        rate = DensityRate(2e4, -2e4 * np.linspace(0.9, 1.1, gap.thickness.size).reshape(-1, 9))
+    nodal = equation.nodal(pressure)
+
+    def residual(gap, p=pressure):
+        return equation.problem(gap, rate).residual(p)
+
+    direction = np.random.default_rng(1).uniform(-0.1, 0.1, len(pressure)) * pressure.max()
+    matrix = equation.pattern.matrix(equation.problem(gap, rate).entries(pressure))
+    expected = slope(lambda t: residual(gap, pressure + t * direction))
+    np.testing.assert_allclose(matrix @ direction, expected, atol=1e-8 * np.abs(expected).max())
+    none = GapDerivatives(*np.zeros((4, *directions.thickness.shape)))
+    for own in ("thickness", "thickness_rate", "mean_velocity", "sliding_velocity"):
+        one = replace(none, **{own: getattr(directions, own)})
+        found = equation.change(gap, nodal, one, rate)[:, 0]
+        expected = slope(lambda t, own=own: residual(changed(gap, directions, t, own)))
+        size = max(np.abs(expected).max(), 1e-3 * np.abs(residual(gap)).max())
+        np.testing.assert_allclose(found, expected, atol=1e-8 * size)
+
+
+def test_a_resting_journal_has_derivatives():
+    film = film_of("lagrange", {"oil": ehd.Lubricant(ETA, shear_law=ehd.Cross(1e5, 0.5))})
+    gap, _, pressure = point_of(film)
+    gap = replace(gap, sliding_velocity=np.zeros_like(gap.sliding_velocity))
+    for along in film.equation.gap_derivatives(gap, film.equation.nodal(pressure), 1e4):
+        assert np.isfinite(along.data).all()
+
+
+def test_another_mesh_and_another_oil_compile_nothing():
+    known = make_film((12, 3), oil=ehd.Lubricant(ETA, ehd.Barus(2e-8))).equation.forms
+    before = compiled.cache_info().misses
+    assert (
+        make_film((16, 4), oil=ehd.Lubricant(2 * ETA, ehd.Barus(1e-8))).equation.forms is not known
+    )
+    assert compiled.cache_info().misses == before
+
+
+COMPILE = """
+import sys
+from film_cases import ETA, make_film
+from fenics_ehd.base import compat
+from fenics_ehd.film.lubricant import Barus, Lubricant
+if sys.argv[1] == "naive":
+    compat.orphans = lambda folder: []
+    compat._JIT["timeout"] = 3
+make_film((12, 3), oil=Lubricant(ETA, Barus(2e-8))).equation.forms
+"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", FAMILIES)
-def test_all_derivatives_are_those_written_by_hand(family):
-    worst = {}
-    film_forms.difference(family, film_forms.CASES[LAWS], worst)
-    assert len(worst) == 6
-    assert max(worst.values()) < 3e-12
+def test_a_compilation_that_was_killed_does_not_stop_later_ones(tmp_path):
+    kept = tmp_path / "fenics" / "fenics_ehd"
 
+    def start(way):
+        return subprocess.Popen(
+            [sys.executable, "-c", COMPILE, way], stderr=subprocess.PIPE, text=True,
+            env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)}, cwd=Path(__file__).parent,
+            start_new_session=True,
+        )  # fmt: skip
 
-@pytest.mark.slow
-def test_a_second_mesh_compiles_nothing(monkeypatch):
-    grids = [film_forms.uniform_grid(film_forms.R, 0.04, cells) for cells in ((12, 3), (16, 4))]
-    first, second = (film_forms.parameters(grid, {}, {}) for grid in grids)
-    film_forms_film.FormsEquation(first)
-    monkeypatch.setattr(film_forms_film.compat_forms, "compile_forms", None)
-    film_forms_film.FormsEquation(second)
+    process, began = start("cured"), time.monotonic()
+    while not list(kept.glob("*.c")):
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() - began < 60
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert len(compat.orphans(kept)) == 1
+    error = start("naive").communicate()[1]
+    assert "Timeout" in error
+    process = start("cured")
+    assert (process.communicate()[1] is not None, process.returncode) == (True, 0)

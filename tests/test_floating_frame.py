@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from fenics_ehd.multibody.inertia_forces import (
+from fenics_ehd.multibody.body import (
     FrameInertia,
     in_order_of_coordinates,
     rigid_integrals,
     with_total,
 )
-from fenics_ehd.reduction.inertia import InertiaIntegrals
+from fenics_ehd.reduction.body import InertiaIntegrals
 
 pytestmark = pytest.mark.kernels
 

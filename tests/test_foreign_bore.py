@@ -1,6 +1,5 @@
 """The bore of a part from another program: faces to load matrix and mean motion."""
 
-from itertools import permutations
 from math import factorial
 
 import dolfinx
@@ -18,15 +17,14 @@ from scene_cases import tables_of
 from fenics_ehd.base import compat
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.fem.elements import quadratic_element
-from fenics_ehd.reduction.bore import mean_motion
+from fenics_ehd.reduction.bore import rigid_fields
+from fenics_ehd.reduction.elements import ELEMENTS, package_order
 from fenics_ehd.reduction.faces import (
     _unrolled as unrolled,
 )
 from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix, surface_gram
-from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.reduction.surface_elements import ELEMENTS, package_order
-from fenics_ehd.scenes.elastic_part import elastic_part
-from fenics_ehd.scenes.scene_file import scene_of
+from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.scene import scene_of
 
 RODS = {
     "serendipity": {"element": "serendipity"},
@@ -196,35 +194,6 @@ def test_reference_reproduces_rigid_motion(element):
 def _cells(bore, faces, element):
     order = np.argsort(bore.nodes)
     return order[np.searchsorted(bore.nodes, faces, sorter=order)], element
-
-
-def test_mean_motion_of_an_offset_surface_is_about_the_origin():
-    nodes, faces = cylinder("lagrange")
-    offset = nodes + np.array([0.0, 0.0, 3 * WIDTH])
-    motion = mean_motion(offset, surface_gram(offset, faces, "lagrange"))
-    fields = rigid_fields(offset).reshape(-1, 3, 6)
-    np.testing.assert_allclose(np.einsum("ick,icl->kl", motion, fields), np.eye(6), atol=1e-10)
-
-
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_every_order_of_the_nodes_of_faces_gives_the_same_bore(element):
-    kind = ELEMENTS[element]
-    nodes, faces = cylinder(element)
-    bore = bore_from_faces(nodes, faces, element)
-    n, size = kind.corners, faces.shape[1]
-    # Every order of the corners, then every one of the others.
-    orders = [[*p, *range(n, size)] for p in permutations(range(n))]
-    orders += [[*range(n), *p] for p in permutations(range(n, size))]
-    for order in orders:
-        found = package_order(unrolled(nodes[faces[:, order]]), faces[:, order], element)
-        same_faces(found, faces, kind)
-    around = {3: [0, 1, 2, 5, 3, 4], 4: [0, 1, 3, 2, 4, 6, 7, 5, 8]}[n][:size]
-    in_turn = [p for pair in zip(around[:n], around[n : 2 * n], strict=False) for p in pair]
-    for order in (around, [*in_turn, *around[2 * n :]])[: 1 + (size > n)]:
-        again = bore_from_faces(nodes, faces[:, order], element)
-        assert abs(again.load - bore.load).max() < 1e-13 * abs(bore.load).max()
-        np.testing.assert_allclose(again.reference, bore.reference, atol=1e-11 / RADIUS)
-    np.testing.assert_array_equal(package_order(unrolled(nodes[faces]), faces, element), faces)
 
 
 def same_faces(found, faces, kind):

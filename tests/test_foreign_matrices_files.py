@@ -13,19 +13,10 @@ from mpi4py import MPI
 from scipy import io, sparse
 from scipy.spatial import cKDTree
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.material import Material
-from fenics_ehd.fem.structure import assemble_structure
-from fenics_ehd.reduction import (
-    Structure,
-    check_structure,
-    load_body,
-    load_dependent,
-    read_abaqus,
-    read_calculix,
-    tetrahedron_mass,
-)
+from fenics_ehd.base.fields import Material
+from fenics_ehd.reduction import check_structure, load_dependent, tetrahedron_mass
 
 PAGE = (Path(__file__).parents[1] / "docs" / "reduction.md").read_text()
 
@@ -82,8 +73,8 @@ def quadratic(tmp_path_factory):
     """The documentation's ring, and K and M by dolfinx in the order of its nodes."""
     folder, solid = tmp_path_factory.mktemp("ring"), ring_solid("hex")
     write_model(folder / "ring.msh", solid)
-    mesh = build_mesh(folder / "ring.msh", comm=MPI.COMM_SELF, serendipity_geometry=True)
-    made = assemble_structure(mesh, Material(YOUNG, POISSON, DENSITY), attachments=())
+    mesh = ehd.build_mesh(folder / "ring.msh", comm=MPI.COMM_SELF, serendipity_geometry=True)
+    made = ehd.assemble_structure(mesh, Material(YOUNG, POISSON, DENSITY), attachments=())
     _, places = cKDTree(made.coordinates).query(solid.points)
     order = (3 * places[:, None] + np.arange(3)).ravel()
     return solid, [to_scipy(m)[order][:, order] for m in (made.stiffness, made.mass)]
@@ -113,10 +104,10 @@ def test_recipe_of_the_documentation(quadratic, kind, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(recipe(kind), names)
-    body = load_body(tmp_path / "ring.h5")
+    body = ehd.load_body(tmp_path / "ring.h5")
     part = names["part"]
     direct = load_dependent(
-        Structure(*matrices, solid.points, names["bore"], {"pin": names["pin"]}), 6, 31
+        ehd.Structure(*matrices, solid.points, names["bore"], {"pin": names["pin"]}), 6, 31
     )
     assert part.size == 3 * len(numbers)
     np.testing.assert_allclose(body.frequencies[:6], direct.frequencies[:6], rtol=1e-9)
@@ -127,7 +118,7 @@ def test_matrix_market_and_npz_of_the_page(small, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     io.mmwrite(line[1], small[0], precision=17, symmetry="symmetric")
     sparse.save_npz(line[2], small[1])
-    part = Structure(line[1], line[2], ring_arguments()["coordinates"])
+    part = ehd.Structure(line[1], line[2], ring_arguments()["coordinates"])
     for found, given_one in zip((part.stiffness, part.mass), small, strict=True):
         assert abs(to_scipy(found) - given_one).max() < 1e-15 * abs(given_one).max()
 
@@ -143,7 +134,7 @@ def test_any_numbers_rows_and_triangle_give_the_same_matrices(tmp_path_factory, 
     numbers = random.permutation(50)[:count] + 1
     if kind == "calculix":
         write_calculix(folder / "m", matrices, numbers, random.permutation(size))
-        found = read_calculix(folder / "m", numbers)
+        found = ehd.read_calculix(folder / "m", numbers)
     else:
         files = write_abaqus(folder, kind, matrices, numbers)
         # Of every pair either entry, and rows in any order: one triangle all the same.
@@ -154,7 +145,7 @@ def test_any_numbers_rows_and_triangle_give_the_same_matrices(tmp_path_factory, 
                 for x in random.permutation(lines).tolist()
             ]
             file.write_text("".join(",".join(x) + "\n" for x in lines))
-        found = read_abaqus(*files, numbers)
+        found = ehd.read_abaqus(*files, numbers)
     for ours, theirs in zip((found.stiffness, found.mass), matrices, strict=True):
         np.testing.assert_array_equal(ours.toarray(), theirs.toarray())
     np.testing.assert_array_equal(found.numbers, numbers)
@@ -167,12 +158,12 @@ def test_held_nodes_are_held(small, tmp_path):
     held = np.r_[0:6, 10]
     kept = np.setdiff1d(np.arange(small[0].shape[0]), held)
     write_calculix(tmp_path / "m", small, numbers, kept)
-    found = read_calculix(tmp_path / "m", numbers)
+    found = ehd.read_calculix(tmp_path / "m", numbers)
     k = found.stiffness.toarray()
     np.testing.assert_array_equal(k[np.ix_(kept, kept)], small[0].toarray()[np.ix_(kept, kept)])
     assert not k[np.ix_(held, kept)].any()
     assert (k[held, held] > 0).all()
-    without = read_calculix(tmp_path / "m")
+    without = ehd.read_calculix(tmp_path / "m")
     np.testing.assert_array_equal(without.numbers, numbers[2:])
     with pytest.raises(StructureError, match="node 5 has no row in the matrices: if it is held"):
         without.places([[7, 5]])
@@ -180,7 +171,7 @@ def test_held_nodes_are_held(small, tmp_path):
     penalty = small[0].copy()
     penalty.setdiag(np.where(np.isin(np.arange(len(k)), held), 1e36, penalty.diagonal()))
     files = write_abaqus(tmp_path, "labels", (penalty, small[1]), numbers)
-    again = read_abaqus(*files)
+    again = ehd.read_abaqus(*files)
     np.testing.assert_array_equal(again.stiffness.toarray(), k)
 
 
@@ -191,8 +182,8 @@ def test_nodes_in_a_wrong_order_are_found(small, tmp_path):
     arguments = ring_arguments()
     files = write_abaqus(tmp_path, "labels", small, numbers)
     for order in (numbers, swapped):
-        found = read_abaqus(*files, order)
-        part = Structure(**arguments | {"stiffness": found.stiffness, "mass": found.mass})
+        found = ehd.read_abaqus(*files, order)
+        part = ehd.Structure(**arguments | {"stiffness": found.stiffness, "mass": found.mass})
         if order is swapped:
             with pytest.raises(StructureError, match="rigid"):
                 check_structure(part)
@@ -210,8 +201,8 @@ GOOD = {
 @pytest.mark.parametrize(
     ("file", "text", "message"),
     [
-        ("m.sti", None, r"m\.sti: .*No such file"),
-        ("m.dof", None, r"m\.dof: .*No such file"),
+        ("m.sti", None, r"m\.sti: no such file"),
+        ("m.dof", None, r"m\.dof: no such file"),
         ("m.sti", "", "m.sti is empty"),
         ("m.sti", "1 1 2.0\n1 2\n", r"m\.sti: "),
         ("m.sti", "1 1 x\n", r"m\.sti: .*could not convert"),
@@ -222,8 +213,8 @@ GOOD = {
         ("m.sti", "1 1\n", "rows of 2 numbers, not of row, column, value"),
         ("m.mas", "1 1 1.0\n1 1 1.0\n", "m.mas: the entry of row 1, column 1 stands twice"),
         ("m.mas", "1 1 1.0\n1 2 .5\n2 1 .5\n2 3 .5\n", "row 2, column 3, but not its mirror"),
-        ("m.dof", "7.1\n7\n7.3\n", "m.dof, line 2: '7', not node.direction"),
-        ("m.dof", "", "m.dof, line 1: nothing, not node.direction"),
+        ("m.dof", "7.1\n7\n7.3\n", r"m\.dof: .*columns changed"),
+        ("m.dof", "", "m.dof is empty"),
         ("m.dof", "7.1\n7.2\n7.4\n", "node 7 has degree of freedom 4: only displacements"),
         ("m.dof", "7.1\n7.2\n7.2\n", "a node's direction has two rows"),
     ],
@@ -233,7 +224,7 @@ def test_files_of_calculix_that_do_not_fit_are_named(tmp_path, file, text, messa
         if name != file or text is not None:
             (tmp_path / name).write_text(text if name == file else good)
     with pytest.raises(StructureError, match=message):
-        read_calculix(tmp_path / "m")
+        ehd.read_calculix(tmp_path / "m")
 
 
 @pytest.mark.parametrize(
@@ -253,7 +244,7 @@ def test_files_of_abaqus_that_do_not_fit_are_named(tmp_path, stiffness, numbers,
     files[0].write_text(stiffness)
     files[1].write_text("1,1, 1,1, 1.0\n")
     with pytest.raises(StructureError, match=message):
-        read_abaqus(*files, None if numbers is None else np.array(numbers))
+        ehd.read_abaqus(*files, None if numbers is None else np.array(numbers))
 
 
 def test_coordinates_of_another_number_of_nodes_are_named(tmp_path):
@@ -261,7 +252,7 @@ def test_coordinates_of_another_number_of_nodes_are_named(tmp_path):
     for file in files:
         file.write_text("1 1 1.0\n4 4 1.0\n")
     with pytest.raises(StructureError, match="4 rows, not 3 for each of 2 nodes"):
-        read_abaqus(*files)
+        ehd.read_abaqus(*files)
 
 
 def test_mass_of_tetrahedra_is_that_of_rigid_motions_and_refuses_folded_cells():

@@ -7,25 +7,15 @@ other ways. Every film model must say the same of it.
 from dataclasses import dataclass, replace
 from functools import cache
 
+import attrs
 import numpy as np
 import pytest
 from rough_cases import surfaces
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.feed import Feed
-from fenics_ehd.film.feed_region import FeedGroove
-from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.lubricant import Barus, DowsonHigginson, Roelands
-from fenics_ehd.film.shape import Lobes
-from fenics_ehd.film.supply import Sides
-from fenics_ehd.film.temperature import Oil
-from fenics_ehd.film.thinning import Cross
-from fenics_ehd.multibody.forces import RotatingForce
-from fenics_ehd.multibody.joints import Revolute, Speed
-from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rigid_body import RigidBody
-from fenics_ehd.multibody.simulation import simulate, simulate_periodic
+import fenics_ehd as ehd
+from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.supply import Feed
+from fenics_ehd.multibody.lubricated_joint import ConservedContent
 
 #: c / R, 5e-4, is what thin-film equations leave out.
 R, C, WIDTH, ETA, OMEGA = 0.02, 10e-6, 0.02, 0.01, 300.0
@@ -66,26 +56,26 @@ VIEWS = {
 
 
 def oil(v, **laws):
-    return Lubricant(ETA * v.viscosity, **laws)
+    return ehd.Lubricant(ETA * v.viscosity, **laws)
 
 
 def conserved(v, **more):
     return {
         "family": "bilinear",
         "cells": (64, 8),
-        "sides": Sides(1e5 * v.pressure, 1e5 * v.pressure),
+        "sides": ehd.Sides(1e5 * v.pressure, 1e5 * v.pressure),
         "joint": {"oil": ConservedContent(oil_outside=True)},
     } | more
 
 
 def compressible(v):
     # No step is short enough for the first film of a shaft without mass.
-    return conserved(v, mass=0.5, oil=oil(v, density_law=DowsonHigginson()))
+    return conserved(v, mass=0.5, oil=oil(v, density_law=ehd.DowsonHigginson()))
 
 
 def groove(v):
     """Of the bearing, which is the journal when they are exchanged."""
-    region = FeedGroove(v.seen(2.0), 0.0, np.radians(50), 0.6 * WIDTH * v.length)
+    region = ehd.FeedGroove(v.seen(2.0), 0.0, np.radians(50), 0.6 * WIDTH * v.length)
     feed = Feed("inlet", region, 2e5 * v.pressure, on_journal=v.exchanged)
     return {"feeds": (feed,), "cells": (40, 5)}
 
@@ -93,25 +83,25 @@ def groove(v):
 def rough(v):
     """The shaft the rougher one."""
     own = surfaces(0.4e-6 * v.length, 0.2 if v.exchanged else 0.8)
-    stiff = replace(own.asperities, modulus=own.asperities.modulus * v.pressure)
-    return {"surfaces": replace(own, asperities=stiff), "load": 0.4}
+    stiff = attrs.evolve(own, modulus=own.modulus * v.pressure)
+    return {"surfaces": stiff, "load": 0.4}
 
 
 def shaped(v):
     # What opens the gap of a bearing closes that of a journal.
     size = (-1 if v.exchanged else 1) * C * v.length
-    bearing = Lobes(0.15 * size, v.seen(0.4), 2)
-    shaft = Lobes(0.05 * size, v.seen(-0.3), 3)
+    bearing = ehd.Lobes(0.15 * size, v.seen(0.4), 2)
+    shaft = ehd.Lobes(0.05 * size, v.seen(-0.3), 3)
     names = ("journal_shape", "bore_shape") if v.exchanged else ("bore_shape", "journal_shape")
     return {"joint": dict(zip(names, (bearing, shaft), strict=True))}
 
 
 def warm(v):
     # One oil: heat alone is measured in other units.
-    own = Oil(46.0, 6.645, specific_heat=2000.0 * v.pressure)
+    own = ehd.Oil(46.0, 6.645, specific_heat=2000.0 * v.pressure)
     return {
-        "oil": Lubricant.of(own, 60.0),
-        "joint": {"heat": Heat(supply_temperature=60.0, tolerance=1e-3)},
+        "oil": ehd.Lubricant.of(own, 60.0),
+        "joint": {"heat": ehd.Heat(supply_temperature=60.0, tolerance=1e-3)},
     }
 
 
@@ -125,9 +115,9 @@ MODELS = {
     "none": (lambda v: {"joint": {"shear_rule": "none"}}, ()),
     "bilinear": (lambda v: {"family": "bilinear", "cells": (64, 10)}, ()),
     "8-node": (lambda v: {"family": "serendipity"}, ()),
-    "Barus": (lambda v: {"oil": oil(v, viscosity_law=Barus(2e-8 / v.pressure))}, ()),
-    "Roelands": (lambda v: {"oil": oil(v, viscosity_law=Roelands(ETA))}, PLAIN),
-    "Cross": (lambda v: {"oil": oil(v, shear_law=Cross(3e5 / v.time))}, ()),
+    "Barus": (lambda v: {"oil": oil(v, viscosity_law=ehd.Barus(2e-8 / v.pressure))}, ()),
+    "Roelands": (lambda v: {"oil": oil(v, viscosity_law=ehd.Roelands(ETA))}, PLAIN),
+    "Cross": (lambda v: {"oil": oil(v, shear_law=ehd.Cross(3e5 / v.time))}, ()),
     "heat": (warm, ("viscosity",)),
     "conserved": (conserved, ()),
     "compressible": (compressible, PLAIN),
@@ -147,24 +137,24 @@ def machine(name, view):
     family, cells, lubricant, load, joint, mass = (values.pop(key) for key in list(values)[:6])
     size, speed = view.length, view.sense * OMEGA / view.time
     grid = uniform_grid(R * size, WIDTH * size, cells, family)
-    film = Film(FilmParameters(grid, C * size, lubricant, OMEGA / view.time, **values))
+    film = ehd.Film(ehd.FilmParameters(grid, C * size, lubricant, OMEGA / view.time, **values))
     inertia = mass * view.pressure * size * view.time**2
-    bodies = {"shaft": RigidBody(inertia, 0.0), "bearing": RigidBody(0.0)}
+    bodies = {"shaft": ehd.RigidBody(inertia, 0.0), "bearing": ehd.RigidBody(0.0)}
     pair = ("bearing", "shaft") if view.exchanged else ("shaft", "bearing")
     joints = {
-        "held": Revolute("ground", "bearing"),
-        "film": LubricatedJoint(*pair, film, friction=True, **joint),
+        "held": ehd.Revolute(("ground", "bearing")),
+        "film": ehd.LubricatedJoint(*pair, film, friction=True, **joint),
     }
     turning = view.spin * speed
     force = load * LOAD * view.pressure * size**2
     return (
-        Mechanism(
+        ehd.Mechanism(
             bodies,
             joints,
-            {"shaft": Speed(speed + turning), "bearing": Speed(turning)},
+            {"shaft": ehd.Speed(speed + turning), "bearing": ehd.Speed(turning)},
             {
-                "at rest": RotatingForce("shaft", force, turning),
-                "turning": RotatingForce("shaft", 0.6 * force, speed + turning),
+                "at rest": ehd.RotatingForce("shaft", force, turning),
+                "turning": ehd.RotatingForce("shaft", 0.6 * force, speed + turning),
             },
         ),
         2 * np.pi * view.time / OMEGA,
@@ -178,9 +168,9 @@ def answer(name, way):
     mechanism, period, view = machine(name, VIEWS[way])
     steps = {"tolerance": 2e-4, "order": 2, "first": 1e-6 * view.time}
     if name == "heat":
-        found = simulate_periodic(mechanism, period, periodicity=5e-4, **steps)
+        found = ehd.simulate(mechanism, period=period, periodicity=5e-4, **steps)
     else:
-        found = simulate(mechanism, 0.7 * period, largest=0.02, **steps)
+        found = ehd.simulate(mechanism, 0.7 * period, largest=0.02, **steps)
     figures, own = found.figures["film"], found.joints["film"]
     torques = [figures[f"mean_{body}friction_torque_Nm"] for body in ("", "bore_")]
     torque = view.pressure * view.length**3

@@ -7,9 +7,9 @@ from film_grids import graded_grid
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
-from fenics_ehd.film.grid import FilmGrid, aligned_grid, uniform_grid
-from fenics_ehd.film.layout import film_grid, film_layout, match
+from fenics_ehd.film.grid import aligned_grid, film_grid, film_layout, match, uniform_grid
 
 COUNTS = {"bilinear": 120, "serendipity": 340, "lagrange": 440}
 GRADED = {"focus": 1.0, "ratio": 6.0}
@@ -112,7 +112,7 @@ def test_coarser_grid_keeps_every_other_boundary(family):
         (lambda: uniform_grid(R, -R, (20, 5)), "must ascend"),
         (lambda: uniform_grid(R, np.nan, (20, 5)), "must ascend"),
         (lambda: uniform_grid(R, R, (20, 5), "hermite"), "'hermite' is not one of bilinear"),
-        (lambda: FilmGrid(R, np.linspace(0, 6, 9), np.arange(3.0)), "6 rad, not one turn"),
+        (lambda: ehd.FilmGrid(R, np.linspace(0, 6, 9), np.arange(3.0)), "6 rad, not one turn"),
         (lambda: uniform_grid(-R, R, (20, 5)), "radius"),
         (lambda: uniform_grid(np.nan, R, (20, 5)), "radius"),
     ],

@@ -5,16 +5,14 @@ import json
 import pytest
 from command_line import call
 from csv_history import read_history
-from mpi4py import MPI
-from scene_cases import tables_of
+from scene_cases import tables_of, toml
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.scene_file import scene_of
-from fenics_ehd.scenes.scene_text import stored
+from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.scene import scene_of, stored
 
 HEAT = {"supply_temperature": 70.0}
 OIL = {"grade": "ISO VG 46"}
@@ -45,8 +43,31 @@ def test_heat_is_off_unless_it_is_listed():
     plain = scene_of(tables(oil=OIL | {"temperature": 70.0}), "plain")
     assert plain.joints["bearing"].heat is None
     assert stored(plain).joints["bearing"].heat is None
-    listed = stored(scene_of(tables(HEAT | {"conducted": 0.2}), "listed")).joints["bearing"].heat
-    assert (listed.supply_temperature, listed.conducted, listed.mixing) == (70.0, 0.2, 0.5)
+    given = tables(HEAT | {"conducted_share": 0.2})
+    listed = stored(scene_of(given, "listed")).joints["bearing"].heat
+    assert (listed.supply_temperature, listed.conducted_share, listed.outlet_weight) == (
+        70.0,
+        0.2,
+        0.5,
+    )
+
+
+def test_keys_of_version_0_2_are_read_and_one_line_gives_the_name_of_today():
+    given = tables(HEAT | {"conducted": 0.2, "mixing": 0.4})
+    given["bodies"]["part"] = {"kind": "flexible", "model": "housing", "held_by": "foot"}
+    scene = scene_of(given, "former")
+    assert scene.joints["bearing"].heat.conducted_share == 0.2
+    assert scene.joints["bearing"].heat.outlet_weight == 0.4
+    assert scene.bodies["part"].clamped == "foot"
+    assert list(scene.warnings) == [
+        "bodies.part.held_by is now called clamped",
+        "joints.bearing.heat.conducted is now called conducted_share",
+        "joints.bearing.heat.mixing is now called outlet_weight",
+    ]
+    assert stored(scene).warnings == ()
+    assert "held_by" in given["bodies"]["part"]
+    with pytest.raises(SettingsError, match=r"unknown key joints\.bearing\.heat\.mixing"):
+        scene_of(tables(HEAT | {"mixing": 0.4, "outlet_weight": 0.5}), "both")
 
 
 @pytest.mark.parametrize(
@@ -57,8 +78,8 @@ def test_heat_is_off_unless_it_is_listed():
          r"lubricants\.oil does not depend"),
         ({"heat": HEAT, "periodic": False}, r"joints\.bearing\.heat: .* time\.periodic = false"),
         ({"heat": {"supply_temperature": 500.0}}, r"temperature = 500 C of the oil must lie"),
-        ({"heat": HEAT | {"conducted": 1.0}}, r"joints\.bearing\.heat\.conducted = 1.0"),
-        ({"heat": HEAT | {"mixing": 2.0}}, r"joints\.bearing\.heat: mixing = 2"),
+        ({"heat": HEAT | {"conducted": 1.0}}, r"joints\.bearing\.heat\.conducted_share = 1.0"),
+        ({"heat": HEAT | {"mixing": 2.0}}, r"joints\.bearing\.heat\.outlet_weight = 2"),
         ({"heat": HEAT | {"suply": 1.0}}, r"unknown key joints\.bearing\.heat\.suply"),
         ({}, r"lubricants\.oil: temperature is missing"),
     ],
@@ -70,7 +91,7 @@ def test_heat_that_cannot_be_balanced_names_its_key(given, message):
 
 def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     source = tmp_path / "warm.toml"
-    source.write_text(_toml(tables(HEAT | {"tolerance": 0.2})))
+    source.write_text(toml(tables(HEAT | {"tolerance": 0.2})))
     assert call("run", source, "-o", tmp_path / "out", "--plots") == 0
     assert "effective temperature" in capsys.readouterr().out
     assert (tmp_path / "out" / "flow.png").is_file()
@@ -86,19 +107,6 @@ def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     history = read_history(tmp_path / "out")
     assert history["dissipated_power_W"].min() > 0
     assert history["leaving_flow_m3_per_s"].min() > 0
-
-
-def _toml(given, path=""):
-    """Tables of tables as TOML, one level after the other."""
-    lines = [
-        f"{key} = {json.dumps(value)}"
-        for key, value in given.items()
-        if not isinstance(value, dict)
-    ]
-    for key, value in given.items():
-        if isinstance(value, dict):
-            lines += [f"[{path}{key}]", _toml(value, f"{path}{key}.")]
-    return "\n".join(lines)
 
 
 def test_a_bearing_tells_its_temperatures(capsys):
@@ -139,12 +147,12 @@ def test_conserved_oil_is_warmed_too():
             ),
             "starved",
         )
-        built = build_mechanism(scene, MPI.COMM_SELF)
+        built = build(scene)
         run = Run(built.mechanism, built.steps, scene.span)
-        cycles, recorder = Cycles(run, scene.span, 2e-3, 20), Recorder(run)
+        cycles, recorder = Cycles(run, scene.span, 2e-3, 20), Tracker(run.equations, run.norm)
         for step in cycles:
             recorder.add(step, cycles)
-        found.append(recorder.result(cycles).figures["bearing"])
+        found.append(recorder.figures())
     heated, given = found
     assert heated["effective_temperature_C"] > 75.0
     dissipated = heated["mean_dissipated_power_W"]

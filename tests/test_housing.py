@@ -1,37 +1,30 @@
 """The housing: its mesh, its clamped foot, its reduction, and a shaft in it."""
 
-import json
-import subprocess
-import sys
-from dataclasses import replace
-
 import attrs
 import numpy as np
 import pytest
+from foreign_parts import to_scipy
 from mpi4py import MPI
 from scene_cases import tables_of
-from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.multibody.energy import ENERGY_LIMIT
-from fenics_ehd.multibody.simulation import simulate
 from fenics_ehd.reduction.checks import check_structure
-from fenics_ehd.reduction.rigid_body import rigid_body_modes
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.elastic_part import elastic_part
+from fenics_ehd.reduction.static import rigid_body_modes
+from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.part import (
+    elastic_part,
     reduce_structure,
     reduction_provenance,
     structure_provenance,
 )
 from fenics_ehd.scenes.part_settings import ReductionSettings
-from fenics_ehd.scenes.scene_file import read_scene, scene_of
+from fenics_ehd.scenes.scene import scene_of
 
 HEIGHT, THICKNESS, FOOT = 0.060, 0.022, 0.104
-COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
 #: Six modes of the held housing, nothing else.
 LOWEST = ReductionSettings(method="m1", modes=6, estimate_error=False)
@@ -42,7 +35,7 @@ COARSE = {"bore_cells_around": 10, "bore_cells_along": 2, "ring_layers": 1, "web
 
 def housing_settings(geometry=None, **changes):
     return attrs.evolve(
-        read_scene("rotor-paper").bodies["housing"], geometry=geometry or {}, **changes
+        ehd.read_scene("rotor-paper").bodies["housing"], geometry=geometry or {}, **changes
     )
 
 
@@ -67,8 +60,8 @@ def pressed_at_once(coarse):
         changes |= {"time.periodicity": None, "time.cycles": None}
         force = {"kind": "constant", "point": "journal", "force": [500.0, 900.0]}
         scene = scene_of(tables_of("loaded-journal", changes | {"forces.load": force}), "pressed")
-        built = build_mechanism(scene, MPI.COMM_SELF, bodies={"housing": made})
-        return simulate(built.mechanism, scene.span, **vars(built.steps)).figures["bearing"]
+        built = build(scene, bodies={"housing": made})
+        return ehd.simulate(built.mechanism, scene.span, **vars(built.steps)).figures["bearing"]
 
     return {zeta: run(zeta) for zeta in (0.0, 1e-8, 1e-5)}
 
@@ -100,10 +93,6 @@ def coarse():
 def whole(coarse):
     """The coarse housing with its full interface."""
     return reduce_structure(coarse, ReductionSettings(method="full", vibration_modes=4))
-
-
-def as_scipy(matrix):
-    return sparse.csr_matrix(matrix.getValuesCSR()[::-1], shape=matrix.size)
 
 
 def held_dofs(part):
@@ -138,7 +127,7 @@ def test_foot_is_held_and_the_mass_is_kept(structure):
     assert rigid_body_modes(structure).shape[1] == 0
     held = held_dofs(structure)
     assert len(held) == 3 * ((2 * 8 + 1) * (2 * 5 + 1) - 8 * 5)
-    stiffness, mass = as_scipy(structure.stiffness), as_scipy(structure.mass)
+    stiffness, mass = to_scipy(structure.stiffness), to_scipy(structure.mass)
     for matrix in (stiffness, mass):
         coupled = matrix[held].tocoo()
         off = coupled.col != held[coupled.row]
@@ -153,7 +142,7 @@ def test_foot_is_held_and_the_mass_is_kept(structure):
 def test_held_modes_are_those_of_the_free_block_of_the_matrices(coarse, figure):
     body = reduce_structure(coarse, LOWEST)
     keep = np.setdiff1d(np.arange(coarse.size), held_dofs(coarse))
-    stiffness, mass = (as_scipy(m)[keep][:, keep] for m in (coarse.stiffness, coarse.mass))
+    stiffness, mass = (to_scipy(m)[keep][:, keep] for m in (coarse.stiffness, coarse.mass))
     values = eigsh(stiffness.tocsc(), 6, mass.tocsc(), sigma=0.0, return_eigenvectors=False)
     expected = np.sqrt(np.sort(values)) / (2 * np.pi)
     error = np.abs(body.frequencies / expected - 1).max()
@@ -239,7 +228,7 @@ def test_housing_of_tetrahedra_is_the_same_part(figure):
 )
 def test_geometry_that_cannot_be_is_named(geometry, message):
     with pytest.raises(MeshError, match=message):
-        build_mesh(model_path("housing"), geometry, comm=MPI.COMM_SELF)
+        ehd.build_mesh(model_path("housing"), geometry, comm=MPI.COMM_SELF)
 
 
 def test_structure_without_a_foot_is_named(tmp_path):
@@ -258,21 +247,6 @@ def test_provenance_names_what_the_body_depends_on():
     assert "modes" not in found
 
 
-@pytest.mark.slow
-def test_reduce_housing_writes_a_body(tmp_path):
-    path = tmp_path / "housing.h5"
-    options = ["--vibration-modes", "3", "--no-estimate-error", "--json"]
-    result = subprocess.run(
-        [*COMMAND, "reduce", "housing", "-o", path, *options],
-        capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
-    assert result.returncode == 0, result.stderr
-    summary = json.loads(result.stdout)
-    assert (summary["frame"], summary["modes"], summary["part"]) == ("clamped", 3, "housing")
-    assert summary["degrees_of_freedom"] == "8931"
-    assert summary["mass_kg"] == pytest.approx(0.7596, rel=1e-3)
-
-
 @pytest.mark.mpi
 def test_held_housing_is_the_same_on_any_number_of_ranks(coarse):
     shared = build_structure(housing_settings(COARSE), MPI.COMM_WORLD)
@@ -287,11 +261,11 @@ def test_held_housing_is_the_same_on_any_number_of_ranks(coarse):
 
 def part_of_a_turn(body, turns, tolerance=1e-4):
     """The paper's rotor in this housing, from rest."""
-    scene = read_scene("rotor-paper")
+    scene = ehd.read_scene("rotor-paper")
     time = attrs.evolve(scene.time, revolutions=turns, tolerance=tolerance)
-    built = build_mechanism(replace(scene, time=time), MPI.COMM_SELF, bodies={"housing": body})
-    result = simulate(built.mechanism, built.end, **vars(built.steps))
-    assert result.energy_balance_error < ENERGY_LIMIT
+    built = build(attrs.evolve(scene, time=time), bodies={"housing": body})
+    result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
+    assert result.summary()["energy_balance_error"] < ENERGY_LIMIT
     return result.joints["bearing"], result.time
 
 
@@ -301,16 +275,3 @@ def test_quasi_static_bore_moves_as_the_full_interface(coarse, whole):
     found, expected = (part_of_a_turn(body, 0.1)[0] for body in (m4, whole))
     assert found.max_pressure[-1] == pytest.approx(expected.max_pressure[-1], rel=0.01)
     assert found.min_film_thickness[-1] == pytest.approx(expected.min_film_thickness[-1], rel=0.01)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("residual_modes", [20, 40])
-def test_a_revolution_with_30_and_50_modes(structure, residual_modes):
-    reduction = attrs.evolve(
-        housing_settings().reduction, method="m3", residual_modes=residual_modes
-    )
-    body = reduce_structure(structure, reduction)
-    assert body.modes == 10 + residual_modes
-    joint, time = part_of_a_turn(body, 1.0)
-    assert time[-1] == pytest.approx(2 * np.pi / 600)
-    assert 0 < joint.min_film_thickness.min() < 17e-6

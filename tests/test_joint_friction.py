@@ -16,20 +16,17 @@ from hand_made_rod import (
     make_mechanism,
     with_residual,
 )
-from journal_cases import ETA, OMEGA, C, R, ellipse, journal, make_film
+from journal_cases import ETA, OMEGA, C, R, ellipse, in_bearing, journal, make_film, steady
 from mechanism_cases import film as film_of
 from mechanism_cases import rigid_rod, slider_crank
+from oracle_walls import walls
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.forces import film_forces
-from fenics_ehd.film.kinematics import ShaftMotion
-from fenics_ehd.film.shape import Lobes
-from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.multibody.friction import film_friction
-from fenics_ehd.multibody.friction_rates import friction_rates
+import fenics_ehd as ehd
+from fenics_ehd.film import uniform_grid
 from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.quantities import JointPlaces, JointStep, averaged, joint_row
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.step_equations import film_friction
 from fenics_ehd.multibody.tracking import Tracker
 
 pytestmark = pytest.mark.kernels
@@ -38,18 +35,28 @@ pytestmark = pytest.mark.kernels
 def supplied_film(pressure=2e5, ambient=5e4, cells=(24, 4)):
     """The paper's bearing with a groove and sides at given pressures."""
     grid = uniform_grid(RADIUS, WIDTH, cells, "lagrange")
-    groove = AxialGroove(np.pi / 2, 2 * np.pi / cells[0], pressure)
-    sides = Sides(ambient, ambient)
-    return Film(FilmParameters(grid, CLEARANCE, Lubricant(VISCOSITY), SPEED, sides, (groove,)))
+    groove = ehd.AxialGroove(np.pi / 2, 2 * np.pi / cells[0], pressure)
+    sides = ehd.Sides(ambient, ambient)
+    return ehd.Film(
+        ehd.FilmParameters(grid, CLEARANCE, ehd.Lubricant(VISCOSITY), SPEED, sides, (groove,))
+    )
 
 
 def rows_of(mechanism, end, tolerance):
     """Accepted steps with the rates of every joint."""
     going = Run(mechanism, Steps(tolerance=tolerance), end)
-    system = going.equations.system
+    system, norm = going.equations.system, going.norm
     for step in going.until(end):
-        films = zip(system.films, step.solution.integrals, strict=True)
-        yield going, step, [friction_rates(place, step, film) for place, film in films]
+        gaps = norm.film_gaps(step.observed)
+        films = zip(system.films, step.solution.integrals, gaps, strict=True)
+        yield (
+            going,
+            step,
+            [
+                joint_row(JointStep(JointPlaces(system, place), step, film, gap))
+                for place, film, gap in films
+            ],
+        )
 
 
 def machines():
@@ -57,13 +64,13 @@ def machines():
     elastic = with_residual(joint, flexible(joint)[0])
     both_ends = film_of(22.5e-3, 22e-3, 17e-6, 0.01), film_of(11e-3, 20e-3, 12e-6, 0.01, (24, 4))
     two = slider_crank(rigid_rod(), *both_ends, friction=True)
-    gudgeon = replace(two.joints["gudgeon"], friction=True, journal_shape=Lobes(2e-6, 0.3))
+    gudgeon = replace(two.joints["gudgeon"], friction=True, journal_shape=ehd.Lobes(2e-6, 0.3))
     return {
         "rigid": slider_crank(rigid_rod(), film_of(22.5e-3, 22e-3, 17e-6, 0.01), friction=True),
         "supplied": slider_crank(rigid_rod(), supplied_film(), friction=True),
         "elastic": make_mechanism(elastic, joint, friction=True),
         "oval journal": slider_crank(
-            rigid_rod(), supplied_film(), friction=True, journal_shape=Lobes(3e-6)
+            rigid_rod(), supplied_film(), friction=True, journal_shape=ehd.Lobes(3e-6)
         ),
         "two joints": replace(two, joints={**two.joints, "gudgeon": gudgeon}),
     }
@@ -113,26 +120,24 @@ def test_the_bodies_lose_what_goes_into_the_joint(name):
 
 
 def test_torques_on_journal_and_bore_are_those_of_the_walls():
-    # A rigid bore: the film's own wrenches, about the bore's axis and the journal's.
+    # A rigid bore: its own axis and the journal's.
     mechanism = machines()["rigid"]
     *_, (going, step, (rates,)) = rows_of(mechanism, 0.3 * REVOLUTION, 1e-3)
     (place,), (film,) = going.equations.system.films, step.solution.films
-    e, rate = step.x[place.xi[:2]], step.rate[place.xi[:2]]
-    motion = ShaftMotion(e, place.ahead(step.rate), eccentricity_rate=rate)
-    forces = film_forces(place.film.film, film, motion)
+    filled = step.solution.integrals[0].friction.filled
+    found = walls(place.film.film, film, step.x[place.xi[:2]], filled)
     size = rates["friction_torque_Nm"]
-    assert size == pytest.approx(-forces.friction_torque, rel=2e-3)
+    assert size == pytest.approx(-found.shaft_torque, rel=2e-3)
     bore = rates["bore_friction_torque_Nm"]
-    assert bore == pytest.approx(forces.on_bore.moment[2], abs=3e-3 * size)
+    assert bore == pytest.approx(found.bore_torque, abs=3e-3 * size)
     assert abs(bore - size) > 0.05 * size
 
 
 def test_a_centred_journal_has_petroffs_torque(figure):
     # Under next to no load.
     film = make_film()
-    mechanism, period = journal(film, ellipse(1e-6, 1.0, 1), np.pi / OMEGA)
-    bearing = replace(mechanism.joints["bearing"], friction=True)
-    result = simulate(replace(mechanism, joints={"bearing": bearing}), period, tolerance=1e-4)
+    mechanism, period = journal(film, ellipse(1e-6, 1.0, 1), np.pi / OMEGA, friction=True)
+    result = ehd.simulate(mechanism, period, tolerance=1e-4)
     petroff = ETA * OMEGA * (R - C) ** 2 * 2 * np.pi * R * 2 * R / C
     for body in ("", "bore_"):
         found = result.columns[f"{body}friction_torque_Nm"][-1]
@@ -141,12 +146,10 @@ def test_a_centred_journal_has_petroffs_torque(figure):
 
 
 def test_the_cavitated_zone_shears_by_the_joints_rule():
-    film, losses = make_film((20, 4)), {}
-    loaded, period = journal(film, lambda s: 5e3 * np.stack([1 + 0 * s, 0 * s]), 2 * np.pi / OMEGA)
+    film, losses, end = make_film((20, 4)), {}, 0.6 * np.pi / OMEGA
     for rule in ("full", "streamers", "none"):
-        bearing = replace(loaded.joints["bearing"], friction=True, shear_rule=rule)
-        mechanism = replace(loaded, joints={"bearing": bearing})
-        result = simulate(mechanism, 0.3 * period, tolerance=1e-3, first=1e-6)
+        mechanism = in_bearing(film, {"load": steady(5e3)}, friction=True, shear_rule=rule)
+        result = ehd.simulate(mechanism, end, tolerance=1e-3, first=1e-6)
         losses[rule] = result.columns["friction_power_W"][-1]
     assert losses["full"] > 1.05 * losses["streamers"]
     assert losses["streamers"] > 1.1 * losses["none"]
@@ -157,25 +160,26 @@ def test_the_machine_puts_in_what_its_films_dissipate(name, figure):
     # Drives, forces and stored energy against dissipation: what no single joint's balance knows.
     steps = {"largest": 1.0, "order": 2}
     loose, tight = (
-        simulate(machines()[name], 0.1 * REVOLUTION, tolerance=t, **steps).net_energy_balance_error
+        ehd.simulate(machines()[name], 0.1 * REVOLUTION, tolerance=t, **steps).summary()[
+            "energy_balance_error"
+        ]
         for t in (1e-3, 1e-6)
     )
     # Of order 2 with the local error under control: tolerance^(2/3), a factor of 100.
     assert loose > 30 * tight
-    figure("friction", f"energy put into the machine, {name}, over dissipated", tight, most=1e-4)
+    figure("friction", f"energy put into the machine, {name}, over exchanged", tight, most=1e-4)
 
 
 def test_means_over_a_cycle_balance():
-    loaded, period = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), 2 * np.pi / OMEGA)
-    bearing = replace(loaded.joints["bearing"], friction=True)
-    run = Run(replace(loaded, joints={"bearing": bearing}), Steps(1e-3, 2, 1e-6), period)
+    period = 2 * np.pi / OMEGA
+    loaded, _ = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), period, friction=True)
+    run = Run(loaded, Steps(1e-3, 2, 1e-6), period)
     search, tracker = Cycles(run, period, 1e-2), Tracker(run.equations, run.norm)
     for step in search:
-        tracker.begins(search)
-        tracker.add(step)
+        row = tracker.add(step, search)
     found = tracker.figures()
     means = {name: value for name, value in found.items() if name.startswith("mean_")}
-    assert set(means) == {f"mean_{name}" for name in tracker.rates["bearing"].totals}
+    assert set(means) == {f"mean_{name}" for name in averaged(row)}
     lost = means["mean_dissipated_power_W"]
     assert means["mean_film_power_W"] == pytest.approx(lost, rel=1e-6)
     assert means["mean_journal_friction_power_W"] == pytest.approx(

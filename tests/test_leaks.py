@@ -3,7 +3,6 @@
 import gc
 import resource
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,22 +16,18 @@ from mechanism_cases import (
     short_films,
     slider_crank,
 )
-from mpi4py import MPI
 from petsc4py import PETSc
 from scene_cases import LOADED_JOURNAL, write_scene
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.multibody import run as run_module
-from fenics_ehd.multibody.simulation import simulate, simulate_periodic
-from fenics_ehd.multibody.step_solver import CoupledSteps
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.scene_file import read_scene
+import fenics_ehd as ehd
+from fenics_ehd.film import uniform_grid
+from fenics_ehd.scenes.build import build
 
 RADIUS, WIDTH, CLEARANCE, VISCOSITY = 0.0225, 0.022, 17e-6, 0.01
 
 
 def run(mechanism, revolutions=0.0003):
-    simulate(mechanism, revolutions * REVOLUTION, tolerance=1e-3)
+    ehd.simulate(mechanism, revolutions * REVOLUTION, tolerance=1e-3)
 
 
 def on_film(body, film):
@@ -49,7 +44,12 @@ def nine_nodes(_):
 def weighted(_):
     body = make_body(Joint((8, 2)))
     grid = uniform_grid(RADIUS, WIDTH, (8, 2), "serendipity")
-    run(on_film(body, Film(FilmParameters(grid, CLEARANCE, Lubricant(VISCOSITY), rate=SPEED))))
+    run(
+        on_film(
+            body,
+            ehd.Film(ehd.FilmParameters(grid, CLEARANCE, ehd.Lubricant(VISCOSITY), rate=SPEED)),
+        )
+    )
 
 
 def another_mesh(_):
@@ -68,19 +68,16 @@ def both_ends(_):
 
 def journal(folder):
     changes = LOADED_JOURNAL | {"joints.bearing.cells": [8, 2]}
-    scene = read_scene(write_scene(folder / "journal.toml", "loaded-journal", changes))
-    mechanism = build_mechanism(scene, MPI.COMM_SELF).mechanism
-    simulate_periodic(mechanism, 20e-3, periodicity=0.9, tolerance=1e-2, largest=0.1)
+    scene = ehd.read_scene(write_scene(folder / "journal.toml", "loaded-journal", changes))
+    mechanism = build(scene).mechanism
+    ehd.simulate(mechanism, period=20e-3, periodicity=0.9, tolerance=1e-2, largest=0.1)
 
 
 WORK = [nine_nodes, weighted, another_mesh, residual_patterns, both_ends, journal]
 
 
 @pytest.mark.parametrize("work", WORK)
-@pytest.mark.parametrize("sparse", [False, True])
-def test_petsc_keeps_nothing_of_a_run(work, sparse, tmp_path, capfd, monkeypatch):
-    if sparse:
-        monkeypatch.setattr(run_module, "CoupledSteps", partial(CoupledSteps, dense_limit=0))
+def test_petsc_keeps_nothing_of_a_run(work, tmp_path, capfd):
     gc.collect()
     PETSc.garbage_cleanup(PETSc.COMM_SELF)
     work(tmp_path)

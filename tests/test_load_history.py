@@ -7,9 +7,8 @@ from make_single_cylinder import Engine, engine_load
 from scipy.integrate import trapezoid
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.scenes.angle_table import read_angle_table
-from fenics_ehd.scenes.load_history import read_load
-from fenics_ehd.scenes.loads import table_file
+from fenics_ehd.scenes.library import table_file
+from fenics_ehd.scenes.tables import read_angle_table, read_load
 
 GOOD = "# a comment\n\ntime_ms, Fx [kN], Fy_N\n0,1,-5\n 1, 2 ,0\n# more\n2,0,7\n4,1,-5\n"
 

@@ -2,52 +2,31 @@
 
 import numpy as np
 import pytest
-from differences import slope
-from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, given_gap, make_film, shaft, solve
-from hypothesis import given
-from hypothesis import strategies as st
+from film_cases import ETA, FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film, shaft, solve
 
-from fenics_ehd.base.errors import CavitationError, SettingsError
-from fenics_ehd.film import Lubricant
-from fenics_ehd.film.lubricant import Barus, Constant, DowsonHigginson, Roelands
-from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.film.thinning import Cross
+import fenics_ehd as ehd
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.lubricant import Constant
 
-LAWS = [Constant(), Barus(1.8e-8), Roelands(0.01), Roelands(0.4, 0.7), DowsonHigginson()]
-
-
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@given(pressure=st.floats(2e7, 8e8))
-def test_slopes_are_derivatives(law, pressure):
-    unit = 1e6
-    ratio, derivative = law(np.array([pressure]))
-    expected = slope(lambda t: law(np.array([pressure + unit * t]))[0])
-    assert unit * derivative == pytest.approx(expected, rel=1e-7, abs=1e-11 * ratio[0])
-
-
-@pytest.mark.parametrize("law", [Cross(1e6), Cross(3e4, 0.7, 0.0), Cross(1e7, 3.0, 0.9)], ids=str)
-@given(power=st.floats(3, 8))
-def test_slope_of_shear_thinning_is_its_derivative(law, power):
-    rate = 10.0**power
-    ratio, derivative = law(np.array([rate]))
-    expected = slope(lambda t: law(np.array([rate * (1 + t)]))[0])
-    assert rate * derivative == pytest.approx(expected, rel=1e-7, abs=1e-11)
-    assert law.second <= ratio <= 1.0
+LAWS = [
+    Constant(),
+    ehd.Barus(1.8e-8),
+    ehd.Roelands(0.01),
+    ehd.Roelands(0.4, 0.7),
+    ehd.DowsonHigginson(),
+]
 
 
 def test_shear_thinning_has_its_limits():
-    law = Cross(1e6, 0.8, 0.3)
-    ratio, derivative = law(np.array([0.0, 1e6, 1e300]))
-    np.testing.assert_allclose(ratio, [1.0, 0.65, 0.3])
-    assert derivative[0] == 0.0
-    assert np.isfinite(derivative).all()
+    law = ehd.Cross(1e6, 0.8, 0.3)
+    np.testing.assert_allclose(law(np.array([0.0, 1e6, 1e300])), [1.0, 0.65, 0.3])
     with np.errstate(all="raise", under="ignore"):
-        Cross(1e-30, 9.99, 0.0)(np.array([0.0, 1e-300, 1e9, 1e300]))
+        ehd.Cross(1e-30, 9.99, 0.0)(np.array([0.0, 1e-300, 1e9, 1e300]))
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_laws_are_ratios_to_ambient_pressure(law):
-    ratio, _ = law(np.array([0.0, 1e8]))
+    ratio = law(np.array([0.0, 1e8]))
     assert ratio[0] == 1.0
     assert law.constant == (ratio[1] == 1.0)
 
@@ -55,10 +34,11 @@ def test_laws_are_ratios_to_ambient_pressure(law):
 def test_laws_have_values_from_the_literature():
     # Barus: e at p = 1 / alpha. Roelands' law has Barus' slope alpha at zero, with
     # alpha = Z (ln eta_0 + 9.67) / 0.196 GPa. Oil at 1 GPa is denser by 22 %.
-    assert Barus(2e-8)(np.array([5e7]))[0] == pytest.approx(np.e)
+    assert ehd.Barus(2e-8)(np.array([5e7])) == pytest.approx(np.e)
     alpha = 0.6 * (np.log(0.1) + 9.67) / 1.96e8
-    assert Roelands(0.1)(np.zeros(1))[1] == pytest.approx(alpha)
-    assert DowsonHigginson()(np.array([1e9]))[0] == pytest.approx(1 + 0.6 / 2.7)
+    weak = np.array([1e2])
+    assert ehd.Roelands(0.1)(weak) - 1 == pytest.approx(alpha * weak, rel=1e-5)
+    assert ehd.DowsonHigginson()(np.array([1e9])) == pytest.approx(1 + 0.6 / 2.7)
 
 
 #: Weak enough that 1 - alpha q stays positive: eta exp(alpha p) has no solution otherwise.
@@ -72,7 +52,7 @@ def test_barus_film_is_a_constant_one_in_the_reduced_pressure(family):
     errors = []
     for cells in ((20, 4), (40, 8), (80, 16)):
         plain = make_film(cells, family)
-        thick = make_film(cells, family, oil=Lubricant(ETA, viscosity_law=Barus(ALPHA)))
+        thick = make_film(cells, family, oil=ehd.Lubricant(ETA, viscosity_law=ehd.Barus(ALPHA)))
         gap = gap_of(plain, shaft(0.6, 0.1, rate=(30.0, 30.0)))
         q, p = plain.solve(gap).pressure, thick.solve(gap).pressure
         assert ALPHA * q.max() > 0.1
@@ -82,21 +62,12 @@ def test_barus_film_is_a_constant_one_in_the_reduced_pressure(family):
     assert np.log2(errors[0] / errors[-1]) / 2 > 1.5
 
 
-def test_barus_film_beyond_its_reduced_pressure_is_a_named_error():
-    film = make_film((20, 4), oil=Lubricant(ETA, viscosity_law=Barus(1e-7)))
-    assert solve(make_film((20, 4)), 0.7).pressure.max() > 1e7
-    with pytest.raises(CavitationError):
-        solve(film, 0.7)
-    # And the film lives on.
-    assert solve(film, 0.02).pressure.max() > 0
-
-
-@pytest.mark.parametrize("law", [Barus(1e-15), Roelands(6.4e-5)])
+@pytest.mark.parametrize("law", [ehd.Barus(1e-15), ehd.Roelands(6.4e-5)])
 def test_vanishing_pressure_dependence_is_none(law):
     viscosity = getattr(law, "viscosity", ETA)
     weak, plain = (
         make_film(oil=oil)
-        for oil in (Lubricant(viscosity, viscosity_law=law), Lubricant(viscosity))
+        for oil in (ehd.Lubricant(viscosity, viscosity_law=law), ehd.Lubricant(viscosity))
     )
     expected = solve(plain, 0.6).pressure
     np.testing.assert_allclose(solve(weak, 0.6).pressure, expected, atol=1e-3 * expected.max())
@@ -104,31 +75,14 @@ def test_vanishing_pressure_dependence_is_none(law):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_factor_everywhere_is_that_viscosity(family):
-    double = Lubricant(ETA, viscosity_field=lambda phi, z: np.full_like(phi, 2.0))
+    double = ehd.Lubricant(ETA, viscosity_field=lambda phi, z: np.full_like(phi, 2.0))
     found = solve(make_film(family=family, oil=double), 0.6).pressure
-    expected = solve(make_film(family=family, oil=Lubricant(2 * ETA)), 0.6).pressure
+    expected = solve(make_film(family=family, oil=ehd.Lubricant(2 * ETA)), 0.6).pressure
     np.testing.assert_allclose(found, expected, atol=1e-9 * expected.max())
     # A denser oil of the same viscosity makes no difference in (1).
-    dense = Lubricant(ETA, density_field=lambda phi, z: np.full_like(phi, 3.0))
+    dense = ehd.Lubricant(ETA, density_field=lambda phi, z: np.full_like(phi, 3.0))
     found = solve(make_film(family=family, oil=dense), 0.6).pressure
     np.testing.assert_allclose(2 * found, expected, atol=1e-8 * expected.max())
-
-
-def test_cold_half_of_a_film_carries_more():
-    def cold(phi, z):
-        return np.where(z > 0, 3.0, 1.0)
-
-    film = make_film((24, 8), oil=Lubricant(ETA, viscosity_field=cold))
-    pressure = solve(film, 0.6).pressure
-    z = film.parameters.grid.node_positions[:, 1]
-    interpolation = film.parameters.grid.interpolation
-    angle = np.linspace(0, 6, 50)
-    above, below = (interpolation(angle, np.full(50, s * R / 2)) @ pressure for s in (1, -1))
-    assert above.max() > 1.3 * below.max()
-    low, high = (np.hypot(*force(make, solve(make, 0.6).pressure)) for make in (
-        make_film((24, 8)), make_film((24, 8), oil=Lubricant(3 * ETA))))  # fmt: skip
-    assert low < np.hypot(*force(film, pressure)) < high
-    assert len(z) == len(pressure)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -136,10 +90,10 @@ def test_cold_half_of_a_film_carries_more():
 def test_compressible_film_conserves_mass(family, rise, stiffening):
     # Closed ends, two lines of given pressure: what flows in at one flows out at the other
     # or is squeezed. r sums over all nodes to the source alone: shape functions add up to one.
-    law = DowsonHigginson(rise, stiffening)
-    oil = Lubricant(ETA, viscosity_law=Barus(2e-9), density_law=law)
-    lines = (AxialGroove(0.0, 0.0, 8e7),)
-    film = make_film((48, 2), family, oil=oil, sides=Sides(None, None), regions=lines)
+    law = ehd.DowsonHigginson(rise, stiffening)
+    oil = ehd.Lubricant(ETA, viscosity_law=ehd.Barus(2e-9), density_law=law)
+    lines = (ehd.AxialGroove(0.0, 0.0, 8e7),)
+    film = make_film((48, 2), family, oil=oil, sides=ehd.Sides(None, None), regions=lines)
     gap = given_gap(film, lambda phi, z: 1 + 0.3 * np.cos(phi), 0.0, 0.5)
     state = film.solve(gap)
     assert len(state.cavitation.full_film) == len(film.free)
@@ -155,46 +109,34 @@ def test_compressible_film_conserves_mass(family, rise, stiffening):
     accuracy = 5e-3 if family == "bilinear" else 2e-3
     np.testing.assert_allclose(flux, flux.mean(), rtol=accuracy)
     # Compressed oil needs less flow to be carried round than an incompressible film's.
-    stiff = make_film((48, 2), family, oil=Lubricant(ETA, viscosity_law=Barus(2e-9)),
-                      sides=Sides(None, None), regions=lines)  # fmt: skip
+    stiff = make_film((48, 2), family, oil=ehd.Lubricant(ETA, viscosity_law=ehd.Barus(2e-9)),
+                      sides=ehd.Sides(None, None), regions=lines)  # fmt: skip
     assert np.abs(stiff.solve(gap).pressure - state.pressure).max() > 1e-3 * state.pressure.max()
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_compressibility_of_oil_is_a_small_correction(family):
-    plain, soft = (
-        make_film(family=family, oil=Lubricant(ETA, density_law=law))
-        for law in (Constant(), DowsonHigginson())
-    )
-    p, q = (solve(f, 0.6).pressure for f in (plain, soft))
-    # Some 1e7 Pa: density up by half a hundredth.
-    difference = np.abs(p - q).max() / p.max()
-    assert 1e-4 < difference < 3e-2
 
 
 @pytest.mark.parametrize(
     ("make", "named"),
     [
-        (lambda: Lubricant(0.0), "viscosity = 0 must be above 0"),
-        (lambda: Lubricant(np.nan), "viscosity = nan"),
-        (lambda: Barus(-1e-8), "Barus pressure coefficient = -1e-08"),
-        (lambda: Roelands(0.01, 0.0), "Roelands index = 0"),
-        (lambda: Roelands(1e-5), "1e-05 Pa s must be above 6.3e-5"),
-        (lambda: Roelands(np.nan), "must be above"),
-        (lambda: Cross(0.0), "rate = 0 1/s of Cross's law"),
-        (lambda: Cross(1e6, 10.0), "exponent = 10 of Cross's law"),
-        (lambda: Cross(1e6, 1.0, 1.1), "second = 1.1 of Cross's law"),
-        (lambda: Cross(np.nan), "rate = nan"),
+        (lambda: ehd.Lubricant(0.0), "viscosity = 0 must be above 0"),
+        (lambda: ehd.Lubricant(np.nan), "viscosity = nan"),
+        (lambda: ehd.Barus(-1e-8), "Barus pressure coefficient = -1e-08"),
+        (lambda: ehd.Roelands(0.01, 0.0), "Roelands index = 0"),
+        (lambda: ehd.Roelands(1e-5), "1e-05 Pa s must be above 6.3e-5"),
+        (lambda: ehd.Roelands(np.nan), "must be above"),
+        (lambda: ehd.Cross(0.0), "rate = 0 1/s of Cross's law"),
+        (lambda: ehd.Cross(1e6, 10.0), "exponent = 10 of Cross's law"),
+        (lambda: ehd.Cross(1e6, 1.0, 1.1), "second = 1.1 of Cross's law"),
+        (lambda: ehd.Cross(np.nan), "rate = nan"),
         (
-            lambda: make_film(oil=Lubricant(ETA, viscosity_field=lambda a, z: np.cos(a))),
+            lambda: make_film(oil=ehd.Lubricant(ETA, viscosity_field=lambda a, z: np.cos(a))),
             "viscosity_field of the lubricant must be above 0",
         ),
         (
-            lambda: make_film(oil=Lubricant(ETA, density_field=lambda a, z: a * np.nan)),
+            lambda: make_film(oil=ehd.Lubricant(ETA, density_field=lambda a, z: a * np.nan)),
             "density_field of the lubricant must be above 0",
         ),
         (
-            lambda: make_film(oil=Lubricant(ETA, viscosity_field=lambda a, z: a + np.inf)),
+            lambda: make_film(oil=ehd.Lubricant(ETA, viscosity_field=lambda a, z: a + np.inf)),
             "viscosity_field",
         ),
     ],

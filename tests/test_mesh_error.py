@@ -8,22 +8,28 @@ from command_line import call
 from hand_made_rod import Joint, make_body
 from mpi4py import MPI
 from scene_cases import ROD_OF_A_FILE, structure, tables_of, write_scene
+from scipy import integrate
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import MeshError, SettingsError, StructureError
+from fenics_ehd.base.plane import rotation
 from fenics_ehd.fem.models import store_mesh_error, stored_mesh_error
 from fenics_ehd.multibody.error_shares import NOT_ESTIMATED
-from fenics_ehd.reduction import save_body
+from fenics_ehd.multibody.lubricated_joint import sampling_grid
+from fenics_ehd.multibody.mechanism import Instant, Motion, System
 from fenics_ehd.reduction.mesh_error import (
     PATTERNS,
     SMOOTH,
     compliance_errors,
     excess,
-    outward_of,
     smooth_answers,
+    smooth_fields,
 )
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.scene_file import scene_of
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.scene import scene_of
+
+ROD_OF_M1 = {"bodies.rod.reduction.method": "m1", "bodies.rod.reduction.modes": 8}
 
 
 def rod(around, **changes):
@@ -39,29 +45,68 @@ def of_mesh(around, **changes):
     return smooth_answers(StaticSolver(part)), part.size
 
 
+def missing_in(body):
+    """Compliance that a body lacks by its displacements: the work of smooth pressures on them."""
+    bore = body.bores["bore"]
+    grid = sampling_grid(bore)
+    height = grid.node_positions[:, 1]
+    along = np.unique(height)
+    simpson = integrate.simpson(np.eye(len(along)), x=along)
+    around = 2 * np.pi * bore.radius / np.sum(height == along[0])
+    areas = around * simpson[np.searchsorted(along, height)]
+    return smooth_fields(grid.nodes, bore.width).T @ (areas[:, None] * body.mesh_flexibility)
+
+
 @pytest.fixture(scope="module", params=["hex", pytest.param("tet", marks=pytest.mark.slow)])
 def known(request):
     """Error of a rod's mesh that is estimated and, by a finer one, true; its body, and scene."""
     cells = {"bodies.rod.cells": request.param}
-    reduction = {"bodies.rod.reduction.method": "m1", "bodies.rod.reduction.modes": 8}
-    tables = tables_of("slider-crank-paper", rod(10, **cells) | reduction)
-    built = build_mechanism(scene_of(tables, "rod"), MPI.COMM_SELF)
-    body = built.parts["rod"]
+    tables = tables_of("slider-crank-paper", rod(10, **cells) | ROD_OF_M1)
+    built = build(scene_of(tables, "rod"))
+    body = built.bodies["rod"]
     (own, size), (fine, finest) = of_mesh(10, **cells), of_mesh(30, **cells)
     true = excess(size, finest) * (fine.compliance - own.compliance)
-    return body, own.compliance, compliance_errors(true, own.compliance)
+    return body, own.compliance, true
 
 
 def test_what_a_mesh_misses_is_known_within_two(known):
     """Told by the work of pressures, and in the displacement of the bore."""
     body, own, true = known
-    shapes = outward_of(np.eye(SMOOTH), body.bores)
-    missing = np.linalg.lstsq(shapes, body.mesh_flexibility, rcond=None)[0]
-    estimated = compliance_errors(missing, own)
+    estimated, true = (compliance_errors(found, own) for found in (missing_in(body), true))
     for name in PATTERNS:
         assert 0.5 < estimated[name] / true[name] < 2.0, name
     most = body.accuracy["flexibility_mesh_error"]
     assert most == pytest.approx(max(estimated.values()), rel=0.2)
+
+
+def test_what_the_pin_holds_is_part_of_what_a_mesh_misses(known):
+    """Of a force across the rod the bore lacks another shape if inertia alone balances it."""
+    body, own, true = known
+    bore, across = body.bores["bore"], np.zeros(own.shape[1])
+    across[2] = 1.0 / (np.pi * bore.radius * bore.width)  # sin phi, of 1 N
+    held = across.copy()
+    held[SMOOTH + 1] = -1.0
+    sin_2, sin_3 = 4, 6
+    for shape in (sin_2, sin_3):
+        lacks = (true @ held)[shape]
+        assert 0.5 < (missing_in(body) @ held)[shape] / lacks < 2.0
+        assert (missing_in(body) @ across)[shape] / lacks < 0.0
+
+
+def test_forces_on_points_are_those_that_accelerate_the_body():
+    tables = tables_of("slider-crank-paper", rod(10) | ROD_OF_M1)
+    system = System(build(scene_of(tables, "rod")).mechanism)
+    own, random = system.bodies["rod"], np.random.default_rng(0)
+    body, z = system.mechanism.bodies["rod"], system.start.copy()
+    z[own.start + body.angle] = 0.4
+    (joint,) = (p for p in system.constraints if "rod.pin" in getattr(p.joint, "markers", ()))
+    multipliers = np.zeros(system.m)
+    multipliers[joint.rows] = random.standard_normal(joint.rows.stop - joint.rows.start)
+    zero = np.zeros(system.n)
+    motion = Motion(Instant(system, 0.0, z), zero, zero, multipliers)
+    force = rotation(0.4) @ motion.on_points("rod", ["pin"])
+    np.testing.assert_allclose(force, -motion.residual[own][:2], rtol=1e-12)
+    assert np.linalg.norm(force) > 0.1
 
 
 def test_meshes_alike_tell_nothing():
@@ -70,18 +115,26 @@ def test_meshes_alike_tell_nothing():
 
 
 def test_a_mesh_says_what_it_misses(tmp_path):
-    path, missing = tmp_path / "part.msh", np.diag(1e-21 * np.arange(SMOOTH))
+    path, size = tmp_path / "part.msh", SMOOTH + 4
+    missing = 1e-9 * np.add.outer(np.arange(7), np.arange(size))
     path.write_bytes(b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
     with pytest.raises(MeshError, match="does not say what its mesh misses"):
-        stored_mesh_error(path, ["bore"])
-    store_mesh_error(path, ["bore"], missing)
-    np.testing.assert_allclose(stored_mesh_error(path, ["bore"]), missing, rtol=1e-3)
-    with pytest.raises(MeshError):
-        stored_mesh_error(path, ["other"])
+        stored_mesh_error(path, ["bore"], ["pin"])
+    store_mesh_error(path, ["bore"], ["pin", "eye"], 0.02, missing)
+    # In the order of their names.
+    for points, kept in ((["pin", "eye"], size), (["eye"], size - 2), ([], SMOOTH)):
+        error, found = stored_mesh_error(path, ["bore"], points)
+        np.testing.assert_allclose(found, missing[:, :kept], rtol=1e-6)
+        assert error == 0.02
+    _, found = stored_mesh_error(path, ["bore"], ["pin"])
+    np.testing.assert_allclose(found[:, SMOOTH:], missing[:, -2:], rtol=1e-6)
+    for other in ((["other"], ["pin"]), (["bore"], ["hook"])):
+        with pytest.raises(MeshError):
+            stored_mesh_error(path, *other)
 
 
 def test_a_part_of_which_nothing_is_known_is_said_to_be_so(tmp_path):
-    save_body(make_body(Joint()), tmp_path / "rod.h5")
+    ehd.save_body(make_body(Joint()), tmp_path / "rod.h5")
     short = {"time.revolutions": 0.02, "time.tolerance": 1e-2, "joints.big_end.cells": [12, 3]}
     scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", ROD_OF_A_FILE, short)
     call("run", scene, "--no-plots", "-o", tmp_path / "run")
@@ -97,5 +150,5 @@ def test_files_of_parts_are_missed_before_anything_is_meshed(monkeypatch):
     meshed = []
     monkeypatch.setattr("fenics_ehd.scenes.build.elastic_part", lambda *given: meshed.append(given))
     with pytest.raises(SettingsError, match=r"bodies\.other\.model = 'nowhere\.msh'"):
-        build_mechanism(scene_of(tables, "two"), MPI.COMM_SELF)
+        build(scene_of(tables, "two"))
     assert not meshed

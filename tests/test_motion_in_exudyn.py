@@ -10,14 +10,8 @@ from mechanism_cases import CRANK, REVOLUTION, ROD, SPEED
 from scipy.interpolate import CubicHermiteSpline
 from test_demos import demo
 
-from fenics_ehd.multibody.assembly import assemble
-from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.forces import SpringDamper, Torque
-from fenics_ehd.multibody.joints import Revolute, Slider, Speed
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rigid_body import RigidBody, ground
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.multibody.system import System
+import fenics_ehd as ehd
+from fenics_ehd.multibody.mechanism import System, assemble
 from fenics_ehd.reduction import craig_bampton
 
 exudyn_body = demo("exudyn_body")
@@ -55,26 +49,26 @@ def linkage():
     """Four bars that a torque turns, the rocker's tip on a spring."""
     links = {"crank": (0.05, 0.4), "coupler": (0.15, 0.8), "rocker": (0.12, 0.6)}
     bodies = {
-        name: RigidBody(mass, 1e-3, {"tip": (length, 0.0)}, centre=(0.4 * length, 0.01))
+        name: ehd.RigidBody(mass, 1e-3, {"tip": (length, 0.0)}, centre=(0.4 * length, 0.01))
         for name, (length, mass) in links.items()
     }
     rocker = {"position": (0.14, 0.0), "orientation": 1.6}
-    return Mechanism(
+    return ehd.Mechanism(
         {
             **bodies,
-            "crank": RigidBody(0.4, 1e-3, {"tip": (0.05, 0.0)}, speed=50.0),
-            "rocker": RigidBody(0.6, 1e-3, {"tip": (0.12, 0.0)}, centre=(0.04, 0.01), **rocker),
-            "ground": ground({"hook": (0.14, 0.0), "wall": (0.4, 0.2)}),
+            "crank": ehd.RigidBody(0.4, 1e-3, {"tip": (0.05, 0.0)}, speed=50.0),
+            "rocker": ehd.RigidBody(0.6, 1e-3, {"tip": (0.12, 0.0)}, centre=(0.04, 0.01), **rocker),
+            "ground": ehd.ground({"hook": (0.14, 0.0), "wall": (0.4, 0.2)}),
         },
         {
-            "left": Revolute("ground", "crank"),
-            "a": Revolute("crank.tip", "coupler"),
-            "b": Revolute("rocker.tip", "coupler.tip"),
-            "right": Revolute("ground.hook", "rocker"),
+            "left": ehd.Revolute(("ground", "crank")),
+            "a": ehd.Revolute(("crank.tip", "coupler")),
+            "b": ehd.Revolute(("rocker.tip", "coupler.tip")),
+            "right": ehd.Revolute(("ground.hook", "rocker")),
         },
         forces={
-            "motor": Torque("crank", lambda _: (TORQUE, 0.0)),
-            "spring": SpringDamper("rocker.tip", "ground.wall", 500.0, 5.0),
+            "motor": ehd.Torque("crank", lambda _: (TORQUE, 0.0)),
+            "spring": ehd.SpringDamper(("rocker.tip", "ground.wall"), 500.0, 5.0),
         },
         gravity=(0.0, -GRAVITY),
     )
@@ -84,37 +78,37 @@ def slider_crank():
     """Crank, rod and piston, the line tilted, a torque on the crank."""
     tilted = 0.3
     along = np.array([np.cos(tilted), np.sin(tilted)])
-    return Mechanism(
+    return ehd.Mechanism(
         {
-            "crank": RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}, orientation=0.5, speed=30.0),
-            "rod": RigidBody(
+            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}, orientation=0.5, speed=30.0),
+            "rod": ehd.RigidBody(
                 0.973, 4e-3, {"pin": (ROD, 0.0)}, centre=(0.0677, 0.0), position=(0.04, 0.02)
             ),
-            "piston": RigidBody(
+            "piston": ehd.RigidBody(
                 0.5, 1e-3, position=tuple(0.2 * along), orientation=tilted
             ),
         },
         {
-            "main": Revolute("ground", "crank"),
-            "big_end": Revolute("crank.pin", "rod"),
-            "gudgeon": Revolute("rod.pin", "piston"),
-            "cylinder": Slider("ground", "piston", tuple(along), angle=tilted),
+            "main": ehd.Revolute(("ground", "crank")),
+            "big_end": ehd.Revolute(("crank.pin", "rod")),
+            "gudgeon": ehd.Revolute(("rod.pin", "piston")),
+            "cylinder": ehd.Slider("ground", "piston", tuple(along), angle=np.degrees(tilted)),
         },
-        forces={"motor": Torque("crank", lambda _: (TORQUE, 0.0))},
+        forces={"motor": ehd.Torque("crank", lambda _: (TORQUE, 0.0))},
         gravity=(0.0, -GRAVITY),
     )  # fmt: skip
 
 
 def double_pendulum():
     """Two rods that fall from the side, the lower one heavy at its end."""
-    return Mechanism(
+    return ehd.Mechanism(
         {
-            "upper": RigidBody(1.0, 5e-3, {"tip": (0.2, 0.0)}, centre=(0.1, 0.0)),
-            "lower": RigidBody(
+            "upper": ehd.RigidBody(1.0, 5e-3, {"tip": (0.2, 0.0)}, centre=(0.1, 0.0)),
+            "lower": ehd.RigidBody(
                 0.7, 2e-3, centre=(0.13, 0.02), position=(0.2, 0.0), orientation=0.7, speed=-5.0
             ),
         },
-        {"hinge": Revolute("ground", "upper"), "elbow": Revolute("upper.tip", "lower")},
+        {"hinge": ehd.Revolute(("ground", "upper")), "elbow": ehd.Revolute(("upper.tip", "lower"))},
         gravity=(0.0, -GRAVITY),
     )
 
@@ -163,14 +157,14 @@ class InExudyn:
     def _marker(self, name, kind):
         """Of a point, from the centre of mass where the body is not the ground."""
         body_name, _, point = name.partition(".")
-        body = self._mechanism.bodies.get(body_name, ground())
+        body = self._mechanism.bodies.get(body_name, ehd.ground())
         at = np.array(body.named_points[point] if point else (0.0, 0.0))
         number = self._bodies.get(body_name, self._ground)
         return self.mbs.AddMarker(kind(bodyNumber=number, localPosition=[*(at - body.centre), 0.0]))
 
     def _add_joint(self, joint):
         item = self._item
-        if isinstance(joint, Revolute):
+        if isinstance(joint, ehd.Revolute):
             markers = [self._marker(m, item.MarkerBodyPosition) for m in joint.markers]
             self.mbs.AddObject(item.ObjectJointRevolute2D(markerNumbers=markers))
             return
@@ -183,7 +177,7 @@ class InExudyn:
 
     def _add_force(self, force):
         item = self._item
-        if isinstance(force, Torque):
+        if isinstance(force, ehd.Torque):
             marker = self._marker(force.body, item.MarkerBodyRigid)
             self.mbs.AddLoad(
                 item.LoadTorqueVector(markerNumber=marker, loadVector=[0.0, 0.0, TORQUE])
@@ -204,7 +198,7 @@ class InExudyn:
 @pytest.mark.parametrize("make", [linkage, slider_crank, double_pendulum])
 def test_rigid_mechanisms_move_as_in_exudyn(exudyn, make, figure):
     end, mechanism = 0.12, make()
-    result = simulate(mechanism, end, tolerance=2e-8, order=3)
+    result = ehd.simulate(mechanism, end, tolerance=2e-8, order=3)
     times, theirs = InExudyn(exudyn, mechanism).angles(end, 20000)
     late = times > 1e-3
     for name, turned in theirs.items():
@@ -304,10 +298,12 @@ def spinning(time):
 
 
 def test_a_rod_that_is_spun_up_bends_as_in_exudyn(exudyn, body, file, figure):
-    mechanism = Mechanism(
-        {"rod": FlexibleBody(body)}, {"hinge": Revolute("ground", "rod.bore")}, {"rod": spinning}
+    mechanism = ehd.Mechanism(
+        {"rod": ehd.FlexibleBody(body)},
+        {"hinge": ehd.Revolute(("ground", "rod.bore"))},
+        {"rod": spinning},
     )
-    result = simulate(mechanism, END, tolerance=1e-8, order=3)
+    result = ehd.simulate(mechanism, END, tolerance=1e-8, order=3)
     rod = RodInExudyn(exudyn, file, body.modes)
     rod.lead(lambda time: [0.0, 0.0, 0.0, 0.0, 0.0, spinning(time)[0]], [1] * 6)
     ours, theirs = deflections(body, result, *rod.coordinates(END, 8000))
@@ -317,21 +313,21 @@ def test_a_rod_that_is_spun_up_bends_as_in_exudyn(exudyn, body, file, figure):
 
 def test_an_elastic_rod_of_a_slider_crank_bends_as_in_exudyn(exudyn, body, file, figure):
     damping_time, end = 1e-4, 0.5 * REVOLUTION
-    mechanism = Mechanism(
+    mechanism = ehd.Mechanism(
         {
-            "crank": RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}),
-            "rod": FlexibleBody(body, damping_time, position=(CRANK, 0.0)),
-            "piston": RigidBody(0.5, 1e-3, position=(CRANK + ROD, 0.0)),
+            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}),
+            "rod": ehd.FlexibleBody(body, damping_time, position=(CRANK, 0.0)),
+            "piston": ehd.RigidBody(0.5, 1e-3, position=(CRANK + ROD, 0.0)),
         },
         {
-            "main": Revolute("ground", "crank"),
-            "big_end": Revolute("crank.pin", "rod.bore"),
-            "gudgeon": Revolute("rod.pin", "piston"),
-            "cylinder": Slider("ground", "piston"),
+            "main": ehd.Revolute(("ground", "crank")),
+            "big_end": ehd.Revolute(("crank.pin", "rod.bore")),
+            "gudgeon": ehd.Revolute(("rod.pin", "piston")),
+            "cylinder": ehd.Slider("ground", "piston"),
         },
-        {"crank": Speed(SPEED)},
+        {"crank": ehd.Speed(SPEED)},
     )
-    result = simulate(mechanism, end, tolerance=1e-7, order=3)
+    result = ehd.simulate(mechanism, end, tolerance=1e-7, order=3)
     rod = RodInExudyn(
         exudyn, file, body.modes, positionRef=[CRANK, 0.0, 0.0],
         initialVelocity=[0.0, CRANK * SPEED, 0.0],

@@ -1,18 +1,16 @@
 """Largest multiplier of a periodic solution against those known by heart or from coefficients."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from journal_cases import OMEGA, UNIT_LOAD, C, R, equilibrium, make_film
+from journal_cases import OMEGA, UNIT_LOAD, C, R, equilibrium, in_bearing, make_film, steady
 from scipy.linalg import expm
 
+import fenics_ehd as ehd
+from fenics_ehd.analysis.multiplier import largest_multiplier
 from fenics_ehd.film import ShaftMotion, shaft_gap
-from fenics_ehd.multibody.forces import PointForce, RotatingForce, SpringDamper
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.multiplier import largest_multiplier
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.rigid_body import RigidBody, ground
 from fenics_ehd.multibody.run import Run, Steps
 
 TURN = 2 * np.pi / OMEGA
@@ -22,30 +20,26 @@ def multiplier_of(mechanism, period, tolerance, periodicity=1e-4):
     run = Run(mechanism, Steps(tolerance=tolerance, first=1e-6), period)
     for _ in Cycles(run, period, periodicity, most=40):
         pass
-    before = run.stored_state()
+    before = run.state
     found = largest_multiplier(run, period)
-    after = run.stored_state()
-    for name, values in before["integrator"].items():
-        assert np.array_equal(values, after["integrator"][name]), "the run moved"
+    after = run.state
+    np.testing.assert_equal(vars(after), vars(before), "the run moved")
     return found
-
-
-def turning(name, mass, force):
-    """A journal in a film at rest, turning under a force."""
-    joint = LubricatedJoint(name, "ground", make_film((20, 4)))
-    return {name: RigidBody(mass)}, {"film": joint}, {name: Speed(OMEGA)}, {"load": force}
 
 
 def test_mass_on_a_spring_keeps_what_its_damper_leaves(figure):
     """Beside a massless journal: all of a change is left that the film does not squeeze out."""
     mass, stiffness, damping = 2.0, 2.0 * 60.0**2, 2 * 0.05 * 2.0 * 60.0
-    load = RotatingForce("journal", 0.3 * UNIT_LOAD, OMEGA)
-    bodies, joints, drives, forces = turning("journal", 0.0, load)
-    bodies["ground"] = ground({"wall": (0.1, 0.0)})
-    bodies["mass"] = RigidBody(mass, 1e-3, position=(0.1, 0.0))
-    forces["spring"] = SpringDamper("mass", "ground.wall", stiffness, damping)
-    drives["mass"] = Speed(0.0)
-    found = multiplier_of(Mechanism(bodies, joints, drives, forces), TURN, 1e-4)
+    load = ehd.RotatingForce("journal", 0.3 * UNIT_LOAD, OMEGA)
+    spring = ehd.SpringDamper(("mass", "ground.wall"), stiffness, damping)
+    alone = in_bearing(make_film((20, 4)), {"load": load, "spring": spring})
+    others = {
+        "ground": ehd.ground({"wall": (0.1, 0.0)}),
+        "mass": ehd.RigidBody(mass, 1e-3, position=(0.1, 0.0)),
+    }
+    drives = alone.drives | {"mass": ehd.Speed(0.0)}
+    mechanism = replace(alone, bodies=alone.bodies | others, drives=drives)
+    found = multiplier_of(mechanism, TURN, 1e-4)
     decay, wave = damping / (2 * mass), np.sqrt(stiffness / mass - (damping / (2 * mass)) ** 2)
     expected = np.exp((-decay + 1j * wave) * TURN)
     expected = complex(expected.real, abs(expected.imag))
@@ -79,11 +73,7 @@ def test_rotor_in_its_bearing_keeps_what_its_coefficients_say(share, figure):
     mass = share * unstable
     values = np.linalg.eigvals(expm(TURN * linearised(film, place, mass)))
     expected = np.abs(values).max()
-    weight = PointForce("rotor", (1.0, 0.0), lambda _: (load[0], 0.0))
-    joint = LubricatedJoint("rotor", "ground", film, eccentricity=tuple(place))
-    machine = Mechanism(
-        {"rotor": RigidBody(mass)}, {"film": joint}, {"rotor": Speed(OMEGA)}, {"load": weight}
-    )
+    machine = in_bearing(film, {"load": steady(*load)}, mass=mass, eccentricity=tuple(place))
     found = multiplier_of(machine, TURN, 1e-6)
     error = abs(abs(found.value) - expected)
     figure("periodic solutions", f"multiplier of a rotor, {share:g} of whirl", error, most=2e-3)

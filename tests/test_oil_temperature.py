@@ -2,15 +2,19 @@
 
 import numpy as np
 import pytest
-from differences import slope
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film import Lubricant
-from fenics_ehd.film.grades import GRADES, grade_name, oil_of_grade
-from fenics_ehd.film.lubricant import Barus, Roelands
-from fenics_ehd.film.temperature import LARGEST, SMALLEST, Oil, WaltherLine
+from fenics_ehd.film.lubricant import (
+    GRADES,
+    LARGEST,
+    SMALLEST,
+    WaltherLine,
+    grade_name,
+    oil_of_grade,
+)
 
 #: Synthetic oil of ISO VG 220 [C, mm2/s, kg/m3] (github.com/MadsKirkFoged/SharpFluids,
 #: CustomFluids/SHC230.cs).
@@ -66,7 +70,7 @@ ENGINE = np.array(
 
 
 def test_line_of_a_synthetic_oil_gives_its_table(figure):
-    oil = Oil(220.0, 25.0, density_15=850.0, expansion=5.8e-4)
+    oil = ehd.Oil(220.0, 25.0, density_15=850.0, expansion=5.8e-4)
     temperature, nu, density = SYNTHETIC.T
     ours = np.array([oil.kinematic_viscosity(t) for t in temperature])
     group = "oil"
@@ -107,13 +111,7 @@ def test_line_agrees_with_calculations_by_the_standard():
     assert WaltherLine.through((40, 68), (80, 14.85))(100) == pytest.approx(8.8, abs=0.05)
 
 
-OIL = Oil(98.96, 14.4)
-
-
-@given(temperature=st.floats(-20, 180))
-def test_slope_of_viscosity(temperature):
-    expected = slope(lambda t: OIL.viscosity(temperature + t))
-    assert OIL.viscosity_derivative(temperature) == pytest.approx(expected, rel=1e-7)
+OIL = ehd.Oil(98.96, 14.4)
 
 
 @given(nu=st.floats(10, 1000), share=st.floats(0.05, 0.5), temperature=st.floats(0, 150))
@@ -139,13 +137,13 @@ def test_range_of_the_equation_is_told():
 )
 def test_viscosities_out_of_range_are_refused(values):
     with pytest.raises(SettingsError, match="mm2/s"):
-        Oil(*values)
+        ehd.Oil(*values)
 
 
 @pytest.mark.parametrize("key", ["density_15", "specific_heat", "expansion"])
 def test_properties_out_of_range_are_refused(key):
     with pytest.raises(SettingsError, match=key):
-        Oil(100.0, 11.0, **{key: -1.0})
+        ehd.Oil(100.0, 11.0, **{key: -1.0})
 
 
 def test_grades_become_thicker_with_their_numbers():
@@ -156,14 +154,6 @@ def test_grades_become_thicker_with_their_numbers():
             values = [oil.viscosity(temperature) for oil in oils]
             assert values == sorted(values)
             assert len(values) >= 5
-
-
-def test_multigrade_oils_thin_less_than_single_ones():
-    def ratio(name):
-        return GRADES[name].viscosity_40 / GRADES[name].viscosity_100
-
-    assert ratio("SAE 0W-40") < ratio("SAE 5W-40") < ratio("SAE 10W-40") < ratio("SAE 15W-40")
-    assert ratio("SAE 15W-40") < ratio("SAE 40")
 
 
 @pytest.mark.parametrize(
@@ -183,13 +173,13 @@ def test_an_unknown_grade_is_refused_with_those_there_are(name):
 
 def test_lubricant_at_another_temperature():
     oil = oil_of_grade("SAE 5W-30")
-    warm = Lubricant.of(oil, 90.0)
-    cold = Lubricant.of(oil, 20.0)
+    warm = ehd.Lubricant.of(oil, 90.0)
+    cold = ehd.Lubricant.of(oil, 20.0)
     assert warm.viscosity == oil.viscosity(90.0) < cold.viscosity
     assert cold.at(90.0) == warm
-    thick = Lubricant(cold.viscosity, Barus(1e-8), oil=oil)
-    assert thick.at(90.0).viscosity_law == Barus(1e-8)
-    thick = Lubricant(cold.viscosity, Roelands(cold.viscosity), oil=oil)
-    assert thick.at(90.0).viscosity_law == Roelands(warm.viscosity)
+    thick = ehd.Lubricant(cold.viscosity, ehd.Barus(1e-8), oil=oil)
+    assert thick.at(90.0).viscosity_law == ehd.Barus(1e-8)
+    thick = ehd.Lubricant(cold.viscosity, ehd.Roelands(cold.viscosity), oil=oil)
+    assert thick.at(90.0).viscosity_law == ehd.Roelands(warm.viscosity)
     with pytest.raises(SettingsError, match="give a grade"):
-        Lubricant(0.01).at(90.0)
+        ehd.Lubricant(0.01).at(90.0)

@@ -1,61 +1,35 @@
 """Rotors in lubricated bearings, in time, against bearing coefficients: onset of oil whirl."""
 
+from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from journal_cases import in_bearing, steady
+from nested_film import pressure_derivative
 from scipy.linalg import eig
 from scipy.optimize import brentq, least_squares
+from test_bearing import COEFFICIENTS
 
-from fenics_ehd.bearing.coefficients import coefficients
-from fenics_ehd.bearing.equilibrium import at_eccentricity
-from fenics_ehd.bearing.settings import BearingSettings
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
+import fenics_ehd as ehd
+from fenics_ehd.film import uniform_grid
 from fenics_ehd.film.kinematics import GapDerivatives
-from fenics_ehd.multibody.assembly import assemble
-from fenics_ehd.multibody.beam import Disk, Shaft, beam_plane
-from fenics_ehd.multibody.forces import PointForce, RotatingForce
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.motion import Instant
-from fenics_ehd.multibody.rigid_body import RigidBody, ground
-from fenics_ehd.multibody.rotor import ModalRotor
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.mechanism import Instant, System, assemble
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.shaft_body import ShaftBody
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.multibody.system import System
+from fenics_ehd.multibody.shaft import beam_plane
 
 R, VISCOSITY, SPEED = 0.0225, 0.01, 600.0
 TURN = 2 * np.pi / SPEED
 
-#: Plain bearing, L/D = 1, Reynolds' condition, by finite volumes: x along the load, y a quarter
-#: turn on in the shaft's direction, K = k c / W, C = b c Omega / W; the mass at the threshold of
-#: stability is `critical` W / (c Omega^2).
-TABLE = {
-    0.2: {
-        "S": 0.62436, "attitude": 77.6601, "critical": 6.3614,
-        "K": [[1.1916, 5.4478], [-4.6541, 2.1251]], "C": [[10.705, 2.141], [2.141, 9.7869]],
-    },
-    0.3: {
-        "S": 0.38672, "attitude": 71.4370, "critical": 6.3013,
-        "K": [[1.3484, 4.0146], [-2.8118, 2.0962]], "C": [[7.7479, 2.1302], [2.1302, 6.3433]],
-    },
-    0.6: {
-        "S": 0.12141, "attitude": 51.9786, "critical": 7.3055,
-        "K": [[2.5071, 3.2079], [-0.57391, 1.9736]], "C": [[5.8738, 2.1007], [2.1007, 2.6867]],
-    },
-    0.75: {
-        "S": 0.060377, "attitude": 40.9583, "critical": 17.501,
-        "K": [[4.1689, 3.6179], [0.17996, 1.9211]], "C": [[6.4942, 2.1059], [2.1059, 1.828]],
-    },
-}  # fmt: skip
+#: Sommerfeld number, attitude and mass at the threshold of stability by eccentricity ratio.
+TABLE = {ratio: (number, angle, mass) for ratio, number, angle, _, _, mass in COEFFICIENTS}
 
 
 def film_of(width, clearance, cells):
     grid = uniform_grid(R, width, cells, "lagrange")
-    return Film(FilmParameters(grid, clearance, Lubricant(VISCOSITY), SPEED))
+    return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(VISCOSITY), SPEED))
 
 
 class Balance:
@@ -63,7 +37,7 @@ class Balance:
 
     def __init__(self, film, load):
         self.film, self.load = film, load
-        self._joint = JointFilm(LubricatedJoint("shaft", "ground", film), None, tilting=False)
+        self._joint = JointFilm(ehd.LubricatedJoint("shaft", "ground", film), None, tilting=False)
 
     def force(self, place):
         """Of the film on the journal, and its derivatives along place and velocity."""
@@ -72,8 +46,8 @@ class Balance:
         shape = (*film.points.angle.shape, -1)
         fields = joint.thickness.reshape(shape), joint.mean_velocity.reshape(shape)
         nothing = np.zeros_like(fields[0])
-        along_place = film.sensitivity(state, GapDerivatives(fields[0], nothing, nothing))
-        along_rate = film.sensitivity(state, GapDerivatives(nothing, *fields))
+        along_place = pressure_derivative(film, state, GapDerivatives(fields[0], nothing, nothing))
+        along_rate = pressure_derivative(film, state, GapDerivatives(nothing, *fields))
         return joint.load @ state.pressure, joint.load @ along_place, joint.load @ along_rate
 
     def rest(self, place):
@@ -94,34 +68,19 @@ class Bearing:
     """A bearing of the table (thin film) and a load that it bears at an eccentricity."""
 
     def __init__(self, ratio, cells=(48, 6)):
-        self.row = TABLE[ratio]
+        number, attitude, self.critical = TABLE[ratio]
         self.clearance = 1e-4 * R
         unit = (1e4) ** 2 * VISCOSITY * SPEED / (2 * np.pi) * 4 * R**2
-        self.load = unit / self.row["S"]
+        self.load = unit / number
         self.balance = Balance(film_of(2 * R, self.clearance, cells), self.load)
-        angle = np.radians(self.row["attitude"])
+        self.attitude = angle = np.radians(attitude)
         # The load along x; the shaft turns from x to y and rests off the load by the attitude.
         self.start = ratio * self.clearance * np.array([np.cos(angle), np.sin(angle)])
-        self.threshold = self.row["critical"] * self.load / (self.clearance * SPEED**2)
+        self.threshold = self.critical * self.load / (self.clearance * SPEED**2)
 
     def rotor(self, mass, force, place, rate):
-        joint = LubricatedJoint(
-            "rotor", "ground", self.balance.film,
-            eccentricity=tuple(place), eccentricity_rate=tuple(rate),
-        )  # fmt: skip
-        return Mechanism(
-            {"rotor": RigidBody(mass)}, {"film": joint}, {"rotor": Speed(SPEED)}, {"load": force}
-        )
-
-
-@pytest.mark.parametrize("ratio", [0.2, 0.6, 0.75])
-def test_equilibrium_and_coefficients_of_a_rigid_rotor(ratio):
-    bearing = Bearing(ratio)
-    place = bearing.balance.rest(bearing.start)
-    assert np.hypot(*(place - bearing.start)) < 5e-4 * bearing.clearance
-    stiffness, damping = bearing.balance.coefficients(place)
-    for found, expected in ((stiffness, bearing.row["K"]), (damping, bearing.row["C"])):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=7e-3 * np.abs(expected).max())
+        start = {"eccentricity": tuple(place), "eccentricity_rate": tuple(rate)}
+        return in_bearing(self.balance.film, {"load": force}, mass=mass, speed=SPEED, **start)
 
 
 def least_stable(mass, damping, stiffness):
@@ -165,17 +124,17 @@ def test_onset_of_oil_whirl(ratio, figure):
     stiffness, damping = bearing.balance.coefficients(place)
     c, found = bearing.clearance, []
     for mass in (0.95, 1.05):
-        critical = mass * bearing.row["critical"] * np.eye(2)
+        critical = mass * bearing.critical * np.eye(2)
         value, vector = least_stable(critical, damping, stiffness)
         start = 2e-3 * c * (vector / np.abs(vector[:2]).max()).real
         mechanism = bearing.rotor(
             mass * bearing.threshold,
-            PointForce("rotor", (1.0, 0.0), lambda _: (bearing.load, 0.0)),
+            steady(bearing.load),
             place + start[:2],
             SPEED * start[2:],
         )
-        result = simulate(mechanism, 3 * TURN, tolerance=3e-7, order=2, first=1e-6)
-        orbit = result.joints["film"].eccentricity.T - place[:, None]
+        result = ehd.simulate(mechanism, 3 * TURN, tolerance=3e-7, order=2, first=1e-6)
+        orbit = result.joints["bearing"].eccentricity.T - place[:, None]
         found.append(whirl_of(result.time, orbit, SPEED * value))
         assert found[-1].real == pytest.approx(value.real, abs=4e-4)
         assert abs(found[-1].imag) == pytest.approx(abs(value.imag), rel=0.01)
@@ -194,17 +153,17 @@ def test_a_load_that_turns_with_the_shaft_runs_the_table_backwards():
     # In the frame of the load the shaft stands still and the bore turns back at its speed: the
     # journal of the table, seen in a mirror, on a circle.
     bearing = Bearing(0.6, (36, 5))
-    angle = np.radians(bearing.row["attitude"])
+    angle = bearing.attitude
     place = 0.6 * bearing.clearance * np.array([np.cos(angle), -np.sin(angle)])
     rate = SPEED * np.array([-place[1], place[0]])
     mechanism = bearing.rotor(
-        1e-3 * bearing.threshold, RotatingForce("rotor", bearing.load, SPEED), place, rate
+        1e-3 * bearing.threshold, ehd.RotatingForce("journal", bearing.load, SPEED), place, rate
     )
-    result = simulate(mechanism, 0.25 * TURN, tolerance=1e-5, order=2, first=1e-6)
+    result = ehd.simulate(mechanism, 0.25 * TURN, tolerance=1e-5, order=2, first=1e-6)
     # A quarter of a turn later.
-    found = result.joints["film"].eccentricity[-1]
+    found = result.joints["bearing"].eccentricity[-1]
     assert np.hypot(*(found - [-place[1], place[0]])) < 3e-3 * bearing.clearance
-    assert result.energy_balance_error < 2e-3
+    assert result.summary()["energy_balance_error"] < 2e-3
 
 
 # --- An elastic shaft in two bearings
@@ -219,20 +178,20 @@ class TwoBearings:
     ratio = 0.3
     width = 0.010
     clearance = 30e-6
-    shaft = Shaft(0.5, 0.03, 210e9, 7850.0, 0.0, 10)
+    shaft = ehd.Shaft(0.5, 0.03, 210e9, 7850.0, 0.0, 10)
     stations: ClassVar = {"left": 0.1, "right": 0.9}
 
     @cached_property
     def table(self):
         """Load of one bearing, and its coefficients by the program for bearings."""
-        settings = BearingSettings(
+        settings = ehd.BearingSettings(
             radius=R, width=self.width, clearance=self.clearance, viscosity=VISCOSITY, speed=SPEED
         )
-        bearing, operation = at_eccentricity(settings, self.ratio)
-        return float(np.hypot(*operation.force)), coefficients(bearing, operation)
+        found = ehd.solve_bearing(settings, eccentricity=self.ratio, with_coefficients=True)
+        return found.load, found.coefficients
 
     def beam(self, mass):
-        return beam_plane(self.shaft, [Disk(0.5, mass, 1e-3 * mass, 5e-4 * mass)])
+        return beam_plane(self.shaft, [ehd.Disk(0.5, mass, 1e-3 * mass, 5e-4 * mass)])
 
     def matrices(self, mass):
         """Of all beams and both bearings: mass, damping and gyroscopic, stiffness."""
@@ -260,17 +219,17 @@ class TwoBearings:
 
     def mechanism(self, mass, film, place):
         load, names = self.table[0], self.stations
-        shaft = ShaftBody(ModalRotor.of(self.beam(mass), 6), 0.02, 0.0, self.stations)
-        return Mechanism(
-            {"shaft": shaft, "ground": ground(dict.fromkeys(names, (0.0, 0.0)))},
+        shaft = ehd.ShaftBody(ehd.ModalRotor.of(self.beam(mass), 6), 0.02, 0.0, self.stations)
+        return ehd.Mechanism(
+            {"shaft": shaft, "ground": ehd.ground(dict.fromkeys(names, (0.0, 0.0)))},
             {
-                name: LubricatedJoint(
+                name: ehd.LubricatedJoint(
                     f"shaft.{name}", f"ground.{name}", film, eccentricity=tuple(place)
                 )
                 for name in names
             },
-            {"shaft": Speed(SPEED)},
-            {n: PointForce(f"shaft.{n}", (1.0, 0.0), lambda _: (load, 0.0)) for n in names},
+            {"shaft": ehd.Speed(SPEED)},
+            {n: ehd.PointForce(f"shaft.{n}", (1.0, 0.0), lambda _: (load, 0.0)) for n in names},
         )
 
     def whirl(self, mass):
@@ -293,12 +252,11 @@ class TwoBearings:
     def _disturb(self, run, vector, mass):
         """Begin with a whirl, as small as a five hundredth of the clearance."""
         beam, system = self.beam(mass), run.equations.system
-        both = np.kron(np.eye(2), (ModalRotor.of(beam, 6).shapes.T @ beam.mass))
+        both = np.kron(np.eye(2), (ehd.ModalRotor.of(beam, 6).shapes.T @ beam.mass))
         journal = np.kron(np.eye(2), beam.point(self.stations["left"])[0])
         d = 2 * len(beam.mass)
         size = 2e-3 * self.clearance / np.abs(journal @ vector[:d]).max()
-        memory = run.stored_state()
-        x, rate = memory["integrator"]["x"][0].copy(), memory["integrator"]["rate"][0].copy()
+        x, rate = run.state.x[0].copy(), run.state.rate[0].copy()
         modes = slice(system.bodies["shaft"].start + 1, system.bodies["shaft"].stop)
         for values, part in ((x, vector[:d]), (rate, vector[d:])):
             change = np.zeros(system.n)
@@ -308,10 +266,8 @@ class TwoBearings:
             own = np.concatenate([film.xi for film in system.films])
             change[own] = -np.linalg.solve(markers[: len(own), own], markers[: len(own)] @ change)
             values[: system.n] += change
-        memory["integrator"] |= {
-            "x": x[None], "rate": rate[None], "observed": run.norm.observe(x)[None]
-        }  # fmt: skip
-        run.load_state(memory)
+        observed = run.norm.observe(x)[None]
+        run.state = replace(run.state, x=x[None], rate=rate[None], observed=observed)
 
 
 @pytest.mark.slow
@@ -328,6 +284,20 @@ def test_onset_of_whirl_of_an_elastic_rotor_on_two_bearings(figure):
     error = abs(threshold(*found) - 1.0)
     figure("rotor", "onset of whirl of an elastic rotor on two bearings, mass by their "
            "coefficients", error, most=0.02, unit="%")  # fmt: skip
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_an_elastic_rotor_linearised_with_its_films_whirls_as_by_their_coefficients(share):
+    """Shaft, joints and films as one mechanism: the same roots on either side of the threshold."""
+    rotor = TwoBearings()
+    mass = share * rotor.threshold
+    expected = least_stable(*rotor.matrices(mass))[0]
+    film = film_of(rotor.width, rotor.clearance, (48, 4))
+    place = rotor.clearance * np.array([0.1, 0.28])
+    roots = ehd.linearise(rotor.mechanism(mass, film, place)).roots
+    found = roots[np.argmax(roots.real)]
+    assert found.real == pytest.approx(expected.real, abs=1e-3 * abs(expected))
+    assert abs(found.imag) == pytest.approx(abs(expected.imag), rel=3e-3)
 
 
 def test_a_shaft_begins_where_its_journals_are_said_to_be():

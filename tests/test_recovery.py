@@ -11,22 +11,22 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from mpi4py import MPI
 from scene_cases import structure as structure_of
-from scipy import linalg, sparse
 from scipy.spatial import cKDTree
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import BodyFileError, SettingsError
+from fenics_ehd.base.fields import Material
 from fenics_ehd.base.sealed_file import seal
-from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.material import Material
 from fenics_ehd.fem.stress import StressField
-from fenics_ehd.fem.structure import assemble_structure
-from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
+from fenics_ehd.reduction.part_files import BasisFile, save_basis, von_mises
+from fenics_ehd.reduction.static import StaticSolver
 
 STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
+COARSE = {"bodies.rod.geometry": {"bore_cells_around": 10, "shank_cells": 4}}
 PARTS = {
-    "serendipity": {"bodies.rod.element": "serendipity"},
-    "lagrange": {"bodies.rod.element": "lagrange"},
-    "tetrahedra": {"bodies.rod.cells": "tet"},
+    "serendipity": COARSE | {"bodies.rod.element": "serendipity"},
+    "lagrange": COARSE | {"bodies.rod.element": "lagrange"},
+    "tetrahedra": COARSE | {"bodies.rod.cells": "tet"},
 }
 
 
@@ -55,11 +55,6 @@ def hooke(strain):
     return stress[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
 
 
-def rigid_motions(x):
-    moves = [np.tile(axis, (len(x), 1)) for axis in np.eye(3)]
-    return np.stack([*moves, *np.cross(np.eye(3)[:, None], x)], axis=2).reshape(-1, 6)
-
-
 def waves(x):
     """Displacement columns that do not depend on the numbering of the nodes, shape (3 nodes, 7)."""
     numbers = np.random.default_rng(5).normal(size=(7, 3, 3)) * 40.0
@@ -81,17 +76,10 @@ def edit(path, **changes):
 def test_uniform_strain_gives_its_stress_in_every_cell(structure):
     gradients = np.random.default_rng(1).normal(size=(4, 3, 3))
     x = structure.coordinates
-    stress = np.asarray(
-        structure.recovery.stress(np.einsum("kcd,nd->nck", gradients, x).reshape(-1, 4))
-    )
+    field = structure.recovery.stress(np.einsum("kcd,nd->nck", gradients, x).reshape(-1, 4))
+    stress = field.block()
     exact = np.array([hooke(0.5 * (g + g.T)) for g in gradients]).T
     assert np.abs(stress - exact).max(initial=0) < 1e-11 * np.abs(exact).max()
-
-
-@pytest.mark.mpi
-def test_rigid_motions_are_free_of_stress(structure):
-    stress = np.asarray(structure.recovery.stress(rigid_motions(structure.coordinates)))
-    assert np.abs(stress).max(initial=0) < 1e-11 * STEEL.youngs_modulus
 
 
 @pytest.mark.mpi
@@ -105,7 +93,7 @@ def test_stresses_lie_inside_their_cells(structure):
 
 def test_blocks_are_parts_of_the_whole(rod_structure, columns):
     field = rod_structure.recovery.stress(columns)
-    part, whole = field.block(slice(10, 21), slice(5, 9)), np.asarray(field)
+    part, whole = field.block(slice(10, 21), slice(5, 9)), field.block()
     assert whole.shape == field.shape
     assert np.abs(part - whole[10:21, :, :, 5:9]).max() < 1e-13 * np.abs(whole).max()
 
@@ -132,29 +120,22 @@ Physical Volume("ring") = {ring[]}; Physical Surface("bore") = {bore[]};
 """
 
 
-def pressurised_ring(path, n):
-    """Stresses of a ring of steel under 1 Pa inside: positions, (points, 6)."""
-    part = build_mesh(path, {"n": n}, comm=MPI.COMM_SELF)
-    ring = assemble_structure(part, STEEL, attachments=())
+def ring_under_pressure(path, n):
+    """A ring of steel and its displacement under 1 Pa inside."""
+    path.write_text(RING.replace("n = {1,", f"n = {{{n},"))
+    ring = ehd.assemble_structure(ehd.build_mesh(path, comm=MPI.COMM_SELF), STEEL, attachments=())
     pressure, force = ring.bore.load.createVecs()
     pressure.set(1.0)
     ring.bore.load.mult(pressure, force)
-    held = linalg.qr(rigid_motions(ring.coordinates).T, mode="r", pivoting=True)[1][:6]
-    free = np.setdiff1d(np.arange(ring.size), held)
-    i, j, values = ring.stiffness.getValuesCSR()
-    matrix = sparse.csr_matrix((values, j, i))[free][:, free].tocsc()
-    displacement = np.zeros((ring.size, 1))
-    displacement[free, 0] = sparse.linalg.spsolve(matrix, force.array[free])
-    field = ring.recovery.stress(displacement)
-    return field.positions().reshape(-1, 3), np.asarray(field).reshape(-1, 6)
+    return ring, StaticSolver(ring).solve(force.array[:, None])
 
 
 def test_pressurised_ring_has_the_stresses_of_lame(tmp_path):
-    path = tmp_path / "ring.geo"
-    path.write_text(RING)
     errors = []
     for n in (2, 4):
-        x, stress = pressurised_ring(path, n)
+        ring, displacement = ring_under_pressure(tmp_path / "ring.geo", n)
+        field = ring.recovery.stress(displacement)
+        x, stress = field.positions().reshape(-1, 3), field.block().reshape(-1, 6)
         r2 = (x[:, :2] ** 2).sum(axis=1)
         c, s = x[:, :2].T / np.sqrt(r2)
         xx, yy, _, _, _, xy = stress.T
@@ -187,7 +168,7 @@ def test_stress_of_a_reduced_solution_is_that_of_its_displacement(
 ):
     q = np.random.default_rng(6).normal(size=(2, 40))
     field = rod_structure.recovery.stress(columns @ q.T)
-    exact = np.moveaxis(np.asarray(field).reshape(-1, 6, 2), 2, 0)
+    exact = np.moveaxis(field.block().reshape(-1, 6, 2), 2, 0)
     with BasisFile(basis_file) as basis:
         stress = basis.stress(q)
         np.testing.assert_array_equal(basis.stress_points, field.positions().reshape(-1, 3))
@@ -287,7 +268,7 @@ def test_a_save_that_fails_on_one_rank_fails_on_all_and_keeps_the_former_file(
     with monkeypatch.context() as last:
         if comm.rank == comm.size - 1:
             last.setattr(StressField, "block", fail)
-        with pytest.raises(BodyFileError, match=r"rod\.h5 cannot be written: OSError: disk full"):
+        with pytest.raises(BodyFileError, match=r"rod\.h5 cannot be written: disk full"):
             save_basis(path, structure, columns)
     comm.Barrier()
     assert [p.name for p in path.parent.iterdir()] == ["rod.h5"]

@@ -5,9 +5,6 @@ the last one owns no node of the bore.
 """
 
 import gc
-import os
-import subprocess
-import sys
 import weakref
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
@@ -15,7 +12,7 @@ from functools import cache
 import numpy as np
 import oracle_reduction as oracle
 import pytest
-from foreign_parts import ring_matrices, ring_mesh
+from foreign_parts import ring_matrices, ring_mesh, to_scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
@@ -24,26 +21,23 @@ from scene_cases import structure as structure_of
 from scipy import linalg, sparse
 from snapshot_cases import WAYS, reduce_by
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError, SolverError, StructureError, VerificationError
 from fenics_ehd.reduction import (
     PRESSURE_SETS,
-    ReducedBody,
-    Reductor,
-    Structure,
     craig_bampton,
     distributed,
     eigenmodes,
     full_interface,
-    linear_solver,
     load_dependent,
-    loads,
     residual_flexibility,
     rigid,
     two_step_craig_bampton,
 )
+from fenics_ehd.reduction import reductor as loads
+from fenics_ehd.reduction import static as linear_solver
 from fenics_ehd.reduction.eigenmodes import lowest_modes
-from fenics_ehd.reduction.linear_solver import LinearSolver
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.static import LinearSolver, StaticSolver
 
 pytestmark = pytest.mark.kernels
 
@@ -71,11 +65,6 @@ def rod_on(comm, geometry=None, **rod):
     return structure_of("slider-crank-paper", "rod", comm, changes)
 
 
-def dense(matrix):
-    indptr, indices, data = matrix.getValuesCSR()
-    return sparse.csr_matrix((data, indices, indptr), matrix.size).toarray()
-
-
 def dense_part(structure):
     """What the oracle needs of a structure on one rank."""
     bore = structure.bore
@@ -86,10 +75,10 @@ def dense_part(structure):
         for name, three in structure.attachments.items()
     }
     return oracle.Part(
-        dense(structure.stiffness),
-        dense(structure.mass),
+        to_scipy(structure.stiffness).toarray(),
+        to_scipy(structure.mass).toarray(),
         structure.coordinates,
-        dense(bore.load),
+        to_scipy(bore.load).toarray(),
         bore.nodes,
         mean.reshape(-1, 6),
         points,
@@ -146,7 +135,7 @@ def as_structure(dense_rod, comm=WORLD, **changes):
         "reference": dense_rod.mean.reshape(-1, 3, 6)[dense_rod.bore],
     }
     bore = replace(rod().bore, **{**bore, **changes})
-    return Structure(
+    return ehd.Structure(
         sparse.csr_matrix(dense_rod.stiffness),
         sparse.csr_matrix(dense_rod.mass),
         dense_rod.nodes,
@@ -308,26 +297,6 @@ def elastic_frequencies(reduced):
     return 1.0 / np.sqrt(linalg.eigvalsh(mass, reduced.stiffness)[::-1])
 
 
-def transfer(reduced, motions, omega):
-    """Bore displacement per nodal pressure that oscillates, (3 m, k); `motions` (3 m, 6)."""
-    shape = reduced.bore_basis.reshape(len(motions), -1)
-    mass, stiffness, load = reduced.mass, reduced.stiffness, reduced.load_projection[3:]
-    if reduced.frame != "clamped":
-        shape = np.hstack([motions, shape])
-        coupling = reduced.rigid_coupling
-        mass = np.block([[reduced.rigid_mass, coupling], [coupling.T, mass]])
-        stiffness = linalg.block_diag(np.zeros((6, 6)), stiffness)
-        load = np.vstack([reduced.rigid_load, load])
-    scale = 1.0 / np.sqrt(np.diag(mass))
-    dynamic = (stiffness - omega**2 * mass) * np.outer(scale, scale)
-    answer = shape @ (scale[:, None] * np.linalg.solve(dynamic, scale[:, None] * load))
-    if reduced.residual is not None:
-        answer += (
-            reduced.residual.displacement.reshape(len(motions), -1) @ reduced.residual.patterns
-        )
-    return answer
-
-
 @pytest.mark.mpi
 @pytest.mark.parametrize(("name", "method"), CASES)
 def test_flexibility_of_the_bore_agrees(name, method):
@@ -347,21 +316,6 @@ def test_flexibility_of_the_bore_agrees(name, method):
 def test_frequencies_with_rigid_motions_agree(name, method):
     theirs = oracle.pencil(part(name), reference(name, method)[0])
     np.testing.assert_allclose(elastic_frequencies(body(name, method)), theirs, rtol=TOLERANCE)
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize(("name", "method"), CASES)
-def test_answer_to_an_oscillating_pressure_agrees(name, method):
-    dense_rod, ours = part(name), body(name, method)
-    basis, residual = reference(name, method)
-    angular = oracle.pencil(dense_rod, basis)[:6]
-    # Far from every resonance: below the first one, in the widest gap, and above some.
-    widest = int(np.argmax(angular[1:] / angular[:-1])) if len(angular) > 1 else 0
-    between = angular[widest : widest + 2].mean() * (1.0 if len(angular) > 1 else 1.5)
-    for omega in (500.0, 0.6 * angular[0], between):
-        theirs = oracle.transfer(dense_rod, basis, omega) + residual
-        found = transfer(ours, dense_rod.motions[dense_rod.bore_dofs], omega)
-        assert defect(found, theirs) < TOLERANCE, omega
 
 
 @pytest.mark.mpi
@@ -546,50 +500,6 @@ def test_two_steps_become_one_as_interior_modes_are_added():
     np.testing.assert_allclose(two, one, rtol=1e-7)
 
 
-def test_printed_zeros_of_the_second_step_would_hold_the_bore_rigid():
-    """Why M2 here is not (22) and (23) to the letter.
-
-    They have zeros where bore and boundary meet in K of the first step. It has none there, unless
-    no path of the part leads from the bore to A. With the zeros of ``T_2`` a force at A leaves
-    the bore undeformed, its answer is too stiff, and K is not block diagonal as the text after
-    (25) says it is, "since the second step is like applying Craig-Bampton".
-    """
-    dense_rod = part("free")
-    first = oracle.first_step(dense_rod, 6)
-    v, p, _ = first.sizes
-    sizes = np.sqrt(np.diag(first.stiffness))
-    coupling = np.abs(first.stiffness / np.outer(sizes, sizes))
-    assert coupling[:v, v:].max() < 1e-8  # these zeros of (22) are right
-    assert coupling[v : v + p, v + p :].max() > 0.01  # this one is not
-    literal = oracle.two_step(dense_rod, 12, 6, literal=True)
-    assert np.abs(literal[dense_rod.bore_dofs, 12:]).max() < 1e-12
-    stiffness = literal.T @ dense_rod.stiffness @ literal
-    sizes = np.sqrt(np.diag(stiffness))
-    assert np.abs(stiffness / np.outer(sizes, sizes))[:12, 12:].max() > 0.01
-
-    complete = reference("free", "m2")[0]
-    constraints = np.hstack([dense_rod.centre, dense_rod.boundary()])
-    exact = oracle.saddle_point(
-        dense_rod.stiffness, dense_rod.centre, dense_rod.boundary(), np.zeros((6, 2))
-    )
-    assert np.linalg.matrix_rank(constraints) == 8
-    force = dense_rod.boundary()
-    answers = {
-        name: force.T @ basis @ oracle.coordinates(dense_rod, basis, force)
-        for name, basis in (("complete", complete), ("literal", literal))
-    }
-    assert defect(answers["complete"], force.T @ exact) < TOLERANCE
-    assert np.all(np.diag(answers["literal"]) < 0.95 * np.diag(force.T @ exact))
-    # With every mode of (24) both have the same span.
-    every = 3 * len(dense_rod.bore)
-    literal, complete = (
-        oracle.two_step(dense_rod, every, 6, literal=literal) for literal in (True, False)
-    )
-    literal, complete = (c / linalg.norm(c, axis=0) for c in (literal, complete))
-    assert literal.shape == complete.shape == (dense_rod.size, every + 2)
-    assert linalg.subspace_angles(literal, complete).max() < 1e-6
-
-
 # --- M3: pressure sets and selections --------------------------------------------------------
 
 
@@ -614,28 +524,6 @@ def test_neither_half_of_the_shapes_covers_the_other():
         assert missed(bodies["pc2"], pressures) < TOLERANCE
 
 
-@pytest.mark.parametrize("selection", WAYS)
-def test_snapshots_of_low_rank_are_followed_exactly(selection):
-    given = snapshots()[:, :7] if selection == "every-column" else snapshots()
-    ours = reduce_by(structure("free"), N_V, 7, given, selection)
-    assert missed(ours, snapshots()) < TOLERANCE
-    assert ours.modes == N_V + 2 + 7
-    fewer = reduce_by(structure("free"), N_V, 5, given, selection)
-    assert missed(fewer, snapshots()) > 1e-4
-
-
-def test_proper_orthogonal_and_most_energetic_modes_span_the_same_when_all_are_kept():
-    spans = [
-        every_rank(
-            reduce_by(structure("free"), N_V, 7, snapshots(), selection, keep_basis=True).columns
-        )
-        for selection in ("proper-orthogonal", "largest-eigenvalue", "lowest-frequency")
-    ]
-    spans = [columns / linalg.norm(columns, axis=0) for columns in spans]
-    assert linalg.subspace_angles(*spans[:2]).max() < ANGLE
-    assert linalg.subspace_angles(*spans[1:]).max() < ANGLE
-
-
 @pytest.mark.parametrize(
     ("asked", "kept"), [(1, 20), (14, 20), (20, 20), (21, 40), (40, 40)], ids=str
 )
@@ -658,7 +546,7 @@ def test_equal_singular_values_are_kept_whole(asked, kept):
     rank=st.integers(1, 6),
     spread=st.floats(0.0, 3.0),
     scale=st.sampled_from([1e-6, 1.0, 1e9]),
-    selection=st.sampled_from([name for name in WAYS if name != "every-column"]),
+    selection=st.sampled_from(WAYS),
     seed=st.integers(0, 2**32 - 1),
 )
 def test_any_snapshots_of_low_rank_are_followed_exactly(rank, spread, scale, selection, seed):
@@ -667,6 +555,7 @@ def test_any_snapshots_of_low_rank_are_followed_exactly(rank, spread, scale, sel
     pressures = scale * shapes @ random.standard_normal((rank, rank + 3))
     ours = reduce_by(structure("free"), 1, rank, pressures, selection)
     assert missed(ours, pressures) < 1e-7
+    assert ours.modes == 1 + 2 + rank
 
 
 @pytest.mark.parametrize(
@@ -736,37 +625,7 @@ def block(cells=(6, 2, 2), size=(0.1, 0.03, 0.02)):
     first = grid[np.all(grid < cells, axis=1)]
     stiffness, mass = ring_matrices(nodes, (first[:, None] + corner) @ strides)
     values = linalg.eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True)
-    return Structure(stiffness, mass, nodes), np.sqrt(values[6:])
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("thickness", [0.020, 0.022])  # 0.9, 2.4 % between the lowest frequencies
-def test_a_mode_that_the_start_vector_hides_is_found(thickness, monkeypatch):
-    """From a start that is symmetric about y = 0 a Krylov method sees symmetric modes alone.
-
-    In more than a few steps round-off would show the lowest mode, antisymmetric torsion, as well.
-    """
-    bar, angular = block(size=(0.06, 0.03, thickness))
-    scattered = eigenmodes._scattered
-
-    def symmetric(given_one, phase):
-        x, y, z = given_one.coordinates.T
-        even = np.stack([np.sin(99 * x + 7 * z), y * np.cos(55 * x), np.cos(31 * x * z)], axis=1)
-        return even.ravel() if phase == 0.0 else scattered(given_one, phase)
-
-    static = StaticSolver(bar)
-    options = PETSc.Options("hidden_")
-    options["eps_ncv"] = 6
-    try:
-        assert lowest_modes(static, 1, options_prefix="hidden_")[0] == pytest.approx(angular[0])
-        monkeypatch.setattr(eigenmodes, "_scattered", symmetric)
-        assert lowest_modes(static, 1, options_prefix="hidden_")[0] == pytest.approx(angular[0])
-        monkeypatch.setattr(
-            eigenmodes, "_with_missed", lambda _, values, modes, __: (values, modes)
-        )
-        assert lowest_modes(static, 1, options_prefix="hidden_")[0] == pytest.approx(angular[1])
-    finally:
-        options.delValue("eps_ncv")
+    return ehd.Structure(stiffness, mass, nodes), np.sqrt(values[6:])
 
 
 @pytest.mark.mpi
@@ -813,7 +672,7 @@ def test_modes_of_the_same_frequency_are_all_found(around, along, counts):
     nodes, cells, _ = ring_mesh(around, along, 1)
     stiffness, mass = ring_matrices(nodes, cells)
     angular = np.sqrt(linalg.eigvalsh(stiffness.toarray(), mass.toarray())[6:])
-    static = StaticSolver(Structure(stiffness, mass, nodes))
+    static = StaticSolver(ehd.Structure(stiffness, mass, nodes))
     for count in counts:
         np.testing.assert_allclose(lowest_modes(static, count)[0], angular[:count], rtol=1e-9)
 
@@ -893,15 +752,6 @@ def with_loose_piece(dense_rod):
     return enlarged(dense_rod, *matrices, nodes + np.array([0.1, 0.1, 0.0]))
 
 
-def with_node_on_a_bar(dense_rod, stiffness, end):
-    """One more node, held by another in the direction of a bar alone."""
-    along = np.ones(3) / 3**0.5
-    stretch = np.zeros(dense_rod.size + 3)
-    stretch[3 * end : 3 * end + 3], stretch[-3:] = -along, along
-    node = dense_rod.nodes[[end]] + 0.01 * along
-    return enlarged(dense_rod, stiffness * np.outer(stretch, stretch), 1e-3 * np.eye(3), node)
-
-
 def with_node_of_no_stiffness(dense_rod):
     return enlarged(dense_rod, np.zeros((3, 3)), 1e-3 * np.eye(3), [[0.1, 0.1, 0.0]])
 
@@ -929,16 +779,10 @@ def test_a_loose_piece_is_named(name, method):
 @pytest.mark.parametrize("method", REDUCTIONS)
 def test_a_node_without_stiffness_is_named(method):
     loose = as_structure(with_node_of_no_stiffness(part("free")))
-    with pytest.raises(StructureError, match="stiffness has an empty row at node 241, component x"):
+    with pytest.raises(
+        StructureError, match="stiffness has the diagonal entry 0 at node 241, comp"
+    ):
         REDUCTIONS[method](loose)
-
-
-def test_a_node_held_in_one_direction_is_named():
-    for stiffness in (1e7, 1e9, 1e11):
-        for end in (5, 50, 150):
-            loose = as_structure(with_node_on_a_bar(part("free"), stiffness, end))
-            with pytest.raises((SolverError, VerificationError)):
-                load_dependent(loose, 4, 6, estimate_error=False)
 
 
 @pytest.mark.mpi
@@ -1078,7 +922,7 @@ def counted(monkeypatch, kind, name):
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", ["free", "clamped", "clamped with a point"])
 def test_bodies_of_one_reductor_are_those_of_a_structure_each(name):
-    shared = Reductor(structure(name))
+    shared = ehd.Reductor(structure(name))
     for method, reduce_it in IN_TURN.items():
         ours, alone = reduce_it(shared), reduce_it(structure(name))
         assert (ours.method, ours.frame, ours.kinds) == (alone.method, alone.frame, alone.kinds)
@@ -1101,7 +945,7 @@ def test_bodies_of_one_reductor_are_those_of_a_structure_each(name):
 @pytest.mark.mpi
 def test_a_reductor_factorises_once_and_its_interior_once(monkeypatch):
     made = counted(monkeypatch, LinearSolver, "__init__")
-    shared = Reductor(structure("free"))
+    shared = ehd.Reductor(structure("free"))
     rigid(shared)
     assert len(made) == 0
     two_step_craig_bampton(shared, 5, 3, estimate_error=False)
@@ -1113,7 +957,7 @@ def test_a_reductor_factorises_once_and_its_interior_once(monkeypatch):
 
 @pytest.mark.mpi
 def test_a_reductor_does_not_solve_for_what_it_has(monkeypatch):
-    shared = Reductor(structure("free"))
+    shared = ehd.Reductor(structure("free"))
     craig_bampton(shared, 9)
     load_dependent(shared, 4, 9, "pc1")
     residual_flexibility(shared, 4)
@@ -1126,28 +970,16 @@ def test_a_reductor_does_not_solve_for_what_it_has(monkeypatch):
     assert solves
 
 
-@pytest.mark.mpi
-def test_fewer_modes_are_the_first_of_more():
-    shared = Reductor(structure("free"))
-    more, fewer = (craig_bampton(shared, n, estimate_error=False) for n in (9, 5))
-    np.testing.assert_array_equal(fewer.bore_basis[..., :5], more.bore_basis[..., :5])
-    more, fewer = (residual_flexibility(shared, n, estimate_error=False) for n in (6, 2))
-    np.testing.assert_array_equal(fewer.bore_basis[..., :2], more.bore_basis[..., :2])
-    alike = [load_dependent(shared, 4, n, selection="largest-eigenvalue") for n in (9, 5)]
-    missed_by = [np.linalg.norm(reduced.missing_flexibility) for reduced in alike]
-    assert missed_by[0] < missed_by[1]
-
-
 def test_a_reductor_keeps_the_responses_to_one_pressure_set(monkeypatch):
     kept = weakref.WeakSet()
-    original = loads.ColumnStore.__init__
+    original = loads.StaticResponses.__init__
 
     def remember(store, *arguments):
         kept.add(store)
         original(store, *arguments)
 
-    monkeypatch.setattr(loads.ColumnStore, "__init__", remember)
-    shared = Reductor(structure("free"))
+    monkeypatch.setattr(loads.StaticResponses, "__init__", remember)
+    shared = ehd.Reductor(structure("free"))
     for pressure_set in ("pc1", "pc2", snapshots()):
         load_dependent(shared, 4, 6, pressure_set)
         residual_flexibility(shared, 4)
@@ -1159,7 +991,7 @@ def test_a_reductor_keeps_the_responses_to_one_pressure_set(monkeypatch):
 
 
 def test_options_belong_where_a_reductor_is_made():
-    shared = Reductor(structure("free"), attachment_directions=(0,))
+    shared = ehd.Reductor(structure("free"), attachment_directions=(0,))
     assert craig_bampton(shared, 3, estimate_error=False).kinds.count("constraint") == 1
     with pytest.raises(SettingsError, match="solver: say so where the Reductor is made"):
         craig_bampton(shared, 3, solver="direct")
@@ -1204,26 +1036,10 @@ def body_of(name, method):
 
 
 @pytest.mark.parametrize(
-    "method",
-    [
-        "m1",
-        "m2",
-        "m3",
-        *(
-            pytest.param(m, marks=pytest.mark.xfail(reason="a unit force of 1 N beside 1 Pa"))
-            for m in ("m4", "full")
-        ),
-    ],
-)
-def test_a_tiny_part_is_a_scaled_one(method):
-    """A rod of 16 micrometres."""
-    test_units_and_scale_do_not_matter(method, 1e-4, 1e-12, 1e-4)
-
-
-@pytest.mark.parametrize(
     "geometry",
     [
         {"rod_length": 0.4},
+        pytest.param({"cells": "tet"}, marks=pytest.mark.slow),
         pytest.param({"bore_width": 0.06}, marks=pytest.mark.slow),
         pytest.param({"bore_width": 0.008}, marks=pytest.mark.slow),
         pytest.param({"big_end_wall": 0.005, "small_end_wall": 0.003}, marks=pytest.mark.slow),
@@ -1235,11 +1051,16 @@ def test_a_tiny_part_is_a_scaled_one(method):
     ids=lambda geometry: " ".join(f"{name} {size}" for name, size in geometry.items()),
 )
 def test_extreme_shapes_agree_as_well(geometry):
-    given_one = rod_on(MPI.COMM_SELF, geometry)
+    """Changed numbers of the model, and cells of another kind."""
+    cells = geometry.get("cells", "hex")
+    sizes = {name: size for name, size in geometry.items() if name != "cells"}
+    given_one = rod_on(MPI.COMM_SELF, sizes, cells=cells)
     dense_rod = dense_part(given_one)
     for method in FEW:
+        if cells == "tet" and method == "m3 pc2 lowest-frequency":
+            continue  # its oracle has no hats
         # M4 by as many patterns as stand out of the round-off of the whole rod's bending.
-        tolerance = 1e-7 if method == "m4" else TOLERANCE
+        tolerance = 1e-7 if method == "m4" and cells == "hex" else TOLERANCE
         ours = METHODS[method][0](given_one, dense_rod)
         basis, residual = METHODS[method][1](dense_rod)
         theirs = oracle.basis_flexibility(dense_rod, basis)
@@ -1248,21 +1069,6 @@ def test_extreme_shapes_agree_as_well(geometry):
         assert defect(followed(ours), theirs) < tolerance
         found = elastic_frequencies(ours)
         np.testing.assert_allclose(found, oracle.pencil(dense_rod, basis), rtol=tolerance)
-
-
-@pytest.mark.slow
-def test_tetrahedra_agree_as_well():
-    given_one = rod_on(MPI.COMM_SELF, cells="tet")
-    dense_rod = dense_part(given_one)
-    for method in ("m1", "m2", "m4", "full", "m3 pc1 largest-eigenvalue"):
-        ours = METHODS[method][0](given_one, dense_rod)
-        basis, residual = METHODS[method][1](dense_rod)
-        theirs = oracle.basis_flexibility(dense_rod, basis)
-        if residual is not None:
-            theirs = theirs + residual[dense_rod.bore_dofs]
-        assert defect(followed(ours), theirs) < TOLERANCE
-        found = elastic_frequencies(ours)
-        np.testing.assert_allclose(found, oracle.pencil(dense_rod, basis), rtol=TOLERANCE)
 
 
 def share_out(dense_rod, counts):
@@ -1289,7 +1095,7 @@ def share_out(dense_rod, counts):
         load=matrix(dense_rod.load, 60 if WORLD.rank == WORLD.size - 1 else 0),
     )
     nodes = dense_rod.nodes[first : first + own]
-    return Structure(stiffness, matrix(dense_rod.mass, 3 * own), nodes, bore, vectors)
+    return ehd.Structure(stiffness, matrix(dense_rod.mass, 3 * own), nodes, bore, vectors)
 
 
 @pytest.mark.mpi
@@ -1325,7 +1131,7 @@ def arrays(value):
 def test_a_body_holds_nothing_of_the_size_of_the_part(method):
     given_one = structure("free")
     ours = REDUCTIONS[method](given_one)
-    assert isinstance(ours, ReducedBody)
+    assert isinstance(ours, ehd.ReducedBody)
     assert ours.columns is None
     part_size = {given_one.size, given_one.size // 3, *given_one.stiffness.local_size}
     for array in arrays(ours):
@@ -1360,7 +1166,8 @@ def test_blocks_stay_narrow_and_change_nothing(method, monkeypatch):
     rows |= {given_one.bore.load.local_size[1], len(given_one.coordinates)}
     tall = [shape for shape in widths if shape[0] == 3 * len(given_one.coordinates)]
     assert len(tall) > 10
-    assert max(width for _, width in tall) <= max(9, narrow.modes)
+    # The basis, with the position and two translations at the most.
+    assert max(width for _, width in tall) <= max(9, narrow.modes + 3)
     assert defect(followed(narrow), followed(usual)) < TOLERANCE
     whole = usual.missing_flexibility + usual.basis_flexibility()
     assert defect(narrow.missing_flexibility, usual.missing_flexibility, whole) < TOLERANCE
@@ -1376,56 +1183,3 @@ def test_ranks_share_the_basis(method):
     assert sum(rows) == shared.size
     if WORLD.size > 1:
         assert max(rows) < {2: 0.6, 3: 0.45}.get(WORLD.size, 1.0) * shared.size
-
-
-#: Reduces a rod of 25 881 degrees of freedom and 1360 pressure nodes by all unit pressures, in
-#: blocks of 32, and tells by how many MB the memory of the process grew.
-GROWTH = """
-from attrs import evolve
-from mpi4py import MPI
-from fenics_ehd.reduction import distributed, load_dependent
-from fenics_ehd.scenes.elastic_part import elastic_part
-from fenics_ehd.scenes.scene_file import read_scene
-
-geometry = {"bore_cells_around": 40, "bore_cells_along": 8, "big_end_layers": 2,
-            "shank_cells": 10, "small_end_layers": 1}
-rod = evolve(read_scene("slider-crank-paper").bodies["rod"], geometry=geometry)
-part = elastic_part(rod, "bodies.rod", "lagrange", MPI.COMM_WORLD).source
-assert part.size == 25881 and part.bore.load.size[1] == 1360
-distributed.BLOCK_COLUMNS = 32
-def memory(name):
-    with open("/proc/self/status") as file:
-        line = next(line for line in file if line.startswith(name))
-    return int(line.split()[1]) * 1024 / 1e6
-before = memory("VmRSS")
-load_dependent(part, 4, 31, "pc1", "largest-eigenvalue", estimate_error=False)
-# The peak of getrusage begins with that of the process that started this one.
-grown = MPI.COMM_WORLD.gather(memory("VmHWM") - before)
-if MPI.COMM_WORLD.rank == 0:
-    print("grown by", *grown)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("ranks", "limit"), [(1, 370), (2, 280)])
-def test_memory_of_a_rank_holds_no_block_of_all_pressures(ranks, limit):
-    """Measured: 290 MB on one rank, 215 on each of two, factors and all.
-
-    A block of all responses would add 282 MB, or half of that, and one of the loads as much.
-    """
-    # A process of an MPI program cannot start another one.
-    outside = ("OMPI_", "PMIX_", "ORTE_")
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(outside)}
-    environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    environment |= dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"), "1")
-    command = [sys.executable, "-c", GROWTH]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), "--oversubscribe", *command]
-    process = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=900, check=False
-    )
-    assert process.returncode == 0, process.stderr
-    line = next(line for line in process.stdout.splitlines() if line.startswith("grown by"))
-    grown = [float(value) for value in line.split()[2:]]
-    assert len(grown) == ranks
-    assert max(grown) < limit

@@ -1,12 +1,10 @@
 """What a run answers in memory and what is read from its folder are one object."""
 
-import json
 import os
 import pickle
-import shutil
-import signal
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import h5py
@@ -16,49 +14,12 @@ from csv_history import read_history
 from mechanism_cases import film, rigid_rod, slider_crank
 from report_cases import write_history, write_study
 
-from fenics_ehd import load_results
+import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.multibody.recorder import Recorder
-from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
-from fenics_ehd.results.recorded_run import RecordedRun, history_of
+from fenics_ehd.multibody.quantities import OUTPUTS
 
 END = 2e-5
-
-#: Writes a history, tells how far it is and ends as it is told to.
-WRITER = """
-import os, signal, sys
-import numpy as np
-from fenics_ehd.results.history_file import HistoryWriter
-folder, steps = sys.argv[1], int(sys.argv[2])
-attributes = {"state/coordinates": {"names": [], "units": []}}
-with HistoryWriter(folder, {}, attributes) as history:
-    for i in range(steps):
-        fields = {"state/coordinates": np.zeros(0), "state/rates": np.zeros(0)}
-        history.add({"time_s": i, "drive_work_J": 2.0 * i}, fields)
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-#: Reads a file with one wrong bit, again and again, in a process that HDF5 may crash.
-DAMAGE = """
-import random, sys
-from pathlib import Path
-from fenics_ehd import load_results
-from fenics_ehd.base.errors import InputError
-path, chance, named = Path(sys.argv[1], "history.h5"), random.Random(1), 0
-content = path.read_bytes()
-for _ in range(30):
-    damaged = bytearray(content)
-    damaged[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
-    path.write_bytes(damaged)
-    try:
-        load_results(sys.argv[1])
-    except InputError as error:
-        named += len(str(error).splitlines()) == 1
-print(named)
-"""
 
 
 def one_film():
@@ -72,17 +33,9 @@ def two_films():
 
 def recorded(mechanism, folder):
     """The same short run in memory and in a folder."""
-    run, again = (Run(mechanism, Steps(tolerance=1e-2), END) for _ in range(2))
-    memory, tracker = Recorder(run), Tracker(again.equations, again.norm)
-    for step in run.until(END):
-        memory.add(step)
-    on_disk = RecordedRun(again, tracker, END, None)
-    with history_of(on_disk, folder) as history:
-        for _ in on_disk.steps(history):
-            pass
-    figures = on_disk.figures(load_results(folder, films=False).columns)
-    (folder / "summary.json").write_text(json.dumps({"status": "complete", **figures}))
-    return memory.result(), load_results(folder)
+    found = ehd.simulate(mechanism, END, tolerance=1e-2)
+    found.save(folder)
+    return found, ehd.load_results(folder)
 
 
 @pytest.fixture(scope="module", params=[one_film, two_films])
@@ -94,7 +47,7 @@ def both(request, tmp_path_factory):
 def test_memory_and_disk_are_one_object(both):
     memory, disk, folder = both
     assert type(memory) is type(disk)
-    assert memory.columns.keys() == disk.columns.keys()
+    assert list(memory.columns) == list(disk.columns)
     for name, values in memory.columns.items():
         np.testing.assert_array_equal(disk.columns[name], values)
     for name in ("time", "coordinates", "rates", "quasi_static"):
@@ -106,7 +59,7 @@ def test_memory_and_disk_are_one_object(both):
             "x": "m", "y": "m", "angle": "rad", "speed": "rad/s",
         }  # fmt: skip
     assert memory.figures.keys() == disk.figures.keys() == memory.joints.keys()
-    assert disk.newton_iterations == memory.newton_iterations > len(disk)
+    assert disk.summary()["newton_iterations"] == memory.summary()["newton_iterations"] > len(disk)
     # The CSV says the same with ten digits.
     for name, values in read_history(folder).items():
         np.testing.assert_allclose(disk.columns[name], values, rtol=1e-9, atol=1e-300)
@@ -140,7 +93,7 @@ def test_some_steps_and_no_films(both):
     assert len(half) == -(-len(disk) // 2)
     name = next(iter(disk.joints))
     np.testing.assert_array_equal(half.joints[name].film.gap, disk.joints[name].film.gap[::2])
-    small = load_results(folder, films=False)
+    small = ehd.load_results(folder, films=False)
     np.testing.assert_array_equal(small.joints[name].force, disk.joints[name].force)
     with pytest.raises(InputError, match="films were not read"):
         _ = small.joints[name].film
@@ -152,7 +105,7 @@ def test_every_dataset_has_its_unit(both):
     *_, folder = both
     found = {}
     with h5py.File(folder / "history.h5") as file:
-        assert (file.attrs["format"], file.attrs["format_version"]) == (b"fenics_ehd history", 2)
+        assert (file.attrs["format"], file.attrs["format_version"]) == (b"fenics_ehd history", 3)
         file.visititems(
             lambda path, item: (
                 found.update({path: item.attrs["units"].astype(str)})
@@ -195,16 +148,6 @@ def test_parts_keep_their_unit_and_products_have_none():
     assert pickle.loads(pickle.dumps(force)).units == "N"
 
 
-def test_a_killed_run_is_read_up_to_its_last_whole_steps(tmp_path):
-    command = [sys.executable, "-c", WRITER, tmp_path, "130"]
-    assert subprocess.run(command).returncode == -signal.SIGKILL
-    found = load_results(tmp_path)
-    np.testing.assert_array_equal(found.run.drive_work, 2.0 * np.arange(100))
-    assert "killed" in found.status
-    assert found.summary == found.figures == found.scene == {}
-    assert len(read_history(tmp_path)["time_s"]) == 130
-
-
 def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_path):
     study = write_study(tmp_path, [])
     write_history(study, "one", steps=30, periodic=True)
@@ -212,7 +155,7 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
         file["run/cycle"][:] = np.repeat([1, 2, 3], 10)
         file["run/cycle_time"][:] = 1e-3 * np.concatenate([np.arange(1, 11)] * 3)
         file["run/cycle_time"][20:] *= 0.9
-    found = load_results(study.folder("one"))
+    found = ehd.load_results(study.folder("one"))
     assert np.all(np.diff(found.time) > 0)
     assert len(found) == 30
     last = found.last_cycle()
@@ -223,46 +166,34 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
     # One that was stopped while its last cycle, which is whole, was judged.
     with h5py.File(study.folder("one") / "history.h5", "r+") as file:
         file["run/cycle_time"][20:] /= 0.9
-    last = load_results(study.folder("one")).last_cycle()
+    last = ehd.load_results(study.folder("one")).last_cycle()
     assert set(last.run.cycle) == {3.0}
 
 
 def test_what_cannot_be_read_is_one_line(tmp_path):
     with pytest.raises(InputError, match=r"no: no such folder"):
-        load_results(tmp_path / "no")
+        ehd.load_results(tmp_path / "no")
     with pytest.raises(InputError, match=r"not a results folder, it has no history\.h5"):
-        load_results(tmp_path)
+        ehd.load_results(tmp_path)
     with h5py.File(tmp_path / "history.h5", "w") as file:
         file["coordinates"] = np.zeros((3, 2))  # as 0.1 wrote it
-    with pytest.raises(InputError, match=r"layout 1, this program reads 2: run the scene anew"):
-        load_results(tmp_path)
+    with pytest.raises(InputError, match=r"layout 1, this program reads 3: run the scene anew"):
+        ehd.load_results(tmp_path)
     study = write_study(tmp_path, [])
     write_history(study, "one", steps=8)
     folder = study.folder("one")
     with h5py.File(folder / "history.h5", "r+") as file:
         file["run/drive_work"] = np.zeros(7)
         file["run/drive_work"].attrs["units"] = np.bytes_("J")
-    # A run that was killed may be so, one that ended may not.
-    assert len(load_results(folder)) == 7
     (folder / "summary.json").write_text('{"status": "complete", "basis_error_estimate_m": null}')
     with pytest.raises(InputError, match="its arrays have 7 to 8 steps"):
-        load_results(folder)
+        ehd.load_results(folder)
     with h5py.File(folder / "history.h5", "r+") as file:
         del file["run/drive_work"]
-    assert np.isnan(load_results(folder).summary["basis_error_estimate_m"])
+    assert np.isnan(ehd.load_results(folder).summary()["basis_error_estimate_m"])
     (folder / "summary.json").write_text("[")
     with pytest.raises(InputError, match=r"summary\.json: not a summary of a run"):
-        load_results(folder)
-
-
-def test_a_damaged_file_is_named_and_crashes_nothing(both, tmp_path):
-    shutil.copy(both[2] / "history.h5", tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-c", DAMAGE, tmp_path], capture_output=True, text=True, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-    # The bits of numbers have no checksum.
-    assert 0 < int(done.stdout) < 30
+        ehd.load_results(folder)
 
 
 def test_a_table_of_pandas_where_it_is(both, monkeypatch):
@@ -280,6 +211,22 @@ def test_a_table_of_pandas_where_it_is(both, monkeypatch):
     assert "kinetic_energy_J" in columns
 
 
+def test_a_dataset_of_xarray_where_it_is(both, monkeypatch):
+    memory, *_ = both
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="to_xarray needs xarray, which is not installed"):
+        memory.to_xarray()
+    xarray = ModuleType("xarray")
+    xarray.Dataset = dict
+    monkeypatch.setitem(sys.modules, "xarray", xarray)
+    found = memory.to_xarray()
+    assert set(found) == set(memory.names)
+    over, values, told = found["step"]
+    assert (over, told) == ("time", {"units": "s"})
+    np.testing.assert_array_equal(values, memory["step"])
+    np.testing.assert_array_equal(found["time"][1], memory.time)
+
+
 def test_reading_needs_neither_dolfinx_nor_mpi(both):
     *_, folder = both
     code = (
@@ -291,3 +238,10 @@ def test_reading_needs_neither_dolfinx_nor_mpi(both):
         [sys.executable, "-c", code, folder], capture_output=True, text=True, env=os.environ
     )
     assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_the_page_on_results_has_every_quantity_as_it_is_registered():
+    page = (Path(__file__).parents[1] / "docs" / "results.md").read_text()
+    for output in OUTPUTS:
+        mean = " (mean in the summary)" if output.mean else ""
+        assert f"| `{output.column}` | {output.meaning}{mean} |" in page

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from film_cases import ETA, OMEGA, C, R, make_film, moved
+from film_cases import ETA, OMEGA, C, R, make_film
 from rough_cases import surfaces
+from test_sensitivity import assert_exact
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import GapClosedError
-from fenics_ehd.film import Lubricant
 from fenics_ehd.film.kinematics import GapDerivatives, ShaftMotion, shaft_gap
-from fenics_ehd.film.lubricant import Barus
-from fenics_ehd.film.mass_conserving import MassConservingFilm
-from fenics_ehd.film.supply import AxialGroove
 
 ROUGH = {
     "average gap alone": surfaces(flow_factors=False),
@@ -35,66 +33,16 @@ def touching(film, seed=3):
     return gap, GapDerivatives(thickness, rate, mean, 1.7 * mean)
 
 
-def sides(solve, gap, slopes, step=1e-5):
-    return [solve(moved(gap, slopes, x)) for x in (step, -step)]
-
-
 @pytest.mark.parametrize("thickens", [False, True])
 @pytest.mark.parametrize("rough", ROUGH)
 def test_sensitivity_is_the_exact_derivative(rough, thickens):
     film = make_film((20, 4), surfaces=ROUGH[rough], tolerance=1e-13)
     gap, slopes = touching(film)
-    state = film.solve(gap)
     if thickens:  # by what the largest pressure of constant viscosity makes a third
-        oil = Lubricant(ETA, viscosity_law=Barus(0.3 / state.pressure.max()))
+        largest = film.solve(gap).pressure.max()
+        oil = ehd.Lubricant(ETA, viscosity_law=ehd.Barus(0.3 / largest))
         film = make_film((20, 4), surfaces=ROUGH[rough], tolerance=1e-13, oil=oil)
-        state = film.solve(gap)
-    exact = film.sensitivity(state, slopes)[:, 0]
-    above, below = sides(lambda other: film.solve(other, state), gap, slopes)
-    assert np.array_equal(above.cavitation.full_film, below.cavitation.full_film)
-    difference = (above.pressure - below.pressure) / 2e-5
-    assert np.abs(exact - difference).max() < 1e-5 * np.abs(difference).max()
-
-
-@pytest.mark.parametrize("rough", ROUGH)
-def test_derivatives_of_the_coupled_step_are_exact(rough):
-    film = make_film((20, 4), surfaces=ROUGH[rough])
-    gap, slopes = touching(film)
-    shift, equation = 3e4, film.equation
-    # The rate follows the gap there; velocities are told apart.
-    slopes = replace(slopes, thickness_rate=shift * slopes.thickness)
-    nodal = equation.nodal(np.random.default_rng(1).random(len(film.free)))
-    along_h, along_v, along_u = equation.gap_derivatives(gap, nodal, shift)
-    exact = along_h @ slopes.thickness.ravel() + along_v @ slopes.mean_velocity.ravel()
-    if equation.surfaces.dragging:
-        exact += along_u @ slopes.sliding_velocity.ravel()
-    else:
-        assert along_u is None
-
-    def defect(other):
-        return equation.problem(other).residual(nodal[film.free])
-
-    above, below = sides(defect, gap, slopes)
-    difference = (above - below) / 2e-5
-    assert np.abs(exact[film.free] - difference).max() < 1e-6 * np.abs(difference).max()
-
-
-@pytest.mark.parametrize("rough", ROUGH)
-def test_conserved_oil_has_exact_derivatives(rough):
-    groove = AxialGroove(np.pi / 2, 0.3, 1e5)
-    film = make_film((24, 4), "bilinear", surfaces=ROUGH[rough], regions=(groove,), tolerance=1e-13)
-    conserving = MassConservingFilm(film, tolerance=1e-13)
-    gap, slopes = touching(film)
-    before = replace(gap, thickness=gap.thickness + 0.02 * C)
-    content, step = conserving.filled(before, 0.9), 2e-4
-    state = conserving.solve(gap, content, step)
-    exact = conserving.sensitivity(state, slopes)
-    above, below = sides(lambda o: conserving.solve(o, content, step, state), gap, slopes, 1e-6)
-    assert np.array_equal(above.cavitation.full_film, below.cavitation.full_film)
-    for name, derivative in zip(("pressure", "fluid_fraction"), exact, strict=True):
-        difference = (getattr(above, name) - getattr(below, name)) / 2e-6
-        error = np.abs(derivative[:, 0] - difference).max()
-        assert error < 1e-5 * np.abs(difference).max()
+    assert_exact(film, gap, slopes, tolerance=1e-5, step=1e-5)
 
 
 def test_film_far_above_its_roughness_is_that_of_smooth_surfaces():

@@ -11,12 +11,11 @@ from command_line import exit_of
 from hand_made_rod import Joint, make_body
 from scene_cases import ROD_OF_A_FILE, write_scene
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError, InUseError
-from fenics_ehd.base.folder import HEADER, clear
-from fenics_ehd.base.output import complete_result
-from fenics_ehd.reduction import save_body
-from fenics_ehd.results.checkpoint import CHECKPOINT
-from fenics_ehd.results.run_folder import RunFolder
+from fenics_ehd.base.files import HEADER, clear, complete_result
+from fenics_ehd.results.history_file import CHECKPOINT
+from fenics_ehd.results.recorded_run import RunFolder
 
 SCENE = ROD_OF_A_FILE | {"time.revolutions": 0.005, "time.tolerance": 1e-4}
 COARSER = SCENE | {"time.tolerance": 1e-3}
@@ -26,7 +25,7 @@ FAILS = SCENE | {"time.revolutions": 0.2, "joints.big_end.smallest_film": 0.6}
 @pytest.fixture
 def run(tmp_path, capfd):
     """Calls ``fenics-ehd run`` into the folder ``out``; returns status and error output."""
-    save_body(make_body(Joint()), tmp_path / "rod.h5")
+    ehd.save_body(make_body(Joint()), tmp_path / "rod.h5")
 
     def call(changes, *options):
         scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", changes)
@@ -53,7 +52,7 @@ def test_complete_results_are_replaced_only_when_told_to(run, tmp_path, monkeypa
     assert {"summary.json", "history.csv", "history.h5", "scene.toml", "body-rod.h5"} <= set(before)
     # Before any work: the body is not even read.
     with monkeypatch.context() as patch:
-        patch.delattr("fenics_ehd.scenes.elastic_part.load_body")
+        patch.delattr("fenics_ehd.scenes.part.load_body")
         status, errors = run(COARSER)
     assert status == 2
     line = errors.splitlines()[-1]
@@ -130,7 +129,7 @@ def test_a_folder_that_holds_what_is_not_of_a_run_is_refused(run, tmp_path, monk
         (out / other).parent.mkdir(parents=True, exist_ok=True)
         (out / other).write_text(f"my {other}")
     with monkeypatch.context() as patch:
-        patch.delattr("fenics_ehd.scenes.elastic_part.load_body")
+        patch.delattr("fenics_ehd.scenes.part.load_body")
         for name in TAKEN:
             before = contents(out)
             for more in ((), ("--overwrite",)):

@@ -10,24 +10,17 @@ from mechanism_cases import GOLDEN, deviation
 from mpi4py import MPI
 from scene_cases import tables_of
 
+import fenics_ehd as ehd
+from fenics_ehd.base import fields
 from fenics_ehd.base.errors import InputError, InterfaceMismatchError, MeshError, SettingsError
-from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.forces import PointForce, SpringDamper, Torque
-from fenics_ehd.multibody.joints import Fixed
-from fenics_ehd.multibody.rigid_body import RigidBody
-from fenics_ehd.multibody.shaft_body import ShaftBody
-from fenics_ehd.multibody.simulation import simulate, simulate_periodic
-from fenics_ehd.multibody.system import System
-from fenics_ehd.reduction import load_dependent, rigid, save_body
-from fenics_ehd.scenes import elastic_part, part_settings, schema
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.given import with_method
-from fenics_ehd.scenes.scene_file import (
-    read_scene,
-    scene_of,
-    shipped,
-    shipped_names,
-)
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.reduction import load_dependent, rigid
+from fenics_ehd.scenes import part as elastic_part
+from fenics_ehd.scenes import part_settings, schema
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.library import shipped, shipped_names
+from fenics_ehd.scenes.part import with_method
+from fenics_ehd.scenes.scene import scene_of
 
 FOUR_BAR = shipped("four-bar")
 SLIDER_CRANK = shipped("slider-crank-paper")
@@ -45,7 +38,7 @@ def tables(text, *changes, extra=""):
 def made(text, *changes, extra="", method=None, **options):
     scene = scene_of(tables(text, *changes, extra=extra), "case")
     scene = with_method(scene, method) if method else scene
-    return build_mechanism(scene, MPI.COMM_SELF, **options)
+    return build(scene, **options)
 
 
 @pytest.fixture
@@ -73,15 +66,15 @@ def nothing_reduced(monkeypatch, rod_structure):
 
 @pytest.mark.parametrize("name", shipped_names())
 def test_shipped_scenes_read_assemble_and_run(name, reduced_at_once):
-    scene = read_scene(name)
+    scene = ehd.read_scene(name)
     assert scene.warnings == ()
     flexible = any(isinstance(b, schema.FlexibleSettings) for b in scene.bodies.values())
     scene = with_method(scene, reduced_at_once) if flexible else scene
-    built = build_mechanism(scene, MPI.COMM_SELF)
-    assert {part.method for part in built.parts.values()} <= {"rigid"}
-    assert built.reduced.keys() == built.parts.keys()
+    built = build(scene)
+    assert {part.method for part in built.bodies.values()} <= {"rigid"}
+    assert built.reduced.keys() == built.bodies.keys()
     assert (built.period is None) != (built.end is None)
-    result = simulate(built.mechanism, 1e-5, **{**vars(built.steps), "tolerance": 1e-2})
+    result = ehd.simulate(built.mechanism, 1e-5, **{**vars(built.steps), "tolerance": 1e-2})
     assert len(result.time) > 3
     for joint in result.joints.values():
         assert joint.min_film_thickness.min() > 0
@@ -96,14 +89,14 @@ def test_shipped_scenes_explain_every_setting():
         type(entry)
         for name in shipped_names()
         for table in schema.KINDS
-        for entry in getattr(read_scene(name), table).values()
+        for entry in getattr(ehd.read_scene(name), table).values()
     }
     for cls in classes | {
-        schema.MaterialSettings,
-        schema.ShapeSettings,
+        fields.Material,
+        part_settings.ShapeSettings,
         part_settings.ReductionSettings,
         schema.TimeSettings,
-        schema.OutputSettings,
+        part_settings.OutputSettings,
     }:
         keys = {a.name for a in attrs.fields(cls)} - {"velocity", "speed", "end", "period"}
         assert keys <= written, (cls, keys - written)
@@ -112,12 +105,12 @@ def test_shipped_scenes_explain_every_setting():
 def test_a_shipped_scene_is_the_file_that_init_prints(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(FOUR_BAR)
-    assert read_scene(path).tables == read_scene("four-bar").tables
+    assert ehd.read_scene(path).tables == ehd.read_scene("four-bar").tables
 
 
 def test_shipped_geometry_is_that_of_the_models():
     for name, body in (("slider-crank-paper", "rod"), ("rotor-paper", "housing")):
-        part = read_scene(name).bodies[body]
+        part = ehd.read_scene(name).bodies[body]
         model = elastic_part.model_file(part, body).read_text()
         for key, value in part.geometry.items():
             found = re.search(rf"\b{key} *= \{{ *([\d.]+),", model)
@@ -135,12 +128,13 @@ GOLDEN_CURVES = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("scene", "curve", "method", "steps", "largest"), GOLDEN_CURVES)
 def test_translated_scenes_give_the_golden_curves(scene, curve, method, steps, largest):
-    built = build_mechanism(with_method(read_scene(scene), method), MPI.COMM_SELF)
-    result = simulate(built.mechanism, built.end, **vars(built.steps))
+    built = build(with_method(ehd.read_scene(scene), method))
+    result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
     (joint,) = result.joints.values()
     found = deviation(curve, result.time, joint)
     assert max(found.values()) < largest, found
     assert len(result.time) <= 1.05 * steps
+    assert result.summary()["energy_balance_error"] < 0.075 * largest
 
 
 @pytest.mark.slow
@@ -150,8 +144,8 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
     changed["drives"]["crank"] = {"kind": "torque", "torque": 1.0, "damping": 0.05, "speed": 500.0}
     gas = {"kind": "angle-table", "point": "piston", "angle_of": "crank"}
     changed["forces"] = {"gas": gas | {"file": str(GOLDEN / "slider-crank-driven-gas.csv")}}
-    built = build_mechanism(with_method(scene_of(changed, "driven"), "m4"), MPI.COMM_SELF)
-    result = simulate(built.mechanism, built.end, **vars(built.steps))
+    built = build(with_method(scene_of(changed, "driven"), "m4"))
+    result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
     found = deviation("slider-crank-driven", result.time, result.joints["big_end"])
     assert max(found.values()) < 0.004, found
     # The golden run looked for ruptures in the frame of the bore, which brakes a little more.
@@ -160,11 +154,11 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
 
 @pytest.mark.slow
 def test_the_translated_loaded_journal_gives_the_golden_orbit():
-    scene = read_scene("loaded-journal")
-    built = build_mechanism(scene, MPI.COMM_SELF)
-    result = simulate_periodic(
+    scene = ehd.read_scene("loaded-journal")
+    built = build(scene)
+    result = ehd.simulate(
         built.mechanism,
-        built.period,
+        period=built.period,
         periodicity=scene.time.periodicity,
         cycles=scene.time.cycles,
         **vars(built.steps),
@@ -181,12 +175,12 @@ def test_the_translated_loaded_journal_gives_the_golden_orbit():
 
 def test_bodies_of_every_kind(reduced_at_once):
     crank = made(SLIDER_CRANK, method="rigid").mechanism.bodies["crank"]
-    assert isinstance(crank, RigidBody)
+    assert isinstance(crank, ehd.RigidBody)
     assert (crank.mass, crank.inertia, crank.named_points) == (1.0, 1e-3, {"pin": (0.048, 0.0)})
     shaft = made(ROTOR, ("[bodies.shaft]\n", "[bodies.shaft]\nangle = 90.0\n")).mechanism.bodies[
         "shaft"
     ]
-    assert isinstance(shaft, ShaftBody)
+    assert isinstance(shaft, ehd.ShaftBody)
     assert shaft.orientation == pytest.approx(np.pi / 2)
     assert shaft.speed == pytest.approx(300.0)
     # Without supports it moves as a whole, in translation and tilt.
@@ -204,7 +198,7 @@ def test_mass_of_a_part_may_be_given_in_place_of_the_models(reduced_at_once):
         ("centre = [0.0, 0.0]       # in", "centre = [0.06, 0.0]       # in"),
         method="rigid",
     ).mechanism.bodies["rod"]
-    assert isinstance(rod, FlexibleBody)
+    assert isinstance(rod, ehd.FlexibleBody)
     assert rod.integrals.total_mass == pytest.approx(0.9)
     assert rod.integrals.centre_of_mass == pytest.approx([0.06, 0.0])
     assert rod.integrals.polar_inertia == pytest.approx(rod.reduced.inertia.polar_inertia)
@@ -212,14 +206,14 @@ def test_mass_of_a_part_may_be_given_in_place_of_the_models(reduced_at_once):
 
 def test_a_part_may_come_from_a_file(rod_structure, tmp_path):
     body = rigid(rod_structure)
-    save_body(body, tmp_path / "rod.h5")
+    ehd.save_body(body, tmp_path / "rod.h5")
     text = re.sub(r"(?s)\[bodies.rod\].*?\[bodies.piston\]", f"""[bodies.rod]
 kind = "flexible"
 body = "{tmp_path / 'rod.h5'}"
 position = [0.048, 0.0]
 [bodies.piston]""", SLIDER_CRANK)  # fmt: skip
     built = made(text)
-    assert built.parts["rod"].method == "rigid"
+    assert built.bodies["rod"].method == "rigid"
     assert not built.reduced
     assert built.seconds == 0.0
     with pytest.raises(SettingsError, match=r"method m3: scene case has no model to reduce"):
@@ -231,14 +225,14 @@ position = [0.048, 0.0]
 
 
 def test_the_method_of_the_command_line_wins(reduced_at_once):
-    assert made(SLIDER_CRANK, method="rigid").parts["rod"].method == "rigid"
-    assert made(SLIDER_CRANK, ('"m3"  ', '"rigid"')).parts["rod"].method == "rigid"
+    assert made(SLIDER_CRANK, method="rigid").bodies["rod"].method == "rigid"
+    assert made(SLIDER_CRANK, ('"m3"  ', '"rigid"')).bodies["rod"].method == "rigid"
 
 
 @pytest.mark.slow
 def test_reductions_of_a_scene_are_those_of_the_program(monkeypatch, rod_structure):
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
-    m3 = made(SLIDER_CRANK).parts["rod"]
+    m3 = made(SLIDER_CRANK).bodies["rod"]
     assert m3.frequencies == pytest.approx(load_dependent(rod_structure, 6, 31).frequencies)
     assert m3.provenance["method"] == "m3"
     assert m3.provenance["geometry.rod_length"] == "0.16"
@@ -281,9 +275,9 @@ def test_forces_of_every_kind():
     mechanism = made(FOUR_BAR, two, extra=FORCES).mechanism
     assert mechanism.gravity == (0.0, -9.81)
     push, belt = mechanism.forces["push"], mechanism.forces["belt"]
-    assert isinstance(push, PointForce)
+    assert isinstance(push, ehd.PointForce)
     assert push.load(0.0, np.zeros(3), np.zeros(3), (3,)).value == pytest.approx([3.0, 4.0, 0.0])
-    assert belt == SpringDamper("ground.hook", "coupler.tip", 10.0, 1.0)
+    assert belt == ehd.SpringDamper(("ground.hook", "coupler.tip"), 10.0, 1.0)
     assert mechanism.forces["turning"].amplitude == 2.0
     at_start = [mechanism.forces[f"pull.{axis}"].size(0.0)[0] for axis in "xy"]
     assert at_start == pytest.approx([-0.5 * 8650.352, 0.0], abs=1e-6)
@@ -306,7 +300,7 @@ speed = 90.0
     text = re.sub(r"(?s)\[drives.crank\].*?\n\n", "", FOUR_BAR)
     built = made(text, ("[bodies.crank]\n", "[bodies.crank]\nspeed = 100.0\n"), extra=drive)
     torque = built.mechanism.forces["drive of crank"]
-    assert isinstance(torque, Torque)
+    assert isinstance(torque, ehd.Torque)
     assert (torque.damping, torque.speed, torque.over_angle) == (0.5, 90.0, True)
     assert torque.size(np.pi)[0] == pytest.approx(5.0)
     assert not built.mechanism.drives
@@ -336,7 +330,7 @@ def test_a_speed_may_be_given_over_time(tmp_path):
     times = np.linspace(0.0, 0.25, 11)
     rates = [(drive(t + 1e-6)[0] - drive(t - 1e-6)[0]) / 2e-6 for t in times]
     assert rates == pytest.approx([drive(t)[1] for t in times], abs=1e-3)
-    result = simulate(built.mechanism, 0.02, tolerance=1e-2, order=2)
+    result = ehd.simulate(built.mechanism, 0.02, tolerance=1e-2, order=2)
     assert result.bodies["crank"].coordinates[-1, 2] == pytest.approx(drive(0.02)[0], abs=1e-9)
 
 
@@ -351,7 +345,7 @@ kind = "rigid"
 mass = 0.1
 """
     built = made(FOUR_BAR, extra=fixed)
-    assert built.mechanism.joints["weld"] == Fixed("rocker.tip", "weight", np.pi / 2)
+    assert built.mechanism.joints["weld"] == ehd.Fixed(("rocker.tip", "weight"), 90.0)
     bodies = built.mechanism.bodies
     turned = bodies["weight"].orientation - bodies["rocker"].orientation
     assert turned == pytest.approx(np.pi / 2, abs=1e-9)
@@ -369,7 +363,7 @@ def test_the_rough_pose_is_closed():
 
 
 def test_steps_and_times():
-    scene = read_scene("engine")
+    scene = ehd.read_scene("engine")
     assert scene.span == pytest.approx(4 * np.pi / 300)
     built = made(FOUR_BAR, ("revolutions = 1.0 ", "revolutions = 4.0 "))
     assert built.period == pytest.approx(8 * np.pi / 100)
@@ -383,7 +377,7 @@ def test_steps_and_times():
 def test_ranks_get_the_same_mechanism_and_the_same_refusal():
     comm = MPI.COMM_WORLD
     scene = with_method(scene_of(tables(SLIDER_CRANK), "case"), "rigid")
-    built = build_mechanism(scene, comm)
+    built = build(scene, comm)
     rod = built.mechanism.bodies["rod"]
     figures = [rod.integrals.total_mass, *rod.fields["pin"][:, 0], *rod.start, *rod.start_rates]
     for others in comm.allgather(figures):
@@ -391,7 +385,7 @@ def test_ranks_get_the_same_mechanism_and_the_same_refusal():
     assert figures[:2] == pytest.approx([0.9728, 0.16], rel=1e-3)
     extra = '\n[joints.again]\nkind = "revolute"\nbetween = ["rod.pin", "piston"]\n'
     with pytest.raises(SettingsError, match="repeats or contradicts other joints"):
-        build_mechanism(scene_of(tables(SLIDER_CRANK, extra=extra), "case"), comm)
+        build(scene_of(tables(SLIDER_CRANK, extra=extra), "case"), comm)
 
 
 def test_a_bore_that_offers_no_cells_is_refused_before_reduction(nothing_reduced, monkeypatch):
@@ -415,11 +409,11 @@ def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_stru
     scene = scene_of(given, "both")
     films = {}
     for method in ("rigid", "m3"):
-        built = build_mechanism(with_method(scene, method), MPI.COMM_SELF)
-        result = simulate(built.mechanism, 5e-4, tolerance=1e-3, order=2)
+        built = build(with_method(scene, method))
+        result = ehd.simulate(built.mechanism, 5e-4, tolerance=1e-3, order=2)
         films[method] = result.joints["small_end"].min_film_thickness[-1]
         pin = built.mechanism.bodies["rod"].marker(
-            "pin", np.zeros(3 + len(built.parts["rod"].kinds))
+            "pin", np.zeros(3 + len(built.bodies["rod"].kinds))
         )
         assert pin.values[:2] == pytest.approx([0.16, 0.0], abs=1e-6)
     # The rod's elasticity is felt at the small end too, but it is a heavy rod.
@@ -453,12 +447,7 @@ WRONG = [
     ("[bodies.crank]\nkind = \"rigid\" ", "[bodies.crank]\nkind = \"rigd\" ", "did you mean rigid"),
     ("[bodies.crank]\nkind = \"rigid\" ", "[bodies.crank]\n", "bodies.crank.kind is missing"),
     ("mass = 0.8\n", "", r"bodies.coupler.mass is missing: \[kg\]"),
-    ("mass = 0.8\n", "mass = -1\n", "bodies.coupler.mass = -1.0 must be at least 0"),
-    ("tip = [0.15, 0.0]", "tip = [0.15]", r"points.tip = \[0.15\] must be two numbers \[x, y\]"),
-    ("tip = [0.15, 0.0]", "tip = ['a', 0]", "must be two numbers"),
-    ("tip = [0.15, 0.0]", "tip = [150000, 0]", "must be two numbers .* below 500"),
     ("[output]", "[outputs]", r"unknown table \[outputs\]: did you mean output\?"),
-    ('between = ["ground", "crank"] ', 'between = ["ground"]', "must be a list of 2 names"),
     ('journal = "rocker.tip" ', 'journal = "coupler" ', "points of one body"),
     ('between = ["ground", "crank"] ', 'between = ["crank", "crank"]', "points of one body"),
     # names
@@ -497,14 +486,14 @@ MORE = [
     ('[joints.b]\nkind = "lubricated"\njournal = "crank.tip"\nbore = "coupler.tip"\nradius = 0.01\n'
      'width = 0.01\nclearance = 2e-5\nviscosity = 0.1',
      r"joints.b.bore = 'coupler.tip' is the bore of joints.rocker_end already"),
-    ('[forces.f]\nkind = "constant"\npoint = "crank"\nforce = [0, 0]', "does nothing"),
+    ('[forces.f]\nkind = "constant"\npoint = "crank"\nforce = [0, 0]', "one of them not 0"),
     ('[forces.f]\nkind = "angle-table"\npoint = "crank"\nfile = "gas-force"\nangle_of = "x"',
      "forces.f.angle_of: there is no body 'x'"),
     ('[forces.f]\nkind = "angle-table"\npoint = "crank"\nfile = "gas"\nangle_of = "crank"',
      "forces.f.file = 'gas': neither a .csv file nor a shipped table: gas-force, main-bearing"),
     ('[forces.f]\nkind = "time-table"\npoint = "crank"\nfile = "no.csv"',
      "forces.f.file no.csv: No such file"),
-    ('[joints.s]\nkind = "slider"\nline = "ground"\npoint = "crank"\ndirection = [0, 0]', "none"),
+    ('[joints.s]\nkind = "slider"\nline = "ground"\npoint = "crank"\ndirection = [0, 0]', "not 0"),
 ]  # fmt: skip
 
 
@@ -540,7 +529,7 @@ def test_a_loop_that_does_not_close_and_one_that_jams():
 
 def test_parts_are_refused_before_they_are_reduced(nothing_reduced):
     for changes, message in (
-        ([("clearance = 17e-6 ", "clearance = 1.7e-3 ")], "joints.big_end.clearance = 0.0017 m"),
+        ([("clearance = 17e-6 ", "clearance = 2.7e-3 ")], "joints.big_end.clearance = 0.0027 m"),
         ([("clearance = 17e-6", "radius = 0.02\nclearance = 17e-6")], "0.02 m must be that of"),
         ([("pin = [0.048, 0.0]", "pin = [0.3, 0.0]")], "cannot be assembled|at angles of crank"),
         ([('bore = "rod.bore"', 'bore = "rod"   ')], r"the bores of rod are rod\.bore"),
@@ -578,20 +567,14 @@ def test_files_and_names_that_are_no_scenes(tmp_path):
     old = tmp_path / "old.toml"
     old.write_text('scene = "slider-crank"\n[bearing]\nclearance = 17e-6\n')
     with pytest.raises(SettingsError, match=r"of version 0.1; .* init slider-crank-paper"):
-        read_scene(old)
+        ehd.read_scene(old)
     with pytest.raises(SettingsError, match=r"scene 'for-bar': did you mean four-bar"):
-        read_scene("for-bar")
+        ehd.read_scene("for-bar")
     with pytest.raises(SettingsError, match=r"absent.toml: No such file"):
-        read_scene(tmp_path / "absent.toml")
+        ehd.read_scene(tmp_path / "absent.toml")
     for text in ("bodies = 3", "bodies.crank = 3", "[bodies.ground]\nmass = 1"):
         with pytest.raises(SettingsError):
             scene_of(tomllib.loads(text), "case")
-
-
-def test_numbers_in_another_unit_perhaps_are_named():
-    scene = scene_of(tables(FOUR_BAR, ("viscosity = 0.05 ", "viscosity = 50 ")), "case")
-    (warning,) = scene.warnings
-    assert warning.startswith("lubricants.oil.viscosity = 50 is outside the usual")
 
 
 @pytest.mark.parametrize(
@@ -656,7 +639,7 @@ def test_both_bores_of_the_rod_are_elastic():
     assert {place.bore for place in films.values()} == {"bore", "pin"}
     cells = [len(films[n].film.film.parameters.grid.cell_nodes) for n in ("big_end", "small_end")]
     assert cells == [10, 8]
-    assert built.parts["rod"].residual.rank > 100
+    assert built.bodies["rod"].residual.rank > 100
 
 
 def test_a_bore_that_is_not_listed_is_rigid(reduced_at_once):
@@ -690,20 +673,15 @@ def test_bores_that_cannot_be_are_named(change, error, message):
 
 
 def test_a_file_without_the_bore_of_a_film_is_named(tmp_path, rod_structure):
-    save_body(rigid(rod_structure), tmp_path / "rod.h5")
+    ehd.save_body(rigid(rod_structure), tmp_path / "rod.h5")
     scene = tables(shipped("slider-crank-both-ends"))
     rod = scene["bodies"]["rod"]
-    for key in ("model", "points", "held_by", "cells", "element", "material", "geometry"):
+    for key in ("model", "points", "clamped", "cells", "element", "material", "geometry"):
         del rod[key]
     del rod["reduction"]
     rod["body"] = str(tmp_path / "rod.h5")
     with pytest.raises(SettingsError, match=r"small_end\.bore: .*rod\.h5 has the bores bore"):
-        build_mechanism(scene_of(scene, "case"), MPI.COMM_SELF)
-
-
-def test_a_table_that_does_not_exist_is_answered_with_one_that_does():
-    with pytest.raises(SettingsError, match=r"^unknown table \[bodyes\]: did you mean bodies\?$"):
-        scene_of({"bodies": {}, "bodyes": {}}, "case.toml")
+        build(scene_of(scene, "case"))
 
 
 @pytest.mark.parametrize(

@@ -5,17 +5,15 @@ import json
 import numpy as np
 import pytest
 from command_line import exit_of
-from mpi4py import MPI
 from scene_cases import RIGID_ROD, tables_of, write_scene
+from stopped_steps import assert_goes_on
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.shape import Lobes
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.scene_file import read_scene, scene_of
-from fenics_ehd.scenes.scene_text import scene_text
-from fenics_ehd.scenes.shapes import read_shape_table
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.films import read_shape_table
+from fenics_ehd.scenes.scene import scene_of, scene_text
 
 WIDTH, CLEARANCE = 0.022, 17e-6
 
@@ -23,7 +21,7 @@ WIDTH, CLEARANCE = 0.022, 17e-6
 def mechanism_of(**changes):
     keys = {f"joints.big_end.{key}": value for key, value in changes.items()}
     scene = scene_of(tables_of("slider-crank-paper", RIGID_ROD | keys), "scene")
-    return build_mechanism(scene, MPI.COMM_SELF).mechanism
+    return build(scene).mechanism
 
 
 def rows(angles, heights, function):
@@ -47,7 +45,7 @@ def test_a_table_is_the_shape_that_it_was_made_of(tmp_path):
         shape = read_shape_table(path, "table", WIDTH, CLEARANCE)
         phi = np.linspace(-4, 9, 300)
         np.testing.assert_allclose(
-            shape.radial(phi, 0.003), Lobes(3e-6).radial(phi, 0.003), atol=2e-11
+            shape.radial(phi, 0.003), ehd.Lobes(3e-6).radial(phi, 0.003), atol=2e-11
         )
 
 
@@ -99,13 +97,13 @@ def test_a_scene_lists_what_is_not_round(tmp_path):
             "joints.big_end.journal_shape.barrel": -1e-6,
         },
     )  # fmt: skip
-    scene = read_scene(path)
-    joint = build_mechanism(scene, MPI.COMM_SELF).mechanism.joints["big_end"]
+    scene = ehd.read_scene(path)
+    joint = build(scene).mechanism.joints["big_end"]
     assert joint.bore_shape.radial(0.0, 0.0) == pytest.approx(3e-6)
     assert joint.journal_shape.radial(np.radians(30), WIDTH / 2) == pytest.approx(1e-6)
     # Stored and read again.
     (tmp_path / "again.toml").write_text(scene_text(scene))
-    again = read_scene(tmp_path / "again.toml").joints["big_end"]
+    again = ehd.read_scene(tmp_path / "again.toml").joints["big_end"]
     assert again == scene.joints["big_end"]
     plain = mechanism_of().joints["big_end"]
     assert (plain.bore_shape, plain.journal_shape) == (None, None)
@@ -139,29 +137,7 @@ def test_a_run_with_shapes_and_friction_goes_on_bitwise():
         "bore_shape.ovality": 3e-6, "journal_shape.ovality": 4e-6, "friction": True,
         "shear_rule": "full",
     }  # fmt: skip
-    end, steps = 2e-4, Steps(tolerance=1e-3)
-
-    def begin():
-        run = Run(mechanism_of(**changes), steps, end)
-        return run, Tracker(run.equations, run.norm)
-
-    def finish(run, tracker):
-        for step in run.until(end):
-            row, _ = tracker.add(step)
-        return row, tracker.figures()
-
-    whole = finish(*begin())
-    run, tracker = begin()
-    for number, step in enumerate(run.until(end)):
-        tracker.add(step)
-        if number == 20:
-            break
-    stored = {**run.stored_state(), **tracker.stored_state()}
-    other, follower = begin()
-    other.load_state(stored)
-    follower.load_state(stored)
-    # A mean is not a number before there is one.
-    assert json.dumps(finish(other, follower)) == json.dumps(whole)
+    assert_goes_on(mechanism_of(**changes), Steps(tolerance=1e-3), 2e-4)
 
 
 # --- The command
@@ -186,4 +162,4 @@ def test_the_command_takes_shapes(tmp_path, capfd):
     for option in ("--ovality", "--taper"):
         status, _, told = exit_of(capfd, "bearing", "--load", 8, option, 2e-5)
         assert status == 2
-        assert "closes the gap" in told
+        assert "the gap" in told

@@ -13,21 +13,21 @@ from foreign_parts import ring
 from hand_made_rod import Joint, flexible
 from mpi4py import MPI
 
-from fenics_ehd.base import sealed_file, whole_file
+import fenics_ehd as ehd
+from fenics_ehd.base import files as whole_file
+from fenics_ehd.base import sealed_file
+from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.errors import BodyFileError, InputError, OutputError, StructureError
 from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.reduction import (
     BasisFile,
     as_matrix,
     body_digest,
-    load_body,
     load_structure,
     save_basis,
-    save_body,
     save_structure,
 )
-from fenics_ehd.results.checkpoint import load_checkpoint, save_checkpoint
-from fenics_ehd.results.history_file import HistoryWriter, read_fields
+from fenics_ehd.results.history_file import load_checkpoint, save_checkpoint
 
 TREE = {"rows": 3, "state": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
 
@@ -42,7 +42,7 @@ def write_basis(path):
 
 
 KINDS = {
-    "body": (lambda path: save_body(flexible(Joint())[0], path), load_body, BodyFileError),
+    "body": (lambda path: ehd.save_body(flexible(Joint())[0], path), ehd.load_body, BodyFileError),
     "checkpoint": (lambda path: save_checkpoint(path, TREE), load_checkpoint, InputError),
     "part": (write_part, lambda path: load_structure(path, MPI.COMM_SELF), StructureError),
     "basis": (write_basis, lambda path: BasisFile(path).close(), BodyFileError),
@@ -132,8 +132,8 @@ def test_two_that_write_one_file_at_a_time_both_write_it_whole(kind, tmp_path, m
 
 def test_the_digest_of_a_body_is_that_of_its_numbers(tmp_path):
     body, *_ = flexible(Joint())
-    save_body(body, tmp_path / "rod.h5")
-    again = load_body(tmp_path / "rod.h5")
+    ehd.save_body(body, tmp_path / "rod.h5")
+    again = ehd.load_body(tmp_path / "rod.h5")
     assert body_digest(again) == body_digest(body)
     assert body_digest(replace(again, stiffness=np.nextafter(body.stiffness, 1e9))) != (
         body_digest(body)
@@ -173,10 +173,10 @@ WRONG = {
     ),
     "short inventory": (put("inventory/dropped", np.zeros(3)), "zip"),
     "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
-    "soft loop": (put("mass", h5py.SoftLink("/mass")), "mass is a link, not data"),
+    "soft loop": (put("mass", h5py.SoftLink("/mass")), "too many links"),
     "hard loop": (
         lambda file: file.__setitem__("points/all", file["/"]),
-        "groups in groups without",
+        "recursion",
     ),
 }
 
@@ -185,7 +185,7 @@ WRONG = {
 def test_a_body_of_other_contents_is_named(case, tmp_path):
     change, message = WRONG[case]
     path = tmp_path / "rod.h5"
-    save_body(flexible(Joint())[0], path)
+    ehd.save_body(flexible(Joint())[0], path)
     forged(path, change)
     assert message in refused("body", path)
 
@@ -221,7 +221,7 @@ def test_what_lies_in_another_file_is_not_followed(kind, change, tmp_path):
         file["shape"] = (3, 3)
         file.attrs["format_version"] = 2
     read = {
-        "history": lambda: read_fields(tmp_path, ("shape",)),
+        "history": lambda: ehd.load_history(tmp_path),
         "matrix": lambda: as_matrix(str(path), MPI.COMM_SELF, "stiffness"),
     }
     with pytest.raises((InputError, StructureError), match=message):
@@ -231,36 +231,41 @@ def test_what_lies_in_another_file_is_not_followed(kind, change, tmp_path):
 # The history, which is no sealed file
 
 
+def small_history():
+    """Of one step."""
+    values = {"time": Quantity([0.0], "s"), "run/step": Quantity([1.0], "s")}
+    values |= {
+        f"state/{kind}": Quantity(np.zeros((1, 2)), "1") for kind in ("coordinates", "rates")
+    }
+    return ehd.History(values, ("bodies/a/x", "bodies/a/y"), ("m", "m"))
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (np.full((3, 2), np.nan), "x holds a value that is not finite"),
-        ("text", "x holds object, not numbers"),
-        (1.0, "x holds no rows"),
+        (np.full((3, 2), np.nan), "state/rates holds a value that is not finite"),
+        ("text", "state/rates holds object, not numbers"),
+        (1.0, "state/rates holds no rows"),
     ],
 )
 def test_a_history_of_other_contents_is_named(value, message, tmp_path):
-    with HistoryWriter(tmp_path, {}) as writer:
-        row = {"time_s": 0.0, "max_pressure_Pa": 1.0, "min_film_thickness_m": 1.0}
-        writer.add(row, {"x": np.zeros(2)})
-    read_fields(tmp_path, ("x",))
+    small_history().save(tmp_path)
+    ehd.load_history(tmp_path)
     with h5py.File(tmp_path / "history.h5", "r+") as file:
-        put("x", value)(file)
+        put("state/rates", value)(file)
     with pytest.raises(InputError, match=f"history.h5: not a history of a run: .*{message}"):
-        read_fields(tmp_path, ("x",))
+        ehd.load_history(tmp_path)
 
 
 def test_a_damaged_history_is_not_waited_for(tmp_path):
     """HDF5's reader beside a writer tries for minutes to read what is damaged."""
-    with HistoryWriter(tmp_path, {}) as writer:
-        row = {"time_s": 0.0, "max_pressure_Pa": 1.0, "min_film_thickness_m": 1.0}
-        writer.add(row, {"x": np.zeros(2)})
+    small_history().save(tmp_path)
     content = bytearray((tmp_path / "history.h5").read_bytes())
     content[content.rindex(b"OHDR") + 20] ^= 4
     (tmp_path / "history.h5").write_bytes(content)
     code = (
-        "import sys; from fenics_ehd.results.history_file import read_fields\n"
-        "read_fields(sys.argv[1], ('x',))"
+        "import sys; from fenics_ehd.results.history_file import load_history\n"
+        "load_history(sys.argv[1])"
     )
     command = [sys.executable, "-c", code, tmp_path]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
@@ -271,7 +276,7 @@ def test_a_damaged_history_is_not_waited_for(tmp_path):
 def test_a_pipe_for_a_history_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "history.h5")
     with pytest.raises(InputError, match=r"history.h5: not a history of a run.*not a regular file"):
-        read_fields(tmp_path, ("x",))
+        ehd.load_history(tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["body", "checkpoint"])

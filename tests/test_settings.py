@@ -8,21 +8,22 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scene_cases import tables_of
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import require_thin_film
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.fem.elements import FAMILIES
 from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
 from fenics_ehd.scenes import part_settings
-from fenics_ehd.scenes.films import check_thin_film
-from fenics_ehd.scenes.scene_file import read_scene, scene_of, shipped_names
-from fenics_ehd.scenes.scene_text import scene_text
+from fenics_ehd.scenes.library import shipped_names
+from fenics_ehd.scenes.scene import scene_of, scene_text
 
 PAPER = "slider-crank-paper"
 
 
 @pytest.mark.parametrize("name", shipped_names())
 def test_the_text_of_a_shipped_scene_reads_back_as_the_scene(name):
-    scene = read_scene(name)
+    scene = ehd.read_scene(name)
     again = scene_of(tomllib.loads(scene_text(scene)), name)
     assert scene_text(again) == scene_text(scene)
     for table in ("bodies", "joints", "drives", "lubricants", "time", "output"):
@@ -152,7 +153,7 @@ def test_bad_value_is_named_with_its_limit(changes, message):
 
 
 def test_numbers_that_are_perhaps_in_another_unit_are_named():
-    assert {name: read_scene(name).warnings for name in shipped_names()} == dict.fromkeys(
+    assert {name: ehd.read_scene(name).warnings for name in shipped_names()} == dict.fromkeys(
         shipped_names(), ()
     )
     # Nothing moves backwards or weighs too little by a zero or a sign.
@@ -184,16 +185,24 @@ def test_limits_of_cells_are_inside():
 @pytest.mark.parametrize(
     ("clearance", "radius", "message"),
     [
-        (2e-3, 0.025, "clearance = 0.002 m must be below 0.05 of the bore radius 0.025 m: the"),
-        (25e-6, 4.0, "2.5e-05 m must be at least 1e-05 of the bore radius 4 m: lengths are in me"),
+        (
+            3e-3,
+            0.025,
+            "0.003 m must be at least 1e-05 and below 0.1 of the bore radius 0.025 m",
+        ),
+        (
+            25e-6,
+            4.0,
+            "clearance = 2.5e-05 m must be at least 1e-05 and below 0.1 of the bore ra",
+        ),
     ],
 )
 def test_clearance_is_a_small_part_of_the_radius_and_not_none_of_it(clearance, radius, message):
     with pytest.raises(SettingsError) as caught:
-        check_thin_film(clearance, radius, "clearance")
+        require_thin_film(clearance, radius, "clearance")
     assert message in str(caught.value)
-    check_thin_film(25e-6, 0.025, "clearance")
-    check_thin_film(0.0225e-5, 0.0225, "clearance")
+    require_thin_film(25e-6, 0.025, "clearance")
+    require_thin_film(0.0225e-5, 0.0225, "clearance")
 
 
 def test_choices_are_those_of_the_reduction_and_the_elements():

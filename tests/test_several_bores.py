@@ -4,32 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from foreign_parts import to_scipy
 from mpi4py import MPI
 from scipy import linalg, sparse
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError, StructureError
-from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.material import Material
+from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.structure import assemble_structure
-from fenics_ehd.film.layout import film_layout
+from fenics_ehd.film.grid import film_layout
 from fenics_ehd.reduction import (
-    Reductor,
     body_digest,
     check_structure,
     craig_bampton,
     full_interface,
-    load_body,
     load_dependent,
     load_structure,
     residual_flexibility,
     rigid,
-    save_body,
     save_structure,
     two_step_craig_bampton,
 )
 from fenics_ehd.reduction.bore import outward
-from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS, pressure_patterns
 from fenics_ehd.scenes.part import reduce_structure
 from fenics_ehd.scenes.part_settings import ReductionSettings
 
@@ -45,8 +41,8 @@ LENGTH, RADII = 0.16, {"bore": 0.0225, "pin": 0.012}
 
 
 def rod(comm=MPI.COMM_WORLD, bores=("bore", "pin"), cells="hex"):
-    mesh = build_mesh(model_path("conrod"), COARSE, comm=comm, cells=cells, bores=bores)
-    return assemble_structure(mesh, Material(210e9, 0.3, 7850.0), bores=bores)
+    mesh = ehd.build_mesh(model_path("conrod"), COARSE, comm=comm, cells=cells, bores=bores)
+    return ehd.assemble_structure(mesh, Material(210e9, 0.3, 7850.0), bores=bores)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +52,7 @@ def structure():
 
 @pytest.fixture(scope="module")
 def part(structure):
-    return Reductor(structure)
+    return ehd.Reductor(structure)
 
 
 @pytest.fixture(scope="module")
@@ -69,11 +65,6 @@ def bodies(part):
         "m2": two_step_craig_bampton(part, 12),
         "rigid": rigid(part, estimate_error=True),
     }
-
-
-def to_scipy(matrix):
-    pointers, columns, values = matrix.getValuesCSR()
-    return sparse.csr_matrix((values, columns, pointers), shape=matrix.size)
 
 
 @pytest.fixture(scope="module")
@@ -170,20 +161,13 @@ def test_more_fixed_boundary_modes_follow_both_bores(part):
     assert missing[0] > 1.5 * missing[1] > 10 * missing[2]
 
 
-def test_pressure_sets_act_on_one_bore_at_a_time(structure):
-    for name, shapes in PRESSURE_SETS.items():
-        one, other = (shapes(bore) for bore in structure.bores.values())
-        expected = linalg.block_diag(one, other)
-        np.testing.assert_array_equal(pressure_patterns(structure, name), expected)
-
-
 @pytest.mark.parametrize("method", ["full", "m4", "m3", "m2", "rigid"])
 def test_a_file_returns_all_bores_in_their_order(bodies, tmp_path, method):
     body = bodies[method]
     order = dict(zip(("z", "a"), body.bores.values(), strict=True))
     body = replace(body, bores=order)
-    save_body(body, tmp_path / "rod.h5")
-    again = load_body(tmp_path / "rod.h5")
+    ehd.save_body(body, tmp_path / "rod.h5")
+    again = ehd.load_body(tmp_path / "rod.h5")
     assert list(again.bores) == ["z", "a"]
     assert body_digest(again) == body_digest(body)
     np.testing.assert_array_equal(again.bores["a"].centre, body.bores["a"].centre)

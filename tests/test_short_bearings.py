@@ -25,9 +25,7 @@ from mechanism_cases import (
 )
 from scipy.integrate import solve_ivp
 
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.rigid_body import ground
-from fenics_ehd.multibody.simulation import simulate
+import fenics_ehd as ehd
 
 MASS, INERTIA, CENTRE, PISTON = 0.973, 4e-3, 0.0677, 0.5
 
@@ -145,7 +143,7 @@ class Rod:
 
 @pytest.mark.slow
 def test_both_ends_of_a_rod_are_lubricated(figure):
-    result = simulate(
+    result = ehd.simulate(
         slider_crank(rigid_rod(), *short_films()), REVOLUTION, tolerance=1e-4, order=2
     )
     late = result.time > 2e-4
@@ -163,13 +161,13 @@ def crank_in_bearings(names, viscosity):
     """The rigid slider-crank, its crank carried by lubricated main bearings of these names."""
     mechanism = slider_crank(rigid_rod(), short_films()[0])
     mains = {
-        name: LubricatedJoint("crank", f"ground.{name}", film(15e-3, 2e-3, 25e-6, viscosity))
+        name: ehd.LubricatedJoint("crank", f"ground.{name}", film(15e-3, 2e-3, 25e-6, viscosity))
         for name in names
     }
     joints = {name: joint for name, joint in mechanism.joints.items() if name != "main"}
     return replace(
         mechanism,
-        bodies={**mechanism.bodies, "ground": ground(dict.fromkeys(names, (0.0, 0.0)))},
+        bodies={**mechanism.bodies, "ground": ehd.ground(dict.fromkeys(names, (0.0, 0.0)))},
         joints={**joints, **mains},
     )
 
@@ -177,8 +175,8 @@ def crank_in_bearings(names, viscosity):
 @pytest.mark.slow
 def test_two_main_bearings_on_one_crank_are_one_of_double_force(figure):
     steps = {"tolerance": 1e-6, "order": 2}
-    two = simulate(crank_in_bearings(("front", "back"), 20.0), 0.2 * REVOLUTION, **steps)
-    one = simulate(crank_in_bearings(("only",), 40.0), 0.2 * REVOLUTION, **steps)
+    two = ehd.simulate(crank_in_bearings(("front", "back"), 20.0), 0.2 * REVOLUTION, **steps)
+    one = ehd.simulate(crank_in_bearings(("only",), 40.0), 0.2 * REVOLUTION, **steps)
     late = two.time > 2e-4
     worst = 0.0
     for name, other in (("front", "only"), ("back", "only"), ("big_end", "big_end")):

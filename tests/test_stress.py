@@ -6,21 +6,22 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 from mpi4py import MPI
 from oracle_stress import csr, factors
 from scene_cases import structure as structure_of
 from scipy import linalg
-from test_recovery import RING, STEEL, hooke
+from test_recovery import STEEL, hooke, ring_under_pressure
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.fem import stress as stress_module
-from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.stress import NodalStress
-from fenics_ehd.fem.structure import assemble_structure
+from fenics_ehd.fem.stress import NodalStress, largest_half_range, largest_principal
 from fenics_ehd.reduction import load_dependent, residual_flexibility
-from fenics_ehd.reduction.basis_file import von_mises
-from fenics_ehd.reduction.same_basis import basis_of
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.part_files import deviatoric, von_mises
+from fenics_ehd.reduction.residual_flexibility import basis_of
 from fenics_ehd.results.stress import cycle_stress, figures, write_fields
 
 #: Length, and half of height and width, of the bar along x.
@@ -60,14 +61,14 @@ def bar(request, tmp_path_factory):
     cells, family = KINDS[request.param]
     path = tmp_path_factory.mktemp("bar") / "bar.geo"
     path.write_text(BAR)
-    part = build_mesh(
+    part = ehd.build_mesh(
         path,
         comm=MPI.COMM_SELF,
         cells=cells,
         serendipity_geometry=family == "serendipity",
         bores=(),
     )
-    return assemble_structure(part, STEEL, family=family, bores=(), attachments=())
+    return ehd.assemble_structure(part, STEEL, family=family, bores=(), attachments=())
 
 
 def tension_and_bending(x):
@@ -145,14 +146,9 @@ def test_nodes_have_the_mean_of_the_cells_around_them_in_whatever_blocks(bar, mo
         assert np.abs(mean - whole[node]).max() < 1e-12 * size
 
 
-def ring_at_its_bore(path):
+def ring_at_its_bore(path, n):
     """Largest error of the hoop stress at the bore's nodes of a ring under 1 Pa inside."""
-    part = build_mesh(path, comm=MPI.COMM_SELF)
-    ring = assemble_structure(part, STEEL, attachments=())
-    pressure, force = ring.bore.load.createVecs()
-    pressure.set(1.0)
-    ring.bore.load.mult(pressure, force)
-    displacement = StaticSolver(ring).solve(force.array[:, None])
+    ring, displacement = ring_under_pressure(path, n)
     xx, yy, _, _, _, xy = all_nodes(ring, displacement)[ring.bore.nodes, :, 0].T
     c, s = ring.bore.coordinates[:, :2].T / ring.bore.radius
     hoop = s**2 * xx + c**2 * yy - 2 * c * s * xy
@@ -161,10 +157,7 @@ def ring_at_its_bore(path):
 
 def test_hoop_stress_at_the_bore_of_a_ring_converges_to_that_of_lame(tmp_path, figure):
     """p (b^2 + a^2) / (b^2 - a^2) at the surface, where stresses are largest: 5/3 for b = 2 a."""
-    path, errors = tmp_path / "ring.geo", []
-    for n in (2, 4, 8):
-        path.write_text(RING.replace("n = {1,", f"n = {{{n},"))
-        errors.append(ring_at_its_bore(path))
+    errors = [ring_at_its_bore(tmp_path / "ring.geo", n) for n in (2, 4, 8)]
     rates = np.log2(np.divide(errors[:-1], errors[1:]))
     assert rates[1] > rates[0]
     name = "hoop stress at a ring's bore of 8 cells through its wall"
@@ -253,6 +246,116 @@ def test_stresses_of_a_held_housing_are_those_of_the_static_solution():
     stress = all_nodes(housing, factors(stiffness).solve(load @ pressures))
     exact = von_mises(0.5 * (stress[..., 1] - stress[..., 0]))
     assert np.abs(found.half_range.von_mises - exact).max() < 1e-5 * exact.max()
-    tensors = np.moveaxis(stress, 1, 2)[..., np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])]
+    tensors = np.moveaxis(stress, 1, 2)[..., TENSOR]
     exact = np.linalg.eigvalsh(tensors)[..., 2].max(axis=1)
     assert np.abs(found.principal - exact).max() < 1e-5 * exact.max()
+
+
+# Extremes of histories: half-ranges over pairs of instants, principal stresses
+
+TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+
+
+def numbers(shape):
+    return hnp.arrays(float, shape, elements=st.floats(-1e8, 1e8, allow_subnormal=False))
+
+
+@st.composite
+def histories(draw):
+    """Histories of a few points: anything, few values many times over, or nearly along a line."""
+    points, instants = draw(st.integers(1, 4)), draw(st.integers(1, 12))
+    stress = draw(numbers((points, 6, instants)))
+    kind = draw(st.sampled_from(["any", "repeated", "line"]))
+    if kind == "repeated":
+        stress = 1e8 * np.sign(stress)
+    if kind == "line":
+        stress = stress[:, :1] * draw(numbers((points, 6, 1))) * 1e-8 + 1e-9 * stress
+    return stress
+
+
+def by_force(stress):
+    """Largest von Mises stress of ``(s_i - s_j) / 2``, all pairs tried."""
+    pairs = 0.5 * (stress[:, :, :, None] - stress[:, :, None])
+    return von_mises(np.moveaxis(pairs, 1, -1)).max(axis=(1, 2))
+
+
+@given(histories())
+def test_half_range_is_the_largest_of_all_pairs(stress):
+    found = largest_half_range(stress)
+    size = np.abs(stress).max(initial=1.0)
+    np.testing.assert_allclose(found.von_mises, by_force(stress), rtol=1e-12, atol=1e-12 * size)
+    for point, (i, j) in enumerate(found.instants):
+        assert i <= j
+        first, last = stress[point, :, i], stress[point, :, j]
+        np.testing.assert_array_equal(found.half_range[point], 0.5 * (last - first))
+        np.testing.assert_array_equal(found.mean[point], 0.5 * (last + first))
+    np.testing.assert_allclose(von_mises(found.half_range), found.von_mises, rtol=1e-12, atol=1e-6)
+
+
+@given(numbers((5, 6)))
+def test_coordinates_have_the_length_of_the_von_mises_stress(stress):
+    found = np.linalg.norm(deviatoric(stress), axis=1)
+    normal, shear = stress[:, :3], stress[:, 3:]
+    squares = 0.5 * (normal - np.roll(normal, 1, axis=1)) ** 2 + 3 * shear**2
+    size = np.abs(stress).max(initial=1e-300)
+    np.testing.assert_allclose(found, np.sqrt(squares.sum(axis=1)), rtol=1e-9, atol=1e-13 * size)
+
+
+@given(histories())
+def test_principal_stress_is_the_largest_eigenvalue_of_all_instants(stress):
+    values, instants = largest_principal(stress)
+    every = np.linalg.eigvalsh(np.moveaxis(stress, 1, 2)[..., TENSOR])[..., 2]
+    size = np.abs(stress).max(initial=1.0)
+    np.testing.assert_allclose(values, every.max(axis=1), rtol=1e-12, atol=1e-13 * size)
+    there = every[np.arange(len(stress)), instants]
+    np.testing.assert_allclose(values, there, rtol=1e-12, atol=1e-13 * size)
+
+
+def turned(angles, principal):
+    """Histories of a plane state whose axes are at given angles, shape (1, 6, instants)."""
+    c, s = np.cos(angles), np.sin(angles)
+    turn = np.array([[c, -s], [s, c]])
+    tensor = np.einsum("ikt,k,jkt->ijt", turn, principal, turn)
+    zero = np.zeros_like(angles)
+    return np.array([[tensor[0, 0], tensor[1, 1], zero, zero, zero, tensor[0, 1]]])
+
+
+@pytest.mark.parametrize("instants", [7, 360])
+def test_uniaxial_stress_that_turns_once_keeps_its_von_mises_stress_and_yet_has_a_range(instants):
+    """A tension s whose direction turns about z: its von Mises stress is s at all times.
+
+    Opposite states are a quarter turn apart, (s - 0) / 2 along one axis and (0 - s) / 2 along the
+    other, pure shear: sqrt(3) / 2 s. The mean of the pair is s / 2 in both directions.
+    """
+    angles = np.pi * np.arange(instants) / instants
+    stress = turned(angles, np.array([1e8, 0.0]))
+    found = largest_half_range(stress)
+    apart = np.diff(found.instants[0])[0]
+    nearest = np.abs(np.arange(instants) / instants - 0.5).argmin()
+    assert apart in (nearest, instants - nearest)
+    exact = 0.5 * np.sqrt(3) * np.sin(np.pi * nearest / instants)
+    assert found.von_mises[0] == pytest.approx(1e8 * exact, rel=1e-12)
+    if instants == 360:
+        np.testing.assert_allclose(found.mean[0, :2], 0.5e8, rtol=1e-12)
+    values, _ = largest_principal(stress)
+    assert values[0] == pytest.approx(1e8, rel=1e-12)
+
+
+def test_tension_and_compression_have_no_mean():
+    """Uniaxial s cos(t): half-range s, mean 0; beside a constant stress the mean is that."""
+    time = 2 * np.pi * np.arange(24) / 24
+    swing = np.zeros((2, 6, 24))
+    swing[:, 0] = 3e7 * np.cos(time)
+    swing[1, 3] = 5e6
+    found = largest_half_range(swing)
+    np.testing.assert_allclose(found.von_mises, 3e7, rtol=1e-12)
+    np.testing.assert_array_equal(found.instants, [[0, 12], [0, 12]])
+    np.testing.assert_allclose(found.mean[:, 3], [0.0, 5e6], atol=1e-6)
+    np.testing.assert_allclose(found.mean[:, 0], 0.0, atol=1e-6)
+
+
+def test_many_points_are_each_their_own():
+    stress = np.random.default_rng(2).normal(size=(60, 6, 40))
+    # From lines to clouds: from few to many candidates.
+    stress *= np.linspace(0, 1, 60)[:, None, None] ** 3 + np.eye(6)[0][:, None] * 2
+    np.testing.assert_allclose(largest_half_range(stress).von_mises, by_force(stress), rtol=1e-12)

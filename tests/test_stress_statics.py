@@ -4,16 +4,15 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from mechanism_cases import REVOLUTION, film, slider_crank
+from mechanism_cases import REVOLUTION, film, recorded, slider_crank
 from mpi4py import MPI
 from oracle_stress import ROD, StaticRod
 from rough_cases import surfaces
 from scene_cases import structure as structure_of
 
+import fenics_ehd as ehd
 from fenics_ehd.fem.stress import NodalStress
-from fenics_ehd.film import Film, FilmParameters, Lubricant
-from fenics_ehd.film.layout import film_grid
-from fenics_ehd.multibody.flexible_body import FlexibleBody
+from fenics_ehd.film.grid import film_grid
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.reduction import (
     craig_bampton,
@@ -22,11 +21,9 @@ from fenics_ehd.reduction import (
     residual_flexibility,
     two_step_craig_bampton,
 )
-from fenics_ehd.reduction.basis_file import von_mises
-from fenics_ehd.reduction.completion import missing_fields
-from fenics_ehd.reduction.residual_flexibility import pattern_fields
+from fenics_ehd.reduction.part_files import von_mises
+from fenics_ehd.reduction.residual_flexibility import missing_fields, pattern_fields
 from fenics_ehd.results.motion import RecordedMotion
-from fenics_ehd.results.replay import Replay
 
 KEPT = {"keep_basis": True, "estimate_error": False}
 METHODS = {
@@ -62,8 +59,10 @@ def machine(body, **parameters):
         own = film(22.5e-3, 22e-3, 17e-6, 0.01, (20, 2))
     else:
         grid = film_grid(body.pressure_nodes)
-        own = Film(FilmParameters(grid, 17e-6, Lubricant(0.01), rate=500.0, **parameters))
-    return slider_crank(FlexibleBody(body, 1e-3, position=(0.048, 0.0)), own)
+        own = ehd.Film(
+            ehd.FilmParameters(grid, 17e-6, ehd.Lubricant(0.01), rate=500.0, **parameters)
+        )
+    return slider_crank(ehd.FlexibleBody(body, 1e-3, position=(0.048, 0.0)), own)
 
 
 def instants(body, **parameters):
@@ -75,14 +74,14 @@ def instants(body, **parameters):
             steps.append(step)
             wanted.pop(0)
     n = run.equations.system.n
-    motion = RecordedMotion(
+    motion = recorded(
         np.array([step.time for step in steps]),
         np.array([step.x[:n] for step in steps]),
         np.array([step.rate[:n] for step in steps]),
         np.array([step.x[n:] for step in steps]),
         {"big_end": np.array([step.solution.films[0].pressure for step in steps])},
     )
-    return run, steps, Replay(run.equations.system.mechanism, motion)
+    return run, steps, RecordedMotion(run.equations.system.mechanism, motion)
 
 
 def stresses(structure, columns):

@@ -4,22 +4,21 @@ import attrs
 import numpy as np
 import pytest
 
+import fenics_ehd as ehd
+from fenics_ehd.analysis.bearing import minimum_film
 from fenics_ehd.base.errors import GapClosedError
-from fenics_ehd.bearing.film import BearingFilm
-from fenics_ehd.bearing.operating_point import solve_bearing
-from fenics_ehd.bearing.settings import BearingSettings
-from fenics_ehd.cli.bearing_answer import report, summary
+from fenics_ehd.cli.bearing import report, summary
 
 LOAD, ROUGHNESS = 8000.0, 0.5e-6
-ROUGH = BearingSettings(
-    cells_around=48, cells_along=6, journal_roughness=0.3e-6, bore_roughness=0.4e-6
+ROUGH = ehd.BearingSettings(
+    cells_around=32, cells_along=4, journal_roughness=0.3e-6, bore_roughness=0.4e-6
 )
 SMOOTH = attrs.evolve(ROUGH, journal_roughness=0.0, bore_roughness=0.0)
 PLAIN = attrs.evolve(ROUGH, flow_factors=False)
 
 
 def at(settings, speed):
-    return solve_bearing(attrs.evolve(settings, speed=speed), load=LOAD)
+    return ehd.solve_bearing(attrs.evolve(settings, speed=speed), load=LOAD)
 
 
 def test_stribeck_curve_has_its_minimum_between_contact_and_full_film(figure):
@@ -41,8 +40,8 @@ def test_stribeck_curve_has_its_minimum_between_contact_and_full_film(figure):
     )
     for result in results:
         np.testing.assert_allclose(result.load, LOAD, rtol=1e-8)
-        # Power put in is lost, up to c / R.
-        assert result.power_loss == pytest.approx(result.forces.dissipation, rel=3e-3)
+        # Power put in is lost.
+        assert result.power_loss == pytest.approx(result.dissipation, rel=1e-8)
 
 
 def test_full_film_branch_is_that_of_smooth_surfaces_without_flow_factors(figure):
@@ -67,33 +66,7 @@ def test_tips_that_stand_out_rub_earlier():
     # Of eta beta sigma = 0.04, 1.15 is what counting them on the surfaces gives.
     low, high = (at(attrs.evolve(PLAIN, summit_offset=d), 12.0) for d in (0.0, 1.15))
     assert 4 < high.friction_coefficient / low.friction_coefficient < 5
-    assert high.power_loss == pytest.approx(high.forces.dissipation, rel=3e-3)
-
-
-OUTSTANDING = attrs.evolve(ROUGH, summit_offset=1.5)
-
-
-@pytest.mark.parametrize("settings", [ROUGH, PLAIN, OUTSTANDING], ids=["factors", "plain", "tips"])
-@pytest.mark.parametrize("journal", [0.5e-6, 0.0])
-def test_derivatives_are_exact(settings, journal):
-    settings = attrs.evolve(settings, journal_roughness=journal, speed=10.0, squeeze=(1e-6, 0.0))
-    position = 0.97 * settings.clearance * np.array([0.8, 0.6])
-    bearing = BearingFilm(settings, position)
-    exact = bearing.derivatives(bearing.operate(position))[0]
-    step = 1e-6 * settings.clearance
-    for i, direction in enumerate(np.eye(2)):
-        sides = [bearing.operate(position + x * direction).force for x in (step, -step)]
-        difference = (sides[0] - sides[1]) / (2 * step)
-        np.testing.assert_allclose(difference, exact[:, i], atol=2e-4 * np.abs(exact).max())
-
-
-def test_bodies_receive_opposite_forces():
-    result = at(ROUGH, 12.0)
-    forces = result.forces
-    assert forces.contact_on_bore is not None
-    total = forces.on_shaft + forces.on_bore
-    assert np.abs(total.force).max() < 1e-9 * LOAD
-    assert np.abs(total.moment).max() < 1e-9 * LOAD
+    assert high.power_loss == pytest.approx(high.dissipation, rel=1e-8)
 
 
 def test_figures_of_contact_are_there_for_rough_surfaces_alone():
@@ -112,4 +85,4 @@ def test_figures_of_contact_are_there_for_rough_surfaces_alone():
 
 def test_surfaces_that_overlap_too_far_are_refused():
     with pytest.raises(GapClosedError, match="must be above -1 um"):
-        BearingFilm(ROUGH, np.array([1.07 * ROUGH.clearance, 0.0]))
+        minimum_film(ROUGH, np.array([1.07 * ROUGH.clearance, 0.0]))

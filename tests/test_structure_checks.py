@@ -99,13 +99,16 @@ CASES = {
     "M triangle": ({"mass": sparse.triu(M)}, r"mass is not symmetric: relative defect .*e"),
     "K empty row": (
         {"stiffness": emptied(K, 3 * 60 + 1)},
-        "stiffness has an empty row at node 60, component y, it must be positive there",
+        "stiffness has the diagonal entry 0 at node 60, component y, it must be positive there",
     ),
     "K diagonal": (
         {"stiffness": entry(K, 8, 8, -2.0)},
         "stiffness has the diagonal entry -2 at node 2, component z",
     ),
-    "M empty row": ({"mass": emptied(M, 200)}, "mass has an empty row at node 66, component z"),
+    "M empty row": (
+        {"mass": emptied(M, 200)},
+        "mass has the diagonal entry 0 at node 66, comp",
+    ),
     "M diagonal": ({"mass": entry(M, 3, 3, 0.0)}, "mass has the diagonal entry 0 at node 1, comp"),
     "M singular": (
         {"mass": hidden(M, 99, 0.0)},
@@ -188,9 +191,8 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_every_defect_is_named(case):
     changes, message = CASES[case]
-    part = ring(**changes)
     with pytest.raises(StructureError, match=message) as caught:
-        check_structure(part)
+        check_structure(ring(**changes))
     assert "\n" not in str(caught.value)
 
 
@@ -237,7 +239,7 @@ def test_sizes_of_petsc_matrices_that_do_not_fit_are_named():
         ring(stiffness=petsc(sparse.eye(217)))
     for changes, message in (
         ({"stiffness": petsc(sparse.eye(216, 219))}, r"stiffness has shape \(216, 219\)"),
-        ({"mass": petsc(sparse.eye(213))}, r"mass has shape \(213, 213\), not \(216, 216\)"),
+        ({"mass": petsc(sparse.eye(213))}, "mass has 213 rows, the stiffness matrix has 216"),
         (
             {"bores": replace(part.bore, load=petsc(BORE.load[3:]))},
             "bore.load has 213 rows, the stiffness matrix has 216",

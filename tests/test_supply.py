@@ -5,17 +5,15 @@ import pytest
 from film_cases import ETA, FAMILIES, OMEGA, R, force, given_gap, make_film, solve
 from film_grids import graded_grid
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film import Lubricant
-from fenics_ehd.film.grid import FilmGrid, aligned_grid, uniform_grid
-from fenics_ehd.film.lubricant import Barus
-from fenics_ehd.film.supply import AxialGroove, Sides, SupplyHole
+from fenics_ehd.film.grid import aligned_grid, uniform_grid
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_pressure_between_two_sides_is_linear(family):
     grid = graded_grid(R, 2 * R, (12, 4), family, focus=0.3, ratio=3.0)
-    film = make_film(grid=grid, sides=Sides(1e5, 3e6))
+    film = make_film(grid=grid, sides=ehd.Sides(1e5, 3e6))
     z = grid.node_positions[:, 1]
     expected = 1e5 + (3e6 - 1e5) * (z / (2 * R) + 0.5)
     # Still, and turning without eccentricity.
@@ -23,9 +21,11 @@ def test_pressure_between_two_sides_is_linear(family):
         np.testing.assert_allclose(solve(film, speed=speed).pressure, expected, rtol=1e-8)
 
 
-@pytest.mark.parametrize("oil", [Lubricant(ETA), Lubricant(ETA, viscosity_law=Barus(1e-8))])
+@pytest.mark.parametrize(
+    "oil", [ehd.Lubricant(ETA), ehd.Lubricant(ETA, viscosity_law=ehd.Barus(1e-8))]
+)
 def test_still_film_of_even_pressure_stays_there(oil):
-    film = make_film((20, 4), sides=Sides(2e6, 2e6), oil=oil)
+    film = make_film((20, 4), sides=ehd.Sides(2e6, 2e6), oil=oil)
     pressure = solve(film, 0.7, speed=0.0).pressure
     np.testing.assert_allclose(pressure, 2e6, rtol=1e-8)
 
@@ -35,9 +35,10 @@ def test_still_film_of_even_pressure_stays_there(oil):
 def test_closed_side_is_the_middle_of_a_symmetric_film(family, side):
     heights = np.linspace(-R, R, 9)
     half = heights[4:] if side == "lower" else heights[:5]
-    whole = make_film(grid=FilmGrid(R, np.linspace(0, 2 * np.pi, 25), heights, family))
+    whole = make_film(grid=ehd.FilmGrid(R, np.linspace(0, 2 * np.pi, 25), heights, family))
     part = make_film(
-        grid=FilmGrid(R, np.linspace(0, 2 * np.pi, 25), half, family), sides=Sides(**{side: None})
+        grid=ehd.FilmGrid(R, np.linspace(0, 2 * np.pi, 25), half, family),
+        sides=ehd.Sides(**{side: None}),
     )
     expected, found = (solve(f, 0.6, 0.1, rate=(20.0, 30.0)).pressure for f in (whole, part))
     np.testing.assert_allclose(
@@ -48,7 +49,7 @@ def test_closed_side_is_the_middle_of_a_symmetric_film(family, side):
 
 
 def test_ambient_pressure_shifts_a_film_that_stays_whole():
-    plain, raised = (make_film((24, 4), sides=Sides(p, p)) for p in (1e8, 1.5e8))
+    plain, raised = (make_film((24, 4), sides=ehd.Sides(p, p)) for p in (1e8, 1.5e8))
     one, other = (solve(f, 0.4) for f in (plain, raised))
     assert one.pressure.min() > 0
     np.testing.assert_allclose(other.pressure, one.pressure + 0.5e8, rtol=1e-8)
@@ -56,7 +57,7 @@ def test_ambient_pressure_shifts_a_film_that_stays_whole():
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_groove_has_its_pressure_between_its_edges(family):
-    groove = AxialGroove(np.radians(40.0), np.radians(25.0), 3e5)
+    groove = ehd.AxialGroove(np.radians(40.0), np.radians(25.0), 3e5)
     grid = aligned_grid(uniform_grid(R, 2 * R, (48, 6), family), np.array(groove.edges))
     film = make_film(grid=grid, regions=(groove,))
     pressure = solve(film, -0.6).pressure
@@ -72,8 +73,8 @@ def test_groove_has_its_pressure_between_its_edges(family):
 
 def test_full_groove_makes_strips_whose_pressures_do_not_meet():
     # Two lines of given pressure cut the film in two: what moves on one side is not felt beyond.
-    lines = (AxialGroove(0.0, 0.0, 1e6), AxialGroove(np.pi, 0.0, 1e6))
-    film = make_film((32, 4), regions=lines, sides=Sides(1e6, 1e6))
+    lines = (ehd.AxialGroove(0.0, 0.0, 1e6), ehd.AxialGroove(np.pi, 0.0, 1e6))
+    film = make_film((32, 4), regions=lines, sides=ehd.Sides(1e6, 1e6))
     angle = film.parameters.grid.node_positions[:, 0]
     quiet, loud = (
         film.solve(given_gap(film, 1.0, lambda phi, z, s=s: -s * (phi < np.pi))).pressure
@@ -85,7 +86,7 @@ def test_full_groove_makes_strips_whose_pressures_do_not_meet():
 
 
 def test_part_of_the_width_can_have_a_groove():
-    film = make_film((24, 8), regions=(AxialGroove(1.0, 0.6, 5e5, length=R),))
+    film = make_film((24, 8), regions=(ehd.AxialGroove(1.0, 0.6, 5e5, length=R),))
     angle, z = film.parameters.grid.node_positions.T
     fixed = np.setdiff1d(np.arange(len(z)), film.free)
     inner = fixed[np.abs(z[fixed]) < R * (1 - 1e-9)]
@@ -95,7 +96,7 @@ def test_part_of_the_width_can_have_a_groove():
 
 def test_hole_feeds_round_the_turn():
     # Its disc crosses the seam of the angles.
-    hole = SupplyHole(0.0, 0.1 * R, 0.3 * R, 4e5)
+    hole = ehd.SupplyHole(0.0, 0.1 * R, 0.3 * R, 4e5)
     film = make_film((60, 20), regions=(hole,))
     angle, z = film.parameters.grid.node_positions.T
     pressure = solve(film, -0.5).pressure
@@ -107,14 +108,14 @@ def test_hole_feeds_round_the_turn():
 
 def test_line_at_the_widest_gap_matters_little_where_the_film_cavitates_anyway():
     film, lined = (
-        make_film((60, 6), regions=regions) for regions in ((), (AxialGroove(np.pi, 0.0),))
+        make_film((60, 6), regions=regions) for regions in ((), (ehd.AxialGroove(np.pi, 0.0),))
     )
     loads = [np.hypot(*force(f, solve(f, 0.9).pressure)) for f in (film, lined)]
     assert loads[1] == pytest.approx(loads[0], rel=2e-2)
 
 
 def test_later_regions_win():
-    regions = (AxialGroove(1.0, 1.0, 1e5), AxialGroove(1.0, 0.5, 2e5))
+    regions = (ehd.AxialGroove(1.0, 1.0, 1e5), ehd.AxialGroove(1.0, 0.5, 2e5))
     film = make_film((48, 4), regions=regions)
     pressure = solve(film, 0.3).pressure
     angle = film.parameters.grid.node_positions[:, 0]
@@ -125,29 +126,29 @@ def test_later_regions_win():
     ("make", "named"),
     [
         (
-            lambda: make_film((20, 5), regions=(AxialGroove(0.1, 0.01, 1e5),)),
+            lambda: make_film((20, 5), regions=(ehd.AxialGroove(0.1, 0.01, 1e5),)),
             "no node .* more cells",
         ),
         (
-            lambda: make_film((20, 5), regions=(SupplyHole(0.1, 0.0, 1e-6),)),
+            lambda: make_film((20, 5), regions=(ehd.SupplyHole(0.1, 0.0, 1e-6),)),
             "no node .* SupplyHole",
         ),
-        (lambda: make_film((20, 5), regions=(SupplyHole(0.0, R, 10 * R),)), "every node"),
-        (lambda: make_film((20, 5), regions=(AxialGroove(np.nan, 0.1),)), "no node"),
+        (lambda: make_film((20, 5), regions=(ehd.SupplyHole(0.0, R, 10 * R),)), "every node"),
+        (lambda: make_film((20, 5), regions=(ehd.AxialGroove(np.nan, 0.1),)), "no node"),
         (
-            lambda: solve(make_film((20, 5), sides=Sides(None, None)), 0.5),
+            lambda: solve(make_film((20, 5), sides=ehd.Sides(None, None)), 0.5),
             "no pressure of the film is given",
         ),
-        (lambda: AxialGroove(0.0, 7.0), "401.07 degrees wide"),
-        (lambda: AxialGroove(0.0, -0.1), "degrees wide"),
-        (lambda: AxialGroove(0.0, np.nan), "degrees wide"),
-        (lambda: AxialGroove(0.0, 0.1, -1.0), "pressure of a groove = -1 Pa"),
-        (lambda: AxialGroove(0.0, 0.1, np.nan), "pressure of a groove = nan"),
-        (lambda: SupplyHole(0.0, 0.0, 0.0), "radius of a supply hole"),
-        (lambda: SupplyHole(0.0, 0.0, np.nan), "radius of a supply hole"),
-        (lambda: SupplyHole(0.0, 0.0, 1.0, np.inf), "pressure of a supply hole = inf"),
-        (lambda: Sides(-1.0), "lower side = -1 Pa"),
-        (lambda: Sides(0.0, np.nan), "upper side = nan"),
+        (lambda: ehd.AxialGroove(0.0, 7.0), "401.07 degrees wide"),
+        (lambda: ehd.AxialGroove(0.0, -0.1), "degrees wide"),
+        (lambda: ehd.AxialGroove(0.0, np.nan), "degrees wide"),
+        (lambda: ehd.AxialGroove(0.0, 0.1, -1.0), "pressure of a groove = -1 Pa"),
+        (lambda: ehd.AxialGroove(0.0, 0.1, np.nan), "pressure of a groove = nan"),
+        (lambda: ehd.SupplyHole(0.0, 0.0, 0.0), "radius of a supply hole"),
+        (lambda: ehd.SupplyHole(0.0, 0.0, np.nan), "radius of a supply hole"),
+        (lambda: ehd.SupplyHole(0.0, 0.0, 1.0, np.inf), "pressure of a supply hole = inf"),
+        (lambda: ehd.Sides(-1.0), "lower side = -1 Pa"),
+        (lambda: ehd.Sides(0.0, np.nan), "upper side = nan"),
     ],
 )
 def test_impossible_supplies_are_refused(make, named):

@@ -6,17 +6,15 @@ from copy import deepcopy
 import numpy as np
 import pytest
 from command_line import call
-from mpi4py import MPI
 from scene_cases import LOAD, LOADED_JOURNAL, tables_of, write_scene
 from scipy.interpolate import CubicSpline
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.feed_region import FeedGroove, FeedHole
-from fenics_ehd.multibody.system import System
-from fenics_ehd.scenes.build import build_mechanism
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.films import check_fit
-from fenics_ehd.scenes.scene_file import scene_of
-from fenics_ehd.scenes.scene_text import stored
+from fenics_ehd.scenes.scene import scene_of, stored
 
 AT = "joints.bearing.supply"
 
@@ -44,7 +42,7 @@ def made(tmp_path, monkeypatch):
         scene = scene_of(
             tables_of("loaded-journal", LOADED_JOURNAL | deepcopy(FED) | changes), "case"
         )
-        return build_mechanism(scene, MPI.COMM_SELF).mechanism
+        return build(scene).mechanism
 
     return make
 
@@ -52,10 +50,10 @@ def made(tmp_path, monkeypatch):
 def test_supplies_are_those_of_the_scene(made):
     mechanism = made({})
     inlet, groove = mechanism.joints["bearing"].film.parameters.feeds
-    assert inlet.region == FeedHole(pytest.approx(np.pi / 2), 0.0, 6e-3)
+    assert inlet.region == ehd.FeedHole(pytest.approx(np.pi / 2), 0.0, 6e-3)
     assert (inlet.name, inlet.on_journal, inlet.resistance) == ("inlet", True, 1e11)
     assert inlet.pressure_at(1.0) == 3e5
-    assert groove.region == FeedGroove(0.0, 0.0, pytest.approx(2 * np.pi), 5e-3)
+    assert groove.region == ehd.FeedGroove(0.0, 0.0, pytest.approx(2 * np.pi), 5e-3)
     assert not groove.on_journal
     # Over and over, as all in a periodic scene; no step jumps over its rows.
     assert [groove.pressure_at(t) for t in (0.0, 5e-3, 25e-3)] == pytest.approx([1e5, 3e5, 3e5])
@@ -81,14 +79,14 @@ def test_a_pressure_in_bar_is_doubted():
 
 
 WRONG = [
-    ({f"{AT}.inlet.kind": "whole"}, r"inlet.kind = 'whole': one of hole, axial-groove, circum"),
+    ({f"{AT}.inlet.kind": "whole"}, r"inlet.kind = 'whole': did you mean hole"),
     ({f"{AT}.inlet.kind": None}, r"bearing.supply.inlet.kind is missing: one of hole"),
-    ({f"{AT}.inlet.diamter": 1e-3}, r"bearing.supply.inlet.diamter: unknown key, .*inlet.diameter"),
+    ({f"{AT}.inlet.diamter": 1e-3}, r"unknown key .*supply.inlet.diamter of kind .*NAME.diameter"),
     ({f"{AT}.inlet.pressure": -1e5}, r"supply.inlet.pressure = -100000.0 must be at least 0"),
     ({f"{AT}.inlet.on": "shaft"}, r"inlet.on = 'shaft' must be one of bore, journal"),
     ({f"{AT}.groove.pressure": 1e5}, r"supply.groove: give a pressure or a table, one of them"),
     ({f"{AT}.groove.width": None}, r"joints.bearing.supply.groove.width is missing"),
-    ({AT: 3}, r"joints.bearing.supply = 3 must be a table"),
+    ({AT: 3}, r"joints.bearing.supply = 3 must be tables: \[joints.bearing.supply.NAME\]"),
     ({AT: {"inlet": 3}}, r"joints.bearing.supply.inlet = 3 must be a table"),
     ({AT: {"in let": {"kind": "hole"}}}, r"a name must be of letters, digits, _ and -"),
     # what bearing and mesh cannot hold
@@ -131,6 +129,20 @@ def test_tables_that_are_none(made, tmp_path, table, message):
     (tmp_path / "supply.csv").write_text(table)
     with pytest.raises(SettingsError, match=message):
         made({})
+
+
+def test_a_supply_of_another_period_than_the_cycle_is_refused_before_anything_is_meshed(tmp_path):
+    table = tmp_path / "supply.csv"
+    table.write_text("time_s,pressure_bar\n0,1\n5e-3,3\n20e-3,1\n")
+    hole = {"kind": "hole", "diameter": 4e-3, "table": str(table)}
+    scene = scene_of(tables_of("slider-crank", {"joints.big_end.supply.inlet": hole}), "case")
+    begun = []
+    told = (
+        r"^joints\.big_end\.supply\.inlet repeats 0\.628318\d* times in the cycle of 0\.0125664 s"
+    )
+    with pytest.raises(SettingsError, match=told):
+        build(scene, announce=begun.extend)
+    assert not begun
 
 
 def test_a_run_tells_the_flow_of_every_supply(tmp_path):

@@ -3,15 +3,15 @@
 import math
 
 import pytest
+from command_line import exit_of
 from hypothesis import given
 from hypothesis import strategies as st
-from sweep_cases import LOADED_JOURNAL, exit_of, given_values, write_scene
+from sweep_cases import LOADED_JOURNAL, given_values, write_scene
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.scenes.scene_text import as_stored
-from fenics_ehd.study.keys import resolve_key
+from fenics_ehd.scenes.scene import as_stored
+from fenics_ehd.study.cases import MOST_CASES, parse_values, resolve_key
 from fenics_ehd.study.sweep import make_sweep
-from fenics_ehd.study.values import MOST_CASES, parse_values
 
 NUMBERS = st.floats(1e-6, 1e6) | st.floats(-1e6, -1e-6)
 

@@ -1,29 +1,23 @@
 """Rows of tables that no step may jump over."""
 
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from journal_cases import in_bearing
 from mechanism_cases import REVOLUTION, SPEED, film, rigid_rod, slider_crank
 from newton_steps import integrate
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
+from stopped_steps import assert_goes_on
 from test_bdf import control, oscillator, profile
 
+import fenics_ehd as ehd
 from fenics_ehd.multibody import tabulated
-from fenics_ehd.multibody.forces import PointForce, Torque
-from fenics_ehd.multibody.joints import Revolute, Speed, SpeedTable
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rigid_body import RigidBody
-from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.run import Steps
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
-from fenics_ehd.multibody.tracking import Tracker
-from fenics_ehd.scenes.angle_table import angle_table
-from fenics_ehd.scenes.load_history import load_curves
+from fenics_ehd.scenes.tables import angle_table, load_curves
 
 
 def curve_through(rows, values):
@@ -124,15 +118,15 @@ def test_a_step_to_nowhere_is_too_long(place):
 
 def machine(curve, kind="gas", **steps):
     """A rigid rod under one table, over a sixteenth of a revolution."""
-    return simulate(under_table(curve, kind), 0.065 * REVOLUTION, **steps)
+    return ehd.simulate(under_table(curve, kind), 0.065 * REVOLUTION, **steps)
 
 
 def under_table(curve, kind="gas"):
-    drives, forces = {"crank": Speed(SPEED)}, {}
+    drives, forces = {"crank": ehd.Speed(SPEED)}, {}
     if kind == "gas":
-        forces = {"gas": PointForce("piston", (-1.0, 0.0), curve, "crank")}
+        forces = {"gas": ehd.PointForce("piston", (-1.0, 0.0), curve, "crank")}
     else:
-        drives, forces = {}, {"motor": Torque("crank", curve, True, 0.01, SPEED)}
+        drives, forces = {}, {"motor": ehd.Torque("crank", curve, True, 0.01, SPEED)}
     mechanism = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (10, 2)))
     crank = replace(mechanism.bodies["crank"], speed=SPEED)
     return replace(
@@ -164,16 +158,12 @@ def test_default_steps_of_a_journal_see_a_spike():
     unit = 1e4
     forces = unit * np.column_stack([np.where(times == 6.01e-3, 50.0, 1.0), 0 * times])
     curves = load_curves(times, forces, "linear")
-    mechanism = Mechanism(
-        {"journal": RigidBody(0.0)},
-        {"bearing": LubricatedJoint("journal", "ground", film(0.02, 0.04, 20e-6, 0.01, (12, 2)))},
-        {"journal": Speed(300.0)},
-        {
-            axis: PointForce("journal", tuple(np.eye(2)[i]), curve)
-            for i, (axis, curve) in enumerate(zip("xy", curves, strict=True))
-        },
-    )
-    result = simulate(mechanism, times[-1], tolerance=1e-2)
+    loads = {
+        axis: ehd.PointForce("journal", tuple(np.eye(2)[i]), curve)
+        for i, (axis, curve) in enumerate(zip("xy", curves, strict=True))
+    }
+    mechanism = in_bearing(film(0.02, 0.04, 20e-6, 0.01, (12, 2)), loads, speed=300.0)
+    result = ehd.simulate(mechanism, times[-1], tolerance=1e-2)
     assert np.abs(result.time - 6.01e-3).min() < 1e-12
     at = np.abs(result.time - 6.01e-3).argmin()
     assert result.joints["bearing"].force[at, 0] == pytest.approx(-50 * unit, rel=1e-3)
@@ -181,10 +171,10 @@ def test_default_steps_of_a_journal_see_a_spike():
 
 def test_a_spike_of_a_speed_table_is_felt():
     times, speeds = np.array([0.0, 1e-3, 1.01e-3, 1.02e-3, 2e-3]), np.array([1.0, 1, 50, 1, 1])
-    drive = SpeedTable(Curve(PchipInterpolator(times, speeds), periodic=False))
-    wheel = Mechanism({"wheel": RigidBody(1.0, 1e-3)}, {"axle": Revolute("ground", "wheel")},
-                      {"wheel": drive})  # fmt: skip
-    result = simulate(wheel, 2e-3, largest=0.5)
+    drive = ehd.SpeedTable(Curve(PchipInterpolator(times, speeds), periodic=False))
+    axle = {"axle": ehd.Revolute(("ground", "wheel"))}
+    wheel = ehd.Mechanism({"wheel": ehd.RigidBody(1.0, 1e-3)}, axle, {"wheel": drive})
+    result = ehd.simulate(wheel, 2e-3, largest=0.5)
     assert result.bodies["wheel"].rates[:, 2].max() == pytest.approx(50.0, rel=0.05)
 
 
@@ -202,21 +192,8 @@ def test_a_smooth_table_costs_no_steps(monkeypatch, tolerance):
 def test_a_run_goes_on_from_a_corner_to_the_last_bit():
     angles = np.radians([0.0, 5.0, 5.3, 5.6, 360.0])
     mechanism = under_table(angle_table(angles, np.array([0.0, 0.0, 2e4, 0.0, 0.0])))
-    end = 0.02 * REVOLUTION
 
-    def begun():
-        run = Run(mechanism, Steps(tolerance=1e-4), end)
-        return run, Tracker(run.equations, run.norm)
+    def second_corner(states):
+        return [i for i, state in enumerate(states) if len(state.times) == 1][1]
 
-    run, tracker = begun()
-    states, rows = [], []
-    for step in run.until(end):
-        rows.append(tracker.add(step)[0])
-        states.append(deepcopy(run.stored_state() | tracker.stored_state()))
-    alone = [i for i, state in enumerate(states) if len(state["integrator"]["times"]) == 1]
-    assert len(alone) > 1, "this test wants steps that end at corners"
-    run, tracker = begun()
-    run.load_state(states[alone[1]])
-    tracker.load_state(states[alone[1]])
-    again = [tracker.add(step)[0] for step in run.until(end)]
-    assert repr(again) == repr(rows[alone[1] + 1 :])
+    assert_goes_on(mechanism, Steps(tolerance=1e-4), 0.02 * REVOLUTION, second_corner)

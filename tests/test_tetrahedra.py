@@ -1,8 +1,5 @@
 """The unstructured rod of 10-node tetrahedra, and the surface mesh that every bore carries."""
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,26 +11,23 @@ import pytest
 from exact_transfer import conservative_load, intersection_points
 from mpi4py import MPI
 from scene_cases import structure as structure_of
-from scene_cases import write_scene
 from scipy import sparse
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import BodyFileError, MeshError
 from fenics_ehd.base.sealed_file import seal
-from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.gmsh_session import session
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.solid import EDGES, GMSH_HEX, GMSH_TET, REFERENCE, Solid
-from fenics_ehd.fem.sound_cells import inside_out
-from fenics_ehd.film.surface import Surface
-from fenics_ehd.film.surface_reading import interpolation_matrix
-from fenics_ehd.reduction import load_body, load_dependent, rigid, save_body
+from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid, inside_out
+from fenics_ehd.film.transfer import Surface, interpolation_matrix
+from fenics_ehd.reduction import load_dependent, rigid
 from fenics_ehd.reduction.bore import no_cells
-from fenics_ehd.reduction.distributed import load_columns, multiply, node_rows
-from fenics_ehd.reduction.pressure_sets import _columns, _hats, bearing_shapes, unit_pressures
-from fenics_ehd.reduction.rigid_body import rigid_fields
+from fenics_ehd.reduction.distributed import load_columns
+from fenics_ehd.reduction.elements import SOLIDS
+from fenics_ehd.reduction.load_dependent import _columns, _hats, bearing_shapes, unit_pressures
+from fenics_ehd.reduction.reductor import bore_rows
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.results.blocks import part_block
-from fenics_ehd.results.paraview import write_series
-from fenics_ehd.results.part_fields import gather_part
+from fenics_ehd.results.paraview import gather_part, part_block, write_series
 
 
 def rod_of_tetrahedra(comm):
@@ -72,8 +66,7 @@ def bore_responses(structure):
     """Static bore displacements of the smooth pressures, shape (m, 3, 4)."""
     bore, solver = structure.bore, StaticSolver(structure)
     loads = load_columns(bore.load, smooth_pressures(bore.pressure_coordinates))
-    first = structure.stiffness.getOwnershipRange()[0] // 3
-    return node_rows(solver.solve(loads), first, bore.nodes, structure.comm)
+    return bore_rows(structure, solver.solve(loads))
 
 
 def test_frequencies_and_mass_are_those_of_the_hexahedral_rod(body, rod_body, figure):
@@ -90,15 +83,6 @@ def test_frequencies_and_mass_are_those_of_the_hexahedral_rod(body, rod_body, fi
     assert ours.centre_of_mass[0] == pytest.approx(theirs.centre_of_mass[0], rel=1e-4)
     assert abs(ours.centre_of_mass[1]) < 1e-4 * theirs.centre_of_mass[0]
     assert ours.polar_inertia == pytest.approx(theirs.polar_inertia, rel=1e-4)
-
-
-@pytest.mark.mpi
-def test_rigid_motions_store_nothing(structure):
-    fields = rigid_fields(structure.coordinates)
-    force = multiply(structure.stiffness, fields)
-    bound = structure.stiffness.getDiagonal().array[:, None] * fields
-    norms = [np.sqrt(structure.comm.allreduce(np.sum(a**2))) for a in (force, bound)]
-    assert norms[0] < 1e-12 * norms[1]
 
 
 def test_bore_yields_as_that_of_the_hexahedral_rod(structure, rod_structure, body, rod_body):
@@ -181,30 +165,21 @@ def test_pressure_sets_need_no_columns_of_nodes(structure, rod_structure):
     np.testing.assert_allclose(_hats(angle), _columns(angle), atol=1e-6)
 
 
-@pytest.mark.parametrize("pressure_set", [pytest.param("pc1", marks=pytest.mark.slow), "pc2"])
-def test_any_pressure_set_reduces(structure, pressure_set):
-    body = load_dependent(structure, 2, 12, pressure_set, estimate_error=False)
-    assert body.modes == 2 + 2 + 12
-
-
-def test_body_file_keeps_the_surface_mesh(body, tmp_path):
-    save_body(body, tmp_path / "rod.h5")
-    again = load_body(tmp_path / "rod.h5")
-    for name in ("cells", "pressure_cells", "family", "pressure_family"):
-        np.testing.assert_array_equal(getattr(again.bore, name), getattr(body.bore, name))
-    assert again.bore.family == "triangle"
+def test_body_file_of_another_version_is_named(body, tmp_path):
+    ehd.save_body(body, tmp_path / "rod.h5")
+    assert ehd.load_body(tmp_path / "rod.h5").bore.family == "triangle"
     with h5py.File(tmp_path / "rod.h5", "a") as file:
         file.attrs["format_version"] = 4
     seal(tmp_path / "rod.h5", tmp_path / "rod.h5")
     with pytest.raises(BodyFileError, match=r"version 4, this program reads 5; reduce the part"):
-        load_body(tmp_path / "rod.h5")
+        ehd.load_body(tmp_path / "rod.h5")
 
 
 def test_bore_without_surface_mesh_is_allowed(structure, tmp_path):
     bare = {"cells": no_cells(), "family": "", "pressure_cells": no_cells(), "pressure_family": ""}
     foreign = replace(structure, bores=replace(structure.bore, **bare))
-    save_body(rigid(foreign), tmp_path / "rod.h5")
-    again = load_body(tmp_path / "rod.h5")
+    ehd.save_body(rigid(foreign), tmp_path / "rod.h5")
+    again = ehd.load_body(tmp_path / "rod.h5")
     assert again.bore.cells.shape == (0, 0)
     assert again.bore.family == again.bore.pressure_family == ""
 
@@ -230,50 +205,28 @@ def test_paraview_files_hold_quadratic_tetrahedra(structure, body, tmp_path):
 
 def test_cells_are_those_that_the_model_gives():
     with pytest.raises(MeshError, match="no tetrahedra: it needs a parameter tetrahedra"):
-        build_mesh(model_path("conrod"), {"tetrahedra": 0}, comm=MPI.COMM_SELF, cells="tet")
-    found = build_mesh(model_path("conrod"), {"tetrahedra": 1}, comm=MPI.COMM_SELF)
+        ehd.build_mesh(model_path("conrod"), {"tetrahedra": 0}, comm=MPI.COMM_SELF, cells="tet")
+    found = ehd.build_mesh(model_path("conrod"), {"tetrahedra": 1}, comm=MPI.COMM_SELF)
     assert found.cell == "tetrahedron"
 
 
 @pytest.mark.parametrize("kind", ["tet", "hex"])
 def test_cells_that_gmsh_calls_inverted_are_refused(kind):
-    x = np.vstack([REFERENCE[kind], REFERENCE[kind][np.array(EDGES[kind])].mean(axis=1)])
+    x = SOLIDS[kind].nodes.copy()
     random, found = np.random.default_rng(1), []
     number, rule = {"tet": (11, "Gauss4"), "hex": (17, "Gauss4")}[kind]
     order = GMSH_TET if kind == "tet" else GMSH_HEX
     for size in np.linspace(0, 0.5, 40):
         points = x + size * random.uniform(-1, 1, x.shape)
         solid = Solid(points, np.arange(len(x))[None, :], kind)
-        gmsh.initialize([""])
-        try:
-            gmsh.option.setNumber("General.Terminal", 0)
+        with session():
             gmsh.model.addDiscreteEntity(3, 1)
             gmsh.model.mesh.addNodes(3, 1, np.arange(1, len(x) + 1), points[order].ravel())
             gmsh.model.mesh.addElementsByType(1, number, [1], np.arange(1, len(x) + 1))
             places = gmsh.model.mesh.getIntegrationPoints(number, rule)[0]
             theirs = gmsh.model.mesh.getJacobians(number, places)[1].min()
-        finally:
-            gmsh.finalize()
         found.append((theirs <= 0, inside_out(solid)[0]))
     # Ours looks at the edges at corners as well.
     assert all(ours for theirs, ours in found if theirs)
     assert not found[0][1]
     assert {ours for _, ours in found[:20]} == {False, True}
-
-
-@pytest.mark.slow
-def test_command_line_reduces_the_tetrahedral_rod(tmp_path):
-    path = tmp_path / "rod.h5"
-    few = {"bodies.rod.reduction": {"method": "m3", "residual_modes": 4, "estimate_error": False}}
-    scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", few)
-    command = [sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod", "--cells", "tet"]
-    result = subprocess.run(
-        [*command, "--scene", scene, "-o", path, "--json"], capture_output=True, text=True
-    )
-    assert result.returncode == 0, result.stderr
-    summary = json.loads(result.stdout)
-    assert summary["cells"] == "tet"
-    assert summary["modes"] == 6 + 2 + 4
-    body = load_body(path)
-    assert body.bore.family == "triangle"
-    assert body.provenance["cells"] == "tet"

@@ -4,20 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from moving_point import moving_point
+from moving_point import assert_derivatives
 from rotor_cases import MODES, SPEED, C, R, flexible, held_body, make_film, shifted
 
+import fenics_ehd as ehd
 from fenics_ehd.film import ShaftMotion, shaft_gap
-from fenics_ehd.multibody.beam import Shaft, beam_plane
-from fenics_ehd.multibody.flexible_body import FlexibleBody
-from fenics_ehd.multibody.forces import RotatingForce
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rotor import ModalRotor
-from fenics_ehd.multibody.shaft_body import ShaftBody
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.multibody.system import System
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.shaft import beam_plane
 
 pytestmark = pytest.mark.kernels
 
@@ -30,7 +24,7 @@ def film():
 
 
 def joint_film(film, body):
-    return JointFilm(LubricatedJoint("shaft", "housing.bore", film), body, tilting=True)
+    return JointFilm(ehd.LubricatedJoint("shaft", "housing.bore", film), body, tilting=True)
 
 
 @pytest.fixture(scope="module")
@@ -134,66 +128,28 @@ def test_observed_gap_holds_gauss_points_and_nodes(film, joint):
 
 def shaft_in_housing(film, force="shaft.disk"):
     """An elastic shaft that tilts, on springs, in a flexible bore."""
-    beam = beam_plane(Shaft(1.0, 2 * R, 210e9, 7446.0, 2e7, 8))
-    shaft = ShaftBody(ModalRotor.of(beam, 4), 1e-3, 5e-3, {"middle": 0.5, "disk": 0.75})
-    return Mechanism(
-        {"shaft": shaft, "housing": FlexibleBody(flexible(film), 1e-6)},
-        {"bearing": LubricatedJoint("shaft.middle", "housing.bore", film)},
-        {"shaft": Speed(SPEED)},
-        {"load": RotatingForce(force, 2000.0, SPEED)},
+    beam = beam_plane(ehd.Shaft(1.0, 2 * R, 210e9, 7446.0, 2e7, 8))
+    shaft = ehd.ShaftBody(ehd.ModalRotor.of(beam, 4), 1e-3, 5e-3, {"middle": 0.5, "disk": 0.75})
+    return ehd.Mechanism(
+        {"shaft": shaft, "housing": ehd.FlexibleBody(flexible(film), 1e-6)},
+        {"bearing": ehd.LubricatedJoint("shaft.middle", "housing.bore", film)},
+        {"shaft": ehd.Speed(SPEED)},
+        {"load": ehd.RotatingForce(force, 2000.0, SPEED)},
     )
 
 
 @pytest.mark.parametrize("shift", [1e3, 1e5])
 def test_derivatives_of_a_step_are_exact(film, shift):
-    system = System(shaft_in_housing(film))
-    equations, pressure, rest = moving_point(system, shift, 1e-3)
-    n, m, nodes = system.n, system.m, len(pressure)
-
-    def residual(pressure, rest):
-        point = equations.evaluate([pressure], rest)
-        return point.films[0].defect, point.rest
-
-    point = equations.evaluate([pressure], rest)
-    found = equations.linearise(point)
-    (border,), every = found.borders, np.arange(nodes)
-    exact = {
-        "film by motion": (border.inputs @ border.spread)[:, :n],
-        "film by pressure": found.matrices[0].block(every, every),
-        "motion by motion": found.core[:, :n],
-    }
-    forces = np.zeros((len(rest), nodes))
-    forces[border.rows] = border.outputs
-    exact["motion by pressure"] = forces
-    size = np.where(system.weights == 1.0, 1e-8, 1e-9)[:n]
-    along = [
-        [np.array(a) - np.array(b) for a, b in zip(
-            residual(pressure, rest + np.pad(h, (0, 2 * m))),
-            residual(pressure, rest - np.pad(h, (0, 2 * m))), strict=True)]
-        for h in np.diag(size)
-    ]  # fmt: skip
-    pressed = [
-        [a - b for a, b in zip(residual(pressure + h, rest), residual(pressure - h, rest),
-                               strict=True)]
-        for h in 1e-3 * np.eye(nodes)
-    ]  # fmt: skip
-    difference = {
-        "film by motion": np.column_stack([c[0] for c in along]) / (2 * size),
-        "motion by motion": np.column_stack([c[1] for c in along]) / (2 * size),
-        "film by pressure": np.column_stack([c[0] for c in pressed]) / 2e-3,
-        "motion by pressure": np.column_stack([c[1] for c in pressed]) / 2e-3,
-    }
-    for name, expected in difference.items():
-        largest = np.abs(expected).max(axis=0, keepdims=True)
-        error = np.abs(exact[name] - expected) / np.maximum(largest, 1e-6 * largest.max())
-        assert error.max() < 2e-5, name
+    assert_derivatives(System(shaft_in_housing(film)), shift, 1e-3, 1e-8)
 
 
 @pytest.mark.slow
 def test_energy_balance_closes_with_the_tolerance(film, figure):
     # A force that is there at once is the hardest start: order 2 is tolerance^(2/3).
     loose, tight = (
-        simulate(shaft_in_housing(film), 5e-4, tolerance=tolerance, order=2).energy_balance_error
+        ehd.simulate(shaft_in_housing(film), 5e-4, tolerance=tolerance, order=2).summary()[
+            "energy_balance_error"
+        ]
         for tolerance in (1e-7, 1e-9)
     )
     figure("rotor", "energy balance from a sudden force", tight, most=3e-3, unit="%")
@@ -204,8 +160,8 @@ def test_a_force_half_way_does_not_tilt():
     film = make_film((20, 3))
 
     def tilt(mechanism):
-        rigid = {**mechanism.bodies, "housing": FlexibleBody(held_body(film))}
-        result = simulate(replace(mechanism, bodies=rigid), 1e-4, tolerance=1e-4, order=2)
+        rigid = {**mechanism.bodies, "housing": ehd.FlexibleBody(held_body(film))}
+        result = ehd.simulate(replace(mechanism, bodies=rigid), 1e-4, tolerance=1e-4, order=2)
         motion = mechanism.bodies["shaft"].rotor.motion(0.5)
         return np.abs(result.bodies["shaft"].coordinates[:, 1:] @ motion[2:].T).max()
 
@@ -214,7 +170,7 @@ def test_a_force_half_way_does_not_tilt():
 
 
 def test_a_ramp_begins_gently():
-    force = RotatingForce("shaft", 3600.0, 600.0, 1e-3)
+    force = ehd.RotatingForce("shaft", 3600.0, 600.0, 1e-3)
     sizes = [np.hypot(*force.load(t, np.zeros(5), np.zeros(5), (5,)).value[:2])
              for t in (0.0, 1e-6, 5e-4, 1e-3, 2e-3)]  # fmt: skip
     assert sizes[0] == 0.0

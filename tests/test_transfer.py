@@ -6,13 +6,17 @@ from exact_transfer import conservative_load, intersection_points
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import fenics_ehd as ehd
 from fenics_ehd.base.errors import InterfaceMismatchError
-from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.overlay import overlay
-from fenics_ehd.film.surface import Surface, unwrap
-from fenics_ehd.film.surface_reading import interpolation_matrix
-from fenics_ehd.film.transfer import Mortar, outward_displacement
-from fenics_ehd.reduction.surface_elements import ELEMENTS
+from fenics_ehd.film.transfer import (
+    Mortar,
+    Surface,
+    interpolation_matrix,
+    outward_displacement,
+    overlay,
+    unwrap,
+)
+from fenics_ehd.reduction.elements import ELEMENTS
 
 pytestmark = pytest.mark.kernels
 
@@ -28,7 +32,7 @@ def rectangles(around, along, family, *, grading=0.0, start=0.0, width=WIDTH, bo
     angles = angles - grading * np.sin(angles) + start
     bottom = -width / 2 if bottom is None else bottom
     heights = np.linspace(bottom, bottom + width, along + 1)
-    grid = FilmGrid(RADIUS, angles, heights, family)
+    grid = ehd.FilmGrid(RADIUS, angles, heights, family)
     return Surface(grid.node_positions, grid.cell_nodes, family)
 
 

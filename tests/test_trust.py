@@ -8,22 +8,27 @@ from time import perf_counter
 import numpy as np
 import pytest
 from command_line import call
-from hand_made_rod import REVOLUTION, SPEED, Joint, flexible, make_body, with_residual
+from hand_made_rod import SPEED, Joint, flexible, make_body, with_residual
+from journal_cases import OMEGA, ellipse, journal, make_film
 from mechanism_cases import flexible_slider_crank
 from scene_cases import ROD_OF_A_FILE, write_scene
 
+import fenics_ehd as ehd
+from fenics_ehd.analysis.error_budget import summed
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.cli.run import report
 from fenics_ehd.multibody import tracking
-from fenics_ehd.multibody.basis_error import BasisErrorEstimate, neglected_inertia, slowest_pattern
-from fenics_ehd.multibody.disturbance import Disturbance
-from fenics_ehd.multibody.energy import EnergyBalance, Powers, trusted
-from fenics_ehd.multibody.error_shares import COMPONENTS, QUANTITIES, summed
-from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.energy import ENERGY_LIMIT, EnergyBalance, Powers
+from fenics_ehd.multibody.error_shares import (
+    COMPONENTS,
+    QUANTITIES,
+    BasisErrorEstimate,
+    neglected_inertia,
+    slowest_pattern,
+)
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.simulation import simulate
+from fenics_ehd.multibody.step_equations import Disturbance
 from fenics_ehd.multibody.tracking import Tracker
-from fenics_ehd.reduction import save_body
 
 # --- What is printed
 
@@ -39,7 +44,7 @@ def test_times_add_up_and_a_pressure_that_nothing_bears_is_noticed(tmp_path, cap
     told = capfd.readouterr()
     *parts, whole = map(float, re.findall(r"([0-9.]+) s\b", told.out.split("  time: ")[1]))
     assert whole == pytest.approx(sum(parts), abs=0.02)
-    assert 0.8 * took < whole <= took
+    assert 0.8 * took < whole <= took + 0.005  # as printed
     (notice,) = json.loads((tmp_path / "out" / "summary.json").read_text())["notices"]
     assert f"warning: {notice}" in told.err
     assert "bearing: " in notice
@@ -61,24 +66,6 @@ def test_a_course_of_one_step_has_no_rates():
 # --- Energy
 
 
-@pytest.mark.parametrize(
-    ("exchanged", "dissipated", "said"),
-    [
-        (0.049, 0.1, "complete"),
-        (0.051, 0.1, "energy balance error 5.1 % of the energy exchanged, above 5 %"),
-        (0.01, 0.19, "complete"),
-        (0.01, 0.21, "energy balance error 21 % of the energy put in for good, above 20 %"),
-        (3.9e-3, 0.21, "complete"),
-        (4.1e-3, 0.21, "error 21 % of the energy put in for good"),
-        (0.01, np.inf, "error inf % of the energy put in for good"),
-    ],
-)
-def test_the_verdict_looks_at_both_energy_errors(exchanged, dissipated, said):
-    verdict = trusted(exchanged, dissipated)
-    assert said in verdict
-    assert verdict.startswith("untrustworthy") == (said != "complete")
-
-
 def powers_at(angle, dissipation):
     """A flywheel that lends 100 J twice a turn, and what is lost by the way."""
     return Powers(
@@ -91,58 +78,20 @@ def test_the_integral_of_what_is_lent_hides_no_loss():
     # Steps of a degree, reached from a short one, and a loss of a thousandth.
     angles = np.radians(np.append(2.0 ** np.arange(-15, 0), np.arange(1.0, 360.5)))
     dissipation = 0.1 * SPEED / (2 * np.pi)
-    balance = EnergyBalance(0.0, powers_at(0.0, dissipation))
+    balance, defects = EnergyBalance.begin(0.0, powers_at(0.0, dissipation)), []
     for angle in angles:
-        balance.add(angle / SPEED, powers_at(angle, dissipation))
+        balance = balance.after(angle / SPEED, powers_at(angle, dissipation))
+        defects.append(abs(balance.defect))
     assert balance.work["film"] == pytest.approx(0.1)
-    assert balance.net_error < 0.01
-
-
-def test_energy_that_stays_is_put_in_for_good():
-    # Half as much is dissipated as is stored, and a tenth of that is missing.
-    balance = EnergyBalance(0.0, Powers(0.0, 0.0, 1.4, 0.0, 0.5, 0.0))
-    for time in (1.0, 2.0, 3.0):
-        balance.add(time, Powers(time, 0.0, 1.4, 0.0, 0.5, 0.0))
-    assert balance.net_error == pytest.approx(0.3 / 4.5)
-    # All that was stored is given back.
-    balance.add(4.0, Powers(0.0, 0.0, 1.4, 0.0, 0.5, 0.0))
-    balance.add(5.0, Powers(1.0, 0.0, 1.4, 0.0, 0.5, 0.0))
-    assert balance.net_error == pytest.approx(balance.largest_defect / 2.5)
-
-
-def test_a_defect_where_nothing_stays_is_infinite_beside_a_film():
-    balance = EnergyBalance(0.0, powers_at(0.0, -1e-9))
-    assert balance.net_error == 0.0
-    for angle in (0.1, 0.0):
-        balance.add(1e-3 * (1 + angle), powers_at(angle, -1e-9))
-    assert balance.net_error == np.inf
-    # Without one, what a flywheel lends and takes back is all there is.
-    balance = EnergyBalance(0.0, powers_at(0.0, 0.0))
-    for angle in (0.1, 0.0):
-        balance.add(1e-3 * (1 + angle), powers_at(angle, 0.0))
-    assert balance.net_error == balance.error > 0.0
-
-
-def test_what_the_films_shear_would_dissipate_measures_a_defect_without_friction():
-    errors = []
-    for powers in (
-        Powers(0.0, 0.0, 1.1, 0.0, 1.0, 0.0),
-        Powers(0.0, 0.0, 0.2, 0.0, 0.1, 0.0, unfelt=0.9),
-    ):
-        balance = EnergyBalance(0.0, powers)
-        for time in (1.0, 2.0, 3.0):
-            balance.add(time, powers)
-        errors.append(balance.net_error)
-    assert errors[1] == pytest.approx(errors[0])
-    assert "unfelt" not in balance.work
+    assert max(defects) < 1e-3
 
 
 def run_of(body, *, speed=SPEED, revolutions=1.0, **steps):
-    mechanism = replace(flexible_slider_crank(body), drives={"crank": Speed(speed)})
+    mechanism = replace(flexible_slider_crank(body), drives={"crank": ehd.Speed(speed)})
     end = revolutions * 2 * np.pi / speed
     run = Run(mechanism, Steps(**{"largest": 0.02 / revolutions, **steps}), end)
     tracker = Tracker(run.equations, run.norm)
-    rows = [tracker.add(step)[0] for step in run.until(end)]
+    rows = [tracker.add(step) for step in run.until(end)]
     return tracker, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
@@ -151,40 +100,54 @@ def body():
     return flexible(Joint((10, 2)))[0]
 
 
-def test_a_film_that_long_steps_leave_wrong_is_not_called_complete():
+def test_a_film_that_long_steps_leave_wrong_is_not_called_complete(monkeypatch):
     body = make_body(Joint((10, 2)))
     good, curves = run_of(body)
     assert good.verdict() == "complete"
-    bad, others = run_of(body, tolerance=0.01, largest=30 / 360)
+    bad, others = run_of(body, tolerance=0.1, largest=30 / 360)
     known = np.interp(others["time_s"], curves["time_s"], curves["min_film_thickness_m"])
     off = np.abs(others["min_film_thickness_m"] / known - 1)[others["time_s"] > 2e-4]
-    assert off.max() > 0.1, "this test wants a film that is wrong"
+    assert off.max() > 0.2, "this test wants a film that is wrong"
     assert bad.verdict().startswith("untrustworthy: energy balance error")
-    assert bad.balance.net_error > 20 * good.balance.net_error
+    assert bad.energy_error > 20 * good.energy_error
     # Of an error that is known the energy says nothing more.
-    known = dict.fromkeys(COMPONENTS, 0.01) | {"step_size": 0.12}
+    known = dict.fromkeys(COMPONENTS, 0.01) | {"step_size": 0.15}
     worth = dict.fromkeys(QUANTITIES, summed(known)) | {
         "largest_over_cycle": dict.fromkeys(QUANTITIES, summed(known))
     }
     bad.worth = {"big_end": worth}
     assert bad.verdict(0.2) == "complete"
     assert bad.verdict(0.1).startswith(
-        "untrustworthy: max_pressure of joints.big_end is off by 16 %, above output.error_limit = "
+        "untrustworthy: max_pressure of joints.big_end is off by 19 %, above output.error_limit = "
         "10 %, most of it by the step size: see time.tolerance"
     )
-    bad.balance.largest_defect = 0.13 * bad.balance.largest_exchange
-    assert "energy balance error 13 % of the energy exchanged" in bad.verdict(0.2)
+    monkeypatch.setattr(Tracker, "energy_error", 0.16)
+    assert "error 16 % of the energy exchanged, above 15 %: lower time.tol" in bad.verdict(0.2)
 
 
-def test_what_python_answers_says_whether_it_may_be_trusted():
-    mechanism = flexible_slider_crank(make_body(Joint((10, 2))))
-    good, bad = (
-        simulate(mechanism, REVOLUTION, tolerance=tolerance, largest=largest)
-        for tolerance, largest in ((1e-3, 0.02), (0.5, 1 / 6))
-    )
-    assert good.status == "complete"
-    assert bad.status.startswith("untrustworthy: energy balance error")
-    assert bad.net_energy_balance_error > 20 * good.net_energy_balance_error
+def test_a_film_that_is_right_is_complete_whatever_the_inertia_forces_lend(body):
+    # Without friction next to nothing of it is put in for good.
+    extremes = []
+    for steps in ({"tolerance": 1e-5}, {"tolerance": 1e-3, "order": 2, "largest": 0.05}):
+        tracker, curves = run_of(body, **steps)
+        extremes.append([curves["max_pressure_Pa"].max(), curves["min_film_thickness_m"].min()])
+    assert extremes[1] == pytest.approx(extremes[0], rel=0.02)
+    assert np.abs(curves["energy_defect_J"]).max() > 0.1 * curves["film_work_J"][-1]
+    assert tracker.verdict() == "complete"
+
+
+def test_a_film_whose_force_does_not_do_the_work_of_its_flow_is_not_trusted(monkeypatch):
+    machine, period = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), 2 * np.pi / OMEGA)
+    assert ehd.simulate(machine, period=period, tolerance=1e-3).status == "complete"
+    right = ehd.Film.powers
+
+    def wrong(film, state):
+        lost, fed = right(film, state)
+        return 0.8 * lost, fed
+
+    monkeypatch.setattr(ehd.Film, "powers", wrong)
+    status = ehd.simulate(machine, period=period, tolerance=1e-3).status
+    assert status.startswith("untrustworthy: energy balance error")
 
 
 def test_an_estimate_that_is_large_is_called_so(tmp_path):
@@ -192,11 +155,11 @@ def test_an_estimate_that_is_large_is_called_so(tmp_path):
         "scene": "case", "steps": 3, "newton_iterations": 5, "bodies": {}, "joint": "bearing",
         "max_pressure_Pa": 1e7, "max_pressure_time_s": 0.0, "min_film_thickness_m": 1e-6,
         "min_film_thickness_time_s": 0.0, "energy_balance_error": 0.01,
-        "net_energy_balance_error": 0.1, "reduction_time_s": 0.0, "wall_time_s": 0.0,
+        "reduction_time_s": 0.0, "wall_time_s": 0.0,
     }  # fmt: skip
     texts = [report(figures | {"basis_error_estimate_m": e}, tmp_path) for e in (1e-7, 3e-7)]
     assert ["not small against the film" in text for text in texts] == [False, True]
-    assert "1.0e-02     of the energy exchanged, 1.0e-01 of that put in for good" in texts[0]
+    assert "1.0e-02     of the energy exchanged\n" in texts[0]
 
 
 @pytest.mark.parametrize("speed", [2.0, 20.0])
@@ -209,12 +172,12 @@ def test_a_run_that_cannot_be_trusted_fails(tmp_path, capfd):
     # Nothing but rigid motion, in steps of 60 degrees.
     changes = {"time.tolerance": 0.5, "time.largest_step": 60 / 360}
     scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", ROD_OF_A_FILE, changes)
-    save_body(make_body(Joint((10, 2))), tmp_path / "rod.h5")
+    ehd.save_body(make_body(Joint((10, 2))), tmp_path / "rod.h5")
     assert call("run", scene, "--no-plots", "-o", tmp_path / "out") == 1
     assert "above output.error_limit = 20 %" in capfd.readouterr().err
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"].startswith("untrustworthy")
-    assert summary["net_energy_balance_error"] > 0.2
+    assert summary["energy_balance_error"] > ENERGY_LIMIT
 
 
 # --- The basis
@@ -251,8 +214,7 @@ def test_estimates_go_on_where_they_were():
         BasisErrorEstimate(np.full((4, 3), 1e-15), 1e-3, np.full((4, 2), 1e-20)) for _ in range(2)
     )
     estimate_after(first, 1e-4, pressure=1e7, acceleration=1e12)
-    second.load_state(first.stored_state())
-    assert second.largest == first.largest
+    second.state = first.state
     ends = [estimate_after(e, 1e-4, pressure=2e7, acceleration=-1e11) for e in (first, second)]
     assert ends[0] == ends[1]
 

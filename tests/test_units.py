@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from scene_cases import tables_of
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.units import in_unit
-from fenics_ehd.scenes.scene_file import scene_of
-from fenics_ehd.scenes.scene_text import scene_text
+from fenics_ehd.base.fields import in_unit
+from fenics_ehd.scenes.scene import scene_of, scene_text
 
 
 @pytest.mark.parametrize(

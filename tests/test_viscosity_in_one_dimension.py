@@ -10,17 +10,14 @@ import pytest
 from film_cases import ETA, OMEGA, C, R, given_gap, make_film
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
-from fenics_ehd.film import Lubricant
-from fenics_ehd.film.lubricant import Barus, Roelands
-from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.film.thinning import Cross
+import fenics_ehd as ehd
 
 GROUP = "oil"
 
 #: Thickness at inlet and outlet over the clearance, and mean velocity over Omega R.
 INLET, OUTLET, VELOCITY = 2.0, 1.0, 0.3
 
-CROSS = Cross(2e5, 0.8, 0.3)
+CROSS = ehd.Cross(2e5, 0.8, 0.3)
 
 
 def thickness(angle):
@@ -29,8 +26,8 @@ def thickness(angle):
 
 def slider(cells, family, oil):
     """Nodal angles at mid-width and pressures of the film."""
-    line = AxialGroove(0.0, 0.0)
-    film = make_film((cells, 1), family, oil=oil, sides=Sides(None, None), regions=(line,))
+    line = ehd.AxialGroove(0.0, 0.0)
+    film = make_film((cells, 1), family, oil=oil, sides=ehd.Sides(None, None), regions=(line,))
     state = film.solve(given_gap(film, lambda phi, z: thickness(phi), 0.0, VELOCITY))
     angle, height = film.parameters.grid.node_positions.T
     middle = height == height.min()
@@ -84,7 +81,7 @@ ORDERS = {"bilinear": 1.8, "lagrange": 3.0}
 @pytest.mark.parametrize("family", ORDERS)
 def test_barus_slider_has_its_exact_pressure(family, share, figure):
     alpha = share / closed_form(np.linspace(0, 2 * np.pi, 5000)).max()
-    oil = Lubricant(ETA, Barus(alpha))
+    oil = ehd.Lubricant(ETA, ehd.Barus(alpha))
     errors = observed(oil, family, lambda a: -np.log1p(-alpha * closed_form(a)) / alpha)
     assert order(errors) > ORDERS[family]
     if family == "lagrange":
@@ -95,8 +92,8 @@ def test_barus_slider_has_its_exact_pressure(family, share, figure):
 @pytest.mark.parametrize("family", ORDERS)
 def test_roelands_slider_is_the_quadrature_of_the_reduced_pressure(family, figure):
     viscosity = 0.06
-    law = Roelands(viscosity, 0.6)
-    oil = Lubricant(viscosity, law)
+    law = ehd.Roelands(viscosity, 0.6)
+    oil = ehd.Lubricant(viscosity, law)
 
     def exact(angle):
         # dp/dq = r(p), by an integrator of its own.
@@ -116,7 +113,7 @@ def test_roelands_slider_is_the_quadrature_of_the_reduced_pressure(family, figur
 
 @pytest.mark.parametrize("family", ORDERS)
 def test_cross_slider_is_a_quadrature(family, figure):
-    oil = Lubricant(ETA, shear_law=CROSS)
+    oil = ehd.Lubricant(ETA, shear_law=CROSS)
 
     def thinned(rate):
         # Cross's law in its own words.
@@ -135,14 +132,16 @@ def test_laws_of_pressure_and_shear_rate_multiply():
         return 0.3 + 0.7 / (1 + (rate / 2e5) ** 0.8)
 
     alpha = 0.7 / reduced(np.linspace(0, 2 * np.pi, 5000), thinned).max()
-    oil = Lubricant(ETA, Barus(alpha), shear_law=CROSS)
+    oil = ehd.Lubricant(ETA, ehd.Barus(alpha), shear_law=CROSS)
     errors = observed(oil, "lagrange", lambda a: -np.log1p(-alpha * reduced(a, thinned)) / alpha)
     assert order(errors) > ORDERS["lagrange"]
     assert errors[-1] < 1e-4
 
 
 def test_surfaces_that_do_not_slide_do_not_thin_the_oil():
-    thin, plain = (make_film((20, 4), oil=Lubricant(ETA, shear_law=law)) for law in (CROSS, None))
+    thin, plain = (
+        make_film((20, 4), oil=ehd.Lubricant(ETA, shear_law=law)) for law in (CROSS, None)
+    )
     pressures = [
         film.solve(given_gap(film, lambda phi, z: 1 + 0.3 * np.cos(phi), -0.2)).pressure
         for film in (thin, plain)

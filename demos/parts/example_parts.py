@@ -17,7 +17,7 @@ import gmsh
 import meshio
 import numpy as np
 
-from fenics_ehd.base.silence import printing_kept
+from fenics_ehd.base.processes import printing_kept
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.fem.solid import Solid, used
 

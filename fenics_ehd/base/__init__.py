@@ -1,1 +1,1 @@
-"""What every other room needs: errors, settings and units, files, PETSc options."""
+"""Ground floor of all rooms: errors, settings and units, files, PETSc options."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sized
+import csv
+import io
+from collections.abc import Sequence, Sized
 from typing import Any
 
 import numpy as np
@@ -30,7 +32,7 @@ class Quantity(np.ndarray):
     units: str
 
     def __new__(cls, values: Any, units: str) -> Quantity:
-        """Of an array, which is not copied."""
+        """View of an array, which is not copied."""
         found = np.asarray(values).view(cls)
         found.units = units
         return found
@@ -50,7 +52,7 @@ class Quantity(np.ndarray):
 
 
 def joint_prefix(joint: str, joints: Sized) -> str:
-    """What columns of a lubricated joint begin with: its name, unless it is the only one."""
+    """Beginning of a lubricated joint's columns: its name, unless it is the only one."""
     return f"{joint}." if len(joints) > 1 else ""
 
 
@@ -73,3 +75,14 @@ def with_unit(name: str, unit: str) -> str:
     for short, written in _WRITTEN.items():
         unit = unit.replace(written, short)
     return f"{name}_{unit.replace('/', '_per_').replace(' ', '_')}"
+
+
+#: Column of the time.
+TIME = "time_s"
+
+
+def csv_line(values: Sequence[str]) -> bytes:
+    """One row of a file of comma-separated values."""
+    buffer = io.StringIO()
+    csv.writer(buffer).writerow(values)
+    return buffer.getvalue().encode()

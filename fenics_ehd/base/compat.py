@@ -5,15 +5,21 @@ Spelled as the newest version spells it. No other module tests a version.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import fcntl
+import inspect
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
 
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import basix
+import ffcx
+import ffcx.codegeneration.jit as ffcx_jit
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import cpp, fem, jit, mesh
 from mpi4py import MPI
 
 try:
@@ -101,9 +107,7 @@ def custom_element(
 
 def functionspace(domain: mesh.Mesh, element: Element) -> fem.FunctionSpace:
     """Function space on a mesh."""
-    if hasattr(fem, "functionspace"):
-        return fem.functionspace(domain, element)
-    return fem.FunctionSpace(domain, element)
+    return getattr(fem, "functionspace", fem.FunctionSpace)(domain, element)
 
 
 def _cell_rows(dofmap: Any, domain: mesh.Mesh) -> np.ndarray:
@@ -125,8 +129,166 @@ def space_dofmap(space: fem.FunctionSpace) -> np.ndarray:
     return _cell_rows(space.dofmap.list, space.mesh)
 
 
+def evaluated(expression: fem.Expression, domain: mesh.Mesh, cells: np.ndarray) -> np.ndarray:
+    """Values of an expression at its points in some cells."""
+    return expression.eval(*(() if _OLD else (domain,)), cells)
+
+
 def fem_petsc() -> ModuleType:
     """Return `dolfinx.fem.petsc`, which 0.11 no longer imports by itself."""
     import dolfinx.fem.petsc as module
 
     return module
+
+
+_OLD = _basix_ufl is None
+
+#: Seconds that a process waits for a form that another one compiles.
+PATIENCE = 300
+
+_JIT = (jit.get_parameters if _OLD else jit.get_options)(
+    {"cffi_extra_compile_args": ["-O3", "-fno-math-errno", "-g0"], "timeout": PATIENCE}
+)
+
+#: Forms of films are kept here; nothing else compiles into it.
+FORMS = Path(_JIT["cache_dir"]) / "fenics_ehd"
+_JIT["cache_dir"] = FORMS
+
+_INTEGRAL_TYPE: Any = getattr(fem, "IntegralType", getattr(cpp.fem, "IntegralType", None))
+
+
+def plane_element(degree: int) -> Element:
+    """Lagrange element on quadrilaterals of the plane."""
+    if _OLD:
+        return ufl.FiniteElement("Lagrange", ufl.Cell("quadrilateral"), degree)
+    return lagrange_element("quadrilateral", degree)
+
+
+def plane(element: Element) -> Element:
+    """An element that the old UFL asks for a geometric dimension, in the plane."""
+    if _OLD and hasattr(element, "_cell"):
+        element._cell = ufl.Cell("quadrilateral")
+    return element
+
+
+def quadrature_element(degree: int) -> Element:
+    """Element of values at the Gauss points of quadrilaterals of the plane."""
+    if _OLD:
+        cell = ufl.Cell("quadrilateral")
+        return ufl.FiniteElement("Quadrature", cell, degree, quad_scheme="default")
+    return _basix_ufl.quadrature_element("quadrilateral", scheme="default", degree=degree)
+
+
+def plane_domain() -> ufl.Mesh:
+    """Domain of forms on quadrilaterals of the plane, of no mesh."""
+    if _OLD:
+        return ufl.Mesh(ufl.VectorElement("Lagrange", ufl.Cell("quadrilateral"), 1))
+    return ufl.Mesh(_basix_ufl.element("Lagrange", "quadrilateral", 1, shape=(2,)))
+
+
+def plane_mesh(cells: np.ndarray, x: np.ndarray) -> mesh.Mesh:
+    """Mesh of quadrilaterals (corners in dolfinx order) of points (n, 2), of this process alone."""
+    domain = plane_domain()
+    points_last = list(inspect.signature(mesh.create_mesh).parameters)[3] == "x"
+    return mesh.create_mesh(MPI.COMM_SELF, cells, *((domain, x) if points_last else (x, domain)))
+
+
+class Coefficient(ufl.Coefficient):
+    """Coefficient of no mesh; the old FFCx makes a name in C of what the old UFL prints."""
+
+    def __str__(self) -> str:
+        return f"w_{self.count()}"
+
+
+def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> fem.FunctionSpace:
+    """The same space with other numbers (cells, dofs per cell) of its degrees of freedom.
+
+    Nodes of one number are one degree of freedom: so a plane mesh is periodic.
+    """
+    dofmap = cpp.fem.DofMap(
+        space.dofmap.dof_layout,
+        cpp.common.IndexMap(MPI.COMM_SELF, size),
+        1,
+        cpp.graph.AdjacencyList_int32(np.ascontiguousarray(numbers, dtype=np.int32)),
+        1,
+    )
+    own = space._cpp_object
+    arguments = (own.mesh, own.element, dofmap)
+    if _OLD:
+        return fem.FunctionSpace(space.mesh, space.ufl_element(), cpp.fem.FunctionSpace(*arguments))
+    try:
+        made = cpp.fem.FunctionSpace_float64(*arguments)
+    except TypeError:
+        made = cpp.fem.FunctionSpace_float64(*arguments, [])
+    return fem.FunctionSpace(space.mesh, space.ufl_element(), made)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """No other process of ours compiles into a folder; a process that is killed lets go."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "lock", "a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def orphans(folder: Path) -> list[Path]:
+    """Forms that somebody began to compile and did not end.
+
+    FFCx marks a form that it compiles by its C file, and one that is compiled by a second file. Of
+    the first without the second any later process believes that another one is at work, and gives
+    up after its patience. Where nobody is at work they are what killed processes left.
+    """
+    sources = folder.glob("libffcx_*.c")
+    return [source for source in sources if not source.with_suffix(".c.cached").exists()]
+
+
+def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
+    """Compile forms of no mesh together, as one module: handles for `create_form`."""
+    with _alone(FORMS):
+        for source in orphans(FORMS):
+            source.unlink()
+        keyword, scalar = ("parameters", "double") if _OLD else ("options", np.float64)
+        options = getattr(ffcx, f"get_{keyword}")({"scalar_type": scalar})
+        compiled, module, _ = ffcx_jit.compile_forms(list(forms), **{keyword: options}, **_JIT)
+    return [(module, form) for form in compiled]
+
+
+def coefficient_places(compiled: Any) -> list[int]:
+    """Which of a form's own coefficients its kernel takes, in order."""
+    name = "original_coefficient_position"
+    places = getattr(compiled[1], name if hasattr(compiled[1], name) else f"{name}s")
+    return [places[i] for i in range(compiled[1].num_coefficients)]
+
+
+def create_form(
+    compiled: Any,
+    spaces: Sequence[fem.FunctionSpace],
+    coefficients: Sequence[fem.Function],
+    constant: fem.Constant,
+    domain: mesh.Mesh,
+) -> Any:
+    """A compiled form over all cells of a mesh, nothing compiled; coefficients as its kernel's."""
+    module, ufcx = compiled
+    pointer = int(module.ffi.cast("uintptr_t", module.ffi.addressof(ufcx)))
+    own = [space._cpp_object for space in spaces]
+    values, numbers = [c._cpp_object for c in coefficients], [constant._cpp_object]
+    if _OLD:
+        names = ("cell", "exterior_facet", "interior_facet", "vertex")
+        subdomains = {getattr(_INTEGRAL_TYPE, name): None for name in names}
+        return cpp.fem.Form_float64(pointer, own, values, numbers, subdomains, own[0].mesh)
+    cells = domain.topology.index_map(domain.topology.dim).size_local
+    every = {_INTEGRAL_TYPE.cell: [(-1, np.arange(cells, dtype=np.int32))]}
+    return cpp.fem.create_form_float64(pointer, own, values, numbers, every, domain._cpp_object)
+
+
+def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.Mesh) -> Any:
+    """Matrix of a form's pattern, kept by dolfinx itself."""
+    if _OLD:
+        dofmaps = [space._cpp_object.dofmap for space in spaces]
+        pattern = cpp.fem.create_sparsity_pattern(domain.topology, dofmaps, {_INTEGRAL_TYPE.cell})
+        pattern.assemble()
+    else:
+        pattern = cpp.fem.create_sparsity_pattern(form)
+        pattern.finalize()
+    return cpp.la.MatrixCSR_float64(pattern)

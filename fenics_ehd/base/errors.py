@@ -50,10 +50,6 @@ class BodyFileError(InputError):
     """A reduced-body file cannot be read, or does not hold a reduced body."""
 
 
-class ExportError(InputError):
-    """A reduced body cannot be written for another program without becoming a different one."""
-
-
 class InterfaceMismatchError(InputError):
     """Film mesh and bore nodes do not match."""
 

@@ -1,18 +1,202 @@
-"""Kinds of fields of settings: numbers with units and limits, words, lists, each value checked."""
+"""Fields of settings: numbers with units and limits, words, switches, and the oil's own.
+
+Numbers with a written unit, ``"9000 rpm"`` or ``"20 um"``, in the unit of a setting.
+
+A table, not a library: pint would read "40 C" as coulombs, multiply "1 / 3 m" out and accept
+hertz for radians per second, and it is larger than the rest of `base`. Here C is a temperature,
+an angle is a dimension of its own, so that a frequency is no angular speed, and factors are exact
+until the last product: ``"20 um"`` is the number that ``20e-6`` is.
+
+Kinds of fields of settings: numbers with units and limits, words, lists, each value checked.
+
+Quantities in settings, with limits that catch a wrong unit or warnings where it may be one.
+
+A length written in millimetres or micrometres is a thousand times too large or more: the limits
+are generous, and still below that.
+
+What settings say of an oil, in scene files and for a single bearing; the material of a part.
+"""
 
 from __future__ import annotations
 
 import operator
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache, partial
+from math import hypot, pi
+from types import MappingProxyType
 from typing import Any
 
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.units import in_unit
+
+#: A number and its unit. No digits grouped, no exponent beyond what a float has.
+WRITTEN = re.compile(
+    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
+)
+
+#: Characters of a number; Python converts no integer of more than 4300 digits.
+LONGEST = 400
+
+#: Powers of ten that a prefix stands for; u, and the micro and mu signs.
+PREFIXES = {"n": -9, "u": -6, "\u00b5": -6, "\u03bc": -6, "m": -3, "c": -2, "k": 3, "M": 6, "G": 9}
+
+#: Of a unit: factor to kg, m, s, K and rad, power of pi in it, powers of these.
+Row = tuple[str, int, str]
+_PLAIN: dict[str, Row] = {
+    "m": ("1", 0, "m"),
+    "g": ("1/1000", 0, "kg"),
+    "s": ("1", 0, "s"),
+    "K": ("1", 0, "K"),
+    "rad": ("1", 0, "rad"),
+    "N": ("1", 0, "kg m s-2"),
+    "Pa": ("1", 0, "kg m-1 s-2"),
+    "bar": ("100000", 0, "kg m-1 s-2"),
+    "J": ("1", 0, "kg m2 s-2"),
+    "W": ("1", 0, "kg m2 s-3"),
+    "P": ("1/10", 0, "kg m-1 s-1"),
+    "St": ("1/10000", 0, "m2 s-1"),
+    "l": ("1/1000", 0, "m3"),
+    "Hz": ("1", 0, "s-1"),
+}
+_ALONE: dict[str, Row] = {
+    "t": ("1000", 0, "kg"),
+    "deg": ("1/180", 1, "rad"),
+    "degree": ("1/180", 1, "rad"),
+    "degrees": ("1/180", 1, "rad"),
+    "\u00b0": ("1/180", 1, "rad"),
+    "rev": ("2", 1, "rad"),
+    "rpm": ("1/30", 1, "rad s-1"),
+    "min": ("60", 0, "s"),
+    "h": ("3600", 0, "s"),
+    "L": ("1/1000", 0, "m3"),
+    "%": ("1/100", 0, ""),
+    "in": ("127/5000", 0, "m"),
+}
+
+#: Temperatures that do not begin at absolute zero: kelvins a degree, and what zero is [K].
+SCALES = {
+    **dict.fromkeys(("C", "degC", "\u00b0C"), (Fraction(1), Fraction("273.15"))),
+    **dict.fromkeys(("F", "degF", "\u00b0F"), (Fraction(5, 9), Fraction("459.67") * 5 / 9)),
+}
+
+_FACTOR = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?\d)?")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Factor, times a power of pi, to kg, m, s, K and rad, and the powers of these."""
+
+    factor: Fraction
+    turns: int
+    powers: frozenset[tuple[str, int]]
+
+
+def _row(factor: str, turns: int, powers: str) -> Unit:
+    found = {m[1]: int(m[2] or 1) for m in map(_FACTOR.fullmatch, powers.split()) if m}
+    return Unit(Fraction(factor), turns, frozenset(found.items()))
+
+
+def _symbol(symbol: str) -> Unit | None:
+    """A unit with or without a prefix; one that looks like a prefixed one comes first."""
+    if symbol in _PLAIN or symbol in _ALONE:
+        return _row(*(_PLAIN.get(symbol) or _ALONE[symbol]))
+    if symbol[:1] in PREFIXES and symbol[1:] in _PLAIN:
+        plain = _row(*_PLAIN[symbol[1:]])
+        return Unit(plain.factor * Fraction(10) ** PREFIXES[symbol[0]], plain.turns, plain.powers)
+    return None
+
+
+@lru_cache(maxsize=256)
+def unit(text: str) -> Unit | None:
+    """Unit of a text, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``; None: it is none.
+
+    After the only slash, in parentheses or not, all is divided by.
+    """
+    above, slash, below = text.replace("\u00b2", "2").replace("\u00b3", "3").partition("/")
+    if slash and re.fullmatch(r"\s*\(.*\)\s*", below):
+        below = below.strip()[1:-1]
+    factor, turns, powers = Fraction(1), 0, Counter[str]()
+    parts = [(-1, below)] if slash else []
+    if not (slash and above.strip() in ("", "1")):
+        parts.append((1, above))
+    for sign, part in parts:
+        for word in re.split(r"[\s*\u00b7]+", part.strip()):
+            match = _FACTOR.fullmatch(word)
+            found = _symbol(match[1]) if match else None
+            if match is None or found is None:
+                return None
+            power = sign * int(match[2] or 1)
+            factor *= found.factor**power
+            turns += power * found.turns
+            for name, own in found.powers:
+                powers[name] += power * own
+    return Unit(factor, turns, frozenset((n, p) for n, p in powers.items() if p))
+
+
+def in_unit(written: str, wanted: str) -> float:
+    """A text's number in the unit of a setting.
+
+    Parameters
+    ----------
+    written
+        Number and unit, ``"20 um"``.
+    wanted
+        Unit of the setting, ``"m"``; empty: it has none, and takes per cent.
+
+    Raises
+    ------
+    SettingsError
+        What is to be written instead.
+    """
+    match = WRITTEN.fullmatch(written)
+    if match is None or len(match[1]) > LONGEST:
+        raise SettingsError(f"must be a finite number{_told(wanted)}, or one with its unit")
+    number, symbol = Fraction(match[1]), match[2]
+    if wanted in SCALES:
+        return _temperature(number, symbol, wanted)
+    have, want = unit(symbol), unit(wanted) if wanted else _row("1", 0, "")
+    if have is None and symbol not in SCALES:
+        raise SettingsError(f"must be a number{_told(wanted)}: {symbol!r} is no unit known here")
+    if have is None or want is None or have.powers != want.powers:
+        raise SettingsError(f"must be a number{_told(wanted)} or a unit like it: {symbol} is none")
+    ratio, turns = number * have.factor / want.factor, have.turns - want.turns
+    return _finite(ratio, wanted) * pi**turns if turns else _finite(ratio, wanted)
+
+
+def _temperature(number: Fraction, symbol: str, wanted: str) -> float:
+    """On the scale of a setting."""
+    have, size = unit(symbol), SCALES.get(symbol)
+    if size is None:
+        if have is None or have.powers != {("K", 1)}:
+            raise SettingsError(f"must be a temperature in {wanted}, F or K: {symbol} is none")
+        size = have.factor, Fraction(0)
+    (degree, zero), (own, origin) = size, SCALES[wanted]
+    return _finite((number * degree + zero - origin) / own, wanted)
+
+
+def _finite(number: Fraction, wanted: str) -> float:
+    """Nearest float."""
+    try:
+        return float(number)
+    except OverflowError:
+        raise SettingsError(f"must be a finite number{_told(wanted)}") from None
+
+
+def _told(wanted: str) -> str:
+    return f" in {wanted}" if wanted else ""
+
+
+#: Stands for what is not given: a file, a name.
+NONE = "none"
+
+#: A key that must be written.
+REQUIRED: Any = attrs.NOTHING
 
 #: Sizes of a number whose powers and products are still numbers.
 SMALLEST, LARGEST = 1e-30, 1e30
@@ -34,21 +218,15 @@ def checked(
     )
 
 
-def described(
-    default: Any,
-    help_text: str,
-    holds: Callable[[Any], bool],
-    wanted: str,
-    converter: Callable[[Any], Any] | None = None,
-) -> Any:
-    """A field whose value must be as words say, which is so where `holds` is true."""
+def unless(holds: Callable[[Any], bool], wanted: str) -> Callable[[str, Any], None]:
+    """A check that refuses a value for which something does not hold, saying what is wanted."""
 
     def check(name: str, value: Any) -> None:
         if not holds(value):
             shown = list(value) if isinstance(value, tuple) else value
             raise SettingsError(f"{name} = {shown!r} must be {wanted}")
 
-    return checked(default, help_text, check, converter)
+    return check
 
 
 def number(
@@ -112,7 +290,7 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
             in_unit(value, unit)
         except SettingsError as error:
             raise SettingsError(f"{name} = {value!r} {error}") from None
-    if not finite(value):
+    if not (isinstance(value, float) and abs(value) < float("inf")):
         raise SettingsError(f"{name} = {value!r} must be a finite number")
 
 
@@ -129,11 +307,6 @@ def as_float(value: Any, unit: str | None = None) -> Any:
         return float("inf")
 
 
-def finite(value: Any) -> bool:
-    """Whether something is a float and finite."""
-    return isinstance(value, float) and abs(value) < float("inf")
-
-
 def as_tuple(value: Any, unit: str | None = None) -> Any:
     """Lists within lists as tuples, their whole numbers, and texts with a `unit`, as floats."""
     if isinstance(value, (list, tuple)):
@@ -144,32 +317,28 @@ def as_tuple(value: Any, unit: str | None = None) -> Any:
 def count(default: int, help_text: str, least: int = 0, most: int | None = None) -> Any:
     """Whole number of at least `least` and at most `most`."""
     limits = f"at least {least}" + (f" and at most {most}" if most is not None else "")
-    return described(
-        default,
-        help_text,
+    check = unless(
         lambda n: type(n) is int and least <= n and (most is None or n <= most),
         f"a whole number, {limits}",
     )
+    return checked(default, help_text, check)
 
 
 def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> Any:
     """List of rows of numbers with the given columns and their units, empty by default."""
-    wanted = f"a list of [{', '.join(columns)}]"
 
-    def row_of(row: Any) -> Any:
-        if not isinstance(row, (list, tuple)) or len(row) != len(units):
-            return as_tuple(row)
-        return tuple(map(as_float, row, units))
+    def is_row(row: Any) -> bool:
+        return isinstance(row, (list, tuple)) and len(row) == len(columns)
 
     def convert(value: Any) -> Any:
-        return tuple(map(row_of, value)) if isinstance(value, (list, tuple)) else value
+        if not isinstance(value, (list, tuple)) or not all(map(is_row, value)):
+            return value
+        return tuple(tuple(map(as_float, row, units)) for row in value)
 
     def check(name: str, value: Any) -> None:
-        if not isinstance(value, tuple):
-            raise SettingsError(f"{name} = {value!r} must be {wanted}")
+        if not isinstance(value, tuple) or not all(map(is_row, value)):
+            raise SettingsError(f"{name} = {value!r} must be a list of [{', '.join(columns)}]")
         for row in value:
-            if not isinstance(row, tuple) or len(row) != len(columns):
-                raise SettingsError(f"{name}: {row!r} must be one of {wanted}")
             for column, unit, entry in zip(columns, units, row, strict=True):
                 require_finite(f"{name}: {column}", entry, unit)
 
@@ -179,23 +348,22 @@ def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> An
 def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
     """One of several words."""
     listed = ", ".join(options)
-    text = f"{help_text}: {listed}"
-    return described(default, text, lambda word: word in options, f"one of {listed}")
+    check = unless(lambda word: word in options, f"one of {listed}")
+    return checked(default, f"{help_text}: {listed}", check, options=options)
 
 
 def text(default: str, help_text: str) -> Any:
     """Non-empty text that can name a file."""
-    return described(
-        default,
-        help_text,
-        lambda word: isinstance(word, str) and word != "" and "\0" not in word,
-        "a non-empty text",
+    check = unless(
+        lambda word: isinstance(word, str) and word != "" and "\0" not in word, "a non-empty text"
     )
+    return checked(default, help_text, check)
 
 
 def flag(default: bool, help_text: str) -> Any:
     """True or false."""
-    return described(default, help_text, lambda word: isinstance(word, bool), "true or false")
+    check = unless(lambda word: isinstance(word, bool), "true or false")
+    return checked(default, help_text, check)
 
 
 def section(cls: type) -> Any:
@@ -228,47 +396,312 @@ def numbers(help_text: str) -> Any:
     """Free table of names and numbers, those with a unit in that of the help text."""
     unit = unit_of(help_text)
 
-    def check(name: str, value: Any) -> None:
-        require_finite(name, as_float(value), unit)
+    return table(
+        help_text,
+        lambda name, value: require_finite(name, as_float(value), unit),
+        # Whole ones stay so: cells of a mesh.
+        lambda value: as_float(value, unit) if isinstance(value, str) else value,
+    )
 
-    # Whole ones stay so: cells of a mesh.
-    return table(help_text, check, lambda v: as_float(v, unit) if isinstance(v, str) else v)
+
+def entries(
+    help_text: str, kinds: Mapping[str, type], named: Mapping[str, type] = MappingProxyType({})
+) -> Any:
+    """Free table of tables by name, each of a class by its ``kind``, or by its name alone."""
+    return attrs.field(
+        factory=dict, metadata={"help": help_text, "table": True, "kinds": kinds, "named": named}
+    )
 
 
-def entries(help_text: str, kinds: Mapping[str, type], make: Callable[..., Any]) -> Any:
-    """Free table of tables by name, each of a settings class by its ``kind``.
+#: Elements of a film mesh: 9-node, 8-node, 4-node; where its oil is sheared in cavities; conditions
+#: of cavitation.
+FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
+SHEAR_RULES = ("streamers", "full", "none")
+CAVITATIONS = ("reynolds", "mass-conserving")
 
-    `make` builds settings from class, table and path, as `fenics_ehd.base.settings.build`.
+#: Largest bearing radius, bearing width or crank radius [m].
+LARGEST_LENGTH = 5.0
+
+#: Largest radial clearance [m].
+LARGEST_CLEARANCE = 5e-3
+
+#: Least and largest clearance over bore radius. Bearings have 100 times the least, so that a
+#: smaller one is a radius in millimetres or a clearance that nobody can make; lubrication theory
+#: drops terms of the order of the ratio.
+CLEARANCE_RATIOS = (1e-5, 0.1)
+
+
+def _plane_vector(unit: str, below: float, zero: bool) -> Callable[[str, Any], None]:
+    """A check that refuses what is no pair of numbers below a limit in size, or zero."""
+    no_zero = "" if zero else ", one of them not 0"
+
+    def holds(value: Any) -> bool:
+        if not isinstance(value, tuple) or len(value) != 2:
+            return False
+        numbers = all(isinstance(n, float) and abs(n) < below for n in value)
+        return numbers and (zero or any(value))
+
+    return unless(holds, f"two numbers [x, y]{_told(unit)}, below {below:g}{no_zero}")
+
+
+def pair(
+    help_text: str, default: Any = (0.0, 0.0), *, below: float = 1e15, zero: bool = True
+) -> Any:
+    """Two numbers along x and y, each of a size below a limit, and perhaps not both 0."""
+    unit = unit_of(help_text)
+    check = _plane_vector(unit, below, zero)
+    return checked(default, help_text, check, partial(as_tuple, unit=unit))
+
+
+#: Largest coordinate of a place in the plane [m].
+FARTHEST = 100 * LARGEST_LENGTH
+
+
+def place(help_text: str, default: Any = (0.0, 0.0)) -> Any:
+    """A place in the plane [m]."""
+    return pair(help_text, default, below=FARTHEST)
+
+
+def places(help_text: str) -> Any:
+    """Places in the plane by name [m]."""
+    unit = unit_of(help_text)
+    return table(help_text, _plane_vector(unit, FARTHEST, True), partial(as_tuple, unit=unit))
+
+
+def names(help_text: str, default: Any = (), *, count: int | None = None) -> Any:
+    """A list of names, of a given `count` or of any."""
+
+    def listed(value: Any) -> bool:
+        words = isinstance(value, tuple) and all(isinstance(n, str) and n for n in value)
+        return words and count in (None, len(value))
+
+    wanted = "a list of names" if count is None else f"a list of {count} names"
+    return checked(default, help_text, unless(listed, wanted), as_tuple)
+
+
+def youngs_modulus(default: float) -> Any:
+    """Young's modulus of a part [Pa]; 210 is no part's, nor is 210e3."""
+    return number(
+        default, "[Pa]", least=1e6, below=1e18, usual=(1e9, 2e12), example="210e9 for 210 GPa"
+    )
+
+
+def density(default: float) -> Any:
+    """Density of a part [kg/m3]; 7.85 is no part's, nor is 7.85e6."""
+    return number(
+        default, "[kg/m3]", least=100, below=1e5, usual=(500, 25e3), example="7850 for 7.85 g/cm3"
+    )
+
+
+def mass(default: float, help_text: str, largest: float) -> Any:
+    """Mass of something rigid [kg], zero included; a larger one may be in grams."""
+    return number(default, help_text, least=0, usual=(1e-4, largest), example="0.5 for 500 g")
+
+
+def speed(default: float, help_text: str) -> Any:
+    """Angular speed [rad/s]; a larger one may be in revolutions per minute."""
+    return number(default, help_text, usual=(0.01, 2e4), example="314 for 3000 rpm")
+
+
+def metres(default: float, help_text: str, *, below: float = LARGEST_LENGTH) -> Any:
+    """Length of a machine [m]."""
+    return number(default, help_text, above=0, below=below, example="0.025 for 25 mm")
+
+
+def radial_clearance(default: float) -> Any:
+    """Radial clearance of a bearing [m]."""
+    return number(
+        default, "radial clearance [m]", above=0, below=LARGEST_CLEARANCE, example="30e-6 for 30 um"
+    )
+
+
+def deviation(help_text: str) -> Any:
+    """Deviation of a surface from the round one [m], of either sign."""
+    return number(
+        0.0,
+        help_text,
+        above=-LARGEST_CLEARANCE,
+        below=LARGEST_CLEARANCE,
+        usual=(1e-8, 1e-3),
+        example="5e-6 for 5 um",
+    )
+
+
+def require_thin_film(clearance: float, radius: float, key: str) -> None:
+    """Refuse a clearance that is no small part of the bore's radius [m], or hardly any.
+
+    Raises
+    ------
+    SettingsError
+        Naming both.
     """
+    least, most = CLEARANCE_RATIOS
+    # One that is the limit is rounded.
+    if not least * (1 - 1e-9) * radius <= clearance < most * radius:
+        raise SettingsError(
+            f"{key} = {clearance:g} m must be at least {least:g} and below {most:g} of the bore "
+            f"radius {radius:g} m: lengths are in metres, and the film is taken as thin"
+        )
 
-    def entry(value: Any, path: str = "") -> Any:
-        if not isinstance(value, Mapping):
-            raise SettingsError(f"{path.rstrip('.')} = {value!r} must be a table")
-        kind = value.get("kind")
-        if not isinstance(kind, str) or kind not in kinds:
-            told = "is missing" if kind is None else f"= {kind!r}"
-            raise SettingsError(f"{path}kind {told}: one of {', '.join(kinds)}")
-        return make(kinds[kind], {k: v for k, v in value.items() if k != "kind"}, path)
 
-    def attempt(value: Any) -> Any:
-        try:
-            return entry(value)
-        except SettingsError:  # told by the check, which knows the path
-            return value
+#: Stands for a temperature that is not given: absolute zero [C].
+NO_TEMPERATURE = -273.15
 
-    def check(name: str, value: Any) -> None:
-        word = name.rpartition(".")[2]
-        if not word.replace("_", "").replace("-", "").isalnum():
-            raise SettingsError(f"[{name}]: a name must be of letters, digits, _ and -")
-        if isinstance(value, tuple(kinds.values())):
-            return
-        try:
-            entry(value, f"{name}.")
-        except SettingsError as error:  # the path above comes before the message
-            told, unknown, rest = str(error).partition("unknown key ")
-            key, _, meant = rest.partition(": ")
-            raise SettingsError(f"{key}: unknown key, {meant}" if unknown else told) from None
+#: Of mineral oils at 15 C [kg/m3]; paraffinic ones of The Tribology Handbook (table 25, opened at
+#: digilib.universitaspertamina.ac.id) have 862 to 891 at 25 C.
+DENSITY = 870.0
 
-    field = table(help_text, check, attempt)
-    field.metadata["kinds"] = kinds
-    return field
+#: Of mineral oil [J/(kg K)], rounded from 1966 (www.pantherlubes.com/tl_12.html). It grows with
+#: temperature by 0.2 % per K.
+SPECIFIC_HEAT = 2000.0
+
+#: Of Dowson's and Higginson's law (1966), mineral oils [1/Pa]: rise at ambient pressure, and how it
+#: ends.
+COMPRESSIBILITY, STIFFENING = 0.6e-9, 1.7e-9
+
+
+def _kinematic(temperature: int) -> Any:
+    return number(
+        0.0,
+        f"kinematic, at {temperature} C [mm2/s], both in place of viscosity; 0: not given",
+        least=0,
+        below=1e7,
+        usual=(1.0, 5000.0),
+        example="46 for 46 cSt",
+    )
+
+
+@attrs.frozen(kw_only=True)
+class OilSettings:
+    """An oil: of one viscosity, or at a temperature by its grade or two kinematic viscosities."""
+
+    viscosity: float = number(
+        0.0,
+        "dynamic [Pa s]; 0: by a grade or kinematic viscosities",
+        least=0,
+        below=1e6,
+        usual=(1e-5, 1.0),
+        example="0.01 for 10 mPa s",
+    )
+    grade: str = text(NONE, "ISO VG 46, SAE 10W-40 and others, in place of viscosity, or none")
+    viscosity_40: float = _kinematic(40)
+    viscosity_100: float = _kinematic(100)
+    temperature: float = number(
+        NO_TEMPERATURE,
+        f"of an oil by grade or kinematic viscosities [C]; {NO_TEMPERATURE:g}: not given",
+        least=NO_TEMPERATURE,
+        below=1000,
+        example="90 for 363 K",
+    )
+    density: float = number(
+        DENSITY,
+        "[kg/m3], at 15 C by grade or kinematic viscosities",
+        least=100,
+        below=1e4,
+        usual=(600, 1500),
+        example="870 for 0.87 g/cm3",
+    )
+    specific_heat: float = number(
+        SPECIFIC_HEAT,
+        "[J/(kg K)]",
+        least=10,
+        below=1e5,
+        usual=(1000, 5000),
+        example="2000 for 2 kJ/(kg K)",
+    )
+    density_law: str = choice("constant", ("constant", "dowson-higginson"), "density by pressure")
+    compressibility: float = number(
+        COMPRESSIBILITY,
+        "a of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
+        above=0,
+        usual=(1e-11, 1e-8),
+        example="0.6e-9 for 0.6 1/GPa",
+    )
+    stiffening: float = number(
+        STIFFENING,
+        "b of that, by which oil under pressure is stiffer [1/Pa]",
+        least=0,
+        usual=(1e-11, 1e-7),
+        example="1.7e-9 for 1.7 1/GPa",
+    )
+    barus: float = number(
+        0.0,
+        "viscosity exp(barus p) [1/Pa], 0: none",
+        least=0,
+        usual=(1e-10, 1e-7),
+        example="2e-8 for 20 1/GPa",
+    )
+    roelands: float = number(
+        0.0,
+        "viscosity after Roelands with this pressure index [-], 0: none",
+        least=0,
+        usual=(0.1, 2.0),
+        example="0.6 for mineral oil",
+    )
+    cross_rate: float = number(
+        0.0,
+        "shear rate at which half of Cross's shear thinning has come [1/s], 0: none",
+        least=0,
+        usual=(1e2, 1e9),
+        example="1e6 for an oil with polymers",
+    )
+    cross_exponent: float = number(1.0, "of Cross's law [-]", above=0, below=10)
+    cross_second_viscosity: float = number(
+        0.5, "at the highest shear rates, over that at rest [-]", least=0, below=1
+    )
+
+    @property
+    def graded(self) -> bool:
+        """True for a viscosity that comes from a grade or two kinematic viscosities."""
+        return self.grade != NONE or bool(self.viscosity_40 or self.viscosity_100)
+
+
+def _roughness(of: str) -> Any:
+    """Root mean square height of a surface [m]; ground ones have 0.1 to 1 um."""
+    return number(
+        0.0, f"of the {of}, rms [m], 0: smooth", least=0, below=1e-4, usual=(1e-9, 1e-5),
+        example="0.4e-6 for 0.4 um",
+    )  # fmt: skip
+
+
+@attrs.frozen(kw_only=True, slots=False)
+class Roughness:
+    """Rough surfaces of a journal and its bore, which may touch; smooth without a roughness."""
+
+    journal_roughness: float = _roughness("journal")
+    bore_roughness: float = _roughness("bore")
+    asperity_product: float = number(
+        0.04, "asperities per area x their radius x combined roughness [-]", above=0, below=1
+    )
+    asperity_slenderness: float = number(
+        1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1
+    )
+    summit_offset: float = number(
+        0.0,
+        "mean planes of the asperities' tips above those of the surfaces, together, over the "
+        "combined roughness [-]; 0: not above, the least contact",
+        least=0,
+        most=2,
+    )
+    boundary_friction: float = number(
+        0.1, "coefficient of friction of asperities that touch [-], with friction", least=0, below=5
+    )
+    flow_factors: bool = flag(
+        True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"
+    )
+
+    @property
+    def roughness(self) -> float:
+        """Combined rms roughness sigma [m]."""
+        return hypot(self.journal_roughness, self.bore_roughness)
+
+
+@attrs.frozen
+class Material:
+    """Isotropic elastic material."""
+
+    youngs_modulus: float = youngs_modulus(210e9)
+    poissons_ratio: float = number(
+        0.3, "[-]; quadratic elements lock above 0.49", above=-1, below=0.49
+    )
+    density: float = density(7850.0)

@@ -11,16 +11,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
 
 import h5py
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.whole_file import put_in_place, write_whole
+from fenics_ehd.base.files import put_in_place, write_whole
 
 T = TypeVar("T")
 
@@ -30,9 +30,6 @@ _MARK = b"fenics_ehd sha256 "
 
 #: Most bytes that a byte of a file can stand for: the ratio of deflate.
 _DEFLATE = 1032
-
-#: Most groups within each other.
-_DEPTH = 8
 
 
 def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int) -> None:
@@ -61,8 +58,10 @@ def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int
 
 
 def _flat(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
-    """Every group, empty, and every value of a tree by its path, in the order of the names."""
+    """Every group, empty, and every value but None of a tree by its path, in order of the names."""
     for name, value in sorted(tree.items()):
+        if value is None:
+            continue
         if is_dataclass(value):
             value = vars(value)
         if isinstance(value, Mapping):
@@ -132,7 +131,7 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
 
 
 def _sealed(path: str | Path) -> bool:
-    """Whether a file has a seal.
+    """True for a file that has a seal.
 
     Raises
     ------
@@ -199,16 +198,11 @@ def open_sealed(
 
 
 def read_tree(group: h5py.Group) -> dict[str, Any]:
-    """What `save_tree` was given: numbers and text are Python's, dataclasses dictionaries."""
-    tree: dict[str, Any] = {}
-    if group.name.count("/") > _DEPTH:
-        raise ValueError(f"{group.name}: groups in groups without end")
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise ValueError(f"{group.name}: {name} is a link, not data")
-        item = group[name]
-        tree[name] = read_tree(item) if isinstance(item, h5py.Group) else values(item)
-    return tree
+    """Tree that `save_tree` was given: numbers and text are Python's, dataclasses dictionaries."""
+    return {
+        name: read_tree(item) if isinstance(item, h5py.Group) else values(item)
+        for name, item in group.items()
+    }
 
 
 def values(item: Any, part: slice | tuple[()] = ()) -> Any:
@@ -219,8 +213,8 @@ def values(item: Any, part: slice | tuple[()] = ()) -> Any:
     ValueError
         It holds something else, or more than its file can.
     """
-    require_numbers(item, text=True)
-    if item.dtype.kind in "fiu":
+    require_numbers(item, "fiub", text=True)
+    if item.dtype.kind in "fiub":
         found = item[part]
         return found.item() if isinstance(found, np.generic) else found
     text = item.asstr()[part]
@@ -246,26 +240,80 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
         raise ValueError(f"{item.name} claims {item.nbytes} bytes, its file can hold {most}")
 
 
-def require_like(tree: Mapping[str, Any], pattern: Mapping[str, Any], place: str = "") -> None:
-    """Refuse a tree whose names, types or array shapes are not those of a pattern.
+def rebuilt(kind: Any, tree: Any, place: str = "") -> Any:
+    """A value from the tree that `save_tree` stored it as; None where nothing was stored.
 
-    An array of the pattern with at most one row stands for any number of rows.
+    Parameters
+    ----------
+    kind
+        Its type: a dataclass, ``dict[str, X]``, ``X | None``, an array, a number or text.
+    tree, place
+        From `read_tree`, and its name there.
 
     Raises
     ------
-    ValueError
-        Naming what differs.
+    TypeError, ValueError
+        The tree lacks a field, has one more, or holds what is no such value.
     """
-    for name, model in pattern.items():
-        value, here = tree.get(name), place + name
-        if value is None:
-            raise ValueError(f"{here} is missing")
-        if isinstance(model, Mapping) and isinstance(value, Mapping):
-            require_like(value, model, f"{here}/")
-            continue
-        array, wanted = np.asarray(value), np.asarray(model)
-        grows = wanted.shape[:1] in ((0,), (1,))
-        if array.dtype.kind != wanted.dtype.kind:
-            raise ValueError(f"{here} is of type {array.dtype}, not {wanted.dtype}")
-        if array.ndim != wanted.ndim or array.shape[grows:] != wanted.shape[grows:]:
-            raise ValueError(f"{here} has shape {array.shape}, not like {wanted.shape}")
+    origin: Any = get_origin(kind) or kind
+    arguments = get_args(kind)
+    if type(None) in arguments:
+        return None if tree is None else rebuilt(arguments[0], tree, place)
+    if tree is None:
+        raise ValueError(f"{place} is missing")
+    known = is_dataclass(origin)
+    if known:
+        own = {field.name: get_type_hints(origin)[field.name] for field in fields(origin)}
+        if unknown := set(tree) - set(own):
+            raise ValueError(f"{min(unknown)} is of no use in {place}")
+        return origin(
+            **{
+                name: rebuilt(_given(hint, arguments), tree.get(name), f"{place}/{name}")
+                for name, hint in own.items()
+            }
+        )
+    if origin is dict:
+        return {key: rebuilt(arguments[1], own, f"{place}/{key}") for key, own in tree.items()}
+    return np.asarray(tree) if origin is np.ndarray else origin(tree)
+
+
+def _given(hint: Any, arguments: tuple[Any, ...]) -> Any:
+    """A type of a generic class with its parameters filled in."""
+    return hint[arguments] if arguments and getattr(hint, "__parameters__", ()) else hint
+
+
+class Stateful:
+    """Something whose state is a frozen dataclass, `State`, of some of its attributes.
+
+    Attributes that are stateful themselves, or dictionaries of such, appear by their states.
+    A state is never changed: what it was taken from replaces its arrays and dictionaries.
+    """
+
+    State: ClassVar[type]
+
+    @property
+    def state(self) -> Any:
+        """All that it carries from step to step."""
+        return self.State(*(_state_of(getattr(self, field.name)) for field in fields(self.State)))
+
+    @state.setter
+    def state(self, state: Any) -> None:
+        for name, value in vars(state).items():
+            there = getattr(self, name)
+            if isinstance(there, Stateful):
+                there.state = value
+            elif isinstance(there, dict) and any(isinstance(x, Stateful) for x in there.values()):
+                for key, own in there.items():
+                    own.state = value[key]
+            else:
+                setattr(self, name, dict(value) if isinstance(value, dict) else value)
+        self._resume()
+
+    def _resume(self) -> None:
+        """Have what else depends on the state follow it."""
+
+
+def _state_of(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _state_of(own) for name, own in value.items()}
+    return value.state if isinstance(value, Stateful) else value

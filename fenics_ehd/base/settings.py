@@ -1,19 +1,77 @@
-"""Settings classes of checked fields, read from TOML and written as such."""
+"""Settings classes of checked fields, read from TOML and written as such.
+
+A key that does not exist is answered by the one that is perhaps meant.
+"""
 
 from __future__ import annotations
 
+import difflib
 import json
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.key_hints import key_hint, setting_names
-from fenics_ehd.base.text_file import read_text
+from fenics_ehd.base.files import read_text
+
+
+def declared(cls: type) -> list[attrs.Attribute]:
+    """Fields of a class that a file may give: those that say what they are."""
+    return [attribute for attribute in attrs.fields(cls) if attribute.metadata]
+
+
+def setting_names(cls: type, path: str = "") -> dict[str, attrs.Attribute]:
+    """Every key of a settings class, ``section.key`` and ``table.NAME.key`` of what it contains."""
+    names = {}
+    for attribute in declared(cls):
+        name = f"{path}{attribute.name}"
+        names[name] = attribute
+        if "section" in attribute.metadata:
+            names |= setting_names(attribute.metadata["section"], f"{name}.")
+        for kind in attribute.metadata.get("kinds", {}).values():
+            names |= setting_names(kind, f"{name}.NAME.")
+    return names
+
+
+def key_hint(known: Iterable[str], name: str) -> str:
+    """Hint at the key that an unknown one may stand for.
+
+    Parameters
+    ----------
+    known
+        Keys with their sections.
+    name
+        The unknown one, with or without a section.
+
+    Returns
+    -------
+    str
+        ``"did you mean bearing.clearance?"``: the same word in another section, a similar one in
+        the same section or, where there is no such section, in any; else what there is.
+    """
+    known = list(known)
+    section, _, word = name.rpartition(".")
+    own = [key for key in known if key.rpartition(".")[0] == section]
+    meant = (
+        [key for key in known if _word(key) == word and "." in key]
+        or _similar(own, word)
+        or ([] if section and own else _similar(known, word))
+    )
+    return f"did you mean {' or '.join(meant)}?" if meant else f"known: {', '.join(own or known)}"
+
+
+def _similar(keys: list[str], word: str) -> list[str]:
+    close = difflib.get_close_matches(word, map(_word, keys), n=1)
+    return [key for key in keys if _word(key) in close]
+
+
+def _word(key: str) -> str:
+    return key.rpartition(".")[2]
+
 
 T = TypeVar("T", bound=attrs.AttrsInstance)
 
@@ -22,12 +80,11 @@ T = TypeVar("T", bound=attrs.AttrsInstance)
 LONGEST = 300
 
 
-def build(
-    cls: type[T],
-    table: Mapping[str, Any],
-    path: str = "",
-    hint: Callable[[str], str] | None = None,
-) -> T:
+class UnknownKeyError(SettingsError):
+    """A key that no field has: its full name."""
+
+
+def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
     """Settings object from nested tables.
 
     Parameters
@@ -38,27 +95,30 @@ def build(
         Values by key, those of a section in a table of their own.
     path
         Sections above, ``"rod."`` for instance.
-    hint
-        What to say of an unknown key by its path; None: which of `cls` is meant perhaps.
 
     Raises
     ------
+    UnknownKeyError
+        There is no such key.
     SettingsError
-        An unknown or missing key, or a value outside its limits; the message starts with the key.
+        A missing key, or a value outside its limits; the message starts with the key.
     """
     if not isinstance(table, Mapping):
         raise SettingsError(f"{path.rstrip('.')} = {table!r} must be a table")
-    known = {a.name: a for a in attrs.fields(cls)}
-    names = setting_names(cls, path)
-    hint = hint or (lambda key: f": {key_hint(names, key)}")
+    known = {a.name: a for a in declared(cls)}
     values = {}
     for key, value in table.items():
         if key not in known:
-            raise SettingsError(f"unknown key {path}{key}{hint(path + key)}")
-        nested = known[key].metadata.get("section")
-        values[key] = build(nested, value, f"{path}{key}.", hint) if nested else value
-        if known[key].metadata.get("table") and not isinstance(value, Mapping):
-            raise SettingsError(f"{path}{key} = {value!r} must be a table")
+            raise UnknownKeyError(path + key)
+        about, name = known[key].metadata, f"{path}{key}"
+        if "table" in about and not isinstance(value, Mapping):
+            named = f"tables: [{name}.NAME]" if "kinds" in about else "a table"
+            raise SettingsError(f"{name} = {value!r} must be {named}")
+        values[key] = value
+        if "section" in about:
+            values[key] = build(about["section"], value, f"{name}.")
+        elif "kinds" in about:
+            values[key] = {own: _entry(about, name, own, value[own]) for own in value}
     for key, attribute in known.items():
         if attribute.default is attrs.NOTHING and key not in values:
             raise SettingsError(f"{path}{key} is missing: {attribute.metadata['help']}")
@@ -68,20 +128,42 @@ def build(
         raise SettingsError(f"{path}{error}") from None
 
 
+def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any:
+    """Settings object of the class that the ``kind`` of a named table says, see `entries`."""
+    path, kinds = f"{section}.{name}", about["kinds"]
+    if not name.replace("_", "").replace("-", "").isalnum():
+        raise SettingsError(f"[{path}]: a name must be of letters, digits, _ and -")
+    if not isinstance(table, Mapping):
+        raise SettingsError(f"{path} = {table!r} must be a table: [{path}]")
+    if name in about["named"]:
+        return build(about["named"][name], table, f"{path}.")
+    if "kind" not in table:
+        raise SettingsError(f"{path}.kind is missing: one of {', '.join(kinds)}")
+    kind = table["kind"]
+    if not isinstance(kind, str) or kind not in kinds:
+        raise SettingsError(f"{path}.kind = {kind!r}: {key_hint(kinds, str(kind))}")
+    return build(kinds[kind], {k: v for k, v in table.items() if k != "kind"}, f"{path}.")
+
+
+def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, Any]]:
+    """Full key, field and value of every setting, those of sections and of named tables too."""
+    for attribute in declared(type(settings)):
+        name, value = f"{path}{attribute.name}", getattr(settings, attribute.name)
+        if "kinds" in attribute.metadata:
+            for key, entry in value.items():
+                yield from walk(entry, f"{name}.{key}.")
+        elif "section" not in attribute.metadata:
+            yield name, attribute, value
+        elif value is not None:
+            yield from walk(value, f"{name}.")
+
+
 def unusual(settings: Any, path: str = "") -> list[str]:
     """One line for every number whose size is not a usual one: its unit may be another."""
     found = []
-    for attribute in attrs.fields(type(settings)):
-        value, name = getattr(settings, attribute.name), f"{path}{attribute.name}"
+    for name, attribute, value in walk(settings, path):
         usual, hint = attribute.metadata.get("usual", (None, ""))
-        if attribute.metadata.get("section") and value is None:
-            continue
-        if attribute.metadata.get("section"):
-            found += unusual(value, f"{name}.")
-        elif attribute.metadata.get("kinds"):
-            for key, entry in value.items():
-                found += unusual(entry, f"{name}.{key}.")
-        elif usual and value and not usual[0] <= abs(value) <= usual[1]:
+        if usual and value and not usual[0] <= abs(value) <= usual[1]:
             found.append(
                 f"{name} = {value:g} is outside the usual {usual[0]:g} to {usual[1]:g}{hint}"
             )
@@ -136,22 +218,15 @@ def toml_key(name: str) -> str:
 def _literal(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_literal, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
     if isinstance(value, str):
         return toml_string(value)
-    if isinstance(value, int):
-        return str(value)
-    plain = format(value, ".12g")
-    mantissa, exponent = format(value, ".11e").split("e")
-    short = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
-    if not set(plain) & set(".en"):
-        plain += ".0"
-    return plain if len(plain) <= 8 else min(plain, short, key=len)
+    return json.dumps(float(format(value, ".12g")) if isinstance(value, float) else value)
 
 
-def to_toml(settings: Any, path: str = "", *, without: Sequence[str] = ()) -> str:
+def to_toml(settings: Any, path: str = "") -> str:
     """TOML text of a settings object, every key with its meaning; `build` reads it back.
+
+    Keys that its ``idle`` names are left out.
 
     Parameters
     ----------
@@ -159,27 +234,22 @@ def to_toml(settings: Any, path: str = "", *, without: Sequence[str] = ()) -> st
         Object of a settings class.
     path
         Of its table, with a dot behind.
-    without
-        Keys to leave out.
     """
     own, nested = [], []
-    for attribute in attrs.fields(type(settings)):
-        if attribute.name in without:
+    for attribute in declared(type(settings)):
+        value, about = getattr(settings, attribute.name), attribute.metadata
+        if value is None or attribute.name in getattr(settings, "idle", ()):
             continue
-        value = getattr(settings, attribute.name)
-        if value is None:  # an optional section
-            continue
-        name = f"{path}{attribute.name}"
-        help_text = attribute.metadata.get("help", "")
-        if attribute.metadata.get("section"):
+        name, help_text = f"{path}{attribute.name}", about.get("help", "")
+        if "section" in about:
             nested.append(f"\n[{name}]\n{to_toml(value, name + '.')}")
-        elif value and (kinds := attribute.metadata.get("kinds")):
-            words = {cls: kind for kind, cls in kinds.items()}
+        elif "kinds" in about and value:
+            words = {cls: f'kind = "{kind}"\n' for kind, cls in about["kinds"].items()}
             for key, entry in value.items():
                 place = f"{name}.{toml_key(key)}"
-                text = to_toml(entry, f"{place}.")
-                nested.append(f'\n[{place}]\nkind = "{words[type(entry)]}"\n{text}')
-        elif attribute.metadata.get("table"):
+                text = words.get(type(entry), "") + to_toml(entry, f"{place}.")
+                nested.append(f"\n[{place}]\n{text}")
+        elif "table" in about:
             lines = [f"{toml_key(key)} = {_literal(entry)}\n" for key, entry in value.items()]
             nested.append(f"\n# {help_text}\n[{name}]\n{''.join(lines)}")
         else:

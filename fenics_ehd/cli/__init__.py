@@ -1,1 +1,1 @@
-"""What the command line does, one file for each kind of command."""
+"""Commands of the command line, one file for each kind."""

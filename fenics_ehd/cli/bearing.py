@@ -1,40 +1,267 @@
-"""``fenics-ehd bearing``: its options."""
+"""``fenics-ehd bearing``: one rigid bearing, its options, its table and its JSON."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
+import attrs
 import click
 
+from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.oil import DENSITY_LAWS, NO_TEMPERATURE
-from fenics_ehd.bearing.settings import (
-    CAVITATION,
-    CLOSED_SIDES,
-    ELEMENTS,
-    SHEAR_RULES,
-    BearingSettings,
-    Groove,
-)
-from fenics_ehd.cli.bearing_answer import report, summary
-from fenics_ehd.cli.bearing_help import DESCRIPTION
-from fenics_ehd.cli.bearing_shape import bore_shape, shape_options
-from fenics_ehd.cli.options import Measured, json_option
+from fenics_ehd.base.fields import FILM_ELEMENTS, NO_TEMPERATURE, NONE
+from fenics_ehd.base.files import keeping_failed_film
+from fenics_ehd.base.settings import build, setting_names
+from fenics_ehd.cli.options import FILE, Measured, answer, flag, json_option, setting_options
+from fenics_ehd.scenes.part_settings import ShapeSettings
 
-if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.bearing.operating_point import BearingResult
+if TYPE_CHECKING:
+    from fenics_ehd.analysis.bearing import BearingResult
+    from fenics_ehd.film.kinematics import Shape
 
 
-def _groove(numbers: tuple[float, float, float]) -> Groove:
+DRAWING = r"""  maximum film    . . . . .
+              .               .             O    centre of the bore
+           .                     .          S    centre of the shaft
+         .           o o o o       .        x    load line: W acts on the shaft
+       .         o             o     .      y    a quarter turn on
+      .        o                 o    .          in direction of rotation
+      .       o                   o   .
+      .       o      O------------------> y      The shaft turns from x to y,
+      .       o      | \          o   .          here counter-clockwise.
+       .       o     |   S       o   .
+         .       o   |         o   .        phi    attitude angle, from x to the
+           .       o | o o o o   .                 line of centres OS
+              .      |        .             theta  from the maximum film, in
+                  . .|. . .   minimum film         direction of rotation
+                     v
+                     x"""
+
+DESCRIPTION = f"""Operating point of one rigid bearing, at a given eccentricity or load.
+
+\b
+{DRAWING}
+
+The load acts on the shaft along x and is balanced by the pressure of the film on it; y
+lies a quarter turn on in direction of rotation, z along the axis so that the shaft
+turns in the positive sense. With a negative speed this frame turns over, so that
+the figures of a bearing do not depend on the sense of rotation. All angles on the
+command line and in the results are in degrees, tilts in radians.
+
+The oil cavitates where its pressure would fall below zero (Reynolds condition: p and dp/dn
+vanish at the edge of the film). load_N is the resultant of the pressure; the shear force,
+smaller by clearance / radius, counts in friction and power only. The gap leaves
+out the curvature term e_t^2 / 2R, as classical tables do: up to clearance / radius in load.
+The friction torque is that on the shaft, positive when it brakes. In the cavitated zone the
+oil fills h_rupture / h of the width (--shear-rule streamers), all of it (full) or
+nothing (none); grooves are deep, without friction. The power loss is what shaft and
+bore put into the film. The side flow leaves through both sides; that of a groove under pressure
+grows slowly with the cells, for the pressure jumps where it meets the side.
+
+A bore that is not round (--ovality and the options after it) stands still in this frame, as
+grooves do; its deviations are positive outward, where they open the gap. A misaligned bore is a
+tilted shaft with the opposite tilt.
+
+The Sommerfeld number is eta N / p (R / c)^2 with N in revolutions per second and
+p = W / (2 R B). The coefficients are k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film
+force F on the shaft. stability_threshold is omega sqrt(c M / W) with the critical mass M of a
+rigid rotor, in other words omega_th sqrt(c / g) of a rotor whose weight is the load; null when
+it is stable at every speed. With --line-at-max-film the line without pressure stays where it is as
+the shaft moves, as a groove does.
+"""
+
+
+def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) -> Shape | None:
+    """Shape of a bore by its options; None: round.
+
+    Raises
+    ------
+    SettingsError
+        Naming an option, or what is wrong with the table.
+    """
+    settings = build(ShapeSettings, deviations)
+    if settings == ShapeSettings():
+        return None
+    from fenics_ehd.scenes.films import surface_shape
+
+    return surface_shape(settings, "", width, clearance)
+
+
+def summary(result: BearingResult) -> dict[str, Any]:
+    """Figures of a bearing by their names in the JSON output."""
+    values: dict[str, Any] = {
+        "load_N": result.load,
+        "attitude_angle_deg": _degrees(result.attitude),
+        "max_pressure_Pa": result.max_pressure,
+        "max_pressure_angle_deg": _degrees(result.max_pressure_angle),
+        "min_film_thickness_m": result.min_film_thickness,
+        "eccentricity_ratio": result.eccentricity_ratio,
+        "sommerfeld_number": result.sommerfeld_number,
+        "side_flow_m3_per_s": result.flow.side,
+        "supply_flow_m3_per_s": result.flow.supply,
+        "friction_torque_Nm": result.friction_torque,
+        "power_loss_W": result.power_loss,
+        "tilting_moment_Nm": result.tilting_moment.tolist(),
+    }
+    contact = result.contact
+    if contact is not None:
+        values |= {
+            "contact_load_N": contact.load,
+            "contact_share": contact.share,
+            "max_contact_pressure_Pa": contact.max_pressure,
+            "contact_power_W": contact.power,
+            "friction_coefficient": result.friction_coefficient,
+        }
+    if result.settings.graded:
+        lubricant = result.film.parameters.lubricant
+        values |= {
+            "temperature_C": lubricant.temperature,
+            "viscosity_Pa_s": lubricant.viscosity,
+            "density_kg_per_m3": lubricant.density,
+        }
+    heat = result.heat
+    if heat is not None:
+        values |= {
+            "supply_temperature_C": result.settings.supply_temperature,
+            "effective_temperature_C": heat.effective_temperature,
+            "outlet_temperature_C": heat.outlet_temperature,
+            "dissipated_power_W": result.dissipation,
+            "leaving_flow_m3_per_s": heat.flow,
+        }
+    linear = result.coefficients
+    if linear is not None:
+        values |= {
+            "stiffness_N_per_m": linear.stiffness.tolist(),
+            "damping_Ns_per_m": linear.damping.tolist(),
+            "stability_threshold": linear.threshold,
+            "critical_mass_kg": linear.critical_mass,
+            "whirl_frequency_ratio": linear.whirl_ratio,
+        }
+    return {**values, "settings": _plain(result.settings)}
+
+
+def _plain(value: Any) -> Any:
+    """Settings as JSON has them, a shape with its kind."""
+    if attrs.has(type(value)):
+        return {a.name: _plain(getattr(value, a.name)) for a in attrs.fields(type(value))}
+    if is_dataclass(value):
+        own = {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.init}
+        return {"kind": type(value).__name__, **own}
+    if isinstance(value, tuple | list):
+        return [_plain(entry) for entry in value]
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else math.degrees(angle)
+
+
+#: Rows of the table, where a bearing has the figure: key and label.
+ROWS = {
+    "load_N": "load",
+    "eccentricity_ratio": "eccentricity ratio",
+    "attitude_angle_deg": "attitude angle",
+    "sommerfeld_number": "Sommerfeld number",
+    "max_pressure_Pa": "maximum pressure",
+    "max_pressure_angle_deg": "  from the maximum film",
+    "min_film_thickness_m": "minimum film thickness",
+    "side_flow_m3_per_s": "side flow",
+    "friction_torque_Nm": "friction torque",
+    "power_loss_W": "power loss",
+    "viscosity_Pa_s": "viscosity of the oil",
+    "supply_temperature_C": "supply temperature",
+    "effective_temperature_C": "effective temperature",
+    "outlet_temperature_C": "outlet temperature",
+    "dissipated_power_W": "power dissipated",
+    "leaving_flow_m3_per_s": "oil that leaves",
+    "supply_flow_m3_per_s": "supply flow",
+    "contact_load_N": "load carried by contact",
+    "max_contact_pressure_Pa": "maximum contact pressure",
+    "contact_power_W": "power lost in contact",
+    "friction_coefficient": "coefficient of friction",
+}
+
+#: Factors and names of units in the table, where they are others.
+SHOWN = {
+    "Pa": (1e-6, "MPa"),
+    "m": (1e6, "um"),
+    "m3/s": (1e6, "cm3/s"),
+    "deg": (1.0, "degrees"),
+    "1": (1.0, ""),
+}
+
+
+def report(result: BearingResult) -> str:
+    """The figures in a table."""
+    values, settings = summary(result), result.settings
+    if not (settings.grooves or settings.line_at_max_film):
+        del values["supply_flow_m3_per_s"]
+    lines = [_given(settings)]
+    lines += [_row(label, key, values[key]) for key, label in ROWS.items() if key in values]
+    if any(settings.tilt):
+        moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
+        lines.append(f"{'tilting moment on shaft':<26}{moment} N m  about x, y")
+    if result.coefficients is not None:
+        lines += _linear_rows(values)
+    lines.append(
+        f"{settings.cells_around} x {settings.cells_along} {settings.element} cells, shear in the "
+        f"cavitated zone: {settings.shear_rule}"
+    )
+    return "\n".join(lines)
+
+
+def _given(settings: BearingSettings) -> str:
+    """The bearing in words."""
+    oil = settings.grade if settings.graded else f"viscosity {settings.viscosity:g} Pa s"
+    speeds = f"shaft at {settings.speed:g} rad/s"
+    if settings.bore_speed:
+        speeds += f", bore at {settings.bore_speed:g} rad/s"
+    return (
+        f"bearing of radius {settings.radius * 1e3:g} mm, width {settings.width * 1e3:g} mm, "
+        f"clearance {settings.clearance * 1e6:g} um, {oil}, {speeds}"
+    )
+
+
+def _linear_rows(values: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for label, key, unit in (
+        ("stiffness", "stiffness_N_per_m", "N/m"),
+        ("damping", "damping_Ns_per_m", "N s/m"),
+    ):
+        for name, row in zip("xy", values[key], strict=True):
+            head = f"{label} {name}x, {name}y"
+            lines.append(f"{head:<26}{row[0]:>12.5g} {row[1]:>12.5g} {unit}")
+    if values["critical_mass_kg"] is None:
+        lines.append(f"{'stability':<26}at every speed")
+    else:
+        for label, key in (
+            ("critical mass", "critical_mass_kg"),
+            ("stability threshold", "stability_threshold"),
+        ):
+            lines.append(_row(label, key, values[key]))
+    return lines
+
+
+def _row(label: str, key: str, value: float | None) -> str:
+    from fenics_ehd.base.columns import split_unit  # NumPy, and --help does without
+
+    own = split_unit(key)[1]
+    factor, unit = SHOWN.get(own, (1.0, own))
+    number = "undefined" if value is None else f"{factor * value:.5g}"
+    return f"{label:<26}{number:>12} {unit}".rstrip()
+
+
+def _groove(numbers: tuple[float, float, float]) -> Any:
     """Groove from degrees and Pa."""
+    from fenics_ehd.film.supply import AxialGroove  # NumPy, and --help does without
+
     angle, width, pressure = numbers
-    if not 0 <= width < 360:
-        raise SettingsError(f"--groove: a width of {width:g} degrees must lie in 0..360")
     try:
-        return Groove(math.radians(angle), math.radians(width), pressure)
+        return AxialGroove(math.radians(angle), math.radians(width), pressure)
     except SettingsError as error:
         raise SettingsError(f"--groove: {error}") from None
 
@@ -47,44 +274,9 @@ def _cells(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _default(name: str) -> Any:
-    return getattr(BearingSettings(), name)
-
-
-def _number(name: str, help_text: str, metavar: str, *, optional: bool = False) -> Callable:
-    """Option for a number of the settings, with its default; that of `optional` ones says none."""
-    measured = Measured(help_text)
-    return _setting(name, help_text, type=measured, show_default=not optional, metavar=metavar)
-
-
-def _choice(name: str, options: tuple[str, ...], help_text: str) -> Callable:
-    return _setting(name, help_text, type=click.Choice(options))
-
-
-def _setting(name: str, help_text: str, *, show_default: bool = True, **more: Any) -> Callable:
-    """Option for one of the settings, with its default; `more` is click's."""
-    option = f"--{name.replace('_', '-')}"
-    return click.option(
-        option, default=_default(name), show_default=show_default, help=help_text, **more
-    )
-
-
-def _pair(name: str, metavar: str, help_text: str) -> Callable:
-    both = (Measured(help_text), Measured(help_text))
-    return click.option(f"--{name}", type=both, default=(0.0, 0.0), metavar=metavar, help=help_text)
-
-
 @click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing.")
 @click.option("--eccentricity", type=float, metavar="E", help="Eccentricity over clearance, 0..1.")
 @click.option("--load", type=Measured("[N]"), metavar="W", help="Load on the shaft [N], instead.")
-@_number("radius", "Radius R of the bore [m].", "R")
-@_number("clearance", "Radial clearance c [m].", "C")
-@_number("width", "Width B [m].", "B")
-@_number("viscosity", "Dynamic viscosity of the oil [Pa s].", "ETA")
-@_number("speed", "Speed of the shaft [rad/s].", "OMEGA")
-@_number("bore_speed", "Speed of the bore [rad/s], the load standing still.", "OMEGA")
-@_pair("tilt", "AX AY", "Tilt of the shaft about x and y [rad].")
-@_pair("squeeze", "VX VY", "Velocity of the shaft's centre along x and y [m/s].")
 @click.option(
     "--groove",
     "grooves",
@@ -94,71 +286,20 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
     help="Axial groove over the whole width: its middle from the load line in direction of "
     "rotation, its width [degrees], its pressure [Pa]. It stands still. Repeatable.",
 )
+@setting_options(BearingSettings, "cells_around", "cells_along", "element")
+@setting_options(ShapeSettings, "misalignment", "table")
 @click.option(
-    "--line-at-max-film",
-    is_flag=True,
-    help="p = 0 along the maximum film, as the classical tables have it. For --coefficients it "
-    "turns with the shaft's eccentricity.",
+    "--shape-table",
+    "table",
+    default=NONE,
+    type=FILE,
+    metavar="FILE",
+    help="More of it: CSV file angle_deg,height_m,deviation_m, angles from the load line in "
+    "direction of rotation, heights from mid-width.",
 )
-@click.option(
-    "--line-held",
-    is_flag=True,
-    help="For --coefficients the line of --line-at-max-film stays where it is when the shaft "
-    "moves, as a groove does.",
-)
-@_number("ambient", "Pressure at the sides above that of cavitation [Pa].", "P")
-@_choice("closed_side", CLOSED_SIDES, "Side without flow; lower is at z = -B/2.")
-@_setting(
-    "grade",
-    "Oil by its grade at --temperature, in place of --viscosity: 'ISO VG 46', 'SAE 10W-40'.",
-    show_default=False,
-    metavar="NAME",
-)
-@_number("viscosity_40", "Or kinematic viscosity at 40 C [mm2/s],", "NU", optional=True)
-@_number("viscosity_100", "and at 100 C [mm2/s].", "NU", optional=True)
-@_number("temperature", "Effective temperature of such an oil [C].", "T", optional=True)
-@_number(
-    "supply_temperature",
-    "Or temperature of the oil that comes in [C], from which the effective one follows: the power "
-    "dissipated leaves with the oil.",
-    "T",
-    optional=True,
-)
-@_number("conducted", "But for this share, which shaft and bore conduct away.", "SHARE")
-@_number("mixing", "Effective temperature between supply (0) and outlet (1).", "SHARE")
-@_number("specific_heat", "Of the oil [J/(kg K)].", "C")
-@_number("density", "Density of the oil, at 15 C of such an oil [kg/m3].", "RHO")
-@_number("barus", "Viscosity exp(ALPHA p), ALPHA [1/Pa].", "ALPHA")
-@_number("roelands", "Viscosity after Roelands with pressure index Z, 0.6 say.", "Z")
-@_choice("density_law", DENSITY_LAWS, "Density of the oil by its pressure.")
-@_number("compressibility", "a of its 1 + a p / (1 + b p) [1/Pa].", "A")
-@_number("stiffening", "b of that [1/Pa].", "B")
-@_number("cross_rate", "Shear rate of Cross's shear thinning [1/s].", "RATE", optional=True)
-@_number("cross_exponent", "Its exponent.", "M")
-@_number("cross_second_viscosity", "Viscosity at the highest shear rates over that at rest.", "R")
-@shape_options
-@_number("journal_roughness", "rms roughness of the shaft [m], 0: smooth.", "SIGMA")
-@_number("bore_roughness", "rms roughness of the bore [m], 0: smooth.", "SIGMA")
-@_number("asperity_product", "Density x radius x combined roughness of the asperities.", "X")
-@_number("asperity_slenderness", "Combined roughness over radius of the asperities.", "X")
-@_number("summit_offset", "Tips' mean planes above the surfaces', over the roughness.", "D")
-@_number("contact_modulus", "E' of asperities, 1 / E' = sum (1 - nu^2) / E [Pa].", "E")
-@_number("boundary_friction", "Coefficient of friction of asperities that touch.", "MU")
-@click.option(
-    "--flow-factors/--no-flow-factors",
-    default=_default("flow_factors"),
-    show_default=True,
-    help="Whether oil between rough surfaces flows as Patir and Cheng have it.",
-)
-@_choice(
-    "cavitation",
-    CAVITATION,
-    "Cavitation condition; mass-conserving: that of Jakobsson, Floberg and Olsson, needs a supply.",
-)
-@_choice("shear_rule", SHEAR_RULES, "Shear in the cavitated zone.")
 @click.option(
     "--cells",
-    default=f"{_default('cells_around')}x{_default('cells_along')}",
+    default="64x12",
     show_default=True,
     metavar="NxM",
     help="Cells around and along, more where the film is thin. The default gives the load to 0.1 % "
@@ -166,12 +307,12 @@ def _pair(name: str, metavar: str, help_text: str) -> Callable:
 )
 @click.option(
     "--element",
-    type=click.Choice(ELEMENTS),
+    type=click.Choice(FILM_ELEMENTS),
     help="9-node, 4-node or 8-node (the paper's).  [default: lagrange, the first; mass-conserving: "
     "bilinear]",
 )
-@click.option("--coefficients", is_flag=True, help="Add stiffness, damping and stability.")
-@click.option("--plot", type=click.Path(dir_okay=False), help="Draw pressure, film and forces.")
+@flag("--coefficients", "Add stiffness, damping and stability.")
+@click.option("--plot", type=FILE, help="Draw pressure, film and forces.")
 @json_option
 def bearing(
     eccentricity: float | None,
@@ -194,14 +335,15 @@ def bearing(
             "--coefficients: those of --cavitation mass-conserving depend on the frequency, take "
             "reynolds"
         )
-    element = element or ("bilinear" if conserving else _default("element"))
-    shape = bore_shape(options)
+    element = element or ("bilinear" if conserving else "lagrange")
+    names = {*setting_names(ShapeSettings)} & {*options}
+    deviations = {name: options.pop(name) for name in names}
     settings = BearingSettings(
-        bore_shape=shape,
+        bore_shape=bore_shape(options["width"], options["clearance"], deviations),
         cells_around=around,
         cells_along=along,
         element=element,
-        grooves=[_groove(groove) for groove in grooves],
+        grooves=tuple(map(_groove, grooves)),
         **options,
     )
     if settings.heated and settings.temperature > NO_TEMPERATURE:
@@ -209,28 +351,17 @@ def bearing(
             "--temperature and --supply-temperature exclude each other: the effective one is "
             "given, or it follows"
         )
-    if plot:
-        from fenics_ehd.plotting.bearing import require_format
+    from fenics_ehd.analysis.bearing import solve_bearing
 
-        require_format(plot)
-    result = _solve(settings, eccentricity, load, coefficients)
     if plot:
         from fenics_ehd.plotting.bearing import plot_bearing
+        from fenics_ehd.plotting.picture import ENDINGS, require_format
 
-        plot_bearing(result, plot)
-    from fenics_ehd.base.output import to_json
-
-    click.echo(to_json(summary(result)) if as_json else report(result))
-
-
-def _solve(
-    settings: BearingSettings, eccentricity: float | None, load: float | None, coefficients: bool
-) -> BearingResult:
-    """Solve; a film that fails is kept in the current folder."""
-    from fenics_ehd.base.output import keeping_failed_film
-    from fenics_ehd.bearing.operating_point import solve_bearing
-
+        require_format("--plot", plot, ENDINGS)
     with keeping_failed_film("."):
-        return solve_bearing(
+        result = solve_bearing(
             settings, eccentricity=eccentricity, load=load, with_coefficients=coefficients
         )
+    if plot:
+        plot_bearing(result, plot)
+    answer(summary(result), report(result), as_json)

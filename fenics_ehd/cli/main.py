@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fenics_ehd.base.interrupt import INTERRUPTED, ending_signals_raise
+from fenics_ehd.base.processes import INTERRUPTED, ending_signals_raise
 
 with ending_signals_raise():
     import io
@@ -20,21 +20,22 @@ with ending_signals_raise():
 
     from fenics_ehd import __version__
     from fenics_ehd.base.errors import EhdError
-    from fenics_ehd.base.ranks import agreed, all_ranks, require_alike
-    from fenics_ehd.cli.animate import animate
+    from fenics_ehd.base.processes import agreed, all_ranks, require_alike
     from fenics_ehd.cli.bearing import bearing
-    from fenics_ehd.cli.check import check
-    from fenics_ehd.cli.info import info
-    from fenics_ehd.cli.options import json_option, output_option
-    from fenics_ehd.cli.paraview import paraview
+    from fenics_ehd.cli.check import check, info
+    from fenics_ehd.cli.options import (
+        FILE,
+        FOLDER,
+        flag,
+        json_option,
+        output_option,
+        setting_options,
+    )
     from fenics_ehd.cli.part import part
-    from fenics_ehd.cli.plot import plot
-    from fenics_ehd.cli.report import report
+    from fenics_ehd.cli.pictures import animate, paraview, plot, stress
     from fenics_ehd.cli.sensitivity import sensitivity
-    from fenics_ehd.cli.stress import stress
-    from fenics_ehd.cli.study import study
-    from fenics_ehd.cli.sweep import sweep
-    from fenics_ehd.scenes.part_settings import CELLS, METHODS, SOLVERS
+    from fenics_ehd.cli.study import report, study, sweep
+    from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
 
 # One thread per rank; the BLAS reads these when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -49,6 +50,10 @@ COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
 LEAST_MEMORY = 768 << 20
 
 
+#: Keys of [output] that no option of `run` takes the place of, or one that says more.
+KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="fenics-ehd")
 def cli() -> None:
@@ -59,7 +64,7 @@ def cli() -> None:
 @click.argument("scene", required=False)
 @click.option(
     "--resume",
-    type=click.Path(file_okay=False),
+    type=FOLDER,
     help="Go on with the run in this folder from its last checkpoint, in place of SCENE.",
 )
 @click.option(
@@ -70,38 +75,20 @@ def cli() -> None:
     show_default=True,
     help="Seconds between two checkpoints.",
 )
-@click.option("--body", type=click.Path(dir_okay=False), help="Reduced part made by 'reduce'.")
+@click.option("--body", type=FILE, help="Reduced part made by 'reduce'.")
 @click.option("--method", type=click.Choice(METHODS), help="Reduction of the part.")
 @output_option("directory", "Folder for the results [default: results/SCENE].")
 @click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the curves.")
-@click.option(
+@flag(
     "--vtk",
-    is_flag=True,
-    help="Write a ParaView series, vtk/run.pvd: bodies and films as they move, their elastic "
+    "Write a ParaView series, vtk/run.pvd: bodies and films as they move, their elastic "
     "displacement to warp by, the pressure.",
 )
-@click.option(
-    "--frames",
-    type=click.IntRange(min=2),
-    default=60,
-    show_default=True,
-    help="Frames of the series.",
-)
-@click.option(
-    "--error-budget/--no-error-budget",
-    default=None,
-    help="Estimate what the figures are worth, see output.error_budget.",
-)
-@click.option(
-    "--accuracy",
-    help="Choose meshes, steps and modes so that estimated errors meet this, 1% say, see "
-    "output.accuracy.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a complete result in the folder.")
-@click.option(
+@setting_options(OutputSettings, *KEPT, defaults=False)
+@flag("--overwrite", "Replace a complete result in the folder.")
+@flag(
     "--multiplier",
-    is_flag=True,
-    help="Also find the largest multiplier of a periodic solution, its margin of stability, which "
+    "Also find the largest multiplier of a periodic solution, its margin of stability, which "
     "takes 4 to 14 cycles more.",
 )
 @json_option
@@ -114,32 +101,24 @@ def run(
     directory: str | None,
     plots: bool,
     vtk: bool,
-    frames: int,
-    error_budget: bool | None,
-    accuracy: str | None,
     overwrite: bool,
     multiplier: bool,
     as_json: bool,
+    **output: bool | float | None,
 ) -> None:
     """Simulate SCENE: a name that 'init' lists, or a TOML file made by it."""
     from fenics_ehd.cli import run
 
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
+    given = {key: value for key, value in output.items() if value is not None}
     wishes = run.Wishes(plots, interval, as_json, multiplier)
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
-        changed = run.changed_scene(
-            scene,
-            body=body,
-            method=method,
-            frames=frames if vtk else None,
-            error_budget=error_budget,
-            accuracy=accuracy,
-        )
-        run.run(changed, target, overwrite, wishes)
+        asked = given | ({"paraview": True} if vtk else {})
+        run.run(run.changed_scene(scene, body, method, asked), target, overwrite, wishes)
         return
-    if body or method or directory or vtk or overwrite or accuracy or error_budget is not None:
+    if body or method or directory or vtk or overwrite or given:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     run.resume(Path(resume), wishes)
@@ -150,7 +129,7 @@ def run(
 @output_option("path", "HDF5 file of the reduced body.", folder=False, required=True)
 @click.option(
     "--scene",
-    type=click.Path(dir_okay=False),
+    type=FILE,
     help="Scene file that has PART; options below win.",
 )
 @click.option(
@@ -158,25 +137,11 @@ def run(
     type=click.Choice(CELLS),
     help="Structured hexahedra (the default) or unstructured 10-node tetrahedra.",
 )
-@click.option("--method", type=click.Choice(METHODS), help="Reduction method.")
-@click.option("--modes", type=int, help="Fixed-boundary modes (m1, m2).")
-@click.option("--interior-modes", type=int, help="Interior modes of the first step (m2).")
-@click.option("--vibration-modes", type=int, help="n_v (m3, m4, full).")
-@click.option("--residual-modes", type=int, help="n_r (m3).")
-@click.option("--pressure-set", help="pc1, pc2, pc2-long, pc2-short or journal (m3).")
-@click.option("--snapshots", help="Folder of a run whose pressures replace the set (m3).")
-@click.option("--selection", help="Which residual modes, lowest-frequency say (m3).")
-@click.option("--residual-truncation", type=float, help="Of the residual flexibility (m4).")
-@click.option("--solver", type=click.Choice(SOLVERS), help="Static solver.")
-@click.option(
-    "--estimate-error/--no-estimate-error",
-    default=None,
-    help="Also find what flexibility the basis misses: one solve per pressure node.",
-)
+@setting_options(ReductionSettings, defaults=False)
 @click.option(
     "--basis",
     "basis_path",
-    type=click.Path(dir_okay=False),
+    type=FILE,
     help="HDF5 file for displacement and stress of the whole part.",
 )
 @click.option(
@@ -211,23 +176,15 @@ def reduce(
 @click.argument("scene", required=False)
 def init(scene: str | None) -> None:
     """Print the scene file SCENE, every setting explained; without SCENE the names there are."""
-    from fenics_ehd.scenes.scene_file import shipped, shipped_names
+    from fenics_ehd.scenes.library import shipped, shipped_names
 
     click.echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
 
 
-cli.add_command(animate)
-cli.add_command(bearing)
-cli.add_command(check)
-cli.add_command(info)
-cli.add_command(paraview)
-cli.add_command(part)
-cli.add_command(plot)
-cli.add_command(report)
-cli.add_command(sensitivity)
-cli.add_command(stress)
-cli.add_command(sweep)
-cli.add_command(study)
+for _command in (
+    animate, bearing, check, info, paraview, part, plot, report, sensitivity, stress, sweep, study,
+):  # fmt: skip
+    cli.add_command(_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

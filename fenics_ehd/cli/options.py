@@ -1,17 +1,52 @@
-"""Options that several commands have."""
+"""Options that several commands have, and lines on the first rank's standard error."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
+import attrs
 import click
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import unit_of
-from fenics_ehd.base.units import in_unit
+from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, unit_of
+from fenics_ehd.base.files import to_json
+from fenics_ehd.base.settings import declared
+
+
+def warn_of(lines: Iterable[str]) -> None:
+    """Say which numbers are not usual ones: their unit may be another."""
+    _say(f"fenics-ehd: warning: {line}" for line in lines)
+
+
+def say_reducing(names: Iterable[str]) -> None:
+    """Say which bodies are reduced: the first time ever, this takes long."""
+    found = ", ".join(names)
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fenics"
+    compiled = any(cache.glob("libffcx_forms_*.so"))
+    once = "" if compiled else " (forms are compiled once, in about half a minute)"
+    _say([f"reducing {found}{once}"] if found else [])
+
+
+def _say(lines: Iterable[str]) -> None:
+    from mpi4py import MPI  # help does without
+
+    if MPI.COMM_WORLD.rank == 0:
+        for line in lines:
+            click.echo(line, err=True)
+
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+#: Paths of a file, and of a folder.
+FILE, FOLDER = click.Path(dir_okay=False), click.Path(file_okay=False)
+
+
+def flag(name: str, help_text: str) -> Callable[[Command], Command]:
+    """Option that is given or not."""
+    return click.option(name, is_flag=True, help=help_text)
 
 
 class Measured(click.ParamType):
@@ -23,7 +58,7 @@ class Measured(click.ParamType):
         self.unit = unit_of(help_text)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """See click."""
+        """Number in the unit of the option, as click asks for it."""
         try:
             return float(value)
         except ValueError:
@@ -34,16 +69,68 @@ class Measured(click.ParamType):
             self.fail(f"{value!r} {error}", param, ctx)
 
 
+#: Defaults that stand for what is not given.
+NOT_GIVEN = (NONE, NO_TEMPERATURE, (0.0, 0.0))
+
+
+def setting_options(
+    cls: type, *without: str, defaults: bool = True
+) -> Callable[[Command], Command]:
+    """Options for the settings of a class, some left out, with help and unit of each.
+
+    Without `defaults` what is not given is None.
+    """
+
+    def add(command: Command) -> Command:
+        fields = [field for field in declared(cls) if field.name not in without]
+        fields.sort(key=lambda field: field.name not in cls.__annotations__)  # inherited ones last
+        for field in reversed(fields):
+            command = _setting_option(field, defaults)(command)
+        return command
+
+    return add
+
+
+def _setting_option(field: attrs.Attribute, defaults: bool) -> Callable[[Command], Command]:
+    name, kind, told = field.name.replace("_", "-"), str(field.type), field.metadata["help"]
+    measured = Measured(told)
+    kinds: dict[str, Any] = {"float": measured, "int": int, "bool": bool}
+    kinds["tuple[float, float]"] = measured, measured
+    options, default = field.metadata.get("options"), field.default
+    return click.option(
+        f"--{name}/--no-{name}" if default is True else f"--{name}",
+        type=click.Choice(options) if options else kinds.get(kind),
+        is_flag=kind == "bool",
+        default=default if defaults else None,
+        show_default=defaults and bool(default) and default not in NOT_GIVEN,
+        help=told,
+    )
+
+
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print results as JSON on stdout, nothing else there."
 )
+
+
+def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
+    """Print a result, as JSON or in words."""
+    click.echo(to_json(found) if as_json else told)
+
+
+def aligned(
+    rows: Sequence[Sequence[str]], words: Collection[int] = (0,), indent: str = ""
+) -> list[str]:
+    """Lines of a table, the first row its heads: columns of words to the left, others right."""
+    columns = enumerate(zip(*rows, strict=True))
+    forms = [f"{'<' if k in words else '>'}{max(map(len, cells))}" for k, cells in columns]
+    return [(indent + "  ".join(map(format, row, forms))).rstrip() for row in rows]
 
 
 def output_option(
     name: str, help_text: str, *, folder: bool = True, required: bool = False
 ) -> Callable[[Command], Command]:
     """``-o``, a folder or a file, under the name of an argument."""
-    path = click.Path(file_okay=not folder, dir_okay=folder)
+    path = FOLDER if folder else FILE
     return click.option("-o", "--output", name, type=path, help=help_text, required=required)
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.settings import toml_string
-from fenics_ehd.cli.options import json_option, output_option
+from fenics_ehd.base.fields import Material
+from fenics_ehd.base.settings import build, toml_string
+from fenics_ehd.cli.options import aligned, answer, json_option, output_option, setting_options
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.fem.drawn_part import NamedFaces, OpenedPart, PlacedPart
@@ -58,9 +59,7 @@ UNITS = ("m", "cm", "mm", "um", "in")
     show_default=True,
     help="Cells around the bores of a drawing.",
 )
-@click.option("--youngs-modulus", type=float, default=210e9, show_default=True, help="[Pa].")
-@click.option("--poissons-ratio", type=float, default=0.3, show_default=True)
-@click.option("--density", type=float, default=7850.0, show_default=True, help="[kg/m3].")
+@setting_options(Material)
 @click.option("--check/--no-check", default=True, help="Also find mass and mesh error.")
 @output_option("target", "Model to write, rod.msh.", folder=False)
 @json_option
@@ -72,12 +71,10 @@ def part(
     unit: str,
     angle: float,
     around: int,
-    youngs_modulus: float,
-    poissons_ratio: float,
-    density: float,
     check: bool,
     target: str | None,
     as_json: bool,
+    **material: float,
 ) -> None:
     """List the faces of FILE, or make it a model that scenes take.
 
@@ -88,30 +85,21 @@ def part(
     from mpi4py import MPI
 
     import fenics_ehd.base.petsc_start  # noqa: F401 - collective: every rank starts PETSc
-    from fenics_ehd.base.output import require_writable, to_json
-    from fenics_ehd.base.whole_file import written_aside
+    from fenics_ehd.base.files import require_writable, written_aside
     from fenics_ehd.fem.drawn_part import open_part, place_part
-    from fenics_ehd.fem.material import Material
-    from fenics_ehd.fem.sound_cells import corner_volumes
+    from fenics_ehd.fem.solid import corner_volumes
 
     if MPI.COMM_WORLD.rank:  # one does it all
         return
     if (target is None) != (not bores):
         raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
-    figures_given = {
-        "--youngs-modulus": (youngs_modulus, 0.0, 1e18),
-        "--poissons-ratio": (poissons_ratio, -1.0, 0.49),
-        "--density": (density, 0.0, 1e6),
-    }
-    for option, (value, low, high) in figures_given.items():
-        if not low < value < high:
-            raise SettingsError(f"{option} {value:g} must lie between {low:g} and {high:g}")
+    made_of = build(Material, material)
     if target is not None and Path(target).suffix != ".msh":
         raise SettingsError(f"-o {target}: a model's name must end with .msh")
     opened = open_part(Path(file), unit, angle)
     if target is None:
         listed = faces_listed(opened)
-        click.echo(to_json({"file": file, "faces": listed}) if as_json else face_table(listed))
+        answer({"file": file, "faces": listed}, face_table(listed), as_json)
         return
     require_writable(target)
     if Path(target).exists() and Path(target).samefile(file):
@@ -130,17 +118,16 @@ def part(
             for name, number in named.bores.items()
         },
         "points": list(named.points),
-        "held_by": "held" if named.held else "none",
+        "clamped": "held" if named.held else "none",
     }
     try:
         with written_aside(Path(target)) as aside:
             placed.write(aside)
             if check:
-                material = Material(youngs_modulus, poissons_ratio, density)
-                figures |= _checked(opened, placed, aside, around, material)
+                figures |= _checked(opened, placed, aside, around, made_of)
     except MeshError as error:
         raise MeshError(str(error).replace(str(aside), target)) from None
-    click.echo(to_json(figures) if as_json else made_table(figures))
+    answer(figures, made_table(figures), as_json)
 
 
 def _pairs(given: Sequence[str], default: str, option: str) -> dict[str, str]:
@@ -177,7 +164,7 @@ def _named(
 
 
 def _checked(
-    opened: OpenedPart, placed: PlacedPart, path: Path, around: int, material: Any
+    opened: OpenedPart, placed: PlacedPart, path: Path, around: int, material: Material
 ) -> dict[str, Any]:
     """Mass, unknowns, and how far the bores' flexibility is from the exact one, left in the file.
 
@@ -187,18 +174,16 @@ def _checked(
 
     from fenics_ehd.fem.drawn_part import place_part
     from fenics_ehd.fem.models import store_mesh_error
-    from fenics_ehd.fem.part_check import part_figures
-    from fenics_ehd.reduction.mesh_error import (
-        FINER,
-        MOST_REFINED,
-        compliance_errors,
-        excess,
-    )
+    from fenics_ehd.fem.structure import part_figures
+    from fenics_ehd.reduction.mesh_error import FINER, MOST_REFINED
+    from fenics_ehd.scenes.part import missed
 
-    bores, clamped = tuple(placed.named.bores), "held" if placed.named.held else None
-    here = part_figures(path, material, bores, clamped)
-    found: dict[str, Any] = {"mass_kg": here.mass, "degrees_of_freedom": here.unknowns}
-    small = here.unknowns <= MOST_REFINED
+    bores, points = tuple(placed.named.bores), tuple(placed.named.points)
+    clamped = "held" if placed.named.held else None
+    here = part_figures(path, material, bores, clamped, points=points)
+    size = here.structure.size
+    found: dict[str, Any] = {"mass_kg": here.mass, "degrees_of_freedom": size}
+    small = size <= MOST_REFINED
     if not (opened.drawn or small):
         return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     if opened.drawn:
@@ -208,13 +193,12 @@ def _checked(
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         other.write(file)
-        there = part_figures(file, material, bores, clamped)
-    share = excess(here.unknowns, there.unknowns)
-    missing = share * (there.compliance - here.compliance)
-    store_mesh_error(path, bores, material.youngs_modulus * missing)
-    errors = compliance_errors(missing, here.compliance)
+        there = part_figures(file, material, bores, clamped, points=points)
+    errors, moved = missed(here.structure, here.answers, there.structure, there.answers)
+    error = max(errors.values())
+    store_mesh_error(path, bores, points, error, material.youngs_modulus * moved)
     return found | {
-        "flexibility_mesh_error": max(errors.values()),
+        "flexibility_mesh_error": error,
         "flexibility_mesh_error_by_pattern": errors,
         "second_mesh": "finer" if small else "coarser",
     }
@@ -237,29 +221,26 @@ def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
     return rows
 
 
-def face_table(rows: Sequence[dict[str, Any]]) -> str:
+def face_table(faces: Sequence[dict[str, Any]]) -> str:
     """The list in millimetres."""
-    lines = [
-        f"{'face':>4}  {'kind':5}  {'radius':>9}  {'width':>8}  {'around':>6}  "
-        f"{'area':>10}  {'axis or normal':22}  centre",
-        f"{'':4}  {'':5}  {'[mm]':>9}  {'[mm]':>8}  {'[deg]':>6}  {'[mm2]':>10}  {'':22}  [mm]",
+    rows = [
+        ["face", "kind", "radius", "width", "around", "area", "axis or normal", "centre"],
+        ["", "", "[mm]", "[mm]", "[deg]", "[mm2]", "", "[mm]"],
     ]
-    for row in rows:
-        round_part = f"{'':9}  {'':8}  {'':6}"
-        if "radius_m" in row:
-            radius, width = row["radius_m"] * 1e3, row["width_m"] * 1e3
-            round_part = f"{radius:9.4f}  {width:8.3f}  {row['arc_degrees']:6.0f}"
-        axis = " ".join(f"{value + 0.0:6.3f}" for value in row["axis"])
-        centre = " ".join(f"{value * 1e3 + 0.0:.3f}" for value in row["centre_m"])
-        area = row["area_m2"] * 1e6
-        lines.append(
-            f"{row['number']:4d}  {row['kind']:5}  {round_part}  {area:10.2f}  {axis:22}  {centre}"
-        )
-    return "\n".join(lines)
+    for face in faces:
+        size = ["", "", ""]
+        if "radius_m" in face:
+            radius, width = face["radius_m"] * 1e3, face["width_m"] * 1e3
+            size = [f"{radius:.4f}", f"{width:.3f}", f"{face['arc_degrees']:.0f}"]
+        axis = " ".join(f"{value + 0.0:6.3f}" for value in face["axis"])
+        centre = " ".join(f"{value * 1e3 + 0.0:.3f}" for value in face["centre_m"])
+        area = f"{face['area_m2'] * 1e6:.2f}"
+        rows.append([str(face["number"]), face["kind"], *size, area, axis, centre])
+    return "\n".join(aligned(rows, words=(1, 6, 7)))
 
 
 def made_table(figures: dict[str, Any]) -> str:
-    """What was made, and the lines of a scene that take it."""
+    """Figures of the model, and the lines of a scene that take it."""
     kind = {"tet": "10-node tetrahedra", "hex": "20-node hexahedra"}[figures["cells"]]
     lines = [
         f"{figures['file']}: {figures['number_of_cells']} {kind}, worst cell "
@@ -286,6 +267,6 @@ def made_table(figures: dict[str, Any]) -> str:
         f"  model = {toml_string(figures['file'])}",
         f"  bores = [{bores}]",
         f"  points = [{points}]",
-        f'  held_by = "{figures["held_by"]}"',
+        f'  clamped = "{figures["clamped"]}"',
     ]
     return "\n".join(lines)

@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import attrs
-import click
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.output import require_writable, to_json, versions
-from fenics_ehd.base.ranks import require_alike
+from fenics_ehd.base.files import naming, require_writable, versions
+from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import build, unusual
-from fenics_ehd.base.whole_file import naming
-from fenics_ehd.cli.notices import say_reducing, warn_of
+from fenics_ehd.cli.options import answer, say_reducing, warn_of
 from fenics_ehd.reduction import (
     ModeRecord,
     ReducedBody,
@@ -26,10 +24,8 @@ from fenics_ehd.reduction import (
     save_basis,
     save_body,
 )
-from fenics_ehd.scenes.elastic_part import elastic_part
-from fenics_ehd.scenes.part import ReducedPart
-from fenics_ehd.scenes.scene import Scene, meshed
-from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.scenes.part import ReducedPart, elastic_part
+from fenics_ehd.scenes.scene import Scene, meshed, read_scene
 
 #: Scenes whose flexible bodies are known by their models.
 SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
@@ -73,7 +69,7 @@ def reduce_part(
     for target in targets.values():
         _in_place(target, partial(export_npz, body, target))
     summary = reduction_summary(rod, path, basis_path) | {"part": part, "exports": targets}
-    click.echo(to_json(summary) if as_json else report(body, summary))
+    answer(summary, report(body, summary), as_json)
 
 
 def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
@@ -149,7 +145,7 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
 
 
 def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
-    """What was done, and the mode inventory."""
+    """Figures of the reduction, and the mode inventory."""
     inertia = body.inertia
     lines = [
         f"{body.method}: {body.modes} modes of {summary['degrees_of_freedom']} degrees of freedom, "

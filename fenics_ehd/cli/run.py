@@ -1,39 +1,200 @@
-"""``fenics-ehd run``: a scene's results, or those of a run that goes on."""
+"""``fenics-ehd run``: a scene, or a run that goes on, and what is printed of its results.
+
+Results joint by joint and over the cycle, the error budget, the accuracy asked for and met.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import attrs
 import click
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.output import complete_result, require_writable, to_json
-from fenics_ehd.base.ranks import require_alike
+from fenics_ehd.base.files import complete_result, require_writable
+from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import read_toml
-from fenics_ehd.cli.accuracy import accuracy_lines, say_next, with_accuracy
-from fenics_ehd.cli.cycle_lines import cycle_line, multiplier_line, place_lines
-from fenics_ehd.cli.error_budget import beside, budget_table
-from fenics_ehd.cli.notices import say_reducing, warn_of
-from fenics_ehd.results.checkpoint import CHECKPOINT, load_run_state
-from fenics_ehd.results.progress import progress_bar
-from fenics_ehd.results.run_folder import RunFolder, first_rank_folder
-from fenics_ehd.scenes.accuracy import Search, begun, keeping, search_of
-from fenics_ehd.scenes.accurate_run import run_accurately
-from fenics_ehd.scenes.build import Built, build_mechanism
-from fenics_ehd.scenes.given import with_body, with_method
-from fenics_ehd.scenes.run import stored_scene
-from fenics_ehd.scenes.scene import Scene, flexible, meshed
-from fenics_ehd.scenes.scene_text import as_stored, scene_text
+from fenics_ehd.cli.options import aligned, answer, say_reducing, warn_of
+from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED
+from fenics_ehd.results.history_file import CHECKPOINT
+from fenics_ehd.results.recorded_run import (
+    Checkpoint,
+    RunFolder,
+    first_rank_folder,
+    load_run_state,
+)
+from fenics_ehd.scenes.accuracy import Search, begun, search_of
+from fenics_ehd.scenes.build import Machine, build
+from fenics_ehd.scenes.part import with_body, with_method
+from fenics_ehd.scenes.run import run_accurately, stored_scene
+from fenics_ehd.scenes.scene import Scene, as_stored, changed, flexible, meshed, scene_text
 
-if TYPE_CHECKING:  # slow to import, for ParaView series only
-    from fenics_ehd.results.part_fields import PartFields
+if TYPE_CHECKING:
+    from fenics_ehd.results.paraview import PartFields
+
+
+def cycle_line(summary: Mapping[str, Any]) -> list[str]:
+    """Which cycle they are of."""
+    if "cycle_used" not in summary:  # of an older version
+        return []
+    ends = summary["cycle_start_s"], summary["cycle_end_s"]
+    return [
+        f"  the cycle: {summary['cycle_used']}, from {ends[0] * 1e3:.3f} to {ends[1] * 1e3:.3f} ms"
+    ]
+
+
+def place_lines(joint: Mapping[str, Any]) -> list[str]:
+    """Extremes of the cycle of one joint, with place and angle."""
+    if "cycle_mean_force_N" not in joint:
+        return []
+
+    def at(name: str) -> str:
+        return f"crank {joint[f'cycle_{name}_crank_angle_deg']:.1f} deg"
+
+    def place(name: str) -> str:
+        angle, height = (joint[f"cycle_{name}_{key}"] for key in ("angle_deg", "height_m"))
+        return f"at {angle:.1f} deg of the bore, {height * 1e3:+.2f} mm, {at(name)}"
+
+    return [
+        f"    peak of the cycle       {joint['cycle_max_pressure_Pa'] * 1e-6:9.3f} MPa "
+        + place("max_pressure"),
+        f"    thinnest of the cycle   {joint['cycle_min_film_thickness_m'] * 1e6:9.4f} um  "
+        + place("min_film"),
+        f"    force                   {joint['cycle_mean_force_N']:9.4g} N   mean, "
+        f"{joint['cycle_max_force_N']:.4g} N at {joint['cycle_max_force_angle_deg']:.1f} deg, "
+        + at("max_force"),
+        f"    eccentricity            {joint['cycle_max_eccentricity_ratio']:9.3f} c   at most in "
+        f"the deformed bore, {at('max_eccentricity')}",
+    ]
+
+
+def multiplier_line(summary: Mapping[str, Any]) -> list[str]:
+    """Stability of a periodic solution, where that was asked for."""
+    if "multiplier_failure" in summary:
+        return [f"  largest multiplier: not found, {summary['multiplier_failure']}"]
+    if "largest_multiplier" not in summary:
+        return []
+    return [
+        f"  largest multiplier      {summary['largest_multiplier']:9.3g}     of a change is left "
+        f"after a cycle, +- {summary['largest_multiplier_residual']:.1g}"
+    ]
+
+
+#: Words of the table, by key.
+COMPONENTS = {
+    "basis": "basis",
+    "film_mesh": "film mesh",
+    "part_mesh": "part mesh",
+    "step_size": "step size",
+    "start": "start",
+}
+ROWS = {"max_pressure": "peak pressure", "min_film_thickness": "thinnest film"}
+
+#: What the figures of a budget are.
+MEANING = (
+    "  +- beside a value: how far that one may be off; over the cycle: how far the curve is off\n"
+    "  where it is worst, in per cent of the peak pressure, or of the film at that moment"
+)
+
+
+def share(value: float | str) -> str:
+    """A relative error in per cent, or why there is none in a word."""
+    if isinstance(value, str):
+        return "-" if value == NOT_APPLICABLE else value
+    return f"{100 * value:.2g} %"
+
+
+def total(errors: Mapping[str, Any]) -> str:
+    """All errors together, ``1.9 %``; ``> 0.5 %`` where one of them is not known."""
+    lacking = isinstance(errors["total"], str) and not isinstance(errors["known"], str)
+    return "> " * lacking + share(errors["known"])
+
+
+def beside(joint: Mapping[str, Any], quantity: str, value: float, unit: str) -> str:
+    """Error beside a result, in its unit; nothing without a budget.
+
+    ``+- 28 %, too high by about 13 MPa``: of most of the error the sign is known. A sum that lacks
+    a component says so.
+    """
+    budget = joint.get("error_budget")
+    if budget is None:
+        return ""
+    errors = budget[quantity]
+    words = [f"+- {share(errors['known'])}"]
+    lacking = [COMPONENTS[key] for key in COMPONENTS if errors[key] == NOT_ESTIMATED]
+    if lacking and not isinstance(errors["known"], str):
+        words.append(f"{' and '.join(lacking)} not included")
+    elif not lacking and abs(errors["bias"]) > 0.5 * errors["known"]:
+        way = "high" if errors["bias"] > 0 else "low"
+        words.append(f"too {way} by about {abs(errors['bias']) * value:.2g} {unit}")
+    return ", ".join([*words, ""]) if words[1:] else f"{words[0]} "
+
+
+def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, Any]) -> list[str]:
+    """Lines of all joints' budgets, extremes and the largest over the cycle."""
+    known = {name: own["error_budget"] for name, own in joints.items() if "error_budget" in own}
+    if not known:
+        return []
+    header = ["estimated errors", *COMPONENTS.values(), "total"]
+    rows = []
+    for name, budget in known.items():
+        largest = budget["largest_over_cycle"]
+        for where, errors in (("", budget), (", over the cycle", largest)):
+            for quantity, words in ROWS.items():
+                values = [share(errors[quantity][key]) for key in COMPONENTS]
+                rows.append([f"{name}: {words}{where}", *values, total(errors[quantity])])
+    notes = summary.get("error_budget_notes", {})
+    lines = [*aligned([header, *rows], indent="  "), MEANING]
+    return lines + [f"  {COMPONENTS[key]} not estimated: {why}" for key, why in notes.items()]
+
+
+def say_next(search: Search) -> None:
+    """Say why there is another run."""
+    run = search.runs[-1]
+    changes = ", ".join(f"{key} = {shown(value)}" for key, value in search.wanted.items())
+    click.echo(
+        f"accuracy: {share(run['estimate'])} of {share(search.asked)} asked, next with {changes}",
+        err=True,
+    )
+
+
+def shown(value: Any) -> str:
+    """A value in a table."""
+    if isinstance(value, list):
+        return " x ".join(map(str, value))
+    if isinstance(value, Mapping) and "method" in value:
+        return f"{value['method']}, {value['vibration_modes']} modes"
+    if isinstance(value, Mapping):
+        around = [f"{cells:g}" for key, cells in value.items() if "cells_around" in key]
+        return f"{' and '.join(around)} cells around"
+    return f"{value:g}"
+
+
+def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Choices for an accuracy, run by run, and why."""
+    if "accuracy" not in summary:
+        return []
+    found = summary["accuracy"]
+    runs = found["runs"]
+    columns = ["pilot", *(f"run {k}" for k in range(1, len(runs)))]
+    rows = [[f"accuracy, {share(found['asked'])} asked", *columns]]
+    for key in runs[0]["chosen"] | runs[-1]["chosen"]:
+        values = [run["chosen"].get(key) for run in runs]
+        rows.append([key, *("as given" if value is None else shown(value) for value in values)])
+    for key, words in COMPONENTS.items():
+        if key in runs[0]["errors"]:
+            values = [share(run["errors"].get(key, NOT_ESTIMATED)) for run in runs]
+            rows.append([f"largest by {words}", *values])
+    rows.append(["largest total", *(share(run["estimate"]) for run in runs)])
+    rows.append(["processor time", *(f"{run['processor_time_s']:.1f} s" for run in runs)])
+    missed = [] if found["met"] else [f"  {summary['warnings'][-1]}"]
+    lines = aligned(rows, indent="  ")
+    return lines + [f"  kept as written: {', '.join(found['kept'])}"] * bool(found["kept"]) + missed
 
 
 #: Basis error estimate over the thinnest film above which it is said to be large.
@@ -42,7 +203,7 @@ LARGEST_ESTIMATE = 0.2
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the command line wants of a run, new or gone on with, beside its scene."""
+    """Options of the command line for a run, new or gone on with, beside its scene."""
 
     plots: bool
     #: Between two checkpoints [s].
@@ -65,7 +226,7 @@ def run(scene: Scene, directory: Path, overwrite: bool, wishes: Wishes) -> None:
     scene, search = begun(scene)
     require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
-        built = build_mechanism(scene, MPI.COMM_WORLD, announce=say_reducing)
+        built = build(scene, MPI.COMM_WORLD, announce=say_reducing)
         parts = _whole_parts(built) if scene.output.paraview else {}
         # The time integration is serial: other ranks have done their share.
         if folder is not None:
@@ -73,13 +234,7 @@ def run(scene: Scene, directory: Path, overwrite: bool, wishes: Wishes) -> None:
 
 
 def changed_scene(
-    name: str,
-    *,
-    body: str | None,
-    method: str | None,
-    frames: int | None,
-    error_budget: bool | None,
-    accuracy: str | None,
+    name: str, body: str | None, method: str | None, output: Mapping[str, Any]
 ) -> Scene:
     """A scene with what the command line says in place of it.
 
@@ -91,10 +246,8 @@ def changed_scene(
         File of a reduced body.
     method
         Of its parts; kept whatever an accuracy chooses.
-    frames
-        Of a ParaView series; None: as the scene says.
-    error_budget, accuracy
-        As under ``[output]``; None: as the scene says.
+    output
+        Values under ``[output]``.
 
     Raises
     ------
@@ -108,21 +261,16 @@ def changed_scene(
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
     if method is not None:
         scene = with_method(scene, method)
-    if accuracy is not None:
-        scene = with_accuracy(scene, accuracy)
+    scene = changed(scene, {f"output.{key}": value for key, value in output.items()})
     if method is not None and scene.output.accuracy:
-        scene = keeping(scene, [f"bodies.{part}.reduction" for part in meshed(scene)])
-    output = scene.output
-    if frames is not None:
-        output = attrs.evolve(output, paraview=True, frames=frames)
-    if error_budget is not None:
-        output = attrs.evolve(output, error_budget=error_budget)
-    return replace(scene, output=output)
+        kept = (f"bodies.{part}.reduction" for part in meshed(scene))
+        scene = changed(scene, {"output.accuracy_keeps": [*scene.output.accuracy_keeps, *kept]})
+    return scene
 
 
-def _whole_parts(built: Built) -> dict[str, PartFields]:
+def _whole_parts(built: Machine) -> dict[str, PartFields]:
     """Bodies reduced here, for a ParaView series; collective."""
-    from fenics_ehd.results.part_fields import gather_part
+    from fenics_ehd.results.paraview import gather_part
 
     parts = {
         name: gather_part(part.structure, part.body, part.columns)
@@ -137,7 +285,7 @@ def resume(directory: Path, wishes: Wishes) -> None:
         done = complete_result(folder.path)
         if done is not None and not (folder.path / CHECKPOINT).exists():
             # A periodic solution keeps its last cycle, and nothing to go on with.
-            click.echo(to_json(done) if wishes.as_json else report(done, folder.directory))
+            answer(done, report(done, folder.directory), wishes.as_json)
             return
         former = load_run_state(folder.path)
         scene, built = stored_scene(folder.path)
@@ -146,11 +294,11 @@ def resume(directory: Path, wishes: Wishes) -> None:
 
 def _finish(
     scene: Scene,
-    built: Built,
+    built: Machine,
     folder: RunFolder,
     wishes: Wishes,
     search: Search | None,
-    former: Mapping[str, Any] | None = None,
+    former: Checkpoint | None = None,
     parts: Mapping[str, PartFields] | None = None,
 ) -> None:
     """Integrate, draw, print; `parts` go into a ParaView series.
@@ -165,7 +313,6 @@ def _finish(
         scene,
         built,
         folder.path,
-        lambda own: progress_bar(own.span),
         search,
         interval=wishes.interval,
         former=former,
@@ -183,23 +330,23 @@ def _finish(
     warn_of(summary["notices"])
     seconds = perf_counter() - wishes.began if former is None else None
     told = report(summary, folder.directory, seconds)
-    click.echo(to_json(summary) if wishes.as_json else told)
+    answer(summary, told, wishes.as_json)
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
 
 
 def _write_series(
-    scene: Scene, built: Built, directory: Path, parts: Mapping[str, PartFields]
+    scene: Scene, built: Machine, directory: Path, parts: Mapping[str, PartFields]
 ) -> None:
     """The run for ParaView; bodies from files, and all of a run that goes on, have no mesh."""
-    from fenics_ehd.results.load import load_results
+    from fenics_ehd.results.history_file import load_history
     from fenics_ehd.results.paraview import write_run
 
-    if without := sorted(built.parts.keys() - parts.keys()):
+    if without := sorted(built.bodies.keys() - parts.keys()):
         named = ", ".join(without)
         warn_of([f"{named}: no mesh is in a reduced body's file, ParaView has lines and films"])
     frames = scene.output.frames
-    write_run(built.mechanism, load_results(directory), parts, directory / "vtk", frames)
+    write_run(built.mechanism, load_history(directory), parts, directory / "vtk", frames)
 
 
 def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
@@ -245,11 +392,9 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
             f"{summary['periodicity_defect']:.1e}"
         )
     lines += multiplier_line(summary)
-    # Without a film nothing is put in for good.
-    net = f", {summary['net_energy_balance_error']:.1e} of that put in for good" if joints else ""
     lines += [
         f"  energy balance error    {summary['energy_balance_error']:9.1e}     of the energy "
-        f"exchanged{net}",
+        "exchanged",
         f"  time: reduction {summary['reduction_time_s']:.2f} s, "
         f"integration {summary['wall_time_s']:.2f} s" + _rest(summary, seconds),
         f"  results in {directory}",
@@ -258,7 +403,7 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
 
 
 def _rest(summary: Mapping[str, Any], seconds: float | None) -> str:
-    """What is left of the time that a command took."""
+    """Rest of the time that a command took."""
     if seconds is None:
         return ""
     rest = seconds - summary["reduction_time_s"] - summary["wall_time_s"]

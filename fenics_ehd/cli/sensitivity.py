@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fenics_ehd.cli.options import json_option
+from fenics_ehd.cli.options import answer, json_option
 
 if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.multibody.sensitivity import Figure
+    from fenics_ehd.analysis.sensitivity import Figure
     from fenics_ehd.study.sensitivity import Along, SceneSensitivity
+
+
+#: How a derivative was found: with the reduced bodies of the run, or one reduced anew.
+METHODS = "differences in the same steps", "differences in the same steps, reduced anew"
 
 
 @click.command()
@@ -34,21 +38,25 @@ if TYPE_CHECKING:  # slow to import, and --help does without
     help="Number of the scene, joints.big_end.clearance or its end; of a pair, "
     "forces.load.force.x. Repeatable.",
 )
+@click.option(
+    "--finer-film/--no-finer-film",
+    "finer",
+    default=True,
+    help="Whether each is found on finer films, too, and its change printed: most of the time.",
+)
 @json_option
 def sensitivity(
-    scene: str, quantities: tuple[str, ...], keys: tuple[str, ...], as_json: bool
+    scene: str, quantities: tuple[str, ...], keys: tuple[str, ...], finer: bool, as_json: bool
 ) -> None:
     """Run SCENE, and print derivatives of what it answers along its numbers.
 
-    Through the steps of the run where a number leaves reduced bodies as they are, else by
-    differences of whole runs.
+    By differences of the run with each number changed by 1 % to either side, in the same steps.
     """
-    from fenics_ehd.base.output import to_json
-    from fenics_ehd.scenes.scene_text import as_stored
+    from fenics_ehd.scenes.scene import as_stored
     from fenics_ehd.study.sensitivity import scene_sensitivity
 
-    found = scene_sensitivity(as_stored(scene), quantities, keys)
-    click.echo(to_json(_document(scene, found)) if as_json else _table(scene, found))
+    found = scene_sensitivity(as_stored(scene), quantities, keys, finer=finer)
+    answer(_document(scene, found), _table(scene, found), as_json)
 
 
 def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
@@ -63,25 +71,30 @@ def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
                         "derivative": found.derivatives[figure, number.key],
                         "units": _units(figure, number),
                         "elasticity": found.elasticity(figure, number),
-                        "method": found.methods[number.key],
-                        "reach": found.reach.get(number.key) if number.relative else None,
+                        "on_finer_film": found.finer.get((figure, number.key)),
+                        "method": METHODS[number.key in found.reduced],
                     }
                     for number in found.numbers
                 },
             }
             for figure in found.figures
         },
-        "sweeps": found.sweeps,
         "processor_time_s": dict(found.seconds),
     }
 
 
 def _units(figure: Figure, number: Along) -> str:
-    """Of a derivative, ``Pa/(rad/s)``."""
+    """Unit of a derivative, ``Pa/(rad/s)``."""
     from fenics_ehd.base.columns import split_unit
 
     own, along = split_unit(figure.column)[1], number.unit or "1"
     return f"{own}/({along})" if re.search("[ /]", along) else f"{own}/{along}"
+
+
+def _finer(found: SceneSensitivity, figure: Figure, number: Along) -> str:
+    """The change on a finer film, where it was looked for and there is one."""
+    slope, fine = (own.get((figure, number.key)) for own in (found.derivatives, found.finer))
+    return f"{100 * (fine / slope - 1):+.2g} % on a finer film, " if fine and slope else ""
 
 
 def _table(scene: str, found: SceneSensitivity) -> str:
@@ -91,17 +104,12 @@ def _table(scene: str, found: SceneSensitivity) -> str:
         lines.append(f"  {figure.joint}.{figure.name} = {found.values[figure]:.6g}")
         for number in found.numbers:
             elasticity = found.elasticity(figure, number)
-            reach = ""
-            if number.key in found.reach and number.relative:
-                reach = f", reach {100 * found.reach[number.key]:.2g} %"
             relative = "        -" if elasticity is None else f"{elasticity:9.4f}"
             lines.append(
                 f"    {number.key:{width}} = {number.value:<12.6g} "
                 f"{found.derivatives[figure, number.key]:12.5g} {_units(figure, number):12} "
-                f"{relative}  "
-                f"{found.methods[number.key]}{reach}"
+                f"{relative}  {_finer(found, figure, number)}"
+                f"{METHODS[number.key in found.reduced]}"
             )
-    if found.reach:
-        lines.append("  reach: change of the number that changes a film somewhere by a tenth")
     seconds = ", ".join(f"{name} {value:.1f} s" for name, value in found.seconds.items() if value)
     return "\n".join([*lines, f"  time: {seconds}"])

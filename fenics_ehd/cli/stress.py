@@ -1,22 +1,33 @@
-"""``fenics-ehd stress``: stresses of the flexible bodies over the last cycle of a run."""
+"""Stresses of a run's flexible bodies over its last cycle: found, stored and printed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from time import perf_counter
+from typing import Any
 
-import click
+import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.cli.options import json_option
-
-if TYPE_CHECKING:  # slow to import, and --help does without
-    import numpy as np
-
-    from fenics_ehd.multibody.result import Result
-    from fenics_ehd.results.replay import Replay
-    from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.base.files import (
+    claim,
+    require_complete,
+    require_writable,
+    to_json,
+    versions,
+    write_whole,
+)
+from fenics_ehd.cli.options import say_reducing
+from fenics_ehd.multibody.body import FlexibleBody, RigidBody
+from fenics_ehd.multibody.history import History
+from fenics_ehd.plotting.shown import recorded
+from fenics_ehd.results.history_file import load_history
+from fenics_ehd.results.motion import RecordedMotion
+from fenics_ehd.results.recorded_run import SCENE_NAME, SERIES, STRESS
+from fenics_ehd.results.stress import cycle_stress, figures, write_fields
+from fenics_ehd.scenes.part import remade_part
+from fenics_ehd.scenes.scene import GROUND, Scene, as_stored, meshed
 
 #: Relative difference of the cells around a place above which its stress is said to be unresolved.
 LARGEST_SCATTER = 0.2
@@ -25,87 +36,31 @@ LARGEST_SCATTER = 0.2
 PARTIAL = ("m1", "m2", "m3")
 
 
-@click.command()
-@click.argument("directory", type=click.Path(file_okay=False))
-@click.option(
-    "--body", "chosen", multiple=True, help="Flexible body [default: all of them]. Repeatable."
-)
-@click.option(
-    "--damping/--no-damping",
-    default=True,
-    show_default=True,
-    help="Whether stress is that which balances the loads, or that of the deformation alone, "
-    "without what the material's damping carries.",
-)
-@click.option(
-    "--complete",
-    is_flag=True,
-    help="Add the static answer that the basis misses of the films' pressures and of turning: for "
-    "m1, m2 and m3, which know a part of it.",
-)
-@click.option(
-    "--model",
-    "programs",
-    multiple=True,
-    type=click.Path(exists=True, dir_okay=False),
-    help="A .geo model of the run, a program, which may be run. Repeatable.",
-)
-@json_option
-def stress(
-    directory: str,
-    chosen: tuple[str, ...],
-    damping: bool,
-    complete: bool,
-    programs: tuple[str, ...],
-    as_json: bool,
-) -> None:
-    """Stresses of flexible bodies over the last cycle of a run.
-
-    DIRECTORY holds a complete run. Parts are meshed and reduced again. Written there are
-    stress.json and vtk/BODY_stress.vtu: the largest von Mises stress of a half-range of the stress
-    tensor over all pairs of instants, its mean, the largest principal stress.
-    """
-    from mpi4py import MPI
-
-    import fenics_ehd.scenes.remade_part  # noqa: F401 - PETSc and SLEPc start and end on all ranks
-    from fenics_ehd.base.output import to_json, write_whole
-    from fenics_ehd.results.run_folder import STRESS
-
-    if MPI.COMM_WORLD.rank:  # one does it all
-        return
-    if complete and not damping:
-        raise click.UsageError("--complete is in balance with the loads: drop --no-damping")
-    folder = Path(directory)
-    found = _stresses(folder, chosen, damping, complete, programs)
-    write_whole(folder / STRESS, to_json(found) + "\n")
-    click.echo(to_json(found) if as_json else _report(found, folder))
-
-
-def _stresses(
+def cycle_stresses(
     folder: Path,
     chosen: tuple[str, ...],
     damping: bool,
     complete: bool,
     programs: tuple[str, ...],
 ) -> dict[str, Any]:
-    """What ``stress.json`` holds; fields are written on the way."""
-    from time import perf_counter
+    """Content of ``stress.json``, which is written with the fields.
 
-    from fenics_ehd.base.folder import claim
-    from fenics_ehd.base.output import require_complete, require_writable, versions
-    from fenics_ehd.cli.notices import say_reducing
-    from fenics_ehd.plotting.recorded import recorded
-    from fenics_ehd.results.load import load_results
-    from fenics_ehd.results.run_folder import SCENE_NAME, SERIES, STRESS
-    from fenics_ehd.results.stress import cycle_stress, figures, write_fields
-    from fenics_ehd.scenes.remade_part import remade_part
-    from fenics_ehd.scenes.scene_text import as_stored
-
+    Parameters
+    ----------
+    folder
+        Of a complete run.
+    chosen
+        Bodies; none: all that have stresses.
+    damping, complete
+        Whether stress balances the loads, and what the basis misses is added.
+    programs
+        Models of the run that are programs and may be run.
+    """
     start = perf_counter()
     summary = require_complete(folder)
     require_writable(folder)
     claim(folder, (STRESS, SERIES))
-    answer = load_results(folder)
+    answer = load_history(folder)
     run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)
     bodies, skipped = _bodies(scene, run, folder, chosen)
@@ -133,9 +88,9 @@ def _stresses(
             **figures(result, instants),
             "fields": str(path.relative_to(folder)),
         }
-    return {
+    answered = {
         "scene": summary["scene"],
-        "cycle": answer.cycle_used,
+        "cycle": answer.summary().get("cycle_used", ""),
         "instants": len(instants["time_s"]),
         "damping": damping,
         "complete": complete,
@@ -144,17 +99,23 @@ def _stresses(
         "versions": versions(),
         "wall_time_s": perf_counter() - start,
     }
+    write_whole(folder / STRESS, to_json(answered) + "\n")
+    return answered
 
 
-def last_rows(result: Result) -> slice:
+def last_rows(result: History) -> slice:
     """Steps of the cycle that the run's figures are of, its start among them where it is one."""
-    import numpy as np
+    start = _cycle_start(result) * (1 - 1e-9)
+    return slice(int(np.searchsorted(result.run.time, start)), None)
 
-    return slice(int(np.searchsorted(result.run.time, result.cycle_start * (1 - 1e-9))), None)
+
+def _cycle_start(result: History) -> float:
+    """Start of the cycle that the run's figures are of, since the run's start [s]."""
+    return float(result.summary().get("cycle_start_s", 0.0))
 
 
 def _bodies(
-    scene: Scene, run: Replay, folder: Path, chosen: tuple[str, ...]
+    scene: Scene, run: RecordedMotion, folder: Path, chosen: tuple[str, ...]
 ) -> tuple[list[str], dict[str, str]]:
     """Bodies with stresses, and why others have none.
 
@@ -163,46 +124,41 @@ def _bodies(
     SettingsError
         One that was asked for has none, or none has.
     """
-    from fenics_ehd.multibody.flexible_body import FlexibleBody
-    from fenics_ehd.multibody.rigid_body import RigidBody
-    from fenics_ehd.scenes.scene import GROUND, meshed
-
-    skipped = {}
     names = [name for name in scene.bodies if name != GROUND]
-    for name in names:
-        body = run.bodies[name]
-        if isinstance(body, RigidBody):
-            skipped[name] = "it is rigid"
-        elif not isinstance(body, FlexibleBody):
-            skipped[name] = "it is no part with a mesh"
-        elif name not in meshed(scene):
-            skipped[name] = "it was read from a file of a reduced body, which has no mesh"
-        elif not body.reduced.modes:
-            skipped[name] = "it was reduced to a rigid body"
-    wanted = list(chosen) or [name for name in names if name not in skipped]
+    told = {name: _why_none(run.bodies[name], name in meshed(scene)) for name in names}
+    skipped = {name: why for name, why in told.items() if why}
     for name in chosen:
-        if name not in names:
-            raise SettingsError(f"--body {name}: bodies of this run: {', '.join(names)}")
-        if name in skipped:
-            raise SettingsError(f"--body {name}: {skipped[name]}")
+        if told.get(name, "unknown"):
+            why = skipped.get(name, f"bodies of this run: {', '.join(names)}")
+            raise SettingsError(f"--body {name}: {why}")
+    wanted = dict.fromkeys(chosen or [name for name in names if name not in skipped])
     if not wanted:
-        why = ", ".join(f"{name}: {reason}" for name, reason in skipped.items())
-        raise SettingsError(f"{folder}: no body with stresses ({why})")
-    return list(dict.fromkeys(wanted)), skipped
+        reasons = ", ".join(f"{name}: {reason}" for name, reason in skipped.items())
+        raise SettingsError(f"{folder}: no body with stresses ({reasons})")
+    return list(wanted), skipped
 
 
-def _instants(scene: Scene, result: Result, rows: slice) -> dict[str, np.ndarray]:
+def _why_none(body: object, has_model: bool) -> str:
+    """Why a body has no stresses, empty: it has."""
+    if isinstance(body, RigidBody):
+        return "it is rigid"
+    if not isinstance(body, FlexibleBody):
+        return "it is no part with a mesh"
+    if not has_model:
+        return "it was read from a file of a reduced body, which has no mesh"
+    return "" if body.reduced.modes else "it was reduced to a rigid body"
+
+
+def _instants(scene: Scene, result: History, rows: slice) -> dict[str, np.ndarray]:
     """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
-    import numpy as np
-
-    found = {"time_s": np.asarray(result.run.time)[rows] - result.cycle_start}
+    found = {"time_s": np.asarray(result.run.time)[rows] - _cycle_start(result)}
     turning = result.bodies.get(scene.time.of)
     if turning is not None and "angle" in turning:
         found[f"{scene.time.of}_angle_deg"] = np.degrees(np.asarray(turning.angle)[rows]) % 360.0
     return found
 
 
-def _report(found: Mapping[str, Any], folder: Path) -> str:
+def report(found: Mapping[str, Any], folder: Path) -> str:
     """Worst places in a table."""
     lines = [f"{found['scene']}: stresses over {found['instants']} instants ({found['cycle']})"]
     for name, body in found["bodies"].items():
@@ -240,16 +196,13 @@ def _extreme(name: str, value: float, found: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _when(more: Mapping[str, Any]) -> str:
-    """Instants in words."""
-    found = []
-    for name, values in more.items():
-        if name == "time_s":
-            factor, unit = 1e3, "ms"
-        elif name.endswith("_angle_deg"):
-            factor, unit = 1.0, f"deg of {name.removesuffix('_angle_deg')}"
-        else:
-            continue
-        each = values if isinstance(values, list) else [values]
-        found.append(" and ".join(f"{factor * value:.2f}" for value in each) + f" {unit}")
-    return ", ".join(found)
+def _when(found: Mapping[str, Any]) -> str:
+    """Instants in words, and angles then."""
+    words = []
+    for name, values in found.items():
+        body = name.removesuffix("_angle_deg")
+        if name == "time_s" or body != name:
+            factor, unit = (1e3, "ms") if name == "time_s" else (1.0, f"deg of {body}")
+            each = " and ".join(f"{factor * value:.2f}" for value in np.atleast_1d(values))
+            words.append(f"{each} {unit}")
+    return ", ".join(words)

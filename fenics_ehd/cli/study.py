@@ -1,21 +1,67 @@
-"""``fenics-ehd study``: its options, its progress, its table."""
+"""``fenics-ehd study``, ``sweep`` and ``report``: many runs of one scene."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from fenics_ehd.base.interrupt import interrupt_between_steps
-from fenics_ehd.cli.cases import case_bar, table_lines
-from fenics_ehd.cli.options import json_option, output_option, workers_option
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.cli.options import (
+    FOLDER,
+    aligned,
+    answer,
+    flag,
+    json_option,
+    output_option,
+    workers_option,
+)
 
-if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.study.folder import StudyFolder
-    from fenics_ehd.study.plan import Study
-    from fenics_ehd.study.pool import ProcessPool
+#: Characters of a status in a printed table.
+STATUS_WIDTH = 60
+
+#: Columns of a printed table: column, heading, factor, format.
+Shown = Sequence[tuple[str, str, float, str]]
+
+
+def table_lines(names: Sequence[str], rows: Sequence[Mapping[str, Any]], shown: Shown) -> list[str]:
+    """Rows for a reader: what names a row, figures in the units of an engineer, its status."""
+    heads = [*names, *(heading for _, heading, _, _ in shown), "status"]
+    cells = [
+        [*(_value(row[name]) for name in names), *_figures(row, shown), _shortened(row["status"])]
+        for row in rows
+    ]
+    return aligned([heads, *cells], words=(len(heads) - 1,))
+
+
+def _figures(row: Mapping[str, Any], shown: Shown) -> list[str]:
+    return [
+        "-" if row[name] is None else format(row[name] * factor, form)
+        for name, _, factor, form in shown
+    ]
+
+
+def _value(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _shortened(status: str) -> str:
+    return status if len(status) <= STATUS_WIDTH else f"{status[: STATUS_WIDTH - 3]}..."
+
+
+@click.command()
+@click.argument("directory", type=FOLDER)
+def report(directory: str) -> None:
+    """Write report.html, report.md and figures/ of the study in DIRECTORY.
+
+    'study' does so at its end; this also reports a study that still runs or was stopped.
+    """
+    from fenics_ehd.study.report.write import write_report
+
+    click.echo(write_report(directory))
+
 
 #: Columns of the printed table: column, heading, factor, format.
 SHOWN = (
@@ -30,7 +76,7 @@ SHOWN = (
 @click.command()
 @click.argument("scene")
 @output_option("directory", "Folder for tables, runs and report [default: results/SCENE-study].")
-@click.option("--quick", is_flag=True, help="A small selection, a few minutes on two cores.")
+@flag("--quick", "A small selection, a few minutes on two cores.")
 @click.option(
     "--start",
     type=click.FloatRange(min=0),
@@ -38,7 +84,7 @@ SHOWN = (
 )
 @workers_option
 @click.option("--report/--no-report", default=True, show_default=True, help="Write the report.")
-@click.option("--overwrite", is_flag=True, help="Run everything anew.")
+@flag("--overwrite", "Run everything anew.")
 @json_option
 def study(
     scene: str,
@@ -55,56 +101,92 @@ def study(
     Error against run time, over numbers of modes, step tolerances and film meshes, relative to
     the full interface. Runs that are complete are not run again.
     """
-    from fenics_ehd.study.folder import StudyFolder
-    from fenics_ehd.study.plan import make_study
-    from fenics_ehd.study.pool import open_pool
+    from fenics_ehd.study.compare import StudyFolder, run_study
+    from fenics_ehd.study.plan import REFERENCE, make_study
+    from fenics_ehd.study.pool import COMPLETE, FailedCasesError, open_pool
+    from fenics_ehd.study.report.write import write_report
 
+    target = Path(directory or Path("results") / f"{Path(scene).stem}-study")
     with open_pool(workers) as pool:
         plan = make_study(scene, quick=quick, start=start)
-        target = Path(directory or Path("results") / f"{Path(scene).stem}-study")
         with StudyFolder(target, plan, overwrite=overwrite) as folder:
-            rows = _run(folder, pool)
-    _conclude(plan, target, rows, report, as_json)
-
-
-def _run(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
-    """Run what is missing, with a bar; Ctrl-C ends it between two runs."""
-    from fenics_ehd.study.run import run_study
-
-    with case_bar(len(folder.study.cases)) as ended, interrupt_between_steps() as check:
-        return run_study(folder, pool, check=check, progress=ended)
-
-
-def _conclude(
-    plan: Study, directory: Path, rows: Sequence[Mapping[str, Any]], report: bool, as_json: bool
-) -> None:
-    """Write the report, print the table.
-
-    Raises
-    ------
-    FailedCasesError
-        The reference is not complete: nothing could be compared.
-    """
-    from fenics_ehd.base.output import to_json
-    from fenics_ehd.study.outcome import COMPLETE, FailedCasesError
-    from fenics_ehd.study.plan import REFERENCE
-
+            rows = run_study(folder, pool)
     status = next(row["status"] for row in rows if row["run"] == REFERENCE)
-    written = _report(directory) if report and status == COMPLETE else None
-    if as_json:
-        found = {"scene": plan.scene.name, "directory": str(directory)}
-        click.echo(to_json(found | {"rows": rows}))
-    else:
-        names = ["group", "run", *(["joint"] if len(plan.joints) > 1 else [])]
-        click.echo("\n".join(table_lines(names, rows, SHOWN)))
-        click.echo(f"rows in {directory / 'table.csv'}, runs in {directory / 'runs'}")
-        if written:
-            click.echo(f"report in {written}")
+    names = ["group", "run", *(["joint"] if len(plan.joints) > 1 else [])]
+    lines = table_lines(names, rows, SHOWN)
+    lines.append(f"rows in {target / 'table.csv'}, runs in {target / 'runs'}")
+    if report and status == COMPLETE:
+        lines.append(f"report in {write_report(target)}")
+    found = {"scene": plan.scene.name, "directory": str(target), "rows": rows}
+    answer(found, "\n".join(lines), as_json)
     if status != COMPLETE:
         raise FailedCasesError(f"the reference is not complete, nothing was compared: {status}")
 
 
-def _report(directory: Path) -> Path:
-    from fenics_ehd.study.report import write_report
+#: Columns of the printed table: figure, heading, factor, format; those of a joint, and of the run.
+JOINT_SHOWN = (
+    ("max_pressure_Pa", "p [MPa]", 1e-6, ".3f"),
+    ("min_film_thickness_m", "h [um]", 1e6, ".4f"),
+)
+SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f"))
 
-    return write_report(directory)
+
+@click.command()
+@click.argument("scene")
+@click.option(
+    "--set",
+    "assignments",
+    multiple=True,
+    required=True,
+    metavar="KEY=VALUES",
+    help="Values of a key, section.key or only key: 1e-5,2e-5 or first:last:count or "
+    "first:last:count:log, words as m1,m3, lists as '[20,5];[40,10]'. Repeatable.",
+)
+@output_option("directory", "Folder for sweep.csv [default: results/SCENE-sweep].")
+@workers_option
+@flag("--keep", "Keep history and summary of each case, runs/0001 ...")
+@flag("--resume", "Insist on rows of a former attempt to go on from.")
+@flag("--overwrite", "Begin anew, whatever rows the folder holds.")
+@json_option
+def sweep(
+    scene: str,
+    assignments: tuple[str, ...],
+    directory: str | None,
+    workers: int | None,
+    keep: bool,
+    resume: bool,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Run SCENE for the product of the given values, one row of DIR/sweep.csv for each case.
+
+    Rows of a former attempt that are complete are not run again. A case that fails is a row as
+    well and ends nothing.
+    """
+    from fenics_ehd.base.columns import joint_prefix
+    from fenics_ehd.study.pool import COMPLETE, FailedCasesError, open_pool
+    from fenics_ehd.study.sweep import SweepTable, make_sweep, run_sweep
+
+    if resume and overwrite:
+        raise SettingsError("--resume and --overwrite exclude each other")
+    target = Path(directory or Path("results") / f"{Path(scene).stem}-sweep")
+    with open_pool(workers) as pool:
+        plan = make_sweep(scene, assignments)
+        with SweepTable(target, plan, resume=resume, overwrite=overwrite) as table:
+            rows = run_sweep(table, pool, keep=keep)
+    failures = sum(row["status"] != COMPLETE for row in rows)
+    prefixes = [joint_prefix(joint, plan.joints) for joint in plan.joints]
+    of_joints = [
+        (prefix + name, prefix.replace(".", " ") + heading, factor, form)
+        for prefix in prefixes
+        for name, heading, factor, form in JOINT_SHOWN
+    ]
+    lines = table_lines(["case", *plan.keys], rows, [*of_joints, *SWEEP_SHOWN])
+    lines.append(f"rows in {table.table}")
+    found = {"scene": plan.scene, "keys": plan.keys, "cases": len(rows), "failed": failures}
+    found |= {"table": str(table.table), "rows": rows}
+    answer(found, "\n".join(lines), as_json)
+    if failures:
+        raise FailedCasesError(
+            f"{failures} of {len(rows)} cases failed, see status in {table.table}"
+        )

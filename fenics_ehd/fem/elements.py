@@ -1,4 +1,4 @@
-"""The quadratic elements of parts.
+"""Elastic elements: their material and their quadratic families.
 
 Two families on quadrilaterals and hexahedra, one on triangles and tetrahedra.
 
@@ -18,6 +18,7 @@ import basix
 import numpy as np
 
 from fenics_ehd.base import compat
+from fenics_ehd.reduction.elements import ELEMENTS, SOLIDS, NodalElement
 
 FAMILIES = ("serendipity", "lagrange")
 
@@ -25,41 +26,21 @@ FAMILIES = ("serendipity", "lagrange")
 SIMPLICES = ("triangle", "tetrahedron")
 
 
-def superlinear_degree(exponents: tuple[int, ...]) -> int:
-    """Degree of a monomial that counts only the variables entering at least squared."""
-    return sum(e for e in exponents if e > 1)
-
-
-def _expansion_coefficients(cell: basix.CellType, dimension: int) -> np.ndarray:
-    """Serendipity monomials in basix's orthonormal basis of degree 2."""
+def _expansion_coefficients(cell: basix.CellType, element: NodalElement) -> np.ndarray:
+    """Shape functions in basix's orthonormal basis of degree 2."""
     points, weights = basix.make_quadrature(cell, 6)
     legendre = basix.tabulate_polynomials(basix.PolynomialType.legendre, cell, 2, points)
-    exponents = [
-        e for e in itertools.product(range(3), repeat=dimension) if superlinear_degree(e) <= 2
-    ]
-    monomials = np.array(
-        [np.prod([points[:, d] ** k for d, k in enumerate(e)], axis=0) for e in exponents]
-    )
-    return monomials @ (weights * legendre).T
+    return element.shapes(points).T @ (weights * legendre).T
 
 
 def _point_evaluations(
-    cell: basix.CellType, dimension: int
+    cell: basix.CellType,
 ) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
     """Points and identity interpolation matrices at vertices and edge midpoints."""
-    geometry, topology = basix.geometry(cell), basix.topology(cell)
-    points: list[list[np.ndarray]] = []
-    matrices: list[list[np.ndarray]] = []
-    for entity_dimension in range(4):
-        entities = topology[entity_dimension] if entity_dimension <= dimension else []
-        nodal = entity_dimension < 2
-        points.append(
-            [
-                geometry[entity].mean(axis=0)[None, :] if nodal else np.zeros((0, dimension))
-                for entity in entities
-            ]
-        )
-        size = int(nodal)
+    geometry, points, matrices = basix.geometry(cell), [], []
+    topology = [*basix.topology(cell), []][:4]
+    for entities, size in zip(topology, (1, 1, 0, 0), strict=True):
+        points.append([geometry[entity].mean(axis=0)[None][:size] for entity in entities])
         matrices.append([np.ones((size, 1, size, 1)) for _ in entities])
     return points, matrices
 
@@ -82,7 +63,20 @@ def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()) -> co
     if family == "lagrange" or cell in SIMPLICES:
         return compat.lagrange_element(cell, 2, shape)
     cell_type = getattr(basix.CellType, cell)
-    dimension = len(basix.topology(cell_type)) - 1
-    coefficients = _expansion_coefficients(cell_type, dimension)
-    points, matrices = _point_evaluations(cell_type, dimension)
+    element = SOLIDS["hex"] if cell == "hexahedron" else ELEMENTS["serendipity"]
+    coefficients = _expansion_coefficients(cell_type, element)
+    points, matrices = _point_evaluations(cell_type)
     return compat.custom_element(cell, coefficients, points, matrices, 1, 2, shape)
+
+
+def solid_element(cell: str, size: int) -> NodalElement:
+    """Solid cell with `size` nodes in dolfinx order.
+
+    ``"hexahedron"`` with 8, 20 or 27 nodes, ``"tetrahedron"`` with 4 or 10.
+    """
+    kind = getattr(basix.CellType, cell)
+    corners = basix.geometry(kind)
+    entities = itertools.chain.from_iterable(basix.topology(kind))
+    nodes = np.array([corners[entity].mean(axis=0) for entity in entities])[:size]
+    family = {4: "simplex", 10: "simplex", 20: "serendipity"}.get(size, "lagrange")
+    return NodalElement.of(nodes, family, 1 if size == len(corners) else 2)

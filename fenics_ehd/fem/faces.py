@@ -1,15 +1,128 @@
-"""Cylindrical and flat faces of a solid, found in the facets of its surface."""
+"""Cylindrical and flat faces of a solid, found in the facets of its surface.
+
+Cylinders are fitted to the nodes by least squares of their distances; a circle alone, whose
+``x^2 + y^2`` is linear in x and y, by a linear system.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fenics_ehd.fem.cylinder_fit import Cylinder, fit_cylinder
 from fenics_ehd.fem.solid import Solid
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """A cylinder of finite width.
+
+    Attributes
+    ----------
+    centre
+        Half way along the axis, shape (3,) [m].
+    axis
+        Unit vector whose largest component is positive, shape (3,).
+    radius, width
+        [m].
+    deviation
+        Largest distance of a point that it was laid through [m].
+    """
+
+    centre: np.ndarray
+    axis: np.ndarray
+    radius: float
+    width: float
+    deviation: float
+
+    def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Height from the centre, shape (n,), and vector from the axis, (n, 3) [m]."""
+        x = points - self.centre
+        height = x @ self.axis
+        return height, x - np.outer(height, self.axis)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Distance of points from its surface, shape (n,) [m]."""
+        height, across = self.split(points)
+        beyond = np.maximum(np.abs(height) - 0.5 * self.width, 0.0)
+        return np.hypot(np.linalg.norm(across, axis=1) - self.radius, beyond)
+
+
+def fit_circle(plane: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre (2,) and radius of the circle through points, shape (n, 2), by least squares."""
+    # Of a circle, x^2 + y^2 is linear in x and y.
+    rows = np.column_stack([2 * plane, np.ones(len(plane))])
+    found = np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0]
+    return found[:2], float(np.sqrt(max(found[2] + found[:2] @ found[:2], 0.0)))
+
+
+def cylinder_centre(x: np.ndarray) -> np.ndarray:
+    """Centre of the cylinder along z that nodes lie on, shape (m, 3) to (3,) [m]."""
+    middle = x.mean(axis=0)
+    middle[:2] += fit_circle(x[:, :2] - x[:, :2].mean(axis=0))[0]
+    middle[2] = 0.5 * (x[:, 2].min() + x[:, 2].max())
+    return middle
+
+
+def rounded_middles(corners: np.ndarray) -> np.ndarray:
+    """Middles of facets' edges, half way in angle and height between corners on a cylinder.
+
+    There an isoparametric bore is the best quadratic one, and straight edges in the unwrapped
+    plane are what the mesh transfer takes them for.
+
+    Parameters
+    ----------
+    corners
+        Of each facet in turn, from the axis along z, shape (f, c, 3) [m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Between each corner and the next, shape (f, c, 3) [m].
+    """
+    following = np.roll(corners, -1, axis=1)
+    middle = 0.5 * (corners + following)
+    reach = [np.linalg.norm(end[..., :2], axis=2) for end in (corners, following, middle)]
+    middle[..., :2] *= (0.5 * (reach[0] + reach[1]) / np.maximum(reach[2], 1e-300))[..., None]
+    return middle
+
+
+def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
+    """Cylinder through points by least squares, begun from the normals of the surface.
+
+    Parameters
+    ----------
+    points
+        On the surface, shape (n, 3) [m].
+    normals
+        Of facets there, in any number, shape (k, 3).
+    """
+    axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    across = np.linalg.svd(axis[None, :])[2][1:]
+    middle = points.mean(axis=0)
+    size = np.linalg.norm(points - middle, axis=1).max()
+    x = (points - middle) / size
+    found, reach = fit_circle(x @ across.T)
+
+    def off(unknowns: np.ndarray) -> np.ndarray:
+        """Distances from the cylinder about a line by a point, its direction, and the radius."""
+        start, along, radius = np.split(unknowns, [3, 6])
+        return np.linalg.norm(np.cross(x - start, along), axis=1) / np.linalg.norm(along) - radius
+
+    given = [*found @ across, *axis, reach]
+    best = least_squares(off, given, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    start, direction = best[:3], best[3:6] / np.linalg.norm(best[3:6])
+    height = (x - start) @ direction
+    centre = middle + size * (start + 0.5 * (height.min() + height.max()) * direction)
+    deviation = size * np.abs(off(best)).max()
+    return Cylinder(
+        centre, direction, float(size * best[6]), float(size * np.ptp(height)), float(deviation)
+    )
+
 
 #: Largest distance of a node from the cylinder or plane that its face is taken for, relative to
 #: the size of the face: rounding of a file is far below, a cone or a chamfer far above.
@@ -72,11 +185,10 @@ def find_faces(
     sharp
         Angle of such an edge [degrees].
     """
-    vectors = _area_vectors(solid, facets)
     if labels is None:
-        labels = _smooth_pieces(solid, facets, vectors, sharp)
+        labels = _smooth_pieces(solid, facets, sharp)
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
-    faces = _whole([_shaped(solid, facets, vectors, group) for group in groups], solid, facets)
+    faces = _whole([_shaped(solid, facets, group) for group in groups], solid, facets)
     order = {"bore": 0, "shaft": 1, "plane": 2, "other": 3}
 
     def place(face: Face) -> tuple[float, ...]:
@@ -95,9 +207,7 @@ def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
 
 
-def _smooth_pieces(
-    solid: Solid, facets: np.ndarray, vectors: np.ndarray, sharp: float
-) -> np.ndarray:
+def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray:
     """Pieces of the surface between sharp edges, a number for each facet."""
     count = facets.shape[1] // 2
     sides = np.stack([facets[:, :count], np.roll(facets[:, :count], -1, axis=1)], axis=2)
@@ -106,6 +216,7 @@ def _smooth_pieces(
     edges, owners = edges[order], np.repeat(np.arange(len(facets)), count)[order]
     twins = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
     a, b = owners[twins], owners[twins + 1]
+    vectors = _area_vectors(solid, facets)
     normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
     smooth = np.einsum("ij,ij->i", normals[a], normals[b]) > np.cos(np.radians(sharp))
     a, b = a[smooth], b[smooth]
@@ -113,10 +224,10 @@ def _smooth_pieces(
     return connected_components(graph, directed=False)[1]
 
 
-def _shaped(solid: Solid, facets: np.ndarray, vectors: np.ndarray, group: np.ndarray) -> Face:
+def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
     """A face as the plane or the cylinder that it is, or as neither."""
     nodes = np.unique(facets[group])
-    x, normal = solid.points[nodes], vectors[group]
+    x, normal = solid.points[nodes], _area_vectors(solid, facets[group])
     areas = np.linalg.norm(normal, axis=1)
     area, mean = float(areas.sum()), normal.sum(axis=0)
     corners = solid.points[facets[group, : facets.shape[1] // 2]].mean(axis=1)
@@ -148,18 +259,7 @@ def _whole(faces: list[Face], solid: Solid, facets: np.ndarray) -> list[Face]:
         if twin is None:
             found.append(face)
             continue
-        both = np.concatenate([found[twin].facets, face.facets])
-        vectors = _area_vectors(solid, facets[both])
-        x = solid.points[np.unique(facets[both])]
-        cylinder = fit_cylinder(x, vectors / np.linalg.norm(vectors, axis=1)[:, None])
-        found[twin] = replace(
-            face,
-            facets=both,
-            area=found[twin].area + face.area,
-            centre=cylinder.centre,
-            axis=cylinder.axis,
-            cylinder=cylinder,
-        )
+        found[twin] = _shaped(solid, facets, np.concatenate([found[twin].facets, face.facets]))
     return found
 
 

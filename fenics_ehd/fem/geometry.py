@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
-import basix
 import numpy as np
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
 from fenics_ehd.base import compat
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.interrupt import interrupt_kept
-from fenics_ehd.fem.cylinder_fit import cylinder_centre
+from fenics_ehd.base.processes import interrupt_kept
+from fenics_ehd.fem.elements import solid_element
+from fenics_ehd.fem.faces import cylinder_centre, rounded_middles
 from fenics_ehd.fem.gmsh_session import (
     HEXAHEDRON_27,
     SWITCH,
     TETRAHEDRON_10,
     TRIANGLE_6,
-    end_session,
+    nodes_of_cells,
     numbered_nodes,
-    open_model,
+    opened_model,
 )
-from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid
-from fenics_ehd.fem.sound_cells import require_sound_cells
+from fenics_ehd.fem.solid import Solid, require_sound_cells
 from fenics_ehd.reduction.bore import BORE
 
 with interrupt_kept():
@@ -67,7 +67,7 @@ class PartMesh:
 
 
 def _found_cells(path: str | Path, asked: str) -> str:
-    """Which cells the current model holds, ``"hex"`` or ``"tet"``, and no other solids."""
+    """Kind of cells that the current model holds, ``"hex"`` or ``"tet"``, and no other solids."""
     found = set(gmsh.model.mesh.getElementTypes(3))
     if not found:
         raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
@@ -127,74 +127,47 @@ def build_mesh(
         for.
     """
     groups, failure = None, None
-    if comm.rank == 0:
-        try:
-            groups = open_model(Path(path), parameters or {}, cells, size)
-            cells = _found_cells(path, cells)
-            if cells == "tet":
-                for bore in bores:
-                    _round_bore(groups.get(bore))
-            require_sound_cells(_meshed(cells), path)
-        except MeshError as error:
-            failure = str(error)
-    opened = groups is not None
-    failure, groups, cells = comm.bcast((failure, groups, cells))
-    try:
+    with ExitStack() as model:
+        if comm.rank == 0:
+            try:
+                opened = opened_model(Path(path), parameters or {}, cells, size)
+                groups = model.enter_context(opened)
+                cells = _found_cells(path, cells)
+                if cells == "tet":
+                    for bore in bores:
+                        _round_bore(groups.get(bore))
+                points, row = numbered_nodes()
+                solid = Solid(points, row[nodes_of_cells(CELLS[cells])], cells)
+                require_sound_cells(solid, path)
+            except MeshError as error:
+                failure = str(error)
+        failure, groups, cells = comm.bcast((failure, groups, cells))
         if failure:
             raise MeshError(failure)
         mesh, cell_tags, facet_tags = compat.model_to_mesh(gmsh.model, comm)
-    finally:
-        if opened:
-            end_session()
     if serendipity_geometry and cells == "hex":
         _place_centre_nodes(mesh)
     return PartMesh(mesh, cell_tags, facet_tags, groups)
 
 
 def _round_bore(group: int | None) -> None:
-    """Put mid-side nodes of the bore's triangles on the cylinder, half way in angle and height.
-
-    There the isoparametric bore is the best quadratic one, and straight edges in
-    the unwrapped plane are what the mesh transfer takes them for.
-    """
+    """Put mid-side nodes of the bore's triangles on the cylinder, as `rounded_middles`."""
     if group is None:
         return
     x, row = numbered_nodes()
-    nodes = [
-        gmsh.model.mesh.getElementsByType(TRIANGLE_6, entity)[1]
-        for entity in gmsh.model.getEntitiesForPhysicalGroup(2, group)
-    ]
-    triangles = np.concatenate(nodes).reshape(-1, 6)
+    entities = gmsh.model.getEntitiesForPhysicalGroup(2, group)
+    triangles = np.vstack([nodes_of_cells(TRIANGLE_6, entity) for entity in entities])
     corners = x[row[triangles[:, :3]]]
     centre = cylinder_centre(corners.reshape(-1, 3))
-    corners = corners - centre
-    # Gmsh orders the edges 0-1, 1-2, 2-0.
-    following = np.roll(corners, -1, axis=1)
-    middle = 0.5 * (corners + following)
-    reach = [np.linalg.norm(end[:, :, :2], axis=2) for end in (corners, following, middle)]
-    middle[:, :, :2] *= (0.5 * (reach[0] + reach[1]) / np.maximum(reach[2], 1e-300))[:, :, None]
+    middle = rounded_middles(corners - centre)
     edge_nodes, first = np.unique(triangles[:, 3:], return_index=True)
     for node, position in zip(edge_nodes, centre + middle.reshape(-1, 3)[first], strict=True):
         gmsh.model.mesh.setNode(node, position, [])
 
 
-def _meshed(cells: str) -> Solid:
-    """The current model's second-order cells."""
-    x, row = numbered_nodes()
-    nodes = gmsh.model.mesh.getElementsByType(CELLS[cells])[1]
-    order = GMSH_TET if cells == "tet" else np.argsort(GMSH_HEX)
-    rows = row[nodes].reshape(-1, 10 if cells == "tet" else 27)
-    return Solid(x, rows[:, order], cells)
-
-
 def _place_centre_nodes(mesh: Mesh) -> None:
     """Move face and cell centres of 27-node hexahedra to the 20-node interpolation."""
-    topology = basix.topology(basix.CellType.hexahedron)
-    edges = {frozenset(edge): 8 + i for i, edge in enumerate(topology[1])}
-    nodes = compat.geometry_dofmap(mesh)
-    x = mesh.geometry.x
-    for i, face in enumerate(topology[2]):
-        sides = [number for edge, number in edges.items() if edge <= set(face)]
-        corners, middles = (x[nodes[:, part]].sum(axis=1) for part in (face, sides))
-        x[nodes[:, 20 + i]] = -0.25 * corners + 0.5 * middles
-    x[nodes[:, 26]] = -0.25 * x[nodes[:, :8]].sum(axis=1) + 0.25 * x[nodes[:, 8:20]].sum(axis=1)
+    centres = solid_element("hexahedron", 27).nodes[20:]
+    shapes = solid_element("hexahedron", 20).shapes(centres)
+    nodes, x = compat.geometry_dofmap(mesh), mesh.geometry.x
+    x[nodes[:, 20:]] = shapes @ x[nodes[:, :20]]

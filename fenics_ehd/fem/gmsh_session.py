@@ -1,4 +1,4 @@
-"""What Gmsh reads and meshes: models, drawings, meshes that nothing else reads.
+"""Gmsh's sessions: models and drawings meshed, meshes read that nothing else reads.
 
 A model is a program, and a broken one leaves text in Gmsh's parser for the next; a drawing with a
 line missing ends the process. So all but the models of this package are opened in another process,
@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from fenics_ehd.base.child import in_child
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.base.processes import in_child, interrupt_kept
 from fenics_ehd.fem.models import check_model, is_shipped
 from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid
 
@@ -28,11 +27,11 @@ with interrupt_kept():
     import gmsh
 
 if TYPE_CHECKING:  # slow to import
-    from fenics_ehd.fem.cylinder_fit import Cylinder
+    from fenics_ehd.fem.faces import Cylinder
 
 T = TypeVar("T")
 
-#: How Gmsh begins the names of what it puts beside a model's own parameters.
+#: Beginnings of the names of parameters that Gmsh puts beside a model's own.
 _GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 
 #: Parameter of a model that can be meshed with hexahedra or tetrahedra.
@@ -41,12 +40,14 @@ SWITCH = "tetrahedra"
 #: Gmsh's second-order cells, and the triangle on the faces of the latter.
 HEXAHEDRON_27, TETRAHEDRON_10, TRIANGLE_6 = 12, 11, 9
 
-#: Gmsh's numbers of solid cells, their names in meshio and the order of their nodes there.
-_BY_GMSH = {
-    4: ("tetra", [*range(4)]),
-    11: ("tetra10", GMSH_TET),
-    5: ("hexahedron", [*range(8)]),
-    17: ("hexahedron20", np.argsort(GMSH_HEX).tolist()),
+#: Names in meshio of Gmsh's solid cells.
+_NAMES = {4: "tetra", 11: "tetra10", 5: "hexahedron", 17: "hexahedron20"}
+
+#: Orders of the nodes of those cells of second order that Gmsh numbers otherwise.
+_ORDERS = {
+    TETRAHEDRON_10: GMSH_TET,
+    17: np.argsort(GMSH_HEX).tolist(),
+    HEXAHEDRON_27: np.argsort(GMSH_HEX).tolist(),
 }
 
 #: Size of cells where nothing asks for smaller ones, relative to the part's longest side.
@@ -59,24 +60,14 @@ GROWTH = 0.35
 @contextmanager
 def session() -> Iterator[None]:
     """Gmsh without options of its user, silent."""
-    begin_session()
-    try:
-        yield
-    finally:
-        end_session()
-
-
-def begin_session() -> None:
-    """Start Gmsh without options of its user, silent."""
     with interrupt_kept():
         gmsh.initialize([""], readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-
-
-def end_session() -> None:
-    """End it."""
-    with interrupt_kept():
-        gmsh.finalize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        yield
+    finally:
+        with interrupt_kept():
+            gmsh.finalize()
 
 
 def _called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -> T:
@@ -103,6 +94,7 @@ def _by_itself(path: Path) -> Iterator[str]:
     """Name of a file beside which no file of options lies, which Gmsh would obey.
 
     It ends as Gmsh spells it: a file that ends otherwise, with a capital say, is run as a model.
+    What Gmsh says of it names the user's file.
     """
     with TemporaryDirectory() as folder:
         alone = Path(folder, f"model{path.suffix.lower()}")
@@ -112,7 +104,12 @@ def _by_itself(path: Path) -> Iterator[str]:
             alone.write_text(f'Include "{path.absolute()}";\n')
         else:
             alone.symlink_to(path.absolute())
-        yield str(alone)
+        try:
+            yield str(alone)
+        except MeshError:
+            raise
+        except Exception as error:  # Gmsh raises plain Exception
+            raise RuntimeError(str(error).replace(str(alone), str(path))) from None
 
 
 def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
@@ -121,6 +118,13 @@ def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
     row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
     return x.reshape(-1, 3), row
+
+
+def nodes_of_cells(number: int, entity: int = -1) -> np.ndarray:
+    """Nodes by Gmsh's numbers of the current model's cells of a type, in the order of `SOLIDS`."""
+    nodes = gmsh.model.mesh.getElementsByType(number, entity)[1]
+    cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
+    return cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
 
 # Models
@@ -146,7 +150,7 @@ def _values(path: Path) -> dict[str, float]:
 
 
 def _parameters(model: str) -> dict[str, Any]:
-    """What ONELAB knows of every number that is a parameter, by the last part of its name."""
+    """Entries of ONELAB for every number that is a parameter, by the last part of its name."""
     gmsh.onelab.clear()
     gmsh.open(model)
     names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
@@ -174,22 +178,23 @@ def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: floa
     gmsh.onelab.setNumber(entry["name"], [float(value)])
 
 
-def open_model(
+@contextmanager
+def opened_model(
     path: Path, parameters: Mapping[str, float], cells: str, size: float = 1.0
-) -> dict[str, int]:
-    """Numbers of a model's groups by name, its mesh in a session that the caller ends.
+) -> Iterator[dict[str, int]]:
+    """Numbers of a model's groups by name, its mesh in a session.
 
     Raises
     ------
     MeshError
-        Gmsh cannot mesh it; there is no session then.
+        Gmsh cannot mesh it.
     """
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "mesh.msh")
         groups = _called("mesh", _write_mesh, path, dict(parameters), cells, size, mesh)
-        begin_session()
-        gmsh.open(str(mesh))
-    return groups
+        with session():
+            gmsh.open(str(mesh))
+            yield groups
 
 
 def _write_mesh(
@@ -237,12 +242,8 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     with session(), _by_itself(path) as alone:
         gmsh.merge(alone)
         points, row = numbered_nodes()
-        blocks = [
-            (name, row[nodes].reshape(-1, len(order))[:, order])
-            for number, (name, order) in _BY_GMSH.items()
-            if len(nodes := gmsh.model.mesh.getElementsByType(number)[1])
-        ]
-        return points, blocks
+        cells = [(name, nodes_of_cells(number)) for number, name in _NAMES.items()]
+        return points, [(name, row[nodes]) for name, nodes in cells if len(nodes)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +265,7 @@ class CellSizes:
     coarser: float = 1.0
 
     def __call__(self, _d: int, _t: int, x: float, y: float, z: float, *_: float) -> float:
-        """As Gmsh asks for it, with the number of an entity before the place [m]."""
+        """Size at a place, which Gmsh gives behind the number of an entity [m]."""
         place = np.array([[x, y, z]])
         sizes = [
             2 * np.pi * cylinder.radius / count + GROWTH * float(cylinder.distance(place)[0])
@@ -321,21 +322,15 @@ def _mesh_drawing(path: Path, sizes: CellSizes | None) -> tuple[Solid, np.ndarra
 def _tetrahedra() -> tuple[Solid, np.ndarray]:
     """The current model's tetrahedra and the entity of each facet."""
     points, row = numbered_nodes()
-    cells = gmsh.model.mesh.getElementsByType(TETRAHEDRON_10)[1]
-    if not len(cells):
+    kept = row[nodes_of_cells(TETRAHEDRON_10)]
+    if not len(kept):
         raise MeshError("it gives no tetrahedra")
-    kept = row[cells].reshape(-1, 10)[:, GMSH_TET]
     nodes, cells = np.unique(kept, return_inverse=True)
     solid = Solid(points[nodes], cells.reshape(kept.shape), "tet")
-    corners, owners = [], []
+    owner: dict[tuple, int] = {}
     for _, entity in gmsh.model.getEntities(2):
-        triangles = row[gmsh.model.mesh.getElementsByType(TRIANGLE_6, entity)[1]].reshape(-1, 6)
-        corners.append(np.searchsorted(nodes, triangles[:, :3]))
-        owners.append(np.full(len(triangles), entity))
-    facets = solid.facets()
-    known = np.sort(np.vstack([*corners, facets[:, :3]]), axis=1)
-    numbers = np.unique(known, axis=0, return_inverse=True)[1].ravel()
-    label = np.zeros(numbers.max() + 1, dtype=np.int64)
-    drawn = np.concatenate(owners)
-    label[numbers[: len(drawn)]] = drawn
-    return solid, label[numbers[len(drawn) :]]
+        triangles = row[nodes_of_cells(TRIANGLE_6, entity)[:, :3]]
+        corners = np.sort(np.searchsorted(nodes, triangles), axis=1)
+        owner |= dict.fromkeys(map(tuple, corners.tolist()), entity)
+    found = np.sort(solid.facets()[:, :3], axis=1).tolist()
+    return solid, np.array([owner[tuple(corners)] for corners in found])

@@ -7,16 +7,17 @@ itself is not imported here.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from base64 import b64decode, b64encode
+from collections.abc import Collection, Sequence
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.reduction.mesh_error import SMOOTH
+from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 
-#: How a mesh begins; any other content Gmsh takes for a program, whatever the file's name.
+#: First bytes of a mesh; any other content Gmsh takes for a program, whatever the file's name.
 MESH_BEGINS = b"$MeshFormat"
 
 
@@ -24,8 +25,8 @@ MESH_BEGINS = b"$MeshFormat"
 #: know ("MSH file format" of Gmsh's manual).
 MESH_ERROR, MESH_ERROR_ENDS = b"\n$FlexibilityMeshError\n", b"\n$EndFlexibilityMeshError\n"
 
-#: Of a file's end, that such a section may take [bytes].
-MOST_STORED = 2**20
+#: Largest size of such a section at a file's end [bytes].
+MOST_STORED = 2**24
 
 
 def model_path(name: str) -> Path:
@@ -34,12 +35,12 @@ def model_path(name: str) -> Path:
 
 
 def is_shipped(path: Path) -> bool:
-    """Whether a model is one of the package, which needs no suspicion."""
+    """True of a model of the package, which needs no suspicion."""
     return path.absolute().parent == model_path("conrod").parent
 
 
 def is_program(path: Path) -> bool:
-    """Whether a model is run as a script that is not of this package."""
+    """True of a model that is run as a script and is not of this package."""
     return path.suffix == ".geo" and not is_shipped(path)
 
 
@@ -59,41 +60,50 @@ def check_model(path: Path) -> None:
                 raise MeshError(f"model {path} is no mesh: it must begin with $MeshFormat")
 
 
-def store_mesh_error(path: Path, bores: Sequence[str], missing: np.ndarray) -> None:
+def store_mesh_error(
+    path: Path, bores: Sequence[str], points: Sequence[str], error: float, moved: np.ndarray
+) -> None:
     """Leave in a ``.msh`` file what its bores miss.
 
     Parameters
     ----------
     path
         It ends there.
-    bores
-        Their names.
-    missing
-        Compliance (`fenics_ehd.reduction.mesh_error`) times Young's modulus, which it then hardly
-        depends on, shape (s, s) [m^3].
+    bores, points
+        Names of them and of the boundary points.
+    error
+        Of the flexibility, relative.
+    moved
+        Displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`) times Young's
+        modulus, which they then hardly depend on, shape (k, s + 2 a) [m], [m Pa/N].
     """
-    rounded = [[float(f"{value:.4g}") for value in row] for row in missing]
-    text = json.dumps({"bores": list(bores), "missing": rounded})
+    said = {"bores": list(bores), "points": list(points), "error": error}
+    text = json.dumps(said | {"moved": b64encode(moved.astype("<f4").tobytes()).decode()})
     with open(path, "ab") as file:
         file.write(MESH_ERROR + text.encode() + MESH_ERROR_ENDS)
 
 
-def stored_mesh_error(path: Path, bores: Sequence[str]) -> np.ndarray:
-    """What `store_mesh_error` left in a file.
+def stored_mesh_error(
+    path: Path, bores: Sequence[str], points: Collection[str]
+) -> tuple[float, np.ndarray]:
+    """Error and displacements that `store_mesh_error` left in a file, of wanted points.
 
     Raises
     ------
     MeshError
-        It is not there, or of other bores.
+        It is not there, or of other bores or points.
     """
     with open(path, "rb") as file:
         file.seek(max(0, file.seek(0, 2) - MOST_STORED))
         text = file.read().rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
     try:
         found = json.loads(text)
-        missing = np.array(found["missing"], dtype=float)
-        if found["bores"] == list(bores) and missing.shape == (SMOOTH * len(bores),) * 2:
-            return missing
+        if found["bores"] == list(bores):
+            smooth = SMOOTH * len(bores)
+            moved = np.frombuffer(b64decode(found["moved"]), "<f4").astype(float)
+            moved = moved.reshape(-1, smooth + 2 * len(found["points"]))
+            columns = point_columns(found["points"], points, smooth)
+            return float(found["error"]), moved[:, columns]
     except (LookupError, ValueError, TypeError, RecursionError):
         pass
     raise MeshError(f"model {path} does not say what its mesh misses")

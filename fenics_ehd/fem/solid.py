@@ -1,21 +1,22 @@
-"""A solid of second-order cells as arrays, from any mesh, and the facets of its surface."""
+"""A solid of second-order cells as arrays, from any mesh, and the facets of its surface.
+
+Its cells must neither overlap nor be inside out; each can be cut in eight, the shape kept.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-#: Corners of the edges of a cell, in the order of their nodes (that of VTK).
-EDGES = {
-    "tet": ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)),
-    "hex": (
-        *((0, 1), (1, 2), (2, 3), (0, 3), (4, 5), (5, 6)),
-        *((6, 7), (4, 7), (0, 4), (1, 5), (2, 6), (3, 7)),
-    ),
-}
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.reduction.elements import SOLIDS, NodalElement
 
-#: Corners of its faces, seen from outside against the clock.
+#: Corners of the faces of a cell, seen from outside against the clock.
 FACES = {
     "tet": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hex": (
@@ -23,18 +24,6 @@ FACES = {
         *((1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)),
     ),
 }
-
-#: Corners of a cell.
-CORNERS = {"tet": 4, "hex": 8}
-
-_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
-
-#: Where they are in the reference cell.
-REFERENCE = {
-    "tet": np.vstack([np.zeros(3), np.eye(3)]),
-    "hex": np.array([(x, y, z) for z in (0, 1) for x, y in _SQUARE], dtype=float),
-}
-
 
 #: Gmsh's order of the nodes of a cell, in places of this one's; that of tetrahedra both ways.
 GMSH_TET = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
@@ -50,7 +39,7 @@ class Solid:
     points
         Nodes, shape (n, 3) [m].
     cells
-        Nodes of each cell, corners, then edges as in `EDGES`, shape (c, 10) or (c, 20).
+        Nodes of each cell, corners, then edges as in `SOLIDS`, shape (c, 10) or (c, 20).
     kind
         ``"tet"`` or ``"hex"``.
     """
@@ -59,11 +48,20 @@ class Solid:
     cells: np.ndarray
     kind: str
 
+    @property
+    def element(self) -> NodalElement:
+        """Shape functions of a cell."""
+        return SOLIDS[self.kind]
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Nodes at the corners of each cell, shape (c, 4 or 8)."""
+        return self.cells[:, : self.element.corners]
+
     def face_rows(self) -> np.ndarray:
         """Places in a cell of the nodes of each face: corners in turn, then the edges between."""
-        number = {
-            frozenset(edge): CORNERS[self.kind] + i for i, edge in enumerate(EDGES[self.kind])
-        }
+        edges = self.element.edges.tolist()
+        number = {frozenset(edge): i for i, edge in enumerate(edges, self.element.corners)}
         rows = []
         for face in FACES[self.kind]:
             sides = zip(face, face[1:] + face[:1], strict=True)
@@ -88,7 +86,7 @@ class Solid:
 
 def raised(points: np.ndarray, corners: np.ndarray, kind: str) -> Solid:
     """Second-order solid of first-order cells, whose edges are straight."""
-    pairs = np.sort(corners[:, np.array(EDGES[kind])], axis=2)
+    pairs = np.sort(corners[:, SOLIDS[kind].edges], axis=2)
     edges, numbers = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     middles = len(points) + numbers.reshape(pairs.shape[:2])
     return Solid(
@@ -102,21 +100,128 @@ def used(solid: Solid) -> Solid:
     return Solid(solid.points[nodes], cells.reshape(solid.cells.shape), solid.kind)
 
 
-def shape_functions(x: np.ndarray, kind: str) -> np.ndarray:
-    """Of the second-order cell at points of the reference cell, shape (points, nodes)."""
-    edges = np.array(EDGES[kind])
-    if kind == "tet":
-        share = np.column_stack([1 - x.sum(axis=1), x])
-        middle = 4 * share[:, edges[:, 0]] * share[:, edges[:, 1]]
-        return np.hstack([share * (2 * share - 1), middle])
-    # Of the 20-node hexahedron: quadratic along its own edge, linear across; corners without
-    # what the middles take.
-    corner = np.prod(np.where(REFERENCE["hex"] > 0.5, x[:, None], 1 - x[:, None]), axis=2)
-    ends = REFERENCE["hex"][edges]
-    along = np.abs(ends[:, 1] - ends[:, 0])
-    t = x @ along.T
-    across = corner[:, edges[:, 0]] + corner[:, edges[:, 1]]
-    middle = 4 * t * (1 - t) * across
-    taken = np.zeros((len(edges), CORNERS["hex"]))
-    taken[np.arange(len(edges))[:, None], edges] = 0.5
-    return np.hstack([corner - middle @ taken, middle])
+def corner_volumes(solid: Solid) -> np.ndarray:
+    """Smallest volume that the edges at a corner of a cell span, of each cell, shape (c,).
+
+    Relative to the product of their lengths: 1 at the corners of a cube, 0.71 in an even
+    tetrahedron; in a cell turned inside out it is negative.
+    """
+    x, element = solid.points[solid.corners], solid.element
+    found = []
+    for corner in range(element.corners):
+        ends = [a + b - corner for a, b in element.edges if corner in (a, b)]
+        rays = x[:, ends] - x[:, corner, None]
+        lengths = np.linalg.norm(rays, axis=2).prod(axis=1)
+        sign = np.sign(np.linalg.det(element.nodes[ends] - element.nodes[corner]))
+        found.append(sign * np.linalg.det(rays) / np.maximum(lengths, 1e-300))
+    return np.min(found, axis=0)
+
+
+def inside_out(solid: Solid) -> np.ndarray:
+    """Mask of cells turned inside out or flat, by corners or curvature, shape (c,)."""
+    wrong = corner_volumes(solid) <= 0
+    x = solid.points[solid.cells]
+    slopes = solid.element.tabulate(solid.element.rule(4)[0])[1]
+    for at_point in slopes.swapaxes(0, 1):
+        wrong |= np.linalg.det(at_point @ x) <= 0
+    return wrong
+
+
+def require_sound_cells(solid: Solid, path: str | Path) -> None:
+    """Refuse what is no solid; Gmsh and dolfinx die of faces of more than two cells.
+
+    Raises
+    ------
+    MeshError
+        Cells are there twice, overlap or are turned inside out; it says how many.
+    """
+    corners = solid.corners
+    count = len(corners)
+    if twice := count - len(np.unique(np.sort(corners, axis=1), axis=0)):
+        raise MeshError(f"{path}: {twice} of {count} cells are there twice: export the part once")
+    if many := solid.overlaps():
+        raise MeshError(f"{path}: {many} faces are shared by more than two cells: mesh it again")
+    if wrong := int(inside_out(solid).sum()):
+        remedy = "take smaller ones, more cells around and along its bores"
+        if wrong == count:
+            remedy = "list their nodes the other way round"
+        raise MeshError(
+            f"{path}: {wrong} of {count} cells are turned inside out, by their corners or by the "
+            f"curvature of the surface: {remedy}"
+        )
+
+
+#: Distance of nodes that are one, relative to the size of the part.
+SAME = 1e-9
+
+#: Tetrahedra in one by its nodes: at the corners, then about the diagonal from node 6 to 8.
+_TETRAHEDRA = (
+    *((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3)),
+    *((6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)),
+)
+
+
+def refined(
+    solid: Solid, facets: np.ndarray, labels: np.ndarray
+) -> tuple[Solid, np.ndarray, np.ndarray]:
+    """Cells cut in eight, whose nodes lie where the second-order cells have them.
+
+    Parameters
+    ----------
+    facets, labels
+        Of its surface, and a number for each.
+
+    Returns
+    -------
+    tuple
+        The solid, its facets, and the label of the facet that each was cut from.
+    """
+    places = np.array([_with_middles(corners, solid.kind) for corners in _children(solid.kind)])
+    count = places.shape[1]
+    shapes = solid.element.shapes(places.reshape(-1, 3))
+    x = np.einsum("mn,cnk->cmk", shapes, solid.points[solid.cells]).reshape(-1, 3)
+    # Those of the given mesh come first and keep their numbers.
+    every = np.vstack([solid.points, x])
+    near = SAME * np.ptp(solid.points, axis=0).max()
+    pairs = cKDTree(every).query_pairs(near, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(every), len(every)))
+    group = connected_components(graph, directed=False)[1]
+    _, first, number = np.unique(group, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    number = np.argsort(order)[number]
+    cells = number[len(solid.points) :].reshape(-1, count)
+    made = Solid(every[first[order]], cells, solid.kind)
+    return made, *_labelled(made, len(solid.points), facets, labels)
+
+
+def _with_middles(corners: np.ndarray, kind: str) -> np.ndarray:
+    return np.vstack([corners, corners[SOLIDS[kind].edges].mean(axis=1)])
+
+
+def _children(kind: str) -> list[np.ndarray]:
+    """Corners of the eight in the reference cell."""
+    if kind == "hex":
+        corners = SOLIDS["hex"].nodes[:8]
+        return [0.5 * (corners + corner) for corner in corners]
+    nodes = SOLIDS["tet"].nodes
+    found = []
+    for four in _TETRAHEDRA:
+        x = nodes[list(four)]
+        found.append(x if np.linalg.det(x[1:] - x[0]) > 0 else x[[0, 2, 1, 3]])
+    return found
+
+
+def _labelled(
+    made: Solid, former: int, facets: np.ndarray, labels: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Facets and their labels, told by the nodes of the former mesh at their corners."""
+    count = facets.shape[1] // 2
+    known = {}
+    for nodes, label in zip(facets.tolist(), labels.tolist(), strict=True):
+        for side in range(count):
+            beside = (nodes[count + side], nodes[count + (side - 1) % count])
+            known[frozenset((nodes[side], *beside))] = label
+        known[frozenset(nodes[count:])] = label
+    found = made.facets()
+    corners = found[:, :count].tolist()
+    return found, np.array([known[frozenset(n for n in row if n < former)] for row in corners])

@@ -1,8 +1,9 @@
 """Solids from meshes of other programs.
 
-meshio reads them, but for those of I-DEAS, which Gmsh reads, and decks of Abaqus and CalculiX:
-meshio 5.3 forgets all nodes at a second ``*NODE`` (reference points of an assembly, say), knows
-type names in capitals alone and refuses a deck for any type of element that it does not know.
+meshio reads them, but for those of I-DEAS, which Gmsh reads. Of a deck of Abaqus and CalculiX it is
+given the nodes and solid cells alone: meshio 5.3 forgets all nodes at a second ``*NODE`` (reference
+points of an assembly, say), knows type names in capitals alone and refuses a deck for any type of
+element that it does not know.
 """
 
 from __future__ import annotations
@@ -20,13 +21,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.interrupt import interrupt_kept
+from fenics_ehd.base.fields import in_unit
+from fenics_ehd.base.processes import interrupt_kept, printing_kept
 from fenics_ehd.base.sealed_file import named, require_file
-from fenics_ehd.base.silence import printing_kept
-from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.gmsh_session import read_by_gmsh
-from fenics_ehd.fem.solid import Solid, raised, used
-from fenics_ehd.fem.sound_cells import require_sound_cells
+from fenics_ehd.fem.solid import Solid, raised, require_sound_cells, used
 
 #: Drawings, whose units are in the file.
 DRAWINGS = (".step", ".stp", ".iges", ".igs")
@@ -46,7 +45,7 @@ CELLS = {
 #: Meshes that Gmsh reads and meshio does not, of I-DEAS.
 READ_BY_GMSH = (".unv",)
 
-#: Of Nastran, which meshio reads if they begin as a whole deck does.
+#: Files of Nastran, which meshio reads if they begin as a whole deck does.
 NASTRAN = (".bdf", ".fem", ".nas")
 
 
@@ -134,15 +133,12 @@ def _require_one_piece(path: Path, cells: np.ndarray) -> None:
 
 # Decks of Abaqus and CalculiX
 
-#: Cells by their number of nodes, named as meshio does; their nodes are in its order.
-SOLIDS = {4: "tetra", 8: "hexahedron", 10: "tetra10", 20: "hexahedron20"}
-
 #: Behind these, node numbers mean other nodes: they are those of one part or instance.
 _SCOPES = {
     *("PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY", "ENDASSEMBLY"),
 }
 
-#: What makes or moves nodes and elements without listing them.
+#: Keywords that make or move nodes and elements without listing them.
 _GENERATORS = {"NCOPY", "NFILL", "NGEN", "NMAP", "SYSTEM", "ELCOPY", "ELGEN"}
 
 #: Most files that a deck includes, each as often as it is included.
@@ -169,7 +165,7 @@ def read_deck(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     Returns
     -------
     tuple
-        Points (n, 3), and of each type of cell its name, of `SOLIDS`, and the nodes (c, k).
+        Points (n, 3), and of each type of cell its name in meshio and the nodes (c, k).
 
     Raises
     ------
@@ -198,7 +194,21 @@ def read_deck(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
         raise MeshError(
             f"{path} has {len(solid)} parts of solid cells, it must have one: export the part alone"
         )
-    return _arrays(path, solid[0])
+    # A row may leave out what is zero.
+    flat = ["*NODE", *(",".join(f"{line},0,0,0".split(",")[:4]) for line in solid[0].nodes)]
+    for type_name, lines in solid[0].elements.items():
+        # meshio does not know all of a family, as C3D8RT.
+        family = re.sub(r"(C3D\d+).*", r"\1", type_name)
+        flat += [f"*ELEMENT, TYPE={family}", *lines]
+    try:
+        mesh = meshio.read(StringIO("\n".join(flat)), file_format="abaqus")
+    except (Exception, SystemExit):
+        # What it says is not shown: it may be any file, which a deck from elsewhere includes.
+        raise MeshError(
+            f"{path}: its rows are not nodes with coordinates and {', '.join(solid[0].elements)} "
+            "with as many of these nodes as they have"
+        ) from None
+    return mesh.points, [(block.type, block.data) for block in mesh.cells]
 
 
 def _lines(path: Path, opened: list[Path]) -> Iterator[str]:
@@ -227,36 +237,3 @@ def _keyword(line: str) -> tuple[str, str]:
     keyword, *options = re.sub(r"\s", "", line[1:]).upper().split(",")
     pairs = dict(option.partition("=")[::2] for option in options)
     return keyword, pairs.get("TYPE", "")
-
-
-def _arrays(path: Path, scope: _Scope) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
-    rows = [line.split(",") for line in scope.nodes]
-    numbers, points = np.zeros(len(rows), dtype=np.int64), np.zeros((len(rows), 3))
-    for place, row in enumerate(rows):
-        try:
-            numbers[place], points[place] = int(row[0]), [*map(float, row[1:4]), *[0.0] * 3][:3]
-        except (ValueError, OverflowError):
-            # What it says is not shown: it may be any file, which a deck from elsewhere includes.
-            raise MeshError(
-                f"{path}: row {place + 1} below *NODE is no number and coordinates"
-            ) from None
-    # A node that is listed twice is where it was put last.
-    numbers, last = np.unique(numbers[::-1], return_index=True)
-    points = points[::-1][last]
-    blocks = []
-    for type_name, lines in scope.elements.items():
-        count = int(re.sub(r"\D", "", type_name[3:]))
-        if count not in SOLIDS:
-            raise MeshError(f"{path} has {type_name}: it needs C3D4, C3D8, C3D10 or C3D20")
-        try:
-            entries = np.array([int(n) for n in ",".join(lines).split(",") if n.strip()])
-            cells = entries.reshape(-1, count + 1)[:, 1:]
-        except ValueError:
-            raise MeshError(
-                f"{path}: the rows of {type_name} are not a number and {count} nodes each"
-            ) from None
-        missing = np.setdiff1d(cells, numbers)
-        if len(missing):
-            raise MeshError(f"{path}: elements have node {missing[0]}, of which no place is given")
-        blocks.append((SOLIDS[count], np.searchsorted(numbers, cells)))
-    return points, blocks

@@ -32,94 +32,30 @@ that leaves a few points near its ends; where it turns on a circle all, and all 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import basix
 import numpy as np
-from mpi4py import MPI
+import ufl
+from dolfinx import fem
 from scipy import sparse
+from scipy.spatial.distance import cdist
+from ufl.core.expr import Expr
 
 from fenics_ehd.base import compat
-from fenics_ehd.fem.elements import superlinear_degree
-from fenics_ehd.fem.material import Material
+from fenics_ehd.base.fields import Material
+from fenics_ehd.fem.elements import solid_element
+from fenics_ehd.reduction.part_files import deviatoric, von_mises
 
-if TYPE_CHECKING:
-    from dolfinx import fem
-
-
-#: Which of the owned cells.
+#: Choice of owned cells.
 Cells = slice | np.ndarray
-
-#: Memory of the stresses computed at a time; what leads to them takes some five times as much.
-_BLOCK_BYTES = 1 << 22
-
-#: Derivatives, as 3 * direction + component, that each Voigt strain xx, yy, zz, yz, xz, xy sums.
-_VOIGT = ((0, 0), (4, 4), (8, 8), (5, 7), (2, 6), (1, 3))
 
 
 def sampling_points(cell: str) -> np.ndarray:
     """Reference points of the stresses in a cell, shape (8 or 4, 3)."""
-    if cell == "hexahedron":
-        return 0.5 + np.array(list(itertools.product((-0.5, 0.5), repeat=3))) / np.sqrt(3)
-    inner = (5 - np.sqrt(5)) / 20
-    return inner + np.vstack([np.zeros(3), (1 - 4 * inner) * np.eye(3)])
-
-
-def _exponents(cell: str, size: int) -> np.ndarray:
-    """Exponents of the monomials that a solid cell of `size` nodes spans, shape (size, 3)."""
-    exponents = itertools.product(range(3), repeat=3)
-    kept = {
-        ("hexahedron", 8): lambda e: max(e) <= 1,
-        ("hexahedron", 20): lambda e: superlinear_degree(e) <= 2,
-        ("hexahedron", 27): lambda e: True,
-        ("tetrahedron", 4): lambda e: sum(e) <= 1,
-        ("tetrahedron", 10): lambda e: sum(e) <= 2,
-    }[cell, size]
-    return np.array([e for e in exponents if kept(e)])
-
-
-def solid_shape_functions(
-    cell: str, size: int, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Nodal shape functions of a solid cell and their derivatives.
-
-    Parameters
-    ----------
-    cell, size
-        ``"hexahedron"`` with 8, 20 or 27 nodes, ``"tetrahedron"`` with 4 or 10.
-    points
-        Reference points, shape (p, 3).
-
-    Returns
-    -------
-    values : numpy.ndarray
-        shape (p, size), nodes in dolfinx order.
-    derivatives : numpy.ndarray
-        By the reference coordinates, shape (p, 3, size).
-    """
-    exponents = _exponents(cell, size)
-    nodal = np.linalg.inv(_monomials(_nodes(cell, size), exponents))
-    derivatives = [
-        2 * exponents[:, d] * _monomials(points, np.maximum(exponents - unit, 0)) @ nodal
-        for d, unit in enumerate(np.eye(3, dtype=int))
-    ]
-    return _monomials(points, exponents) @ nodal, np.stack(derivatives, axis=1)
-
-
-def _nodes(cell: str, size: int) -> np.ndarray:
-    """Reference nodes of a solid cell in dolfinx order, shape (size, 3)."""
-    kind = getattr(basix.CellType, cell)
-    corners = basix.geometry(kind)
-    entities = itertools.chain.from_iterable(basix.topology(kind))
-    return np.array([corners[entity].mean(axis=0) for entity in entities])[:size]
-
-
-def _monomials(x: np.ndarray, powers: np.ndarray) -> np.ndarray:
-    """Monomials about the middle of the cube, better conditioned than about its corner."""
-    return np.prod((2 * x[:, None, :] - 1) ** powers, axis=2)
+    degree = 3 if cell == "hexahedron" else 2
+    return basix.make_quadrature(getattr(basix.CellType, cell), degree)[0]
 
 
 def continuation(cell: str, size: int) -> np.ndarray:
@@ -128,205 +64,84 @@ def continuation(cell: str, size: int) -> np.ndarray:
     Trilinear of hexahedra, linear of tetrahedra; shape (size, 8 or 4).
     """
     points = sampling_points(cell)
-    exponents = _exponents(cell, len(points))
-    return _monomials(_nodes(cell, size), exponents) @ np.linalg.inv(_monomials(points, exponents))
+    linear = solid_element(cell, len(points))
+    nodes = solid_element(cell, size).nodes
+    return linear.shapes(nodes) @ np.linalg.inv(linear.shapes(points))
 
 
-def _hooke(material: Material) -> np.ndarray:
-    """Voigt stresses of the displacement derivatives 3 * direction + component, shape (6, 9)."""
+def hooke(displacement: Expr, material: Material) -> Expr:
+    """Stress tensor of a displacement, isotropic and linear [Pa]."""
     modulus, ratio = material.youngs_modulus, material.poissons_ratio
-    shear = modulus / (2 * (1 + ratio))
-    law = np.zeros((6, 9))
-    for row, pair in enumerate(_VOIGT):
-        for derivative in pair:
-            law[row, derivative] += shear
-    law[:3, [0, 4, 8]] += modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
-    return law
+    mu = modulus / (2 * (1 + ratio))
+    lame = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
+    strain = ufl.sym(ufl.grad(displacement))
+    return 2 * mu * strain + lame * ufl.tr(strain) * ufl.Identity(3)
 
 
-@dataclass(frozen=True, eq=False)
-class _Halo:
-    """Exchange of the rows of nodes that cells of one rank use and another owns.
-
-    `wanted` holds, for every rank, which of this rank's nodes it asks for.
-    """
-
-    comm: MPI.Comm
-    wanted: list[np.ndarray]
-
-    def fetch(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of the ghosts, from those that every rank owns; collective."""
-        return np.concatenate(self.comm.alltoall([rows[wanted] for wanted in self.wanted]))
-
-
-def _halo(comm: MPI.Comm, first_node: int, ghosts: np.ndarray) -> _Halo:
-    """Exchange for ghosts with these ascending global numbers; collective."""
-    starts = np.array(comm.allgather(first_node))
-    # From the right: a rank without nodes starts where its successor does.
-    owners = np.searchsorted(starts, ghosts, side="right") - 1
-    asked = [ghosts[owners == rank] - starts[rank] for rank in range(comm.size)]
-    return _Halo(comm, comm.alltoall(asked))
-
-
-@dataclass(frozen=True, eq=False)
-class StressOperator:
-    """From displacements to stresses in the cells that this rank owns.
-
-    Attributes
-    ----------
-    nodes
-        Nodes of every cell, shape (cells, nodes of a cell): owned ones as this
-        rank counts them, then the ghosts.
-    derivatives
-        Reference derivatives of the shape functions at the points of a cell,
-        shape (points, 3, nodes of a cell).
-    geometry
-        Geometry nodes of every cell, shape (cells, nodes of a cell's geometry).
-    x
-        Positions of the geometry nodes [m].
-    shapes
-        Shape functions of the geometry, shape (points, nodes), and derivatives.
-    law
-        Voigt stresses of displacement derivatives, shape (6, 9) [Pa].
-    owned
-        Nodes that this rank owns.
-    halo
-        Exchange of the ghosts' rows.
-    mesh
-        dolfinx frees the communicator together with it.
-    cell
-        ``"hexahedron"`` or ``"tetrahedron"``.
-    """
-
-    nodes: np.ndarray
-    derivatives: np.ndarray
-    geometry: np.ndarray
-    x: np.ndarray
-    shapes: tuple[np.ndarray, np.ndarray]
-    law: np.ndarray
-    owned: int
-    halo: _Halo
-    mesh: object
-    cell: str
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Owned cells and points of a cell."""
-        return len(self.nodes), len(self.derivatives)
-
-    def positions(self, cells: Cells = slice(None)) -> np.ndarray:
-        """Points of the stresses of owned cells, shape (cells, points, 3) [m]."""
-        return self.shapes[0] @ self.x[self.geometry[cells]]
-
-    def gradients(self, cells: Cells = slice(None)) -> np.ndarray:
-        """Derivatives by x, y and z of the shape functions, shape (cells, points, 3, nodes)."""
-        jacobians = self.shapes[1] @ self.x[self.geometry[cells]][:, None]
-        return np.linalg.inv(jacobians) @ self.derivatives
-
-    def __call__(self, columns: np.ndarray) -> StressField:
-        """Stresses of displacement columns; collective, as it fetches the ghosts' rows.
-
-        Parameters
-        ----------
-        columns
-            Displacements of the owned nodes, ``3 * node + component``, shape
-            (owned dofs, n) [m]. Not copied.
-        """
-        columns = columns.reshape(self.owned, 3, columns.shape[1])
-        return StressField(self, columns, self.halo.fetch(columns))
-
-
-@dataclass(frozen=True, eq=False)
 class StressField:
-    """Stresses of displacement columns, computed block by block when asked for.
+    """Stresses of displacement columns in the cells that this rank owns.
 
-    An array of shape `shape` to ``numpy.asarray``; only `block` keeps memory bounded.
-    Nothing here needs other ranks.
-
-    Attributes
-    ----------
-    operator
-        Cells, their geometry and the material.
-    columns
-        Displacement of the owned nodes, shape (owned nodes, 3, n) [m].
-    ghosts
-        The same of the nodes that others own, shape (ghost nodes, 3, n) [m].
-    """
-
-    operator: StressOperator
-    columns: np.ndarray
-    ghosts: np.ndarray
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """Owned cells, points of a cell, 6, n."""
-        return (*self.operator.shape, 6, self.columns.shape[2])
-
-    def positions(self, cells: Cells = slice(None)) -> np.ndarray:
-        """Where the stresses of owned cells are, shape (cells, points, 3) [m]."""
-        return self.operator.positions(cells)
-
-    def block(self, cells: Cells = slice(None), columns: slice = slice(None)) -> np.ndarray:
-        """Voigt stresses xx, yy, zz, yz, xz, xy, shape (cells, points, 6, columns) [Pa]."""
-        gradients = self.operator.gradients(cells)
-        values = self._nodal_values(self.operator.nodes[cells], columns)
-        count, points, _, nodes = gradients.shape
-        width = values.shape[3]
-        slopes = gradients.reshape(count, 3 * points, nodes) @ values.reshape(
-            count, nodes, 3 * width
-        )
-        return self.operator.law @ slopes.reshape(count, points, 9, width)
-
-    def _nodal_values(self, nodes: np.ndarray, columns: slice) -> np.ndarray:
-        """Displacements of cells, shape (cells, nodes, 3, columns)."""
-        owned = len(self.columns)
-        ours, theirs = self.columns[:, :, columns], self.ghosts[:, :, columns]
-        values = np.empty((*nodes.shape, *ours.shape[1:]))
-        ghost = nodes >= owned
-        values[~ghost], values[ghost] = ours[nodes[~ghost]], theirs[nodes[ghost] - owned]
-        return values
-
-    def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:
-        result = np.empty(self.shape)
-        step = max(1, _BLOCK_BYTES // max(1, 8 * int(np.prod(self.shape[1:]))))
-        for start in range(0, len(result), step):
-            cells = slice(start, start + step)
-            result[cells] = self.block(cells)
-        return result if dtype is None else result.astype(dtype)
-
-
-def stress_operator(space: fem.FunctionSpace, material: Material) -> StressOperator:
-    """Stresses of the displacements of a part; collective.
+    Computed block by block when asked for, without other ranks.
 
     Parameters
     ----------
     space
-        Quadratic displacements on hexahedra or tetrahedra.
+        Quadratic displacements of the part on hexahedra or tetrahedra.
     material
         Elastic constants.
+    columns
+        Displacements of the owned nodes, ``3 * node + component``, shape (owned dofs, n) [m].
+        Not copied; the ghosts' rows are fetched, which is collective.
+
+    Attributes
+    ----------
+    cell
+        ``"hexahedron"`` or ``"tetrahedron"``.
+    owned
+        Nodes that this rank owns.
+    nodes
+        Nodes of every cell, shape (cells, nodes of a cell): owned ones as this
+        rank counts them, then the ghosts.
+    shape
+        Owned cells, points of a cell, 6, n.
     """
-    mesh, index_map = space.mesh, space.dofmap.index_map
-    cell, owned = mesh.topology.cell_type.name, index_map.size_local
-    cells = mesh.topology.index_map(mesh.topology.dim).size_local
-    points = sampling_points(cell)
-    geometry = compat.geometry_dofmap(mesh)[:cells].copy()
-    nodes = compat.space_dofmap(space)[:cells].copy()
-    ghost = nodes >= owned
-    numbers = np.asarray(index_map.ghosts)[nodes[ghost] - owned]
-    ghosts, places = np.unique(numbers, return_inverse=True)
-    nodes[ghost] = owned + places
-    return StressOperator(
-        nodes=nodes,
-        derivatives=solid_shape_functions(cell, nodes.shape[1], points)[1],
-        geometry=geometry,
-        x=mesh.geometry.x.copy(),
-        shapes=solid_shape_functions(cell, geometry.shape[1], points),
-        law=_hooke(material),
-        owned=owned,
-        halo=_halo(mesh.comm, index_map.local_range[0], ghosts),
-        mesh=mesh,
-        cell=cell,
-    )
+
+    def __init__(self, space: fem.FunctionSpace, material: Material, columns: np.ndarray):
+        topology = space.mesh.topology
+        self.cell, self.owned = topology.cell_type.name, space.dofmap.index_map.size_local
+        self.nodes = compat.space_dofmap(space)[: topology.index_map(topology.dim).size_local]
+        points, (size, count) = sampling_points(self.cell), columns.shape
+        self.shape = len(self.nodes), len(points), 6, count
+        self._moved, self._columns = fem.Function(space), columns
+        s = hooke(self._moved, material)
+        voigt = ufl.as_vector([s[0, 0], s[1, 1], s[2, 2], s[1, 2], s[0, 2], s[0, 1]])
+        self._stresses = fem.Expression(voigt, points)
+        self._positions = fem.Expression(ufl.SpatialCoordinate(space.mesh), points)
+        vector = self._moved.x
+        self._ghosts = np.empty((len(vector.array) - size, count))
+        for number, column in enumerate(columns.T):
+            vector.array[:size] = column
+            vector.scatter_forward()
+            self._ghosts[:, number] = vector.array[size:]
+
+    def positions(self, cells: Cells = slice(None)) -> np.ndarray:
+        """Sampling points of owned cells, shape (cells, points, 3) [m]."""
+        return self._evaluated(self._positions, cells)
+
+    def block(self, cells: Cells = slice(None), columns: slice = slice(None)) -> np.ndarray:
+        """Voigt stresses xx, yy, zz, yz, xz, xy, shape (cells, points, 6, columns) [Pa]."""
+        found = []
+        for number in range(self.shape[3])[columns]:
+            rows = self._columns[:, number], self._ghosts[:, number]
+            self._moved.x.array[:] = np.concatenate(rows)
+            found.append(self._evaluated(self._stresses, cells))
+        return np.stack(found, axis=-1)
+
+    def _evaluated(self, expression: fem.Expression, cells: Cells) -> np.ndarray:
+        """Values at the points of cells, shape (cells, points, components)."""
+        numbers = np.arange(self.shape[0], dtype=np.int32)[cells]
+        values = compat.evaluated(expression, self._moved.function_space.mesh, numbers)
+        return values.reshape(len(numbers), self.shape[1], -1)
 
 
 # At nodes
@@ -350,42 +165,33 @@ class NodalStress:
     """
 
     def __init__(self, field: StressField):
-        self._field, self._operator = field, field.operator
-        cells, size = self._operator.nodes.shape
-        self.nodes = self._operator.owned
-        self._continued = continuation(self._operator.cell, size)
-        columns = np.arange(cells * size)
-        share = sparse.csr_matrix(
-            (np.ones(cells * size), (self._operator.nodes.ravel(), columns)),
-            shape=(self.nodes, cells * size),
-        )
-        share.data /= np.repeat(np.diff(share.indptr), np.diff(share.indptr))
-        self._share = share
+        self._field, self.nodes = field, field.owned
+        self._size = field.nodes.shape[1]
+        self._continued = continuation(field.cell, self._size)
+        entries = np.ones(field.nodes.size), (field.nodes.ravel(), np.arange(field.nodes.size))
+        self._share = sparse.csr_matrix(entries, shape=(self.nodes, field.nodes.size))
+        counts = np.diff(self._share.indptr)
+        self._share.data /= np.repeat(counts, counts)
 
     def blocks(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Nodes and their stresses, shape (b,) and (b, 6, columns) [Pa], until all are through."""
-        size = self._operator.nodes.shape[1]
-        first_cell = self._share.indices[self._share.indptr[:-1]] // size
+        cells, points, _, columns = self._field.shape
+        first_cell = self._share.indices[self._share.indptr[:-1]] // self._size
         order = np.argsort(first_cell, kind="stable")
-        # Of displacement derivatives and stresses at its points, and stresses at its nodes.
-        points, columns = len(self._operator.derivatives), max(1, self._field.shape[3])
-        each = 8 * columns * (15 * points + 6 * size)
-        count = max(1, _NODAL_BYTES // each) * self.nodes // max(1, len(self._operator.nodes))
-        for start in range(0, self.nodes, max(1, count)):
-            nodes = order[start : start + max(1, count)]
+        # Of stresses at the points of a cell, twice, and at its nodes.
+        each = 8 * max(1, columns) * 6 * (2 * points + self._size)
+        count = max(1, max(1, _NODAL_BYTES // each) * self.nodes // max(1, cells))
+        for start in range(0, self.nodes, count):
+            nodes = order[start : start + count]
             share = self._share[nodes]
-            cells, values = self._in_cells(share.indices // size)
-            place = np.searchsorted(cells, share.indices // size) * size + share.indices % size
-            local = sparse.csr_matrix(
-                (share.data, place, share.indptr), shape=(len(nodes), values.shape[0] * size)
-            )
-            flat = values.reshape(values.shape[0] * size, -1)
-            yield nodes, (local @ flat).reshape(len(nodes), *values.shape[2:])
+            used, values = self._in_cells(share.indices // self._size)
+            columns_used = (used[:, None] * self._size + np.arange(self._size)).ravel()
+            flat = values.reshape(len(columns_used), -1)
+            yield nodes, (share[:, columns_used] @ flat).reshape(len(nodes), *values.shape[2:])
 
     def around(self, node: int) -> np.ndarray:
-        """What each cell around a node says of it, shape (cells around, 6, columns) [Pa]."""
-        size = self._operator.nodes.shape[1]
-        cell, place = np.divmod(self._share[node].indices, size)
+        """Stresses at a node by each cell around it, shape (cells around, 6, columns) [Pa]."""
+        cell, place = np.divmod(self._share[node].indices, self._size)
         cells, values = self._in_cells(cell)
         return values[np.searchsorted(cells, cell), place]
 
@@ -393,38 +199,13 @@ class NodalStress:
         """Some cells, ascending, and stresses at the nodes of each, (c, nodes, 6, columns)."""
         cells = np.unique(cells)
         stresses = self._field.block(cells)
-        count, points = stresses.shape[:2]
-        flat = self._continued @ stresses.reshape(count, points, -1)
-        return cells, flat.reshape(count, -1, *stresses.shape[2:])
+        return cells, np.einsum("np,cpik->cnik", self._continued, stresses, optimize=True)
 
 
 # Over a cycle
 
-#: Numbers in memory at a time while pairs are tried.
-_PAIRS = 1 << 22
-
-_ROOT3 = np.sqrt(3.0)
-
 #: Places of the Voigt stresses xx, yy, zz, yz, xz, xy in the tensor.
 _TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
-
-
-def deviatoric(stress: np.ndarray) -> np.ndarray:
-    """Coordinates in which the von Mises stress is the Euclidean norm.
-
-    Parameters
-    ----------
-    stress
-        Voigt stresses xx, yy, zz, yz, xz, xy, shape (..., 6) [Pa].
-
-    Returns
-    -------
-    numpy.ndarray
-        Linear in the stress, shape (..., 5) [Pa].
-    """
-    xx, yy, zz = (stress[..., i] for i in range(3))
-    plane = [xx - 0.5 * (yy + zz), 0.5 * _ROOT3 * (yy - zz)]
-    return np.stack([*plane, *(_ROOT3 * stress[..., i] for i in range(3, 6))], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -460,7 +241,7 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
     pair.sort(axis=1)
     first, last = (np.take_along_axis(stress, pair[:, None, i : i + 1], 2)[..., 0] for i in (0, 1))
     half = 0.5 * (last - first)
-    return HalfRange(pair, np.linalg.norm(deviatoric(half), axis=1), half, 0.5 * (first + last))
+    return HalfRange(pair, von_mises(half), half, 0.5 * (first + last))
 
 
 def _farthest(points: np.ndarray) -> np.ndarray:
@@ -471,36 +252,14 @@ def _farthest(points: np.ndarray) -> np.ndarray:
         distances = _distances(points, _at(points, pair[:, 1 - end]))
         pair[:, end] = distances.argmax(axis=1)
         reach = distances.max(axis=1)
-    centred = points - 0.5 * (_at(points, pair[:, 0]) + _at(points, pair[:, 1]))[:, None]
-    radii = np.linalg.norm(centred, axis=2)
+    radii = _distances(points, 0.5 * (_at(points, pair[:, 0]) + _at(points, pair[:, 1])))
     candidate = radii + radii.max(axis=1)[:, None] > reach[:, None]
-    counts = candidate.sum(axis=1)
-    # Sets of about as many candidates together, these first.
-    order = np.argsort(~candidate, axis=1, kind="stable")
-    sets = np.argsort(counts, kind="stable")
-    sets = sets[counts[sets] > 1]
-    while len(sets):
-        ahead = np.arange(1, len(sets) + 1) * counts[sets] ** 2
-        block, sets = np.split(sets, [max(1, int(np.searchsorted(ahead, _PAIRS)))])
-        chosen = order[block, : counts[block[-1]]]
-        _try_all(
-            block, chosen, np.take_along_axis(centred[block], chosen[..., None], 1), pair, reach
-        )
+    for row in np.flatnonzero(candidate.sum(axis=1) > 1):
+        some = np.flatnonzero(candidate[row])
+        apart = cdist(points[row, some], points[row, some])
+        if apart.max() > reach[row]:
+            pair[row] = some[list(np.unravel_index(apart.argmax(), apart.shape))]
     return pair
-
-
-def _try_all(
-    sets: np.ndarray, chosen: np.ndarray, points: np.ndarray, pair: np.ndarray, reach: np.ndarray
-) -> None:
-    """Take the farthest pair of some instants of some sets where it beats the one known."""
-    squares = np.einsum("pic,pic->pi", points, points)
-    apart = squares[:, :, None] + squares[:, None] - 2 * points @ points.swapaxes(1, 2)
-    best = apart.reshape(len(sets), -1).argmax(axis=1)
-    first, last = np.divmod(best, apart.shape[2])
-    row = np.arange(len(sets))
-    better = np.linalg.norm(points[row, first] - points[row, last], axis=1) > reach[sets]
-    found = np.column_stack([chosen[row, first], chosen[row, last]])
-    pair[sets[better]] = found[better]
 
 
 def _at(points: np.ndarray, instants: np.ndarray) -> np.ndarray:
@@ -525,7 +284,7 @@ def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         shape (points,) each [Pa].
     """
     mean = stress[:, :3].mean(axis=1)
-    equivalent = np.linalg.norm(deviatoric(np.moveaxis(stress, 1, 2)), axis=2)
+    equivalent = von_mises(np.moveaxis(stress, 1, 2))
     # With von Mises stress q and mean stress m it lies from m + q / 3 to m + 2 q / 3, so that few
     # instants can have it; of the others the bound below stands for it.
     values = mean + equivalent / 3

@@ -5,55 +5,41 @@ A bore's surface is a mesh of its own: nodes of a space there and the cells they
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
-import basix
 import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from ufl.core.expr import Expr
 
 from fenics_ehd.base import compat
 from fenics_ehd.base.errors import MeshError, StructureError
-from fenics_ehd.fem.cylinder_fit import cylinder_centre
+from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.elements import quadratic_element
-from fenics_ehd.fem.geometry import PartMesh
-from fenics_ehd.fem.material import Material
-from fenics_ehd.fem.stress import stress_operator
-from fenics_ehd.reduction.bore import BORE, Bore, mean_motion
-from fenics_ehd.reduction.bore_holes import area_vector, bore_holes
-from fenics_ehd.reduction.faces import surface_gram
+from fenics_ehd.fem.faces import cylinder_centre
+from fenics_ehd.fem.geometry import PartMesh, build_mesh
+from fenics_ehd.fem.stress import StressField, hooke
+from fenics_ehd.reduction.bore import BORE, Bore, mean_motion, rigid_fields
+from fenics_ehd.reduction.distributed import inner, multiply, some_columns
+from fenics_ehd.reduction.faces import in_order, require_cylinder, surface_gram
+from fenics_ehd.reduction.mesh_error import Answers, smooth_answers
+from fenics_ehd.reduction.static import StaticSolver, mean_diagonal
 from fenics_ehd.reduction.structure import Recovery, Structure
 
-
-@dataclass(frozen=True)
-class QuadratureDegrees:
-    """Degrees of the rules for elastic energy, kinetic energy and surface loads."""
-
-    stiffness: int
-    mass: int
-    surface: int
-
-
+#: Degrees of the rules for elastic energy, kinetic energy and surface loads.
 #: 3 Gauss points a direction integrate the elastic energy of both families on
 #: straight hexahedra and the bore load on a cylinder exactly; the mass of a
 #: triquadratic field needs 4. On curved tetrahedra mass and load are of degree
 #: 4 + 3 and 4 + 2; the energy is rational there, and of degree 2 on straight ones.
 DEGREES = {
-    "hexahedron": QuadratureDegrees(stiffness=5, mass=6, surface=5),
-    "tetrahedron": QuadratureDegrees(stiffness=5, mass=7, surface=6),
+    "hexahedron": {"stiffness": 5, "mass": 6, "surface": 5},
+    "tetrahedron": {"stiffness": 5, "mass": 7, "surface": 6},
 }
-
-#: Largest distance of a bore node from the cylinder, relative to its radius.
-CYLINDER_TOLERANCE = 1e-6
-
-#: Largest difference of the areas within both ends of a bore, relative to the squared radius:
-#: with parabolas in place of arcs 6e-5 is lacking at 20 cells around, and ends may differ in cells.
-END_TOLERANCE = 1e-4
 
 #: Corner, edge order of VTK's quadratic cells in dolfinx's node numbers.
 _VTK_ORDER = {
@@ -132,18 +118,10 @@ def assemble_structure(
 def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
     """K and M of (16)."""
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    modulus, ratio = material.youngs_modulus, material.poissons_ratio
-    mu = modulus / (2 * (1 + ratio))
-    lame = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
-
-    def strain(w: Expr) -> Expr:
-        return ufl.sym(ufl.grad(w))
-
-    stress = 2 * mu * strain(u) + lame * ufl.tr(strain(u)) * ufl.Identity(3)
     dx = ufl.Measure("dx", domain=space.mesh)
-    degrees, key = _degrees(space), "quadrature_degree"
-    energy = ufl.inner(stress, strain(v)) * dx(metadata={key: degrees.stiffness})
-    inertia = material.density * ufl.inner(u, v) * dx(metadata={key: degrees.mass})
+    work = ufl.inner(hooke(u, material), ufl.sym(ufl.grad(v)))
+    energy = work * dx(metadata=_rule(space, "stiffness"))
+    inertia = material.density * ufl.inner(u, v) * dx(metadata=_rule(space, "mass"))
     return _matrix(energy), _matrix(inertia)
 
 
@@ -158,25 +136,17 @@ def _clamp(
     nodes = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
     held = (3 * nodes[:, None] + np.arange(3)).ravel()
-    count = mass.comm.tompi4py().allreduce(len(held), op=MPI.SUM)
-    one, product = mass.createVecs()
-    one.set(1.0)
-    mass.mult(one, product)
-    cut = one.dot(product)
-    one.array[held] = 0.0
-    mass.mult(one, product)
-    cut -= one.dot(product)
-    diagonal = stiffness.getDiagonal()
-    mean = diagonal.sum() / diagonal.getSize()
-    for vector in (one, product, diagonal):
-        vector.destroy()
+    comm, ones = space.mesh.comm, np.ones((mass.local_size[0], 1))
+    cut = inner(ones, multiply(mass, ones), comm)[0, 0]
+    ones[held] = 0.0
+    cut -= inner(ones, multiply(mass, ones), comm)[0, 0]
     rows = (held + mass.getOwnershipRange()[0]).astype(np.int32)
-    stiffness.zeroRowsColumns(rows, diag=mean)
-    mass.zeroRowsColumns(rows, diag=cut / count)
+    stiffness.zeroRowsColumns(rows, diag=mean_diagonal(stiffness))
+    mass.zeroRowsColumns(rows, diag=cut / comm.allreduce(len(held), op=MPI.SUM))
 
 
-def _degrees(space: fem.FunctionSpace) -> QuadratureDegrees:
-    return DEGREES[space.mesh.topology.cell_type.name]
+def _rule(space: fem.FunctionSpace, integral: str) -> dict[str, int]:
+    return {"quadrature_degree": DEGREES[space.mesh.topology.cell_type.name][integral]}
 
 
 def _matrix(form: ufl.Form) -> PETSc.Mat:
@@ -199,7 +169,7 @@ def _mean_displacement(
     mesh = space.mesh
     one = fem.Constant(mesh, PETSc.ScalarType(1.0))
     # The same rule for the area: the mean of a constant is that constant.
-    surface = surface(metadata={"quadrature_degree": _degrees(space).surface})
+    surface = surface(metadata=_rule(space, "surface"))
     area = mesh.comm.allreduce(fem.assemble_scalar(fem.form(one * surface)), op=MPI.SUM)
     return tuple(_vector(v[i] / area * surface) for i in range(3))
 
@@ -219,23 +189,17 @@ def _bore(
     # The first bore's centre is the origin of the part, to the last bit.
     centre = np.zeros(3) if first else cylinder_centre(surface_nodes(space, facets)[1])
     own, loaded = (surface_mesh(s, facets, centre) for s in (space, pressures))
-    radii = np.linalg.norm(own.coordinates[:, :2], axis=1)
-    radius = radii.mean()
-    deviation = np.abs(radii - radius).max() / radius
-    if not deviation <= CYLINDER_TOLERANCE:
-        raise MeshError(
-            f"the {name} is not a cylinder about the z axis: a node lies {deviation:.1e} radii "
-            f"off, above {CYLINDER_TOLERANCE:.0e}"
-        )
-    load = _load_matrix(space, pressures, loaded.nodes, ds(tag))
-    _check_closed(name, own, load, radius)
+    try:
+        radius = require_cylinder(own.coordinates, own.cells, own.family, own.nodes, f"the {name}")
+    except StructureError as error:
+        raise MeshError(str(error)) from None
     return Bore(
-        radius=float(radius),
+        radius=radius,
         width=float(np.ptp(own.coordinates[:, 2])),
         nodes=own.nodes,
         coordinates=own.coordinates,
         pressure_coordinates=loaded.coordinates,
-        load=load,
+        load=_load_matrix(space, pressures, loaded.nodes, ds(tag)),
         cells=own.cells,
         family=own.family,
         pressure_cells=loaded.cells,
@@ -260,40 +224,8 @@ def _load_matrix(
     """
     p, v = ufl.TrialFunction(pressures), ufl.TestFunction(space)
     normal = ufl.FacetNormal(space.mesh)
-    surface = surface(metadata={"quadrature_degree": _degrees(space).surface})
-    whole = _matrix(-p * ufl.inner(normal, v) * surface)
-    share = np.array_split(np.arange(len(pressure_nodes)), space.mesh.comm.size)
-    mine = share[space.mesh.comm.rank]
-    rows = PETSc.IS().createStride(
-        whole.local_size[0], whole.getOwnershipRange()[0], 1, comm=whole.comm
-    )
-    columns = PETSc.IS().createGeneral(pressure_nodes[mine], comm=whole.comm)
-    return whole.createSubMatrix(rows, columns)
-
-
-def _check_closed(name: str, own: SurfaceMesh, load: PETSc.Mat, radius: float) -> None:
-    """The bore must be a whole cylinder but for holes, half of it on either side of z = 0."""
-    x = own.coordinates
-    middle = 0.5 * (x[:, 2].min() + x[:, 2].max())
-    if not abs(middle) <= CYLINDER_TOLERANCE * radius:
-        raise MeshError(f"the {name} must be centred at z = 0, its middle is at z = {middle:.3e} m")
-    ones, force = load.createVecs()
-    ones.set(1.0)
-    load.mult(ones, force)
-    comm = load.comm.tompi4py()
-    net = comm.allreduce(force.array.reshape(-1, 3).sum(axis=0), op=MPI.SUM)
-    limit = radius**2 * np.array([CYLINDER_TOLERANCE, CYLINDER_TOLERANCE, END_TOLERANCE])
-    if not (np.abs(net) <= limit).all():
-        try:
-            holes = bore_holes(x, own.cells, own.family)
-        except StructureError as error:
-            raise MeshError(f"{name}: {error}") from None
-        net = net + sum((area_vector(x, hole, own.family) for hole in holes), np.zeros(3))
-    if not (np.abs(net) <= limit).all():
-        raise MeshError(
-            f"the {name} is not a whole cylinder: a constant pressure leaves a net force of "
-            f"{np.abs(net).max():.1e} m2 times it"
-        )
+    surface = surface(metadata=_rule(space, "surface"))
+    return some_columns(_matrix(-p * ufl.inner(normal, v) * surface), pressure_nodes)
 
 
 def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
@@ -302,13 +234,10 @@ def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
     cells = topology.index_map(topology.dim).size_local
     dofs = compat.space_dofmap(space)[:cells, _VTK_ORDER[topology.cell_type.name]]
     numbers = space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
-    return Recovery(np.asarray(numbers).reshape(dofs.shape), stress_operator(space, material))
+    return Recovery(np.asarray(numbers).reshape(dofs.shape), partial(StressField, space, material))
 
 
 # Surfaces
-
-#: Cell on the boundary of each solid cell.
-_FACETS = {"hexahedron": "quadrilateral", "tetrahedron": "triangle"}
 
 #: Family of a surface cell by its number of nodes.
 _FAMILIES = {8: "serendipity", 9: "lagrange", 6: "triangle"}
@@ -350,14 +279,9 @@ def surface_mesh(space: fem.FunctionSpace, facets: np.ndarray, centre: np.ndarra
     """
     nodes, x = surface_nodes(space, facets)
     x = x - centre
-    radius = np.linalg.norm(x[:, :2], axis=1).mean()
-    angle = np.mod(np.arctan2(x[:, 1], x[:, 0]) + 1e-9, 2 * np.pi)
-    order = np.lexsort((np.round(angle, 6), np.round(x[:, 2] / radius, 6)))
-    nodes, x = nodes[order].astype(np.int32), x[order]
-    cells = _surface_cells(space, facets)
-    order = np.argsort(nodes)
-    cells = order[np.searchsorted(nodes, cells, sorter=order)]
+    order, cells = in_order(nodes, x, _surface_cells(space, facets))
     cells = cells[np.lexsort(np.sort(cells, axis=1).T[::-1])]
+    nodes, x = nodes[order].astype(np.int32), x[order]
     return SurfaceMesh(nodes, x, cells, _FAMILIES[cells.shape[1]])
 
 
@@ -369,34 +293,6 @@ def surface_nodes(space: fem.FunctionSpace, facets: np.ndarray) -> tuple[np.ndar
     nodes = np.concatenate(comm.allgather(space.dofmap.index_map.local_range[0] + owned))
     x = np.vstack(comm.allgather(space.tabulate_dof_coordinates()[owned]))
     return nodes, x
-
-
-def facet_nodes(cell: str, size: int) -> np.ndarray:
-    """Nodes of each face of a cell: corners, edge midpoints, centre, as on a surface cell.
-
-    Parameters
-    ----------
-    cell
-        ``"hexahedron"`` or ``"tetrahedron"``.
-    size
-        Nodes of the cell: 20 or 27, 10.
-
-    Returns
-    -------
-    numpy.ndarray
-        Node numbers in the cell, shape (faces, nodes of a face).
-    """
-    vertices, edges, faces = basix.topology(getattr(basix.CellType, cell))[:3]
-    edge_node = {frozenset(edge): len(vertices) + i for i, edge in enumerate(edges)}
-    sides = basix.topology(getattr(basix.CellType, _FACETS[cell]))[1]
-    rows = [
-        [*face, *(edge_node[frozenset(face[corner] for corner in side)] for side in sides)]
-        for face in faces
-    ]
-    centres = len(vertices) + len(edges)
-    if size > centres:
-        rows = [[*row, centres + i] for i, row in enumerate(rows)]
-    return np.array(rows)
 
 
 def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
@@ -414,9 +310,51 @@ def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
     sides = [
         list(to_facet.links(cell)).index(facet) for cell, facet in zip(cells, facets, strict=True)
     ]
-    dofs = compat.space_dofmap(space)
-    rows = facet_nodes(topology.cell_type.name, dofs.shape[1])[np.array(sides, dtype=np.int64)]
-    local = dofs[cells[:, None], rows]
+    # Corners, edge midpoints and centre of a side, ascending: as on a surface cell.
+    layout, count = space.dofmap.dof_layout, to_facet.links(0).size
+    rows = np.array([layout.entity_closure_dofs(dimension - 1, i) for i in range(count)])
+    local = compat.space_dofmap(space)[cells[:, None], rows[np.array(sides, dtype=np.int64)]]
     numbers = space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
     gathered = space.mesh.comm.allgather(np.asarray(numbers).reshape(local.shape))
     return np.concatenate(gathered)
+
+
+@dataclass(frozen=True, eq=False)
+class PartFigures:
+    """Mass, size and compliance of a part's mesh.
+
+    Attributes
+    ----------
+    mass
+        [kg].
+    structure
+        Assembled.
+    answers
+        Of its bores.
+    """
+
+    mass: float
+    structure: Structure
+    answers: Answers
+
+
+def part_figures(
+    path: Path,
+    material: Material,
+    bores: Sequence[str],
+    clamped: str | None,
+    parameters: Mapping[str, float] | None = None,
+    points: tuple[str, ...] = (),
+) -> PartFigures:
+    """Assemble a model and load its bores.
+
+    Raises
+    ------
+    MeshError, StructureError, VerificationError
+        The model is no part.
+    """
+    mesh = build_mesh(path, parameters, comm=MPI.COMM_SELF, bores=bores)
+    structure = assemble_structure(mesh, material, bores=bores, attachments=points, clamped=clamped)
+    moves = rigid_fields(structure.coordinates)[:, :1]
+    mass = inner(moves, multiply(structure.mass, moves), structure.comm)[0, 0]
+    return PartFigures(float(mass), structure, smooth_answers(StaticSolver(structure)))

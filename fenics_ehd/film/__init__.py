@@ -1,20 +1,24 @@
 """The oil film of a bore: Reynolds equation with cavitation."""
 
-import fenics_ehd.base.petsc_start  # noqa: F401
-from fenics_ehd.film.film import Film, FilmState
-from fenics_ehd.film.grid import FilmGrid, uniform_grid
-from fenics_ehd.film.kinematics import Gap, ShaftMotion, shaft_gap
-from fenics_ehd.film.lubricant import Lubricant
-from fenics_ehd.film.parameters import FilmParameters
+from importlib import import_module
+from typing import Any
 
-__all__ = [
-    "Film",
-    "FilmGrid",
-    "FilmParameters",
-    "FilmState",
-    "Gap",
-    "Lubricant",
-    "ShaftMotion",
-    "shaft_gap",
-    "uniform_grid",
-]
+#: Module that defines a name: settings of a film are read without its equations.
+HOMES = {
+    "Film": "film",
+    "FilmGrid": "grid",
+    "FilmParameters": "parameters",
+    "FilmState": "film",
+    "Gap": "kinematics",
+    "Lubricant": "lubricant",
+    "ShaftMotion": "kinematics",
+    "shaft_gap": "kinematics",
+    "uniform_grid": "grid",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for when it is."""
+    if name not in HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{HOMES[name]}"), name)

@@ -1,4 +1,17 @@
-"""Cavitation complementarity (8), (11) by PETSc SNES-VI.
+"""Cavitation complementarity (8), (11) by PETSc SNES-VI on one active set after another.
+
+Linear systems of one sparsity pattern, for one active set of the film after another.
+
+An active set says at which nodes the film is full (pressure unknown, equation
+holds) and at which it cavitates (pressure zero, defect unknown). SNES-VI cuts
+the block of the full nodes out of its Jacobian, a new matrix with a new pattern
+for every active set. Here that block keeps the pattern of the whole film: ones
+stand on the diagonal of the cavitated nodes, so that ordering and symbolic
+factorisation are done once in the life of a film.
+
+PETSc SNES-VI (reduced-space Newton) on a system that solves its own blocks.
+
+Cavitation complementarity (8), (11) by PETSc SNES-VI.
 
 Find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component,
 ``r(p) = A p - b`` for an oil of constant properties. With weights W the defect is
@@ -6,20 +19,404 @@ Find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component
 8-node element, whose corner functions have a negative integral, so that the
 sign of r there is not the sign of the flux. The blocks of SNES-VI are solved by
 `ActiveSetSystem`, whose options have the prefix ``linear_`` behind that of
-SNES-VI. (The mass-conserving condition is `fenics_ehd.film.mass_conserving`.)
+SNES-VI. (The mass-conserving condition is `fenics_ehd.film.oil_balance`.)
 """
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
+from petsc4py import PETSc
 
 from fenics_ehd.base.errors import CavitationError, SolverError
-from fenics_ehd.film.active_set import ActiveSetSystem, FactoredMatrix
-from fenics_ehd.film.pattern import Pattern
-from fenics_ehd.film.snes_vi import SnesVi
+from fenics_ehd.base.petsc_options import configure, destroy_with, solve_columns
+from fenics_ehd.film.assembly import Pattern
+
+#: Fastest of PETSc's factorisations on these matrices when only values change; CHOLMOD takes over
+#: for large ones (`docs/measurements.md`). Film matrices need no pivoting for
+#: stability that was ever seen to matter; every solution is verified.
+SYMMETRIC_OPTIONS = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "petsc",
+    "pc_factor_mat_ordering_type": "nd",
+    # Rows of a film of a thousandth of the clearance are 1e-14 of the others.
+    "pc_factor_zeropivot": "1e-100",
+}
+LARGE_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_factor_mat_solver_type": "cholmod"}
+GENERAL_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_type": "lu"}
+
+#: Unknowns from which a matrix is large.
+LARGE = 20_000
+
+
+def _defaults(size: int, symmetric: bool) -> dict[str, str]:
+    if not symmetric:
+        return GENERAL_OPTIONS
+    return LARGE_OPTIONS if size >= LARGE else SYMMETRIC_OPTIONS
+
+
+class FactoredMatrix:
+    """Factorisations of matrices that share a sparsity pattern.
+
+    Parameters
+    ----------
+    pattern
+        Of the n x n matrices.
+    symmetric
+        Whether they are symmetric positive definite.
+    options_prefix
+        Prefix of the KSP's options.
+    """
+
+    def __init__(
+        self,
+        pattern: Pattern,
+        *,
+        symmetric: bool,
+        options_prefix: str,
+    ):
+        n = pattern.size
+        # PETSc uses these arrays themselves.
+        self._csr = (
+            np.array(pattern.indptr, dtype=PETSc.IntType),
+            np.array(pattern.indices, dtype=PETSc.IntType),
+            np.zeros(len(pattern.indices)),
+        )
+        self._matrix = PETSc.Mat().createAIJWithArrays((n, n), self._csr, comm=PETSc.COMM_SELF)
+        self._matrix.setOption(PETSc.Mat.Option.SPD, symmetric)
+        self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        self._ksp.setOperators(self._matrix)
+        configure(self._ksp, options_prefix, _defaults(n, symmetric))
+        self._rhs, self._solution = self._matrix.createVecs()
+        destroy_with(self, self._ksp, self._matrix, self._rhs, self._solution)
+
+    def factorise(self, entries: np.ndarray) -> None:
+        """Take a matrix given by its entries in the order of the pattern."""
+        self._csr[2][:] = entries
+        # Assembly tells PETSc that the values behind its back have changed.
+        self._matrix.assemble()
+        # The PC's, not the KSP's: that leaves it to its own solve, which `solve_columns` avoids.
+        self._ksp.pc.setUp()
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for one right-hand side, shape (n,).
+
+        Raises
+        ------
+        CavitationError
+            The factorisation failed.
+        """
+        self._rhs.array[:] = rhs
+        self._ksp.solve(self._rhs, self._solution)
+        if self._ksp.getConvergedReason() < 0:
+            raise CavitationError(
+                "the film matrix cannot be factorised (KSP reason "
+                f"{self._ksp.getConvergedReason()}): is the gap extremely uneven?"
+            )
+        return self._solution.array.copy()
+
+    def solve_columns(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for many right-hand sides, shape (n, k)."""
+        right = PETSc.Mat().createDense(
+            rhs.shape, array=np.asfortranarray(rhs), comm=self._matrix.comm
+        )
+        solution = right.duplicate()
+        solve_columns(self._ksp, right, solution)
+        values = np.array(solution.getDenseArray())
+        right.destroy()
+        solution.destroy()
+        return values
+
+
+class ActiveSetSystem:
+    """Systems of a complementarity problem ``y = W^-1 (A p - b)`` on any active set.
+
+    With I the full and C the cavitated nodes, the pressure of the full nodes
+    and the defect y of the others solve
+
+        A_I p_I - W_C y_C = b,
+
+    all rows at once. Without weights W the defect decouples and the block
+    ``A_II`` is what remains.
+
+    Parameters
+    ----------
+    pattern
+        Of A and W.
+    weighted
+        Whether there is a W.
+    symmetric
+        Whether A is symmetric.
+    """
+
+    def __init__(
+        self,
+        pattern: Pattern,
+        *,
+        weighted: bool,
+        symmetric: bool,
+        options_prefix: str,
+    ):
+        # Of the type NumPy indexes with: it would convert others at every active set.
+        self._counts = np.diff(pattern.indptr)
+        self._columns = pattern.indices.astype(np.intp)
+        self._diagonal = pattern.diagonal
+        self._weighted, self._size = weighted, pattern.size
+        self._factor = FactoredMatrix(
+            pattern,
+            symmetric=symmetric and not weighted,
+            options_prefix=options_prefix,
+        )
+        self._current: tuple[np.ndarray, np.ndarray | None, np.ndarray] | None = None
+
+    def prepare(
+        self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
+    ) -> None:
+        """Factorise for an active set, unless that is what was factorised last.
+
+        Parameters
+        ----------
+        entries, weights
+            Entries of A and W. A caller that changes values passes new arrays.
+        full_film
+            Indices of the full nodes.
+        """
+        if self._current is not None:
+            former, former_weights, nodes = self._current
+            if former is entries and former_weights is weights and np.array_equal(nodes, full_film):
+                return
+        full = np.zeros(self._size, dtype=bool)
+        full[full_film] = True
+        self.full = full
+        if self._weighted:
+            assert weights is not None
+            values = np.where(full[self._columns], entries, -weights)
+        else:
+            values = entries * (full[self._columns] & np.repeat(full, self._counts))
+            values[self._diagonal[~full]] = 1.0
+        self._current = None
+        self._factor.factorise(values)
+        self._current = (entries, weights, full_film.copy())
+
+    def solution(self, rhs: np.ndarray) -> np.ndarray:
+        """Pressure of the full and defect of the other nodes, right-hand sides (n,) or (n, k)."""
+        if not self._weighted:
+            rhs = np.where(self.full if rhs.ndim == 1 else self.full[:, None], rhs, 0.0)
+        solve = self._factor.solve if rhs.ndim == 1 else self._factor.solve_columns
+        return solve(rhs)
+
+
+#: The problems are linear on each active set: with full steps the reduced-space
+#: Newton method is the primal-dual active set method. Unknowns are scaled to order
+#: one: a pressure counts as zero below 1e-14 of that.
+DEFAULT_OPTIONS = {
+    "snes_linesearch_type": "basic",
+    "snes_vi_zero_tolerance": 1e-14,
+    "ksp_type": "preonly",
+}
+
+MAX_ITERATIONS = 200
+
+
+class VariationalInequality(Protocol):
+    """Functions that SNES-VI asks for, all scaled to order one."""
+
+    def function(self, x: np.ndarray) -> np.ndarray:
+        """``F(x)``."""
+
+    def linearise(self, x: np.ndarray) -> None:
+        """Take the derivative at x."""
+
+    def factorise(self, nodes: np.ndarray) -> None:
+        """Prepare the block of the derivative on the inactive unknowns."""
+
+    def update(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve with that block."""
+
+
+class SelfJudging(VariationalInequality, Protocol):
+    """A system that tells itself when an iterate is good enough."""
+
+    def converged(self, iteration: int) -> bool:
+        """True after so many iterations where the last call of `function` was good enough."""
+
+
+class SnesVi:
+    """SNES-VI with its vectors, reused from solve to solve.
+
+    SNES-VI cuts the block of the inactive unknowns out of its Jacobian matrix, a
+    new matrix with a new pattern for every active set. The Jacobian given to it
+    here only notes which block is asked for and leaves the solution to `system`.
+
+    Parameters
+    ----------
+    system
+        The problem; its owner must keep it alive (a weak reference is held, or
+        PETSc and Python would keep each other alive for ever).
+    lower
+        Lower bounds, shape (n,); there are no upper ones.
+    options_prefix
+        Prefix of the PETSc options.
+    tolerance
+        On the 2-norm of the reduced function; the option ``snes_atol`` overrides it. None: the
+        system is `SelfJudging`.
+    max_iterations
+        Of one solve.
+    """
+
+    def __init__(
+        self,
+        system: VariationalInequality | SelfJudging,
+        lower: np.ndarray,
+        *,
+        options_prefix: str,
+        tolerance: float | None,
+        max_iterations: int = MAX_ITERATIONS,
+    ):
+        self._prefix = options_prefix
+        bounds = [PETSc.Vec().createSeq(len(lower), comm=PETSc.COMM_SELF) for _ in range(2)]
+        bounds[0].array = lower
+        bounds[1].set(PETSc.INFINITY)
+        self._unknown, self._function = bounds[0].duplicate(), bounds[0].duplicate()
+        self._callbacks = callbacks = _Callbacks(system)
+        jacobian = PETSc.Mat().createPython((len(lower),) * 2, _Jacobian(), comm=PETSc.COMM_SELF)
+        jacobian.setUp()
+        self._snes = snes = PETSc.SNES().create(comm=PETSc.COMM_SELF)
+        snes.setType("vinewtonrsls")
+        snes.setFunction(callbacks.function, self._function)
+        snes.setJacobian(callbacks.jacobian, jacobian)
+        snes.setVariableBounds(*bounds)
+        snes.setTolerances(rtol=0.0, stol=0.0, max_it=max_iterations)
+        block = snes.getKSP().getPC()
+        block.setType("python")
+        block.setPythonContext(callbacks)
+        configure(snes, options_prefix, DEFAULT_OPTIONS)
+        if tolerance is None:
+            self.tolerance = 0.0
+            snes.setConvergenceTest(callbacks.converged)
+        else:
+            self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
+            snes.setTolerances(atol=self.tolerance)
+        self.solves = 0
+        destroy_with(self, snes, jacobian, self._unknown, self._function)
+
+    def solve(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+        """Solve from a start.
+
+        Returns
+        -------
+        x, function : numpy.ndarray
+            Solution and ``F`` there, shape (n,).
+        iterations : int
+
+        Raises
+        ------
+        CavitationError
+            No convergence, or a block that cannot be factorised; its `state` holds
+            the last iterate and function.
+        """
+        self._unknown.array = start
+        self._snes.solve(None, self._unknown)
+        self.solves += 1
+        reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
+        x, function = self._unknown.array.copy(), self._function.array.copy()
+        failure = self._callbacks.take_failure()
+        if failure is not None:
+            if isinstance(failure, CavitationError):
+                failure.state.update(x=x, function=function)
+            raise failure
+        if reason <= 0:
+            raise CavitationError(
+                f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
+                f"{self._snes.getFunctionNorm():.2e}{self._limit} (of the source): "
+                f"see -{self._prefix}snes_monitor",
+                state={"x": x, "function": function},
+            )
+        return x, function, iterations
+
+    @property
+    def _limit(self) -> str:
+        return f" above {self.tolerance:.2e}" if self.tolerance else ""
+
+
+class _Callbacks:
+    """Callbacks of PETSc: function and Jacobian of SNES, and the block's preconditioner.
+
+    An exception must not travel through PETSc, which leaves solvers it went
+    through unusable: it is kept, and what is not a number ends the solve. Its
+    traceback outlives the solve, so that no frame may hold what PETSc must destroy
+    before the interpreter ends: callbacks let go of solvers and matrices first.
+    """
+
+    def __init__(self, system: VariationalInequality):
+        self._system = weakref.ref(system)
+        self._failure: BaseException | None = None
+
+    def take_failure(self) -> BaseException | None:
+        """Exception since the last call, or None."""
+        failure, self._failure = self._failure, None
+        return failure
+
+    def _call(self, name: str, argument: np.ndarray | int) -> np.ndarray | float | None:
+        if self._failure is not None:
+            return np.nan
+        try:
+            return getattr(self._system(), name)(argument)
+        except BaseException as error:  # an interrupt too
+            self._failure = error
+            return np.nan
+
+    def function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        del snes
+        f.array = self._call("function", x.getArray(readonly=True))
+
+    def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, a: PETSc.Mat, b: PETSc.Mat) -> None:
+        del snes, a, b
+        self._call("linearise", x.getArray(readonly=True))
+
+    def converged(self, snes: PETSc.SNES, iteration: int, norms: tuple) -> int:
+        del snes, norms
+        reasons = PETSc.SNES.ConvergedReason
+        good = self._call("converged", iteration)
+        if self._failure is not None:
+            return reasons.DIVERGED_FUNCTION_DOMAIN
+        return reasons.CONVERGED_FNORM_ABS if good else reasons.ITERATING
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        nodes = pc.getOperators()[0].getPythonContext().nodes
+        del pc
+        self._call("factorise", nodes)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        del pc
+        y.array = self._call("update", x.getArray(readonly=True))
+
+
+class _Jacobian:
+    """Python context of the Jacobian: hands out the block of an active set unassembled."""
+
+    def createSubMatrix(
+        self, mat: PETSc.Mat, rows: PETSc.IS, columns: PETSc.IS, out: PETSc.Mat | None = None
+    ) -> PETSc.Mat:
+        nodes = rows.getIndices().copy()
+        block = PETSc.Mat().createPython((len(nodes),) * 2, _Block(nodes), comm=PETSc.COMM_SELF)
+        block.setUp()
+        return block
+
+
+class _Block:
+    """Python context of the block of an active set: only which unknowns are inactive."""
+
+    def __init__(self, nodes: np.ndarray):
+        self.nodes = nodes
+
 
 #: Largest allowed violation of p >= 0, y >= 0 and p y = 0, relative to max |p|, |b|.
 VERIFY_TOLERANCE = 1e-8
@@ -57,19 +454,40 @@ class Complementarity:
         ``r(p)`` before the weights are applied, shape (n,).
     entries
         Entries of its derivative at p, in the order of the solver's pattern.
-    scale
-        Norm of b, over the diagonal of W, to which tolerances refer.
+    diagonal
+        Of W, or ones, shape (n,).
+    smallest
+        Size of a source that counts as none.
     weights
         Entries of W, or None.
-    unit
-        A pressure of the size of the solution's, or somewhat below it.
     """
 
     residual: Callable[[np.ndarray], np.ndarray]
     entries: Callable[[np.ndarray], np.ndarray]
-    scale: float
+    diagonal: np.ndarray
+    smallest: float
     weights: np.ndarray | None = None
-    unit: float = 1.0
+
+    @property
+    def zero(self) -> np.ndarray:
+        """No pressure, shape (n,)."""
+        return np.zeros(len(self.diagonal))
+
+    @cached_property
+    def source(self) -> np.ndarray:
+        """Residual without pressure, ``-b``, shape (n,)."""
+        return self.residual(self.zero)
+
+    @cached_property
+    def scale(self) -> float:
+        """Norm of the source, over the diagonal of W, to which tolerances refer."""
+        return max(float(np.linalg.norm(self.source / self.diagonal)), self.smallest)
+
+    @cached_property
+    def unit(self) -> float:
+        """Pressure that the source builds up over one cell, of the solution's size or below."""
+        largest = max(float(np.abs(self.source).max()), self.smallest)
+        return largest / float(self.entries(self.zero).max())
 
 
 class CavitationSolver:
@@ -127,11 +545,11 @@ class CavitationSolver:
     # The following four are called by SNES-VI during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:
-        """See `VariationalInequality`."""
+        """Defect over its scale."""
         return self.defect(self._problem, x * self._problem.unit) / self._problem.scale
 
     def linearise(self, x: np.ndarray) -> None:
-        """See `VariationalInequality`."""
+        """Entries of the derivative."""
         self._entries = self._problem.entries(x * self._problem.unit)
 
     def factorise(self, nodes: np.ndarray) -> None:
@@ -145,9 +563,7 @@ class CavitationSolver:
         whole[self._nodes] = rhs
         if self._problem.weights is not None:
             whole = self._pattern.multiply(self._problem.weights, whole)
-        return self.system.pressures(whole)[self._nodes] * (
-            self._problem.scale / self._problem.unit
-        )
+        return self.system.solution(whole)[self._nodes] * (self._problem.scale / self._problem.unit)
 
     def defect(self, problem: Complementarity, pressure: np.ndarray) -> np.ndarray:
         """``y``: r, with the weights taken out, shape (n,)."""
@@ -189,29 +605,6 @@ class CavitationSolver:
         # its own scale, tells which equation a node follows.
         full_film = np.flatnonzero(pressure * problem.scale > flux * pressure.max(initial=0.0))
         return CavitationResult(pressure, flux, full_film.astype(np.int32), iterations)
-
-    def derivative(
-        self, problem: Complementarity, result: CavitationResult, change: np.ndarray
-    ) -> np.ndarray:
-        """Change of the pressure when r changes, the active set held.
-
-        Parameters
-        ----------
-        problem, result
-            A problem solved and its solution.
-        change
-            Changes of r, before the weights, shape (n, k).
-
-        Returns
-        -------
-        numpy.ndarray
-            shape (n, k), zero at the cavitated nodes.
-        """
-        if not len(result.full_film) or not change.shape[1]:
-            return np.zeros_like(change)
-        entries = problem.entries(result.pressure)
-        self.system.prepare(entries, problem.weights, result.full_film)
-        return -self.system.pressures(change)
 
 
 def verify_complementarity(

@@ -16,11 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.film.balance import balance
-from fenics_ehd.film.feeding import FeedTerm
-from fenics_ehd.film.film import Film, FilmState
-from fenics_ehd.film.oil_state import OilState
-from fenics_ehd.film.shear import in_supply
+from fenics_ehd.film.film import Film, FilmState, OilState
+from fenics_ehd.film.forces import in_supply
+from fenics_ehd.film.parameters import FeedTerm
 from fenics_ehd.film.supply import SLACK
 
 
@@ -93,7 +91,7 @@ class FilmFlows:
         return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth, self._feeds)
 
     def _oil_balance(self, state: OilState) -> FlowBalance:
-        """Of a film that keeps account of its oil: no cavity makes any."""
+        """Balance of a film that keeps account of its oil: no cavity makes any."""
         grid, region, feeds = self._film.parameters.grid, self._region, self._feeds
         height = grid.node_positions[:, 1]
         lower, upper = (
@@ -176,7 +174,7 @@ class FilmFlows:
 
     @cached_property
     def _region(self) -> np.ndarray:
-        """Whether nodes lie in a supply region, shape (nodes,)."""
+        """Mask of nodes in a supply region, shape (nodes,)."""
         return in_supply(self._film, *self._film.parameters.grid.node_positions.T)
 
     @cached_property
@@ -206,30 +204,18 @@ class FilmFlows:
     def _defects(self) -> tuple[np.ndarray, float]:
         """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
         film, p, feed = self._film, self._film.parameters, self._fed
-        thickness, rate, velocity = film.equation.dimensionless(self._state.gap)
-        oil = film.oil(self._state)
-        defect = balance(film.assembly, oil, thickness, velocity, rate)
-        nodal = self._state.pressure / p.pressure_scale
+        gap, nodal = self._state.gap, self._state.pressure / p.pressure_scale
+        inputs = film.equation.inputs(gap, supplied=not self._lumped)
+        defect = film.equation.balance(inputs, nodal)
         if feed is not None and self._lumped:
             defect += feed.lumped(film.assembly, nodal)
-        elif feed is not None:
-            defect += film.assembly.source(feed.outflow(film.assembly.at_points(nodal)[0]))
-        unit = p.clearance * p.grid.radius**2 * p.rate
-        return unit * defect, float(unit * np.sum(film.assembly.area * oil.density * rate))
-
-
-def flow_balance(film: Film, state: FilmState) -> FlowBalance:
-    """Flows of a solved film at steady pressure."""
-    return FilmFlows(film, state).balance
-
-
-def oil_leaving(film: Film, state: FilmState) -> float:
-    """Oil that leaves a film at one instant [m3/s], see `FilmFlows.leaving`."""
-    return FilmFlows(film, state).leaving
+        flow, unit = film.flow(self._state), p.grid.radius**2
+        growth = np.sum(film.assembly.area * flow.density * flow.slope * gap.thickness_rate)
+        return p.clearance * p.rate * unit * defect, float(unit * growth)
 
 
 def under_pressure(film: Film) -> bool:
-    """Whether oil enters or leaves at a pressure above that of cavitation."""
+    """True of a film that oil enters or leaves at a pressure above that of cavitation."""
     return bool(film.parameters.feeds) or bool(np.any(film.equation.given))
 
 

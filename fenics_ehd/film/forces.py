@@ -1,24 +1,46 @@
-"""Forces and moments of the film on shaft and bore.
+"""Forces of a film on shaft and bore: shear of the oil, also where it cavitates, and contact.
 
-On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls with
-``tau_2 t`` (t along the circumference, `fenics_ehd.film.shear`). The shaft lies
-``h`` further in: its surface ``(R_2 - h) e_r + z e_z`` has the area element
-``[(R_2 - h) e_r + dh/dphi e_phi] dphi dz`` in the plane, smaller than that of the
+With the parabolic velocity profile of lubrication theory, U the sliding velocity
+``v_1 - v_2`` and y along the circumference, the oil pulls at
+
+    bore    tau_2 =  theta eta U / h - (h / 2) dp/dy
+    shaft   tau_1 = -theta eta U / h - (h / 2) dp/dy
+
+``theta`` is the share of the width that the oil fills: 1 in the full film, 0 in
+grooves and supply holes, which are deep. In the cavitated zone it follows one of three rules:
+
+``streamers``
+    The oil that leaves the full film crosses the zone in streamers that fill the
+    gap from wall to wall. Carried at the mean velocity, the flow stays what it
+    was at the rupture of the film, so ``theta = h_rupture / h`` at the same
+    height z, at most 1. The rupture is where the oil comes from, as the cavity sees
+    it: ``(v_1 + v_2) / 2 - Omega R``, Omega being the speed at which the gap turns, the one that
+    leaves least of ``dh/dt + Omega dh/dphi``. Between round surfaces that is the speed of the
+    line of centres, ``(e x e') / e^2``; no frame has another answer. Where that velocity changes
+    its sense the oil comes from both sides. A section that has no full film counts as filled.
+``full``
+    The oil fills the gap there too.
+``none``
+    There is no oil.
+
+When the cavitation condition tells the fluid fraction itself, ``streamers`` uses that.
+
+Touching asperities of one film: pressure, boundary friction and what it loses.
+
+At the Gauss points the asperities press with ``p_c(h)``, h the nominal gap there, and rub with
+``mu p_c s(U)``, ``s = U / sqrt(U^2 + U_0^2)``. Grooves and supply holes are deep and touch nothing.
+
+On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls with ``tau_2 t`` (t along the
+circumference). The shaft lies ``h`` further in: its surface ``(R_2 - h) e_r + z e_z`` has the area
+element ``[(R_2 - h) e_r + dh/dphi e_phi] dphi dz`` in the plane, smaller than that of the
 bore and inclined. Pressure on it gives, integrated by parts around the bore
 (``d e_phi / dphi = -e_r``),
 
     -int p [(R_2 - h) e_r + dh/dphi e_phi] dphi dz = -int p n dA + int h dp/dy t dA
 
-exactly, for the film is periodic; the ends leave no term, as their normal is
-the axis. With ``tau_1 + tau_2 = -h dp/dy`` the two bodies then receive opposite
-forces, and opposite moments about any one point, to round-off. A bore that lies ``delta`` outside
-the round one is inclined too: ``delta dp/dy t`` of that is on the bore, the rest on the shaft. Left
-out, smaller
-by c / R like all that lubrication theory leaves out: the lever arm of the
-shaft's shear is that of the bore, and tractions along the axis have no moments.
-
-Moments are about the bore's centre at mid-width; the friction torque is the shaft's
-moment about its own axis. By the same integration it is ``R_1 int tau_1 dA`` up to c / R.
+exactly, for the film is periodic. With ``tau_1 + tau_2 = -h dp/dy`` the two bodies then receive
+opposite forces, and opposite moments about any one point. By the same integration the torque on the
+shaft about its own axis is ``R_1 int tau_1 dA`` up to c / R.
 """
 
 from __future__ import annotations
@@ -27,181 +49,199 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.base.plane import rotation
-from fenics_ehd.film.contact import FilmContact
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import SHEAR_RULES
 from fenics_ehd.film.film import Film, FilmState
-from fenics_ehd.film.kinematics import Gap, ShaftMotion
-from fenics_ehd.film.shear import FilmFields, beside_drag, film_fields, sheared_heights
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.rough_surfaces import Touch
+from fenics_ehd.film.supply import in_regions
+
+#: Velocity of the oil seen from a cavity, over that of sliding, below which it comes from both
+#: sides; under a load at rest it is 0.5. It only makes friction a function where the sense
+#: changes.
+SLOW = 0.1
+
+#: A pressure below this share of the largest is the round-off of a cavitated node.
+PRESSURE_FLOOR = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Wrench:
-    """Force in the plane, x and y [N], and moment about x, y, z at the bore's centre [N m]."""
-
-    force: np.ndarray
-    moment: np.ndarray
-
-    def __add__(self, other: Wrench) -> Wrench:
-        return Wrench(self.force + other.force, self.moment + other.moment)
-
-    @property
-    def reversed(self) -> Wrench:
-        """What acts on the other body."""
-        return Wrench(-self.force, -self.moment)
-
-    def turned(self, angle: float) -> Wrench:
-        """The same in a frame that is turned by ``-angle`` about z [rad]."""
-        turn = rotation(angle)
-        moment = np.append(turn @ self.moment[:2], self.moment[2])
-        return Wrench(turn @ self.force, moment)
-
-
-@dataclass(frozen=True, eq=False)
-class FilmForces:
-    """What the oil does to its two bodies.
+class FilmFields:
+    """Fields of a solved film at the Gauss points, each (cells, points).
 
     Attributes
     ----------
-    pressure_on_shaft, shear_on_shaft, pressure_on_bore, shear_on_bore
-        Their sum over both bodies is zero to round-off.
-    friction_torque
-        Moment of pressure and shear on the shaft about its own axis [N m],
-        negative when it brakes a shaft that turns in the positive sense.
-    power
-        Mechanical power that shaft and bore put into the film [W].
-    dissipation
-        ``int theta eta U^2 / h + h^3 / (12 eta) |grad p|^2 dA`` [W]: the mechanical
-        power and that of the oil supplied under pressure, less what flows
-        out against an ambient pressure. Between rough surfaces with what contact loses.
-    contact_on_bore
-        Of touching asperities, on the shaft its opposite; None between smooth surfaces.
+    pressure
+        [Pa].
+    slope_around
+        Its derivative along the circumference [Pa/m].
+    viscosity
+        [Pa s].
+    filled
+        theta, the share of the width that is sheared [-].
     """
 
-    pressure_on_shaft: Wrench
-    shear_on_shaft: Wrench
-    pressure_on_bore: Wrench
-    shear_on_bore: Wrench
-    friction_torque: float
-    power: float
-    dissipation: float
-    contact_on_bore: Wrench | None = None
-
-    @property
-    def on_shaft(self) -> Wrench:
-        """Pressure and shear together, contact too."""
-        oil, contact = self.pressure_on_shaft + self.shear_on_shaft, self.contact_on_bore
-        return oil if contact is None else oil + contact.reversed
-
-    @property
-    def on_bore(self) -> Wrench:
-        """Pressure and shear together, contact too."""
-        oil, contact = self.pressure_on_bore + self.shear_on_bore, self.contact_on_bore
-        return oil if contact is None else oil + contact
+    pressure: np.ndarray
+    slope_around: np.ndarray
+    viscosity: np.ndarray
+    filled: np.ndarray
 
 
-def film_forces(
-    film: Film,
-    state: FilmState,
-    motion: ShaftMotion,
-    shear_rule: str = "streamers",
-    bore_deviation: np.ndarray | None = None,
-) -> FilmForces:
-    """Forces, moments and powers of a solved film.
+def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFields:
+    """Fields of a solved film.
+
+    Raises
+    ------
+    SettingsError
+        `rule` is not one of `SHEAR_RULES`.
+    """
+    if rule not in SHEAR_RULES:
+        raise SettingsError(f"shear rule {rule!r} is not one of {', '.join(SHEAR_RULES)}")
+    p = film.parameters
+    pressure, around, _ = film.assembly.at_points(state.pressure)
+    return FilmFields(
+        pressure,
+        around / p.grid.radius,
+        p.lubricant.viscosity * np.broadcast_to(film.flow(state).viscosity, pressure.shape),
+        _filled(film, state, pressure, rule),
+    )
+
+
+def sheared_heights(film: Film, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
+    """Heights in the stress of sliding and of the pressure; see `RoughSurfaces.sheared`."""
+    surfaces = film.parameters.surfaces
+    return (gap.thickness, gap.thickness) if surfaces is None else surfaces.sheared(gap)
+
+
+def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
+    """Power per area of the pressure's stress, beyond that of the drag of `Film.powers` [W/m2].
+
+    Between rough surfaces; between smooth ones ``h dp/dy`` does the work of both.
+    """
+    surfaces = film.parameters.surfaces
+    assert surfaces is not None
+    deep, seen = surfaces.sheared(gap)[1], surfaces.average(gap)
+    return fields.slope_around * (deep * gap.mean_velocity - seen.thickness * seen.mean_velocity)
+
+
+def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
+    """Share of the width that is sheared."""
+    full = pressure > PRESSURE_FLOOR * pressure.max()
+    groove = in_supply(film, film.points.angle, film.points.height)
+    if rule == "streamers" and state.fluid_fraction is not None:
+        share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)
+    elif rule == "streamers":
+        share = _streamers(film, state, full | groove | _beside_lines(film))
+    else:
+        share = np.full(full.shape, float(rule == "full"))
+    share[full] = 1.0
+    share[groove] = 0.0
+    if film.equation.feeds is not None:
+        share *= 1.0 - np.minimum(film.equation.feeds.shares(state.gap.turn)[0].sum(axis=0), 1.0)
+    return share
+
+
+def in_supply(film: Film, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Mask of points in a region of given pressure of a film."""
+    p = film.parameters
+    return in_regions(p.regions, angle, height, p.grid.radius)
+
+
+def _beside_lines(film: Film) -> np.ndarray:
+    """Gauss points next to nodes of given pressure: a feed line has no width of its own."""
+    grid = film.parameters.grid
+    nodes = in_supply(film, *grid.node_positions.T)
+    return film.assembly.at_points(nodes.astype(float))[0] > 0.5
+
+
+def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
+    """``h_rupture / h``, the rupture being the last of the `source` points upstream."""
+    # Rows: the sections of one height, once around.
+    angle, radius = film.points.angle.ravel(), film.parameters.grid.radius
+    height = np.round(film.points.height.ravel() / radius, 12)
+    order = np.lexsort((angle, height)).reshape(len(np.unique(height)), -1)
+    thickness = film.equation.seen(state.gap).thickness.ravel()[order]
+    fed = source.ravel()[order]
+    forward = _forward(state.gap, angle[order], order, radius)
+    share = np.zeros(fed.shape)
+    for part, sense in ((forward, 1), (1.0 - forward, -1)):
+        if part > 0.0:
+            share += part * _behind(thickness[:, ::sense], fed[:, ::sense])[:, ::sense]
+    result = np.empty(source.size)
+    result[order] = share
+    return result.reshape(source.shape)
+
+
+def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
+    """``h_rupture / h`` of rows (heights, points) in the sense in which the oil is carried."""
+    # Twice around, so that the second turn knows what came before the seam.
+    count = fed.shape[1]
+    places = np.where(np.tile(fed, 2), np.arange(2 * count), -1)
+    last = np.maximum.accumulate(places, axis=1)[:, count:]
+    rupture = np.take_along_axis(thickness, np.maximum(last, 0) % count, axis=1)
+    return np.where(last < 0, 1.0, np.minimum(rupture / thickness, 1.0))
+
+
+def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> float:
+    """Share of the oil that comes from smaller angles, as the cavity sees it.
+
+    `angle` and `order` have the points of one height in a row, once around.
+    """
+    thickness, rate = gap.thickness.ravel()[order], gap.thickness_rate.ravel()[order]
+    rise = np.roll(thickness, -1, axis=1) - thickness
+    apart = np.mod(np.roll(angle, -1, axis=1) - angle, 2 * np.pi)
+    # dh/dt by steps around: Omega is -turned / slopes, and no gap without slopes turns.
+    turned = 0.5 * np.sum((rate + np.roll(rate, -1, axis=1)) * rise)
+    slopes = np.sum(rise**2 / apart)
+    ahead = np.mean(gap.mean_velocity) * slopes + radius * turned
+    both = SLOW * slopes * np.mean(np.abs(gap.sliding_velocity))
+    return float(np.clip(0.5 + 0.5 * ahead / max(both, np.finfo(float).tiny), 0.0, 1.0))
+
+
+class FilmContact:
+    """Contact in a film between rough surfaces.
 
     Parameters
     ----------
-    film, state
-        A film and its solution.
-    motion
-        Of the shaft, the one that the state's gap belongs to; the bore rigid.
-    shear_rule
-        For the cavitated zone, one of `fenics_ehd.film.shear.SHEAR_RULES`.
-    bore_deviation
-        Of a bore that is not round, at the Gauss points [m]; None: it is.
+    film
+        With `FilmParameters.surfaces`.
+
+    Attributes
+    ----------
+    surfaces
+        See `FilmParameters`.
+    area
+        That a Gauss point stands for, 0 in grooves and holes, shape (g,) [m2].
     """
-    fields = film_fields(film, state, shear_rule)
-    gap = state.gap
-    thin, deep = sheared_heights(film, gap)
-    couette = fields.filled * fields.viscosity * gap.sliding_velocity / thin
-    poiseuille = 0.5 * deep * fields.slope_around
-    on_bore, on_shaft = 0.0, deep * fields.slope_around
-    if bore_deviation is not None:
-        on_bore = bore_deviation * fields.slope_around
-        on_shaft = on_shaft - on_bore
-    pressure_on_bore = _wrench(film, fields.pressure, on_bore)
-    pressure_on_shaft = _wrench(film, -fields.pressure, on_shaft)
-    shear_on_bore = _wrench(film, 0.0, couette - poiseuille)
-    shear_on_shaft = _wrench(film, 0.0, -couette - poiseuille)
-    shaft, bore = pressure_on_shaft + shear_on_shaft, pressure_on_bore + shear_on_bore
-    torque = _own_torque(shaft, motion)
-    contact, rubbed = None, 0.0
-    if film.parameters.surfaces is not None:
-        contact, braking, rubbed = _contact(film, gap)
-        shaft, bore, torque = shaft + contact.reversed, bore + contact, torque - braking
-    power = -(
-        shaft.force @ motion.eccentricity_rate
-        + shaft.moment[:2] @ motion.tilt_rate
-        + torque * motion.shaft_speed
-        + bore.moment[2] * motion.bore_speed
-    )
-    return FilmForces(
-        pressure_on_shaft,
-        shear_on_shaft,
-        pressure_on_bore,
-        shear_on_bore,
-        float(torque),
-        float(power),
-        _dissipation(film, state, fields, thin) + rubbed,
-        contact,
-    )
 
+    def __init__(self, film: Film):
+        p = film.parameters
+        assert p.surfaces is not None
+        self.surfaces = p.surfaces
+        self.shaft_radius = p.grid.radius - p.clearance
+        supplied = in_supply(film, film.points.angle, film.points.height)
+        area = p.grid.radius**2 * film.assembly.area
+        self.area = np.where(supplied, 0.0, area).ravel()
 
-def _contact(film: Film, gap: Gap) -> tuple[Wrench, float, float]:
-    """On the bore; torque with which it brakes the shaft [N m]; power that it loses [W].
+    def touch(self, thickness: np.ndarray) -> Touch:
+        """Contact of nominal gaps at the Gauss points, of any shape that has g values [m]."""
+        found = self.surfaces.touch(thickness.ravel())
+        return Touch(*(np.where(self.area > 0.0, values, 0.0) for values in found))
 
-    It acts on the shaft through its axis, but for the friction.
-    """
-    contact = FilmContact(film)
-    touch, shape = contact.touch(gap.thickness), gap.thickness.shape
-    normal, rubbing = touch.pressure, touch.pressure * contact.rubbing(gap)[0]
-    wrench = _wrench(film, normal.reshape(shape), rubbing.reshape(shape))
-    return wrench, contact.braking(touch, gap), contact.rubbing_power(touch, gap)
+    def stored(self, touch: Touch) -> float:
+        """Energy of the asperities [J]."""
+        return float(self.area @ touch.potential)
 
+    def rubbing(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
+        """``mu s`` and its derivative along U, shape (g,)."""
+        return self.surfaces.rubbing(gap.sliding_velocity.ravel())
 
-def _wrench(film: Film, normal: np.ndarray | float, tangential: np.ndarray | float) -> Wrench:
-    """Resultants of tractions along n and t [Pa], at the Gauss points of the bore."""
-    radius = film.parameters.grid.radius
-    area = radius**2 * film.assembly.area
-    cosine, sine = film.points.normal
-    x, y = normal * cosine - tangential * sine, normal * sine + tangential * cosine
-    height = film.points.height
-    return Wrench(
-        np.array([np.sum(area * x), np.sum(area * y)]),
-        np.array(
-            [
-                -np.sum(area * height * y),
-                np.sum(area * height * x),
-                radius * np.sum(area * tangential),
-            ]
-        ),
-    )
+    def braking(self, touch: Touch, gap: Gap) -> float:
+        """Torque of boundary friction against the journal's turning [N m]."""
+        rubbing = touch.pressure * self.rubbing(gap)[0]
+        return float(self.shaft_radius * np.sum(self.area * rubbing))
 
-
-def _own_torque(shaft: Wrench, motion: ShaftMotion) -> float:
-    """Moment about the shaft's tilted axis through its own centre."""
-    x, y = motion.eccentricity
-    about_centre = shaft.moment[2] - (x * shaft.force[1] - y * shaft.force[0])
-    return about_centre + motion.tilt[1] * shaft.moment[0] - motion.tilt[0] * shaft.moment[1]
-
-
-def _dissipation(film: Film, state: FilmState, fields: FilmFields, thin: np.ndarray) -> float:
-    gap = state.gap
-    sheared = fields.filled * fields.viscosity * gap.sliding_velocity**2 / thin
-    if film.parameters.surfaces is not None:
-        area = film.parameters.grid.radius**2 * film.assembly.area
-        sheared = sheared + beside_drag(film, gap, fields)
-        return float(np.sum(area * sheared)) + film.powers(state)[0]
-    squared = fields.slope_around**2 + fields.slope_along**2
-    driven = gap.thickness**3 / (12 * fields.viscosity) * squared
-    area = film.parameters.grid.radius**2 * film.assembly.area
-    return float(np.sum(area * (sheared + driven)))
+    def rubbing_power(self, touch: Touch, gap: Gap) -> float:
+        """Lost by boundary friction [W]."""
+        rubbing = self.area * touch.pressure * self.rubbing(gap)[0]
+        return float(np.sum(rubbing * gap.sliding_velocity.ravel()))

@@ -1,15 +1,15 @@
 """Balance of a film's heat: one temperature for the film, from its power and the oil that leaves.
 
-Of the power P dissipated in the film the share ``conducted`` goes into journal and bore, what is
-left leaves with the oil,
+Of the power P dissipated in the film the share ``conducted_share`` goes into journal and bore, what
+is left leaves with the oil,
 
-    (1 - conducted) P = rho c Q (T_out - T_supply),
+    (1 - conducted_share) P = rho c Q (T_out - T_supply),
 
 and the oil has the viscosity of an effective temperature between supply and outlet,
 
-    T = T_supply + mixing (T_out - T_supply).
+    T = T_supply + outlet_weight (T_out - T_supply).
 
-Calculations of practice take their mean, ``mixing = 0.5`` (DIN 31652 as explained at
+Calculations of practice take their mean, ``outlet_weight = 0.5`` (DIN 31652 as explained at
 inggo.com/teachnet/53-waermebilanz.html). Q counts what leaves (`FilmFlows.leaving`); as
 much oil comes in, at the supply's temperature, wherever it comes from. rho is that of the effective
 temperature.
@@ -19,11 +19,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import attrs
 import numpy as np
 
-from fenics_ehd.base.errors import HeatError, SettingsError
-from fenics_ehd.film.temperature import Oil
+from fenics_ehd.base.errors import HeatError
+from fenics_ehd.base.fields import NO_TEMPERATURE, REQUIRED, number
+from fenics_ehd.base.sealed_file import Stateful
+
+if TYPE_CHECKING:
+    from fenics_ehd.film.lubricant import Oil
+
 
 #: ``n`` of ``P / (rho Q) ~ viscosity^n`` before two temperatures have shown it: exact for a journal
 #: that keeps its place, and with it the iteration contracts for every n between 0 and 2.
@@ -44,38 +51,30 @@ ROUNDING = 1e-9
 THINNER = 4.0
 
 
-@dataclass(frozen=True, kw_only=True)
+@attrs.frozen(kw_only=True)
 class Heat:
-    """What the heat of one film is balanced with.
+    """Balance of a film's heat over a cycle; needs time.periodic and an oil by grade or like it."""
 
-    Attributes
-    ----------
-    supply_temperature
-        Of the oil that comes in [C].
-    conducted
-        Share of the power that journal and bore conduct away, the oil does not carry.
-    mixing
-        Share of the rise from supply to outlet at which the oil is effectively.
-    tolerance
-        Largest difference of the effective temperature from its balance [K].
-    """
-
-    supply_temperature: float
-    conducted: float = 0.0
-    mixing: float = 0.5
-    tolerance: float = 0.1
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.supply_temperature):
-            raise SettingsError("supply_temperature must be a finite number")
-        if not 0 <= self.conducted < 1:
-            raise SettingsError(
-                f"conducted = {self.conducted:g} of the heat must be at least 0 and below 1"
-            )
-        if not 0 < self.mixing <= 1:
-            raise SettingsError(f"mixing = {self.mixing:g} must be above 0 and at most 1")
-        if not self.tolerance > 0:
-            raise SettingsError(f"tolerance = {self.tolerance:g} K must be above 0")
+    supply_temperature: float = number(
+        REQUIRED,
+        "of the oil that comes in [C]",
+        above=NO_TEMPERATURE,
+        below=1000,
+        usual=(1, 200),
+        example="80 for 353 K",
+    )
+    conducted_share: float = number(
+        0.0, "of the dissipated power that journal and bore conduct away [-]", least=0, below=1
+    )
+    outlet_weight: float = number(
+        0.5,
+        "where the effective temperature lies between supply, 0, and outlet, 1",
+        above=0,
+        most=1,
+    )
+    tolerance: float = number(
+        0.1, "largest difference of the effective temperature from its balance [K]", above=0
+    )
 
     def outlet(self, oil: Oil, temperature: float, power: float, flow: float) -> float:
         """Temperature of the oil that leaves [C]; infinite where none does.
@@ -88,7 +87,7 @@ class Heat:
             P [W] and Q [m3/s].
         """
         carried = oil.density(temperature) * oil.specific_heat * flow
-        rise = (1.0 - self.conducted) * power
+        rise = (1.0 - self.conducted_share) * power
         if not rise > 0.0:
             return self.supply_temperature
         return self.supply_temperature + rise / carried if carried > 0.0 else np.inf
@@ -96,10 +95,10 @@ class Heat:
     def balanced(self, oil: Oil, temperature: float, power: float, flow: float) -> float:
         """Effective temperature that power and flow at another one stand for [C]."""
         outlet = self.outlet(oil, temperature, power, flow)
-        return self.supply_temperature + self.mixing * (outlet - self.supply_temperature)
+        return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
 
 
-class TemperatureSearch:
+class TemperatureSearch(Stateful):
     """Effective temperature of a film, from power and flow at one temperature after the other.
 
     Between two temperatures ``P / Q`` is taken to follow a power of the viscosity, whose fall with
@@ -122,13 +121,24 @@ class TemperatureSearch:
         Whether no temperature balanced that.
     """
 
+    @dataclass(frozen=True)
+    class State:
+        """State that the next move is made from; `last` has logarithms of viscosity and rise."""
+
+        temperature: float
+        power: float
+        flow: float
+        without_balance: bool
+        exponent: float
+        last: np.ndarray | None
+
     def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
         self.heat, self.oil, self._telling = heat, oil, telling
         oil.viscosity(heat.supply_temperature)  # refused here if it is out of range
         self.temperature, self.without_balance = heat.supply_temperature, False
         self.power = self.flow = float("nan")
-        self._last: tuple[float, float] | None = None
-        self._exponent = FIRST_EXPONENT
+        self.last: np.ndarray | None = None
+        self.exponent = FIRST_EXPONENT
 
     @property
     def viscosity(self) -> float:
@@ -158,7 +168,7 @@ class TemperatureSearch:
         rise = heat.balanced(oil, here, power, flow) - supply
         self.power, self.flow, self.without_balance = power, flow, False
         if not rise > 0.0:
-            self.temperature, self._last = supply, None
+            self.temperature, self.last = supply, None
             return True
         viscosity = oil.viscosity(here)
         if rise < np.inf:
@@ -166,7 +176,7 @@ class TemperatureSearch:
 
         def excess(temperature: float) -> float:
             thinner = oil.viscosity(temperature) / viscosity
-            return supply + rise * thinner**self._exponent - temperature
+            return supply + rise * thinner**self.exponent - temperature
 
         if excess(hottest) > 0.0:
             self.without_balance = True
@@ -177,22 +187,10 @@ class TemperatureSearch:
 
     def _learn(self, viscosity: float, rise: float) -> None:
         """Exponent from logarithms of viscosity and of what is proportional to P / Q."""
-        if self._last is not None and abs(viscosity - self._last[0]) > self._telling:
-            slope = (rise - self._last[1]) / (viscosity - self._last[0])
-            self._exponent = float(np.clip(slope, *EXPONENTS))
-        self._last = viscosity, rise
-
-    def stored_state(self) -> np.ndarray:
-        """All that it knows, for `load_state`."""
-        last = (np.nan, np.nan) if self._last is None else self._last
-        figures = self.temperature, self.power, self.flow, self.without_balance
-        return np.array([*figures, self._exponent, *last])
-
-    def load_state(self, stored: np.ndarray) -> None:
-        """Go on where another search was."""
-        self.temperature, self.power, self.flow, without, self._exponent, *last = map(float, stored)
-        self._last = None if np.isnan(last[0]) else (last[0], last[1])
-        self.without_balance = bool(without)
+        if self.last is not None and abs(viscosity - self.last[0]) > self._telling:
+            slope = (rise - self.last[1]) / (viscosity - self.last[0])
+            self.exponent = float(np.clip(slope, *EXPONENTS))
+        self.last = np.array([viscosity, rise])
 
 
 def _thinner(oil: Oil, temperature: float, hottest: float) -> float:
@@ -225,5 +223,6 @@ def run_away(name: str, search: TemperatureSearch, error: Exception | None = Non
     return HeatError(
         f"{name}: the heat cannot leave: {search.power:.3g} W with a flow of "
         f"{1e6 * search.flow:.3g} cm3/s find no balance up to {search.temperature:.4g} C{last}: "
-        "raise the clearance, the supply or conducted, or lower supply_temperature or the speed"
+        "raise the clearance, the supply or conducted_share, or lower supply_temperature or the "
+        "speed"
     )

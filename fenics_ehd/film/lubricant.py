@@ -1,36 +1,402 @@
-"""Viscosity and density of the oil as functions of pressure, position and temperature.
+"""Viscosity and density of an oil: pressure, temperature, shear rate, named grades.
 
-A law gives the ratio to the value at ambient pressure and its derivative, both
-at arrays of pressures [Pa]. Position enters by a factor on either, given at
-the Gauss points (`Lubricant.viscosity_field`).
+Viscosity and density of an oil as functions of its temperature.
+
+Kinematic viscosity follows the Walther equation of ASTM D341,
+
+    log10 log10 (nu + 0.7) = A - B log10 T,    nu in mm2/s, T in K,
+
+through its values at 40 and 100 C. The standard adds terms that matter below 2 mm2/s: colder
+than where nu is `LARGEST` and hotter than where it is `SMALLEST` the equation is refused.
+Density falls linearly. Dynamic viscosity is their product.
+
+Named grades of oils.
+
+A grade stands for two nominal kinematic viscosities. The standard gives one of them: ISO 3448 the
+number of an ISO VG grade at 40 C, SAE J300 a range at 100 C, whose middle is taken (fuchs.com,
+"Viscosity charts"; "SAE 10", a winter grade, goes from 4.1 mm2/s to where 15W begins). The other
+follows from an assumed viscosity index by ASTM D2270, whose formulas are at dgaequipment.com and
+whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals). Indices stand in for a
+product's data sheet: 95 for ISO and single grades, as the chart at noco.ca/viscosity-chart takes,
+as listed for multigrade oils. Density and specific heat are those of `Oil`.
+
+Shear thinning: viscosity as a function of the shear rate.
+
+The shear rate is that of the sliding surfaces, ``gamma = |U| / h``. It is the mean of du/dy over
+the thickness whatever the pressure's slope is, whose own part is antisymmetric: ``-h/2`` to
+``h/2`` times ``(dp/dy) / eta``, zero in the middle and small beside U / h in a sliding film. So
+the viscosity is one number across the film and Reynolds' equation keeps its form; the film of
+surfaces that do not slide, a squeeze film, does not thin. Sources that carry the variation across
+the film (Dowson's generalised equation) differ where h^2 dp/dy / (2 eta U) is not small.
+
+Viscosity laws are multiplied: of pressure, of place, of shear rate.
+
+Viscosity and density of the oil as functions of pressure, position and temperature.
+
+A law gives the ratio to the value at ambient pressure. It stands once, as an expression: of arrays
+where values are wanted, of UFL's symbols in the weak form, which differentiates it
+(`fenics_ehd.film.weak_form`). Position enters by a factor on either property, given at the Gauss
+points (`Lubricant.viscosity_field`).
+
+Lubricants from settings.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, ClassVar, NamedTuple
 
+import attrs
 import numpy as np
+from scipy.special import erf
 
 from fenics_ehd.base.errors import SettingsError, ViscosityError
-from fenics_ehd.base.oil import COMPRESSIBILITY, DENSITY, SPECIFIC_HEAT, STIFFENING
-from fenics_ehd.film.temperature import Oil
-from fenics_ehd.film.thinning import Cross
+from fenics_ehd.base.fields import (
+    COMPRESSIBILITY,
+    DENSITY,
+    NO_TEMPERATURE,
+    NONE,
+    SPECIFIC_HEAT,
+    STIFFENING,
+    OilSettings,
+)
+
+#: Zero of the Celsius scale [K].
+ZERO_CELSIUS = 273.15
+
+#: Range of kinematic viscosity in which the equation stands without more terms [mm2/s].
+SMALLEST, LARGEST = 2.0, 2e7
+
+#: Relative fall of density, of that at 15 C [1/K]: between the 5.8e-4 of a synthetic oil
+#: (MadsKirkFoged/SharpFluids, SHC230.cs) and the 6.7e-4 of an engine oil of 1061.3 - 0.5921 T.
+EXPANSION = 6.5e-4
+
+
+@dataclass(frozen=True)
+class WaltherLine:
+    """The straight line of a kinematic viscosity over temperature, both doubly logarithmic.
+
+    Attributes
+    ----------
+    intercept, slope
+        A and B.
+    """
+
+    intercept: float
+    slope: float
+
+    @classmethod
+    def through(cls, first: tuple[float, float], second: tuple[float, float]) -> WaltherLine:
+        """Through two pairs of temperature [C] and kinematic viscosity [mm2/s].
+
+        Raises
+        ------
+        SettingsError
+            A viscosity is out of range, or does not fall with temperature.
+        """
+        (cold, high), (hot, low) = sorted((first, second))
+        for temperature, nu in ((cold, high), (hot, low)):
+            if not SMALLEST <= nu <= LARGEST:
+                raise SettingsError(
+                    f"a kinematic viscosity of {nu:g} mm2/s at {temperature:g} C must lie between "
+                    f"{SMALLEST:g} and {LARGEST:g} mm2/s for the Walther equation"
+                )
+        if not (high > low and hot > cold):
+            raise SettingsError(
+                f"the kinematic viscosity of {low:g} mm2/s at {hot:g} C must be below that of "
+                f"{high:g} mm2/s at {cold:g} C"
+            )
+        y = [np.log10(np.log10(nu + 0.7)) for nu in (high, low)]
+        x = [np.log10(temperature + ZERO_CELSIUS) for temperature in (cold, hot)]
+        slope = (y[0] - y[1]) / (x[1] - x[0])
+        return cls(float(y[0] + slope * x[0]), float(slope))
+
+    def __call__(self, temperature: float) -> float:
+        """Kinematic viscosity [mm2/s] at a temperature [C]."""
+        return float(10 ** self._inner(temperature) - 0.7)
+
+    def temperature(self, viscosity: float) -> float:
+        """At which the kinematic viscosity [mm2/s] is as given [C]."""
+        exponent = (self.intercept - np.log10(np.log10(viscosity + 0.7))) / self.slope
+        return float(10**exponent - ZERO_CELSIUS)
+
+    def _inner(self, temperature: float) -> float:
+        return float(10 ** (self.intercept - self.slope * np.log10(temperature + ZERO_CELSIUS)))
+
+
+@dataclass(frozen=True)
+class Oil:
+    """Viscosity and density of an oil at every temperature [C].
+
+    Attributes
+    ----------
+    viscosity_40, viscosity_100
+        Kinematic viscosity at 40 and 100 C [mm2/s].
+    density_15
+        At 15 C [kg/m3].
+    specific_heat
+        [J/(kg K)].
+    expansion
+        Relative fall of density per K, of that at 15 C [1/K].
+
+    Raises
+    ------
+    SettingsError
+        A value is out of range.
+    """
+
+    viscosity_40: float
+    viscosity_100: float
+    density_15: float = DENSITY
+    specific_heat: float = SPECIFIC_HEAT
+    expansion: float = EXPANSION
+
+    def __post_init__(self) -> None:
+        for name, unit in (("density_15", "kg/m3"), ("specific_heat", "J/(kg K)")):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise SettingsError(f"{name} = {value:g} {unit} of an oil must be above 0")
+        if not 0 <= self.expansion < 1e-2:
+            raise SettingsError(
+                f"expansion = {self.expansion:g} 1/K of an oil must be at least 0 and below 0.01"
+            )
+        self._line()
+
+    @property
+    def coldest(self) -> float:
+        """Temperature below which the Walther equation is refused [C]."""
+        return self._line().temperature(LARGEST)
+
+    @property
+    def hottest(self) -> float:
+        """Temperature above which the Walther equation is refused [C]."""
+        return self._line().temperature(SMALLEST)
+
+    def kinematic_viscosity(self, temperature: float) -> float:
+        """[mm2/s].
+
+        Raises
+        ------
+        SettingsError
+            At this temperature it is out of the range of the Walther equation.
+        """
+        return self._checked(temperature)(temperature)
+
+    def viscosity(self, temperature: float) -> float:
+        """Dynamic viscosity [Pa s]; errors as `kinematic_viscosity`."""
+        return 1e-6 * self.kinematic_viscosity(temperature) * self.density(temperature)
+
+    def density(self, temperature: float) -> float:
+        """[kg/m3]."""
+        return self.density_15 * (1.0 - self.expansion * (temperature - 15.0))
+
+    def _line(self) -> WaltherLine:
+        return WaltherLine.through((40.0, self.viscosity_40), (100.0, self.viscosity_100))
+
+    def _checked(self, temperature: float) -> WaltherLine:
+        line = self._line()
+        cold, hot = line.temperature(LARGEST), line.temperature(SMALLEST)
+        if not cold <= temperature <= hot:
+            raise SettingsError(
+                f"temperature = {temperature:g} C of the oil must lie between {cold:.4g} C and "
+                f"{hot:.4g} C, where its kinematic viscosity is {LARGEST:g} and {SMALLEST:g} mm2/s"
+            )
+        return line
+
+
+class Functions(NamedTuple):
+    """Functions that laws are written in: of arrays here, of UFL's expressions in the weak form.
+
+    Attributes
+    ----------
+    exp, erf
+        Of one argument.
+    where
+        Of a condition and the two values: both are evaluated, so that arguments must be sound.
+    """
+
+    exp: Callable[[Any], Any]
+    erf: Callable[[Any], Any]
+    where: Callable[[Any, Any, Any], Any]
+
+
+ARRAYS = Functions(np.exp, erf, np.where)
+
+#: Shear rate over gamma_c, and exponent, whose power is still a number; and the rate below which
+#: oil is at rest: a power of it has no slope at zero.
+LARGEST_RELATIVE_RATE, LARGEST_EXPONENT, SMALLEST_RELATIVE_RATE = 1e30, 10.0, 1e-30
+
+
+@dataclass(frozen=True)
+class Cross:
+    """Cross's law ``eta = eta_2 + (eta_0 - eta_2) / (1 + (gamma / gamma_c)^m)``.
+
+    Attributes
+    ----------
+    rate
+        gamma_c [1/s], at which half of what can go is gone.
+    exponent
+        m [-]. Below 1 the slope at rest is infinite; it is taken as none.
+    second
+        ``eta_2 / eta_0``, the second viscosity over the first [-].
+    """
+
+    rate: float
+    exponent: float = 1.0
+    second: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.rate) and self.rate > 0):
+            raise SettingsError(f"rate = {self.rate:g} 1/s of Cross's law must be above 0")
+        if not 0 < self.exponent < LARGEST_EXPONENT:
+            raise SettingsError(
+                f"exponent = {self.exponent:g} of Cross's law must be above 0 and below "
+                f"{LARGEST_EXPONENT:g}"
+            )
+        if not 0 <= self.second <= 1:
+            raise SettingsError(f"second = {self.second:g} of Cross's law must lie in 0..1")
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Arguments of `ratio`."""
+        return self.rate, self.exponent, self.second
+
+    @staticmethod
+    def ratio(f: Functions, shear_rate: Any, critical: Any, exponent: Any, second: Any) -> Any:
+        """Viscosity over that at rest, of shear rates >= 0 [1/s]."""
+        # At the largest numbers that still have powers all that can go is gone.
+        largest = LARGEST_RELATIVE_RATE * critical
+        relative = f.where(shear_rate < largest, shear_rate, largest) / critical
+        moving = relative > SMALLEST_RELATIVE_RATE
+        power = f.where(moving, relative, 1.0) ** exponent
+        return second + (1.0 - second) / (1.0 + f.where(moving, power, 0.0))
+
+    def __call__(self, shear_rate: np.ndarray) -> np.ndarray:
+        """Ratio [-] to the viscosity at rest, at shear rates >= 0 [1/s]."""
+        return self.ratio(ARRAYS, shear_rate, *self.numbers)
+
+
+@dataclass(frozen=True)
+class Grade:
+    """Nominal kinematic viscosities at 40 and 100 C [mm2/s] and the assumed viscosity index."""
+
+    viscosity_40: float
+    viscosity_100: float
+    index: int = 95
+
+
+GRADES = {
+    "ISO VG 10": Grade(10, 2.637),
+    "ISO VG 15": Grade(15, 3.381),
+    "ISO VG 22": Grade(22, 4.254),
+    "ISO VG 32": Grade(32, 5.289),
+    "ISO VG 46": Grade(46, 6.645),
+    "ISO VG 68": Grade(68, 8.53),
+    "ISO VG 100": Grade(100, 11.07),
+    "ISO VG 150": Grade(150, 14.55),
+    "ISO VG 220": Grade(220, 18.75),
+    "ISO VG 320": Grade(320, 23.96),
+    "ISO VG 460": Grade(460, 30.35),
+    "ISO VG 680": Grade(680, 39.06),
+    "SAE 10": Grade(27.58, 4.85),
+    "SAE 20": Grade(62.82, 8.1),
+    "SAE 30": Grade(97.78, 10.9),
+    "SAE 40": Grade(147.8, 14.4),
+    "SAE 50": Grade(226.4, 19.1),
+    "SAE 0W-20": Grade(43.92, 8.1, 160),
+    "SAE 0W-30": Grade(63.21, 10.9, 165),
+    "SAE 0W-40": Grade(83.49, 14.4, 180),
+    "SAE 5W-20": Grade(46.01, 8.1, 150),
+    "SAE 5W-30": Grade(64.85, 10.9, 160),
+    "SAE 5W-40": Grade(88.12, 14.4, 170),
+    "SAE 10W-30": Grade(72.35, 10.9, 140),
+    "SAE 10W-40": Grade(98.96, 14.4, 150),
+    "SAE 15W-40": Grade(105.4, 14.4, 140),
+    "SAE 20W-50": Grade(173.7, 19.1, 125),
+}
+
+
+def _plain(name: str) -> str:
+    """A grade's name without what people write differently: ``sae 5w30`` is SAE 5W-30."""
+    return name.upper().replace(" ", "").replace("-", "")
+
+
+def _spoken(name: str) -> tuple[str, ...]:
+    """Plain names of a listed grade: ``VG 32`` is ISO VG 32, ``5W-30`` is SAE 5W-30."""
+    full = _plain(name)
+    short = full.removeprefix("ISO").removeprefix("SAE")
+    return (full, short) if not short.isdigit() else (full,)
+
+
+_BY_PLAIN_NAME = {plain: name for name in GRADES for plain in _spoken(name)}
+
+
+def grade_name(name: str) -> str:
+    """Name of a grade in `GRADES`, however it is spelled.
+
+    Raises
+    ------
+    SettingsError
+        It is not listed.
+    """
+    found = _BY_PLAIN_NAME.get(_plain(name))
+    if found is None:
+        raise SettingsError(
+            f"grade = {name!r} is not one of {', '.join(GRADES)}: give viscosity_40 and "
+            "viscosity_100 of another"
+        )
+    return found
+
+
+def oil_of_grade(name: str, **properties: float) -> Oil:
+    """Oil of a named grade; `properties` of `Oil` in place of its defaults."""
+    grade = GRADES[grade_name(name)]
+    return Oil(grade.viscosity_40, grade.viscosity_100, **properties)
+
 
 #: Ratio of viscosities beyond which no film is looked for: oil is glass long before.
 LARGEST_RATIO = 1e30
 
 
-class PressureLaw(Protocol):
-    """Ratio of a property to its value at zero pressure."""
+class PressureLaw:
+    """Ratio of a property to its value at zero pressure; laws are dataclasses of their numbers.
+
+    Attributes
+    ----------
+    constant
+        Whether the property is the same at every pressure.
+    """
+
+    constant: ClassVar[bool] = False
 
     @property
-    def constant(self) -> bool:
-        """Whether the property is the same at every pressure."""
+    def numbers(self) -> tuple[float, ...]:
+        """Arguments of `ratio`."""
+        return tuple(vars(self).values())
 
-    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Ratio [-] and its derivative [1/Pa] at pressures [Pa]."""
+    @staticmethod
+    def ratio(f: Functions, pressure: Any, *numbers: Any) -> Any:
+        """Ratio [-] at pressures >= 0 [Pa]: arrays with numbers, or expressions with constants."""
+        raise NotImplementedError
+
+    def __call__(self, pressure: np.ndarray) -> np.ndarray:
+        """Ratio [-] at pressures >= 0 [Pa].
+
+        Raises
+        ------
+        ViscosityError
+            It is beyond `LARGEST_RATIO`, or no number.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            ratio = np.ones_like(pressure) * self.ratio(ARRAYS, pressure, *self.numbers)
+        if not ratio.max(initial=0.0) <= LARGEST_RATIO:
+            raise ViscosityError(
+                f"the viscosity runs away with the pressure: at {pressure.max() * 1e-6:.4g} MPa it "
+                f"is more than {LARGEST_RATIO:g} times that at ambient pressure: lower the load or "
+                "the pressure coefficient (barus, roelands)"
+            )
+        return ratio
 
 
 def _positive(name: str, value: float) -> None:
@@ -38,52 +404,35 @@ def _positive(name: str, value: float) -> None:
         raise SettingsError(f"{name} = {value:g} must be above 0")
 
 
-def _power(exponent: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-    """Ratio of viscosities exp(exponent) at pressures [Pa].
-
-    Raises
-    ------
-    ViscosityError
-        It is beyond `LARGEST_RATIO`, or no number.
-    """
-    if not exponent.max(initial=0.0) <= np.log(LARGEST_RATIO):
-        raise ViscosityError(
-            f"the viscosity runs away with the pressure: at {pressure.max() * 1e-6:.4g} MPa it is "
-            f"more than {LARGEST_RATIO:g} times that at ambient pressure: lower the load or the "
-            "pressure coefficient (barus, roelands)"
-        )
-    return np.exp(exponent)
-
-
 @dataclass(frozen=True)
-class Constant:
+class Constant(PressureLaw):
     """The same at every pressure."""
 
-    constant: bool = field(default=True, init=False)
+    constant: ClassVar[bool] = True
 
-    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `PressureLaw`."""
-        return np.ones_like(pressure), np.zeros_like(pressure)
+    @staticmethod
+    def ratio(f: Functions, pressure: Any) -> Any:
+        """One, a number."""
+        return 1.0
 
 
 @dataclass(frozen=True)
-class Barus:
+class Barus(PressureLaw):
     """``eta = eta_0 exp(alpha p)`` (Barus 1893), `coefficient` alpha [1/Pa]."""
 
     coefficient: float
-    constant: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         _positive("the Barus pressure coefficient", self.coefficient)
 
-    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `PressureLaw`."""
-        ratio = _power(self.coefficient * pressure, pressure)
-        return ratio, self.coefficient * ratio
+    @staticmethod
+    def ratio(f: Functions, pressure: Any, coefficient: Any) -> Any:
+        """Exponential of the pressure."""
+        return f.exp(coefficient * pressure)
 
 
 @dataclass(frozen=True)
-class Roelands:
+class Roelands(PressureLaw):
     """``eta = eta_0 exp((ln eta_0 + 9.67) ((1 + p / 0.196 GPa)^Z - 1))`` (Roelands 1966).
 
     Attributes
@@ -96,7 +445,6 @@ class Roelands:
 
     viscosity: float
     index: float = 0.6
-    constant: bool = field(default=False, init=False)
 
     #: ln of Roelands' limit viscosity 6.315e-5 Pa s and his reference pressure [Pa].
     LOG_LIMIT = -9.67
@@ -109,17 +457,19 @@ class Roelands:
                 f"viscosity = {self.viscosity:g} Pa s must be above 6.3e-5 Pa s for Roelands' law"
             )
 
-    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `PressureLaw`."""
-        strength = np.log(self.viscosity) - self.LOG_LIMIT
-        base = 1 + pressure / self.REFERENCE
-        ratio = _power(strength * (base**self.index - 1), pressure)
-        slope = strength * self.index / self.REFERENCE * base ** (self.index - 1)
-        return ratio, ratio * slope
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Strength and index."""
+        return float(np.log(self.viscosity)) - self.LOG_LIMIT, self.index
+
+    @staticmethod
+    def ratio(f: Functions, pressure: Any, strength: Any, index: Any) -> Any:
+        """Viscosity of Roelands' formula over that without pressure."""
+        return f.exp(strength * ((1 + pressure / Roelands.REFERENCE) ** index - 1))
 
 
 @dataclass(frozen=True)
-class DowsonHigginson:
+class DowsonHigginson(PressureLaw):
     """``rho = rho_0 (1 + a p / (1 + b p))`` (Dowson and Higginson 1966).
 
     Attributes
@@ -130,12 +480,11 @@ class DowsonHigginson:
 
     compressibility: float = COMPRESSIBILITY
     stiffening: float = STIFFENING
-    constant: bool = field(default=False, init=False)
 
-    def __call__(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `PressureLaw`."""
-        stiff = 1 + self.stiffening * pressure
-        return 1 + self.compressibility * pressure / stiff, self.compressibility / stiff**2
+    @staticmethod
+    def ratio(f: Functions, pressure: Any, compressibility: Any, stiffening: Any) -> Any:
+        """Density of Dowson and Higginson's formula over that without pressure."""
+        return 1 + compressibility * pressure / (1 + stiffening * pressure)
 
 
 #: Factor [-] at angles [rad] and heights [m] of points on the bore.
@@ -228,5 +577,90 @@ class Lubricant:
 
     @property
     def linear(self) -> bool:
-        """Whether the Reynolds equation is linear in the pressure."""
+        """True where the Reynolds equation is linear in the pressure."""
         return self.viscosity_law.constant and self.density_law.constant
+
+
+def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lubricant:
+    """The lubricant that settings stand for; a `viscosity` [Pa s] counts in place of theirs.
+
+    Raises
+    ------
+    SettingsError
+        They contradict each other, or lack something.
+    """
+    viscosity = settings.viscosity if viscosity is None else viscosity
+    oil = _oil(settings, viscosity)
+    temperature = None if settings.temperature <= NO_TEMPERATURE else settings.temperature
+    if oil is None:
+        density = settings.density
+    elif temperature is None:
+        raise SettingsError(
+            "temperature is missing: that of the oil of a grade or of kinematic viscosities [C]"
+        )
+    else:
+        viscosity, density = oil.viscosity(temperature), oil.density(temperature)
+    return Lubricant(
+        viscosity,
+        _pressure_law(settings, viscosity),
+        _density_law(settings),
+        density=density,
+        specific_heat=settings.specific_heat,
+        oil=oil,
+        temperature=temperature,
+        shear_law=_shear_law(settings),
+    )
+
+
+def _oil(settings: OilSettings, viscosity: float) -> Oil | None:
+    """Its oil at every temperature, None for one of given viscosity."""
+    kinematic = settings.viscosity_40, settings.viscosity_100
+    graded = settings.grade != NONE
+    if bool(viscosity) + graded + any(kinematic) != 1:
+        raise SettingsError(
+            "give a viscosity, a grade, or viscosity_40 and viscosity_100, one of them"
+        )
+    if viscosity:
+        return None
+    properties = {"density_15": settings.density, "specific_heat": settings.specific_heat}
+    if graded:
+        return oil_of_grade(settings.grade, **properties)
+    if not all(kinematic):
+        missing = "viscosity_40" if settings.viscosity_100 else "viscosity_100"
+        raise SettingsError(f"{missing} is missing: kinematic viscosities come in pairs [mm2/s]")
+    return Oil(*kinematic, **properties)
+
+
+def _pressure_law(settings: OilSettings, viscosity: float) -> PressureLaw:
+    if settings.barus and settings.roelands:
+        raise SettingsError("barus and roelands exclude each other: give one of them")
+    if settings.barus:
+        return Barus(settings.barus)
+    if settings.roelands:
+        return Roelands(viscosity, settings.roelands)
+    return Constant()
+
+
+def _density_law(settings: OilSettings) -> PressureLaw:
+    if settings.density_law != "constant":
+        return DowsonHigginson(settings.compressibility, settings.stiffening)
+    _unused(settings, "density_law = 'dowson-higginson'", "compressibility", "stiffening")
+    return Constant()
+
+
+def _shear_law(settings: OilSettings) -> Cross | None:
+    if settings.cross_rate:
+        return Cross(settings.cross_rate, settings.cross_exponent, settings.cross_second_viscosity)
+    _unused(settings, "cross_rate", "cross_exponent", "cross_second_viscosity")
+    return None
+
+
+def _unused(settings: OilSettings, needed: str, *names: str) -> None:
+    """Refuse other values than the defaults of what does nothing."""
+    defaults = attrs.fields_dict(type(settings))
+    for name in names:
+        value = getattr(settings, name)
+        if value != defaults[name].default:
+            raise SettingsError(
+                f"{name} = {value:g} does nothing without {needed}: drop it, or give that"
+            )

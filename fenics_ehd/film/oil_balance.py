@@ -1,56 +1,274 @@
-"""Oil balance of a film that may be partly empty, node by node.
+"""Oil balance of a film that may be partly empty, with limited transport of the void.
 
-The equation of `fenics_ehd.film.mass_conserving`, its matrices, and its derivatives along
-changes of the gap.
+Transport of the empty part of the gap by the moving surfaces, second order and limited.
+
+The nodes of one height form a strip around the bore. With the shape function
+``N_i = A_i(phi) Z(z)`` of node i of a strip, the full-film Couette term of the
+weak form is a difference of flows between neighbours,
+
+    -int rho H V dN_i/dphi = F_i - F_(i-1),   F_i = -int rho H V dN_i/dphi behind node i,
+
+"behind": over the cells between i and the following node. Where the gap is empty to
+the void fraction s, a flow carries the fraction c at the middle of its cell,
+
+    t(s)_i = F_i c_i - F_(i-1) c_(i-1) + d/dt (int rho H N_i) s_i.
+
+A full film is not touched (s = 0), an empty one stands still (s = 1 cancels the
+Couette term to round-off), nothing is lost between nodes, and strips do not mix.
+
+**Limiter.** c is extrapolated from the node u that the flow comes from, by the harmonic mean of
+the slopes on both sides of it (van Leer, J. Comput. Phys. 14, 1974, 361). With b the node before u
+and a the one that the flow goes to, l their cells' lengths,
+
+    c = s_u + x y / (x + y)  where x y > 0, else s_u;   x = (s_u - s_b) l_a / l_b,   y = s_a - s_u.
+
+Second order where s is smooth, first order at its extremes; c lies between s_u and s_a, so that
+nothing leaves an empty film and no more than all a full one. In the form of Harten (J. Comput.
+Phys. 49, 1983, 357), ``F (c_i - c_(i-1)) = C F (s_i - s_(i-1))`` with C >= 0: implicit Euler adds
+no variation and no extreme, whatever the step.
+
+**Derivative.** The node that a flow comes from held, with kinks of c where x y = 0,
+
+    dc = ds_u + (y / (x + y))^2 dx + (x / (x + y))^2 dy,
+
+so that second neighbours belong to the pattern, too.
+
+Mass-conserving cavitation (Jakobsson and Floberg 1957, Olsson 1965).
+
+The gap holds oil to the fraction ``theta = 1 - s``; where the film is full, s = 0,
+and where it is not, the pressure is the cavitation pressure, p = 0. Per node i,
+dimensionless as in `forms`, the oil is conserved,
+
+    int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - t(s)_i = 0,
+
+``M_i = int rho H N_i`` the oil of a full gap, ``M_i^old`` what there was, time by implicit Euler
+or a formula of several steps. That is ``r(p) = t(s)`` with ``0 <= p`` complementary to ``s >= 0``.
+The rate of the gap is the difference of two contents, never `Gap.thickness_rate`: only so is no
+oil lost from step to step.
+
+``t^-1(r(p)) >= 0`` as the function of p alone is no help here: t transports along the film, so
+that the sign of one component tells about all the nodes upstream. With both as variables SNES-VI
+solves
+
+    p >= 0   complementary to   s + gamma d >= 0,      d = r(p) - t(s) = 0.
+
+``gamma d`` vanishes at the solution. On the way it is what tells a full node
+whose Newton update was negative, and was cut off at p = 0, to empty: its void fraction is
+zero, and only its defect d knows. Each Newton step then solves
+
+    A_I p_I - T_C s_C = b,    A = dr/dp,  T = dt/ds,
+
+on the full nodes I and the others C, one sparse system of one pattern
+(`ActiveSetSystem`), and moves between I and C the nodes with a wrong sign.
+
+With the shares c of what a flow carries as they are t is linear, no entry off the diagonals of A
+and t is positive and no column sum negative; so it is for every matrix that takes the columns of
+full nodes from A and the others from t, and all these are M-matrices: theta is not below 0. For A
+that wants bilinear cells, strictly no longer than 1.4 times their width, in practice any we tried
+(theta > 0 at 9); 9-node cells are out, and it shows: theta = -0.1 beside the ends of a short
+groove.
+
+Where the pressure is given above cavitation, and in grooves and holes at any
+pressure, there is a reservoir: theta = 1 and oil flows in or out. A side at
+cavitation pressure has none: there the unknown is the outflow, positive only
+where the film is full, and zero where it is not. What `FilmParameters.feeds` conduct
+into the film, ``w kappa (p_s - p)``, fills empty nodes with ``w kappa p_s``; it is lumped
+at the nodes, and all matrices stay M-matrices.
+
+What there is of oil in an empty place, and where it ends, is of second order in the mesh and of
+first: a front lies between two nodes, of which one has no void.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.balance import (
-    OilProperties,
-    balance,
-    balance_derivative,
-    flux_derivatives,
-    sliding_derivative,
-)
+from fenics_ehd.film.assembly import Assembly, Pattern, with_weights
 from fenics_ehd.film.cavitation import Complementarity
-from fenics_ehd.film.feeding import FeedTerm
 from fenics_ehd.film.film import Film
-from fenics_ehd.film.kinematics import Gap, GapDerivatives
-from fenics_ehd.film.reynolds import SMALLEST_SOURCE
-from fenics_ehd.film.strips import Strips
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.parameters import FeedTerm
 from fenics_ehd.film.supply import in_regions
-from fenics_ehd.film.thinning import Thinning
+
+if TYPE_CHECKING:
+    from fenics_ehd.film.film_forms import Inputs
+    from fenics_ehd.film.weak_form import Flow
+
+#: Below this rate of the contents a source counts as none.
+SMALLEST_SOURCE = 1e-6
+
+#: Nodes of a bilinear cell, in pairs around.
+LEFT, RIGHT = [0, 2], [1, 3]
+
+
+class Strips:
+    """Flows along the strips of a film mesh.
+
+    Parameters
+    ----------
+    assembly
+        Of a bilinear mesh.
+    unknown
+        Nodes of the derivative of t.
+
+    Attributes
+    ----------
+    assembly, unknown
+        As given.
+    following, preceding, second
+        Node after and before every node of its strip, and the one after the next, shape (nodes,).
+    beside
+        Nodes whose flows pass the nodes of every cell, these ascending, shape (c, k).
+    ratio
+        Length of a flow's cell over that of the cell behind it, for flows on and back.
+    near, pattern
+        Of cells on the unknown nodes; the same with second neighbours, of the derivative of t.
+    places
+        Of what every flow puts into two rows of it, those of other nodes behind the last one.
+    """
+
+    def __init__(self, assembly: Assembly, unknown: np.ndarray):
+        nodes = assembly.grid.cell_nodes
+        around, along = assembly.grid.cell_sizes
+        self.assembly, self.unknown = assembly, unknown
+        self._length = along[:, None]
+        #: Flow through the lower and upper half of a cell, from every Gauss point.
+        self._flow = -assembly.slopes_around[:, LEFT]
+        self._from, ascending = nodes[:, LEFT], np.argsort(nodes, axis=1)
+        self.beside = np.take_along_axis(nodes[:, [0, 0, 2, 2]], ascending, axis=1)
+        self._own = np.arange(assembly.size)
+        self.following = np.empty(assembly.size, dtype=int)
+        self.following[self._from] = nodes[:, RIGHT]
+        self.preceding = np.empty_like(self.following)
+        self.preceding[self.following] = self._own
+        self.second = self.following[self.following]
+        length = np.empty(assembly.size)
+        length[self._from] = around[:, None]
+        self.ratio = length / length[self.preceding], length / length[self.following]
+        self._number_entries()
+
+    def _number_entries(self) -> None:
+        """The pattern, and in it the places of what every flow puts into two rows."""
+        n = len(self.unknown)
+        number = np.full(self.assembly.size, -1)
+        number[self.unknown] = np.arange(n)
+        self.near = self.assembly.pattern(self.unknown)
+        rows = number[np.stack([self._own, self.following])][:, None]
+        columns = number[np.stack([self.preceding, self._own, self.following, self.second])]
+        codes = np.where((rows < 0) | (columns < 0), -1, rows * n + columns)
+        near = self.near.rows * n + self.near.indices
+        every = np.union1d(near, codes[codes >= 0])
+        starts = np.searchsorted(every, n * np.arange(n + 1))
+        self.pattern = Pattern(starts.astype(np.int32), (every % n).astype(np.int32))
+        self._near = np.searchsorted(every, near)
+        self.places = np.where(codes < 0, len(every), np.searchsorted(every, codes))
+
+    def widened(self, entries: np.ndarray) -> np.ndarray:
+        """Entries of a matrix of the pattern `near` in the order of `pattern`."""
+        found = np.zeros(len(self.pattern.indices))
+        found[self._near] = entries
+        return found
+
+    def flows(self, transport: np.ndarray) -> np.ndarray:
+        """Full-film flow ``F_i`` from every node to the following one, shape (nodes,).
+
+        `transport` is ``rho H V`` at the Gauss points, shape (c, q).
+        """
+        element = (transport * self._length) @ self._flow
+        return np.bincount(self._from.ravel(), element.ravel(), self.assembly.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Transport:
+    """Transport of one void fraction by given flows.
+
+    Attributes
+    ----------
+    strips
+        Where.
+    flows, storage
+        ``F_i`` and ``int rho H N_i`` over the time step, shape (nodes,) each.
+    void
+        s, shape (nodes,).
+    """
+
+    strips: Strips
+    flows: np.ndarray
+    storage: np.ndarray
+    void: np.ndarray
+
+    @cached_property
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """``s_u``, x, and y over x + y, 0 where x y <= 0; and where flows lead on."""
+        on, void, strips = self.flows > 0, self.void, self.strips
+        start = np.where(on, void, void[strips.following])
+        behind = np.where(on, void[strips.preceding], void[strips.second])
+        x = np.where(on, *strips.ratio) * (start - behind)
+        y = np.where(on, void[strips.following], void) - start
+        rising = x * y > 0
+        share = np.divide(y, x + y, out=np.zeros_like(y), where=rising)
+        return start, x, share, on
+
+    @cached_property
+    def carried(self) -> np.ndarray:
+        """Void fraction c carried by every flow, shape (nodes,)."""
+        start, x, share, _ = self._slopes
+        return start + x * share
+
+    @property
+    def nodal(self) -> np.ndarray:
+        """``t(s)`` at all nodes."""
+        carried = self.flows * self.carried
+        return carried - carried[self.strips.preceding] + self.storage * self.void
+
+    @property
+    def values(self) -> np.ndarray:
+        """The same on the unknown nodes."""
+        return self.nodal[self.strips.unknown]
+
+    @cached_property
+    def entries(self) -> np.ndarray:
+        """Entries of ``dt/ds`` on these, in the order of `Strips.pattern`."""
+        strips, (_, x, share, on) = self.strips, self._slopes
+        behind = -np.where(on, *strips.ratio) * share**2
+        ahead = np.where(share > 0, 1.0 - share, 0.0) ** 2
+        start = 1.0 - behind - ahead
+        none = np.zeros_like(x)
+        columns = np.where(on, [behind, start, ahead, none], [none, ahead, start, behind])
+        values = np.stack([self.flows * columns, -self.flows * columns])
+        count = len(strips.pattern.indices)
+        entries = np.bincount(strips.places.ravel(), values.ravel(), count + 1)[:count]
+        entries[strips.pattern.diagonal] += self.storage[strips.unknown]
+        return entries
 
 
 @dataclass(frozen=True, eq=False)
 class OilStep:
     """One time step, dimensionless.
 
-    The nominal `gap` at its end; `thickness` and `velocity` there at the Gauss points, between
-    rough surfaces the average ones; its `length`, the full-film
-    `flows` from node to node, and, over the length, the `full` contents of the
-    pressureless gap and the `former` contents; what the shear rate does to the viscosity, and
-    what supplies add, None without any. Of a formula with several steps the length is one over its
-    shift, and `former` minus the rate of contents that are zero at the end.
+    The nominal `gap` at its end, and the `flow` there of a film without pressure; its `length`;
+    what the weak form is assembled with for flows (`driven`) and for derivatives, contents included
+    (`inputs`); the full-film `flows` from node to node, and, over the length, the `full` contents
+    of the pressureless gap and the `former` contents; what supplies add, None without any. Of a
+    formula with several steps the length is one over its shift, and `former` minus the rate of
+    contents that are zero at the end.
     """
 
     gap: Gap
-    thickness: np.ndarray
-    velocity: np.ndarray
+    flow: Flow
+    driven: Inputs
+    inputs: Inputs
     length: float
     flows: np.ndarray
     full: np.ndarray
     former: np.ndarray
-    thinned: Thinning | None
     feed: FeedTerm | None = None
 
 
@@ -61,23 +279,19 @@ class OilProblem(Complementarity):
     Attributes
     ----------
     transport
-        ``t(s)`` of the void fractions of the unknown nodes, shape (m,).
-    transport_entries
-        Entries of its derivative, in the order of the solver's pattern.
-    diagonal
-        Places of the diagonal in it, shape (m,).
+        t of the void fractions of the unknown nodes, shape (m,).
+    places
+        Places of the diagonal in the solver's pattern, shape (m,).
     """
 
-    transport: Callable[[np.ndarray], np.ndarray] = field(kw_only=True)
-    transport_entries: Callable[[np.ndarray], np.ndarray] = field(kw_only=True)
-    diagonal: np.ndarray = field(kw_only=True)
+    transport: Callable[[np.ndarray], Transport] = field(kw_only=True)
+    places: np.ndarray = field(kw_only=True)
 
     @property
     def rows(self) -> np.ndarray:
         """Size of the equations of a nearly full film, shape (m,)."""
-        zero = np.zeros(len(self.diagonal))
-        both = self.unit * self.entries(zero) + self.transport_entries(zero)
-        return both[self.diagonal]
+        both = self.unit * self.entries(self.zero) + self.transport(self.zero).entries
+        return both[self.places]
 
 
 class OilBalance:
@@ -108,11 +322,12 @@ class OilBalance:
         self.reservoir, dry = _reservoirs_and_dry_sides(film, oil_outside)
         self.unknown = np.union1d(film.free, np.flatnonzero(dry))
         self.dry = dry[self.unknown]
-        self.assembly = a = Assembly(film.parameters.grid, self.unknown)
-        self.strips = Strips(a)
-        self.pattern = self.strips.pattern
-        self._dry_column = self.dry[a.pattern.indices]
-        self._dry_diagonal = a.pattern.diagonal[self.dry]
+        self.assembly = film.assembly
+        self.strips = Strips(self.assembly, self.unknown)
+        self.pattern, self._near = self.strips.pattern, self.strips.near
+        self._places = film.equation.forms.places(self._near, self.unknown)
+        self._dry_column = self.dry[self._near.indices]
+        self._dry_diagonal = self._near.diagonal[self.dry]
 
     @property
     def volume_scale(self) -> float:
@@ -122,27 +337,22 @@ class OilBalance:
 
     def stored(self, filling: np.ndarray) -> np.ndarray:
         """``int rho H N_i`` at all nodes."""
-        return self.assembly.vector(np.zeros_like(filling), None, filling)
-
-    def step(self, gap: Gap, content: np.ndarray, time_step: float) -> OilStep:
-        """One time step [s] to a gap, from the oil content (nodes,) [m^3] before."""
-        length = time_step * self.film.parameters.rate
-        return self.ending(gap, length, content / (self.volume_scale * length))
+        return self.assembly.source(filling)
 
     def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
         """A step of a length that ends with a gap, see `OilStep`."""
-        thickness, _, velocity = self.film.equation.dimensionless(gap)
-        density = self.film.equation.factors[1]
+        equation = self.film.equation
+        flow = equation.flow(gap)
         return OilStep(
             gap,
-            thickness,
-            velocity,
+            flow,
+            equation.inputs(gap, squeeze=0.0, supplied=False),
+            equation.inputs(gap, squeeze=0.0, storage=1.0 / length, supplied=False),
             length,
-            flows=self.strips.flows(density * thickness * velocity),
-            full=self.stored(density * thickness) / length,
+            flows=self.strips.flows(flow.density * flow.thickness * flow.velocity),
+            full=self.stored(flow.density * flow.thickness) / length,
             former=former,
-            thinned=self.film.equation.thinning(gap),
-            feed=self.film.equation.fed(gap, lumped=True),
+            feed=equation.fed(gap, lumped=True),
         )
 
     def problem(self, step: OilStep) -> OilProblem:
@@ -153,33 +363,29 @@ class OilBalance:
             return defect + np.where(self.dry, values, 0.0)
 
         def entries(values: np.ndarray) -> np.ndarray:
-            matrix = self.assembly.matrix(self._derivative(step, self.nodal(values)))
+            forms = self.film.equation.forms
+            matrix = forms.matrix(step.inputs, self.nodal(values))[self._places]
             if step.feed is not None:
                 lumped = self.assembly.source(step.feed.total)
-                matrix[self.assembly.pattern.diagonal] += lumped[self.unknown]
+                matrix[self._near.diagonal] += lumped[self.unknown]
             matrix[self._dry_column] = 0.0
             matrix[self._dry_diagonal] = 1.0
             return self.strips.widened(matrix)
 
-        def transport(void: np.ndarray) -> np.ndarray:
-            return self.strips.apply(step.flows, step.full, self.spread(void))[self.unknown]
-
-        def transport_entries(void: np.ndarray) -> np.ndarray:
-            return self.strips.derivative(step.flows, step.full, self.spread(void))
-
-        zero = np.zeros(len(self.unknown))
-        constant, first = residual(zero), entries(zero)
-        linear = self.film.parameters.lubricant.linear
+        unit = np.ones(len(self.unknown))
+        first = cache(partial(entries, np.zeros_like(unit)))
         return OilProblem(
-            (lambda p: self.pattern.multiply(first, p) + constant) if linear else residual,
-            (lambda p: first) if linear else entries,
-            # The void fraction is of order one.
-            scale=1.0,
-            unit=max(float(np.abs(constant).max()), SMALLEST_SOURCE) / float(first.max()),
-            transport=transport,
-            transport_entries=transport_entries,
-            diagonal=self.pattern.diagonal,
+            residual,
+            (lambda p: first()) if self.film.parameters.lubricant.linear else entries,
+            unit,
+            SMALLEST_SOURCE,
+            transport=lambda void: self.transport(step, self.spread(void)),
+            places=self.pattern.diagonal,
         )
+
+    def transport(self, step: OilStep, void: np.ndarray) -> Transport:
+        """Transport of the void fractions of all nodes."""
+        return Transport(self.strips, step.flows, step.full, void)
 
     def spread(self, void: np.ndarray) -> np.ndarray:
         """Void fractions of all nodes from those of the unknown ones."""
@@ -193,21 +399,24 @@ class OilBalance:
         nodal[self.unknown] = np.where(self.dry, 0.0, values)
         return nodal
 
-    def oil(self, step: OilStep, nodal: np.ndarray) -> OilProperties:
-        """Oil at the Gauss points, dimensionless."""
-        return self.film.equation.oil(nodal, step.thinned)
+    def density(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
+        """Density at the Gauss points, dimensionless."""
+        return self.film.equation.density(step.gap, nodal)
 
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Balance at all nodes without the void fraction."""
-        oil = self.oil(step, nodal)
-        growth = step.thickness / step.length
-        lost = balance(self.assembly, oil, step.thickness, step.velocity, growth) - step.former
+        # Contents are summed in one way only: what is counted twice differs by round-off, and oil
+        # would be lost in every step.
+        full = step.full
+        if not self.film.parameters.lubricant.density_law.constant:
+            full = self.stored(self.density(step, nodal) * step.flow.thickness) / step.length
+        lost = self.film.equation.balance(step.driven, nodal) + full - step.former
         return lost if step.feed is None else lost + step.feed.lumped(self.assembly, nodal)
 
     def ends(
         self, step: OilStep, nodal: np.ndarray, values: np.ndarray, void: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What the balance lacks at all nodes, and flows through the ends of the film.
+        """Defect of the balance at all nodes, and flow through the ends of the film.
 
         Parameters
         ----------
@@ -216,64 +425,51 @@ class OilBalance:
         values
             Of the unknown nodes; an outflow stands for the pressure of a dry side.
         """
-        lost = self.full_film(step, nodal) - self.strips.apply(step.flows, step.full, void)
+        lost = self.full_film(step, nodal) - self.transport(step, void).nodal
         outflow = -lost
         outflow[self.film.free] = 0.0
         outflow[self.unknown[self.dry]] = values[self.dry]
         return lost, outflow
 
-    def _derivative(self, step: OilStep, nodal: np.ndarray) -> Coefficients:
-        oil = self.oil(step, nodal)
-        if self.film.parameters.lubricant.linear:
-            mobility = oil.mobility(step.thickness)
-            return Coefficients(mobility, mobility)
-        growth = step.thickness / step.length
-        return balance_derivative(oil, step.thickness, step.velocity, growth)
-
-    def change(
-        self, step: OilStep, nodal: np.ndarray, void: np.ndarray, derivatives: GapDerivatives
-    ) -> np.ndarray:
-        """Derivative of the balance at a solution along n changes of the gap, shape (nodes, n)."""
-        shape = (-1, derivatives.thickness.shape[-1])
-        along_h, along_v, along_u = self.gap_derivatives(step, nodal, void)
-        total = along_h @ derivatives.thickness.reshape(shape)
-        total += along_v @ derivatives.mean_velocity.reshape(shape)
-        if along_u is not None and derivatives.sliding_velocity is not None:
-            total += along_u @ derivatives.sliding_velocity.reshape(shape)
-        return total
-
     def gap_derivatives(
-        self, step: OilStep, nodal: np.ndarray, void: np.ndarray
+        self, step: OilStep, nodal: np.ndarray, carried: Transport
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Derivatives of the balance, where flows come from held, see `ReynoldsEquation`."""
-        p = self.film.parameters
-        oil = self.oil(step, nodal)
-        density = np.broadcast_to(self.film.equation.factors[1], step.velocity.shape)
-        along_h, along_v = flux_derivatives(self.assembly, oil, step.thickness, step.velocity)
-        carried = self.strips.carried(step.flows, void)
-        along_h += self.assembly.source_elements(oil.density / step.length)
-        along_h -= self.strips.elements(density * step.velocity, carried)
-        storage = self.assembly.source_elements(density / step.length)
-        along_h -= storage * void[self.assembly.grid.cell_nodes][:, None, :]
-        along_v -= self.strips.elements(density * step.thickness, carried)
-        along_u = sliding_derivative(self.assembly, oil, step.thickness)
+        slope = step.flow.slope / self.film.parameters.clearance
+        slope = np.broadcast_to(slope, step.gap.thickness.shape)
+        full = self.film.equation.gap_derivatives(step.gap, nodal, inputs=step.inputs)
+        if carried.void.any():
+            share = carried.carried[self.strips.beside][:, None, :]
+            for along, own in zip(full, self._dragged(step, slope), strict=True):
+                if along is not None:
+                    along.data -= (own * share).ravel()
+            lost = (slope * step.flow.density / step.length)[:, :, None]
+            stored = lost * self.assembly.by_nodes(carried.void)
+            full[0].data -= with_weights(self.assembly.tested, stored).data
         if step.feed is not None:
-            slope = step.feed.along_thickness
-            along_h += step.feed.lumped_elements(self.assembly, slope, nodal)
-        if p.surfaces is not None:
-            along_u = self.film.equation.of_nominal(step.gap, along_h, along_v, along_u)
-        speed = p.rate * p.grid.radius
-        return (
-            self.assembly.gather(along_h / p.clearance),
-            self.assembly.gather(along_v / speed),
-            None if along_u is None else self.assembly.gather(along_u / speed),
-        )
+            fed = slope * step.feed.along_thickness
+            full[0].data += step.feed.lumped_change(self.assembly, fed, nodal).data
+        return full
+
+    def _dragged(self, step: OilStep, slope: np.ndarray) -> list[np.ndarray | None]:
+        """Derivatives along the gap of the Couette term of a film without pressure.
+
+        Entries of the matrices of `Assembly.tested`, shape (c, q, k).
+        """
+        equation, flow, drag = self.film.equation, step.flow, self.assembly.drag
+        if equation.laws.dragging:
+            none = np.zeros_like(equation.given)
+            found = equation.gap_derivatives(step.gap, none, inputs=step.driven)
+            return [None if own is None else own.data.reshape(drag.shape) for own in found]
+        # Between surfaces of one roughness the flow is a product of thickness and mean velocity.
+        speed = self.film.parameters.rate * self.film.parameters.grid.radius
+        along = slope * flow.velocity, flow.thickness / speed
+        return [(flow.density * own)[:, :, None] * drag for own in along] + [None]
 
     def along_turn(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Change of the balance with the journal's angle, shape (nodes,) [1/rad]."""
         assert step.feed is not None
-        fed = step.feed.lumped_elements(self.assembly, step.feed.along_turn, nodal)
-        return self.assembly.gather(fed) @ np.ones(step.thickness.size)
+        return step.feed.lumped(self.assembly, nodal, step.feed.along_turn)
 
 
 def require_monotone(family: str, key: str = "film.element") -> None:

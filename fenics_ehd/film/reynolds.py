@@ -1,40 +1,43 @@
-"""The discrete Reynolds equation of one film: its residual and exact derivatives.
+"""Reynolds equation (1) of one film: residual, complementarity problem, derivatives.
 
-Dimensionless, see `forms`; oils of constant properties make it linear in the
-pressure, others do not.
+Dimensionless, see `fenics_ehd.film.weak_form`, whose forms dolfinx assembles. Oils of constant
+properties make the equation linear in the pressure, others do not. What turns with the journal is
+no data of the gap: the derivative along its angle is algebra.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
 
 import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.assembly import Assembly, Coefficients
-from fenics_ehd.film.balance import (
-    OilProperties,
-    balance,
-    balance_derivative,
-    flux_change,
-    flux_derivatives,
-    sliding_derivative,
-)
+from fenics_ehd.film.assembly import Assembly, with_data
 from fenics_ehd.film.cavitation import Complementarity
-from fenics_ehd.film.feeding import Feeds, FeedTerm, recess_viscosity
+from fenics_ehd.film.film_forms import FilmForms, Inputs
+from fenics_ehd.film.flow_factors import continuation_below
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, GapDerivatives, SurfacePoints
-from fenics_ehd.film.parameters import FilmParameters
+from fenics_ehd.film.lubricant import ARRAYS
+from fenics_ehd.film.parameters import Feeds, FeedTerm, FilmParameters, recess_viscosity
 from fenics_ehd.film.supply import given_pressures
-from fenics_ehd.film.thinning import Thinning, thinning
+from fenics_ehd.film.weak_form import (
+    FIELDS,
+    GAP,
+    SUPPLIES,
+    Flow,
+    Laws,
+    Numbers,
+    flow_law,
+    oil_density,
+)
 
-#: Below this dimensionless rate of gap change the source of (11) counts as zero.
-SMALLEST_SOURCE = 1e-6
-
-#: The same for 8-node elements: their problem may have no solution for a source of round-off.
-SMALLEST_WEIGHTED_SOURCE = 1e-4
+#: Below this dimensionless rate of gap change the source of (11) counts as zero. Assembled
+#: gradients of a uniform gap leave 1e-15 of what it carries, and the problem of 8-node elements may
+#: have no solution for a source of round-off.
+SMALLEST_SOURCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,8 @@ class ReynoldsEquation:
         Dimensionless pressure at all nodes, zero at the free ones.
     points
         Gauss points on the bore.
+    pattern
+        Of the derivative along the pressures of the free nodes.
     lubricant
         The oil, at another temperature perhaps than that of `parameters`, which give the scales.
     factors
@@ -74,6 +79,8 @@ class ReynoldsEquation:
         See `FilmParameters`.
     weights
         Entries of the mass matrix N of (11) for the 8-node element, else None.
+    laws
+        What the film contains.
     feeds
         Supplies that conduct oil into the film; None: there are none.
     """
@@ -84,15 +91,11 @@ class ReynoldsEquation:
         fixed, pressure = given_pressures(grid, parameters.sides, parameters.regions)
         self.free = np.flatnonzero(~fixed)
         self.given = pressure / parameters.pressure_scale
-        self._supplied = bool(pressure.any())
-        self.assembly = Assembly(grid, self.free)
-        self.points = gauss_points(grid, self.assembly.tensors.points)
+        self.assembly = Assembly(grid)
+        self.points = gauss_points(grid, self.assembly.reference)
         self.lubricant = parameters.lubricant
         self.surfaces = parameters.surfaces
-        self._conductance = (
-            None if self.surfaces is None else self.surfaces.conductance(parameters.clearance)
-        )
-        self.factors = [self._field(f) for f in ("viscosity_field", "density_field")]
+        self.factors = [self._field(f) for f in FIELDS]
         if parameters.recesses:
             self.factors[0] = self.factors[0] * recess_viscosity(parameters, self.points)
         self.feeds: Feeds | None = None
@@ -100,15 +103,24 @@ class ReynoldsEquation:
             mobility = self.factors[1] / self.factors[0]
             self.feeds = Feeds(parameters, self.points, self.assembly.area, mobility)
         weighted = grid.family == "serendipity"
-        zero = np.zeros(self.assembly.area.shape)
-        mass = self.assembly.matrix(Coefficients(zero, zero, mass=zero + 1))
-        self.weights = mass if weighted else None
-        pattern = self.assembly.pattern
-        self._weight_diagonal = mass[pattern.diagonal] if weighted else 1.0
+        mass = self.assembly.mass(self.free)
+        self.pattern = self.assembly.pattern(self.free)
+        self.weights = mass.data if weighted else None
+        self._diagonal = mass.diagonal() if weighted else np.ones(len(self.free))
         # The source of a film at unit speed: nodal areas, or ones when divided by the mass matrix.
-        unit = np.ones(len(self.free)) if weighted else pattern.matrix(mass).sum(axis=1)
-        smallest = SMALLEST_WEIGHTED_SOURCE if weighted else SMALLEST_SOURCE
-        self._smallest = smallest * float(np.linalg.norm(unit))
+        unit = np.ones(len(self.free)) if weighted else mass.sum(axis=1)
+        self._smallest = SMALLEST_SOURCE * float(np.linalg.norm(unit))
+        self.laws = Laws.of(parameters)
+        self._numbers = self._current_numbers()
+
+    @cached_property
+    def forms(self) -> FilmForms:
+        """Weak form on this mesh: a film that is only looked at needs none."""
+        return FilmForms(self.parameters.grid, self.laws, self._numbers.layout)
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        return self.forms.places(self.pattern, self.free)
 
     def _field(self, name: str) -> np.ndarray | float:
         function = getattr(self.parameters.lubricant, name)
@@ -118,6 +130,27 @@ class ReynoldsEquation:
         if not np.all(np.isfinite(values) & (values > 0)):
             raise SettingsError(f"the {name} of the lubricant must be above 0 everywhere")
         return values
+
+    def _current_numbers(self) -> Numbers:
+        p, oil, surfaces = self.parameters, self.lubricant, self.surfaces
+        return Numbers(
+            squeeze=1.0,
+            storage=0.0,
+            rate_shift=0.0,
+            level=0.0,
+            clearance=p.clearance,
+            speed=p.rate * p.grid.radius,
+            rate=p.rate,
+            pressure_scale=p.pressure_scale,
+            viscosity=1.0 if self.laws.fields else self.factors[0],
+            density=1.0 if self.laws.fields else self.factors[1],
+            viscosity_law=oil.viscosity_law.numbers,
+            density_law=oil.density_law.numbers,
+            shear_law=() if oil.shear_law is None else oil.shear_law.numbers,
+            surfaces=()
+            if surfaces is None
+            else (surfaces.roughness, surfaces.weight, *continuation_below()),
+        )
 
     def warm(self, temperature: float) -> None:
         """Give the oil the viscosity of another temperature [C]; volumes stay volumes.
@@ -131,25 +164,18 @@ class ReynoldsEquation:
         self.lubricant = given.at(temperature)
         ratio = self.lubricant.viscosity / given.viscosity
         self.factors = [ratio * self._field("viscosity_field"), self.factors[1]]
-
-    def dimensionless(self, gap: Gap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``H``, ``dH/dt`` and the mean velocity over ``Omega R``; rough surfaces' average ones."""
-        p, gap = self.parameters, self.seen(gap)
-        return (
-            gap.thickness / p.clearance,
-            gap.thickness_rate / (p.clearance * p.rate),
-            gap.mean_velocity / (p.rate * p.grid.radius),
-        )
+        self._numbers = self._current_numbers()
 
     def seen(self, gap: Gap) -> Gap:
         """The gap in which oil flows: the average one between rough surfaces."""
         return gap if self.surfaces is None else self.surfaces.average(gap)
 
     def fed(self, gap: Gap, *, lumped: bool = False) -> FeedTerm | None:
-        """What supplies add to the equation at a gap, see `Feeds.term`; None without any."""
+        """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any."""
         if self.feeds is None:
             return None
-        return self.feeds.term(gap, self.dimensionless(gap)[0], lumped=lumped)
+        thickness = self.seen(gap).thickness / self.parameters.clearance
+        return self.feeds.term(gap, thickness, lumped=lumped)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
         """Dimensionless pressure at all nodes from that at the free ones."""
@@ -157,136 +183,92 @@ class ReynoldsEquation:
         values[self.free] = pressure
         return values
 
-    def thinning(self, gap: Gap) -> Thinning | None:
-        """What the shear rate does to the viscosity in a gap; None: nothing."""
-        p = self.parameters
-        law = p.lubricant.shear_law
-        if law is None:
-            return None
-        speed = p.rate * p.grid.radius
-        thickness = self.seen(gap).thickness
-        return thinning(law, thickness, gap.sliding_velocity, p.clearance, speed)
+    def inputs(
+        self,
+        gap: Gap,
+        density_rate: DensityRate | None = None,
+        *,
+        squeeze: float = 1.0,
+        storage: float = 0.0,
+        rate_shift: float = 0.0,
+        supplied: bool = True,
+    ) -> Inputs:
+        """Data that the forms are assembled with.
+
+        Parameters
+        ----------
+        gap, density_rate
+            A gap, and the rate of the density of a compressible oil.
+        squeeze, storage, rate_shift
+            See `Numbers`; a density's rate gives the storage.
+        supplied
+            Whether supplies belong to the equation.
+        """
+        rate, values = self.parameters.rate, {name: getattr(gap, name) for name in GAP}
+        shape = gap.thickness.shape
+        if self.laws.fields:
+            fields = (np.broadcast_to(factor, shape) for factor in self.factors)
+            values |= zip(FIELDS, fields, strict=True)
+        if self.laws.supplies:
+            assert self.feeds is not None
+            supplies = self.feeds.values(gap) if supplied else np.zeros((len(SUPPLIES), *shape))
+            values |= zip(SUPPLIES, supplies, strict=True)
+        if "history" in self.laws.values:
+            values["history"] = np.zeros(shape)
+            if density_rate is not None:
+                storage, values["history"] = density_rate.shift / rate, density_rate.history / rate
+        numbers = self._numbers.flat.copy()
+        level = self._numbers.density * gap.thickness.flat[0] / self.parameters.clearance
+        level *= gap.mean_velocity.flat[0] / self._numbers.speed
+        numbers[:4] = squeeze, storage, rate_shift, level
+        return Inputs(numbers, values)
+
+    def balance(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
+        """Weak form of (1) tested with every node, shape (nodes,), all dimensionless.
+
+        Raises
+        ------
+        ViscosityError
+            The viscosity runs away with the largest pressure.
+        """
+        law = self.lubricant.viscosity_law
+        if not law.constant:
+            law(self.parameters.pressure_scale * np.maximum(nodal.max(keepdims=True), 0.0))
+        return self.forms.vector(inputs, nodal)
 
     def problem(self, gap: Gap, density_rate: DensityRate | None = None) -> Complementarity:
-        """The complementarity problem (11) of a gap."""
-        if not self.parameters.lubricant.linear:
-            return self._nonlinear_problem(gap, density_rate)
-        thickness, rate, velocity = self.dimensionless(gap)
-        viscosity, density = self.factors
-        thinned = self.thinning(gap)
-        if thinned is not None:
-            viscosity = viscosity * thinned.ratio
-        mobility = density * thickness**3 / viscosity
-        if self._conductance is not None:
-            mobility = mobility * self._conductance(thickness)[0]
-        feed = self.fed(gap)
-        mass = None if feed is None else feed.total
-        entries = self.assembly.matrix(Coefficients(mobility, mobility, mass=mass))
-        around, along, source = -density * thickness * velocity, None, density * rate
-        if self._supplied:
-            _, slope_around, slope_along = self.assembly.at_points(self.given)
-            around, along = around + mobility * slope_around, mobility * slope_along
-        if feed is not None:
-            source = source + feed.outflow(self.assembly.at_points(self.given)[0])
-        constant = self.assembly.vector(around, along, source)[self.free]
-        return self._complementarity(
-            lambda p: self.assembly.pattern.multiply(entries, p) + constant,
-            lambda p: entries,
-            constant,
-            entries,
-        )
-
-    def _nonlinear_problem(self, gap: Gap, density_rate: DensityRate | None) -> Complementarity:
-        """Problem of an oil whose properties change with pressure; derivatives by hand, exact."""
-        thickness, rate, velocity = self.dimensionless(gap)
-        thinned, feed = self.thinning(gap), self.fed(gap)
+        """The complementarity problem (11) of a gap; what nobody asks for is not assembled."""
+        inputs = self.inputs(gap, density_rate)
 
         def residual(pressure: np.ndarray) -> np.ndarray:
-            nodal = self.nodal(pressure)
-            oil = self.oil(nodal, thinned, density_rate)
-            values = balance(self.assembly, oil, thickness, velocity, rate)
-            if feed is not None:
-                values += self.assembly.source(feed.outflow(self.assembly.at_points(nodal)[0]))
-            return values[self.free]
+            return self.balance(inputs, self.nodal(pressure))[self.free]
 
         def entries(pressure: np.ndarray) -> np.ndarray:
-            oil = self.oil(self.nodal(pressure), thinned, density_rate)
-            coefficients = balance_derivative(oil, thickness, velocity, rate)
-            if feed is not None:
-                coefficients = replace(coefficients, mass=coefficients.mass + feed.total)
-            return self.assembly.matrix(coefficients)
+            return self.forms.matrix(inputs, self.nodal(pressure))[self._places]
 
-        zero = np.zeros(len(self.free))
-        return self._complementarity(residual, entries, residual(zero), entries(zero))
-
-    def _complementarity(
-        self,
-        residual: Callable[[np.ndarray], np.ndarray],
-        entries: Callable[[np.ndarray], np.ndarray],
-        start: np.ndarray,
-        first: np.ndarray,
-    ) -> Complementarity:
-        """Problem from its residual and derivative and their values at zero pressure."""
-        scale = max(float(np.linalg.norm(start / self._weight_diagonal)), self._smallest)
-        # What the source builds up over one cell.
-        unit = max(float(np.abs(start).max()), self._smallest) / float(first.max())
-        return Complementarity(residual, entries, scale, self.weights, unit)
-
-    def oil(
-        self,
-        nodal: np.ndarray,
-        thinned: Thinning | None,
-        density_rate: DensityRate | None = None,
-    ) -> OilProperties:
-        """Oil and pressure derivatives at the Gauss points, dimensionless; see `thinning`."""
-        p = self.parameters
-        value, around, along = self.assembly.at_points(nodal)
-        factors = self.factors
-        if thinned is not None:
-            factors = [factors[0] * thinned.ratio, factors[1]]
-        if p.lubricant.linear and density_rate is None:
-            viscosity, density = factors
-            none = np.zeros(value.shape)
-            return OilProperties(
-                around,
-                along,
-                none + viscosity,
-                none,
-                none + density,
-                none,
-                none,
-                none,
-                thinned,
-                self._conductance,
-            )
-        # Shape functions may undershoot between nodes, where the laws are not meant: the oil
-        # keeps its properties there.
-        inside = value >= 0.0
-        pressure = np.where(inside, value, 0.0) * p.pressure_scale
-        viscosity, viscosity_derivative = self.lubricant.viscosity_law(pressure)
-        density, density_derivative = self.lubricant.density_law(pressure)
-        viscosity_derivative, density_derivative = (
-            inside * viscosity_derivative,
-            inside * density_derivative,
+        first = cache(partial(entries, np.zeros(len(self.free))))
+        return Complementarity(
+            residual,
+            (lambda p: first()) if self.parameters.lubricant.linear else entries,
+            self._diagonal,
+            self._smallest,
+            self.weights,
         )
-        expansion, expansion_derivative = np.zeros_like(value), np.zeros_like(value)
-        density_derivative = factors[1] * density_derivative * p.pressure_scale
-        if density_rate is not None:
-            shift = density_rate.shift / p.rate
-            expansion = shift * factors[1] * density + density_rate.history / p.rate
-            expansion_derivative = shift * density_derivative
-        return OilProperties(
-            around,
-            along,
-            factors[0] * viscosity,
-            factors[0] * viscosity_derivative * p.pressure_scale,
-            factors[1] * density,
-            density_derivative,
-            expansion,
-            expansion_derivative,
-            thinned,
-            self._conductance,
+
+    def flow(self, gap: Gap, nodal: np.ndarray | None = None) -> Flow:
+        """Oil and its flow at the Gauss points, dimensionless; None: at ambient pressure."""
+        pressure = np.zeros(gap.thickness.shape)
+        if nodal is not None:
+            pressure = self.assembly.at_points(nodal)[0]
+        return flow_law(
+            self.laws, self._numbers, self.inputs(gap, supplied=False).values, pressure, ARRAYS
         )
+
+    def density(self, gap: Gap, nodal: np.ndarray) -> np.ndarray:
+        """Density at the Gauss points, dimensionless."""
+        pressure = self.assembly.at_points(nodal)[0]
+        values = self.inputs(gap, supplied=False).values
+        return oil_density(self.laws, self._numbers, values, pressure, ARRAYS)
 
     def change(
         self,
@@ -302,7 +284,7 @@ class ReynoldsEquation:
         gap, pressure, density_rate
             A gap and dimensionless nodal pressures, shape (nodes,).
         derivatives
-            Changes of gap, its rate and the mean velocity in n directions, each
+            Changes of gap, its rate, the mean and the sliding velocity in n directions, each
             (cells, points, n).
 
         Returns
@@ -310,44 +292,39 @@ class ReynoldsEquation:
         numpy.ndarray
             shape (free nodes, n).
         """
-        p = self.parameters
-        thickness, _, velocity = self.dimensionless(gap)
-        oil = self.oil(pressure, self.thinning(gap), density_rate)
-        if self.surfaces is not None:
-            derivatives = self.surfaces.along(gap, derivatives)
-        shape = (thickness.size, derivatives.thickness.shape[-1])
-        changes = derivatives.thickness.reshape(shape) / p.clearance
-        speeds = derivatives.mean_velocity.reshape(shape) / (p.rate * p.grid.radius)
-        slidings = self.slidings(derivatives, shape)
-        change = flux_change(self.assembly, oil, thickness, velocity, changes, speeds, slidings)
-        rates = derivatives.thickness_rate.reshape(shape) / (p.clearance * p.rate)
-        change += self.assembly.source_vectors(oil.density, rates)
-        if density_rate is not None:
-            change += self.assembly.source_vectors(oil.expansion, changes)
-        feed = self.fed(gap)
-        if feed is not None:
-            slope = feed.change(feed.along_thickness, self.assembly.at_points(pressure)[0])
-            change += self.assembly.source_vectors(slope, changes)
-        return change[self.free]
-
-    def slidings(self, derivatives: GapDerivatives, shape: tuple[int, ...]) -> np.ndarray | None:
-        """Changes of the sliding velocity, dimensionless, where the oil asks for them."""
-        p, sliding = self.parameters, derivatives.sliding_velocity
-        if p.lubricant.shear_law is None or sliding is None:
-            return None
-        return sliding.reshape(shape) / (p.rate * p.grid.radius)
+        # Two shifts tell the thickness from its rate.
+        shift = self.parameters.rate
+        still, *velocities = self.gap_derivatives(gap, pressure, 0.0, density_rate)
+        following, *_ = self.gap_derivatives(gap, pressure, shift, density_rate)
+        total = (following - still) @ _flat(derivatives.thickness_rate) / shift
+        for along, direction in (
+            (still, derivatives.thickness),
+            (velocities[0], derivatives.mean_velocity),
+            (velocities[1], derivatives.sliding_velocity),
+        ):
+            if along is not None and direction is not None:
+                total += along @ _flat(direction)
+        return total[self.free]
 
     def gap_derivatives(
-        self, gap: Gap, pressure: np.ndarray, rate_shift: float
+        self,
+        gap: Gap,
+        pressure: np.ndarray,
+        rate_shift: float = 0.0,
+        density_rate: DensityRate | None = None,
+        *,
+        inputs: Inputs | None = None,
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Sparse derivatives of the residual, for what moves many directions at once.
 
         Parameters
         ----------
-        gap, pressure
-            A gap and dimensionless nodal pressures, shape (nodes,); density constant in time.
+        gap, pressure, density_rate
+            A gap and dimensionless nodal pressures, shape (nodes,).
         rate_shift
             ``d h' / d h`` [1/s].
+        inputs
+            Of another weak form at this gap, which need neither rates nor shift.
 
         Returns
         -------
@@ -356,62 +333,11 @@ class ReynoldsEquation:
             sliding velocity [m/s]: shape (nodes, c * q) each. The last is None for an oil that
             does not thin, unless one of the surfaces is rougher.
         """
-        p = self.parameters
-        thickness, _, velocity = self.dimensionless(gap)
-        oil = self.oil(pressure, self.thinning(gap))
-        along_h, along_v = flux_derivatives(self.assembly, oil, thickness, velocity)
-        along_h += self.assembly.source_elements(oil.density * (rate_shift / p.rate))
-        feed = self.fed(gap)
-        if feed is not None:
-            slope = feed.change(feed.along_thickness, self.assembly.at_points(pressure)[0])
-            along_h += self.assembly.source_elements(slope)
-        along_u = sliding_derivative(self.assembly, oil, thickness)
-        speed = p.rate * p.grid.radius
-        if self.surfaces is not None:
-            along_u = self.of_nominal(gap, along_h, along_v, along_u, oil.density)
-        return (
-            self.assembly.gather(along_h / p.clearance),
-            self.assembly.gather(along_v / speed),
-            None if along_u is None else self.assembly.gather(along_u / speed),
-        )
-
-    def of_nominal(
-        self,
-        gap: Gap,
-        along_h: np.ndarray,
-        along_v: np.ndarray,
-        along_u: np.ndarray | None,
-        stored: np.ndarray | None = None,
-    ) -> np.ndarray | None:
-        """Derivatives along the nominal gap of rough surfaces from those along the average one.
-
-        Element data, dimensionless; `along_h` is changed.
-
-        Parameters
-        ----------
-        gap
-            The nominal one.
-        along_h, along_v, along_u
-            Along thickness, mean velocity, and sliding velocity (None: zero).
-        stored
-            Density where the equation has the rate of the average gap; None: it has not.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            Along the sliding velocity.
-        """
-        assert self.surfaces is not None
-        p, change = self.parameters, self.surfaces.change(gap)
-        along_h *= change.thickness[:, :, None]
-        if stored is not None:
-            along_h += self.assembly.source_elements(stored * change.rate / p.rate)
-        speed = p.rate * p.grid.radius
-        along_h += (p.clearance / speed * change.velocity)[:, :, None] * along_v
-        if not self.surfaces.dragging:
-            return along_u
-        dragged = change.sliding[:, :, None] * along_v
-        return dragged if along_u is None else along_u + dragged
+        inputs = inputs or self.inputs(gap, density_rate, rate_shift=rate_shift)
+        thickness, sliding = self.forms.along_gap(inputs, pressure)
+        carried = self.density(gap, pressure) * self.seen(gap).thickness / self.parameters.clearance
+        drag = (carried / self._numbers.speed)[:, :, None] * self.assembly.drag
+        return thickness, with_data(self.assembly.tested, drag.ravel()), sliding
 
     def along_turn(self, gap: Gap, pressure: np.ndarray) -> np.ndarray:
         """Change of the residual with the journal's angle, shape (nodes,) [1/rad]."""
@@ -420,6 +346,12 @@ class ReynoldsEquation:
             return np.zeros(self.assembly.size)
         slope = feed.change(feed.along_turn, self.assembly.at_points(pressure)[0])
         return self.assembly.source(slope)
+
+
+def _flat(directions: np.ndarray) -> np.ndarray:
+    """Values (points..., n) as columns."""
+    *points, count = directions.shape
+    return directions.reshape(int(np.prod(points)), count)
 
 
 def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:

@@ -1,4 +1,25 @@
-"""A film between rough surfaces: what the Reynolds equation sees of the gap, and what touches.
+"""Rough surfaces: the gap that the oil sees, and the pressure of asperities that touch.
+
+Pressure of two rough surfaces whose asperities touch (Greenwood and Tripp 1970).
+
+Asperities are paraboloids of one radius beta, eta of them per area, their heights a Gaussian of
+the combined roughness sigma. Elastic contacts of pairs give, h the distance of the surfaces' mean
+planes, above which those of the asperities' tips lie by d sigma together,
+
+    p_c = (16 sqrt(2) pi / 15) (eta beta sigma)^2 sqrt(sigma / beta) E' F_5/2(h / sigma - d),
+    1 / E' = (1 - nu_1^2) / E_1 + (1 - nu_2^2) / E_2,
+    F_n(H) = 1 / sqrt(2 pi) int_H^inf (s - H)^n exp(-s^2 / 2) ds,
+
+and the share ``pi^2 (eta beta sigma)^2 F_2`` of the area in true contact. As ``dF_n / dH`` is
+``-n F_(n-1)``, the pressure is minus the slope of a potential ``2 / 7 ... F_7/2``.
+
+``y = F_n`` satisfies ``y'' + H y' - n y = 0``, which gives the Taylor series about any point from
+value and slope there. F_7/2 is evaluated by such series about points 1/16 apart, value and slopes
+by the trapezoidal rule over ``t = sqrt(s - H)``, where the integrand is even and entire: both are
+exact to 1e-12 of the value (`tests/test_asperities.py`). Pressure and its slope are slopes of the
+same polynomial, so that the pressure is conservative to round-off.
+
+A film between rough surfaces: what the Reynolds equation sees of the gap, and what touches.
 
 The nominal gap h is the distance of the mean planes. Oil flows in the average gap ``h_T(h)``,
 which is positive however far the mean planes overlap: it takes the place of h in the Couette and
@@ -16,17 +37,88 @@ apart, about sigma where they touch.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
+import attrs
 import numpy as np
+from scipy.special import erfc
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import REQUIRED, Roughness, number
 from fenics_ehd.film import flow_factors
-from fenics_ehd.film.asperities import Asperities
-from fenics_ehd.film.kinematics import Gap, GapDerivatives
+from fenics_ehd.film.kinematics import Gap
+
+#: Asperities are apart: beyond this H the pressure, below 1e-15 of that at H = 0, is zero.
+APART = 8.0
+
+#: Least H of the table; what is above it is far below what any model of contact describes.
+DEEPEST = -8.0
+
+#: Distance of the points of the table, and the order of the series about them.
+SPACING, ORDER = 1.0 / 16.0, 10
+
+#: Step and end of the trapezoidal rule: half the step changes no value by more than 1e-14 of it.
+STEP, END = 0.02, 5.0
+
+
+class Touch(NamedTuple):
+    """Contact of nominal gaps: energy per area [J/m2], pressure [Pa], its derivative [Pa/m]."""
+
+    potential: np.ndarray
+    pressure: np.ndarray
+    slope: np.ndarray
+
+
+def seven_halves(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """F_7/2 and its first two derivatives, at H of any shape; below `DEEPEST` as there."""
+    shape, ratio = np.shape(ratio), np.ravel(ratio)
+    found = np.zeros((3, len(ratio)))
+    near = np.flatnonzero(ratio < APART)
+    if len(near):
+        inside = np.maximum(ratio[near], DEEPEST)
+        place = np.rint((inside - DEEPEST) / SPACING).astype(int)
+        found[:, near] = _series(_table()[place], inside - DEEPEST - SPACING * place)
+    return found[0].reshape(shape), found[1].reshape(shape), found[2].reshape(shape)
+
+
+def _series(coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Value and two derivatives of polynomials, coefficients (points, k), at x (points,)."""
+    value, slope, half = np.zeros((3, len(x)))
+    for c in coefficients.T[::-1]:
+        half = half * x + slope
+        slope = slope * x + value
+        value = value * x + c
+    return np.stack([value, slope, 2 * half])
+
+
+@cache
+def _table() -> np.ndarray:
+    """Taylor coefficients of F_7/2 about the points of the table, shape (points, ORDER + 1)."""
+    points = np.arange(DEEPEST, APART + 0.5 * SPACING, SPACING)
+    derivatives = [half_order(points, 3), -3.5 * half_order(points, 2)]
+    for k in range(ORDER - 1):
+        derivatives.append(-points * derivatives[-1] + (3.5 - k) * derivatives[-2])
+    factorials = np.cumprod(np.maximum(np.arange(ORDER + 1.0), 1.0))
+    return np.ascontiguousarray(np.stack(derivatives, axis=-1) / factorials)
+
+
+def half_order(ratio: np.ndarray, whole: int) -> np.ndarray:
+    """``F_(whole + 1/2)`` at H, shape (points,), by the trapezoidal rule."""
+    t = np.arange(STEP, END, STEP)
+    height = ratio[:, None] + t**2
+    # With s = H + t^2 the integral over t from 0 is half that over the whole line.
+    values = 2 * t ** (2 * whole + 2) * np.exp(-0.5 * height**2)
+    return STEP * values.sum(axis=1) / np.sqrt(2 * np.pi)
+
+
+def _two(ratio: np.ndarray) -> np.ndarray:
+    """F_2 in closed form; beyond `APART` it is zero, as the pressure is."""
+    tail = 0.5 * erfc(ratio / np.sqrt(2))
+    density = np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
+    value = (1 + ratio**2) * tail - ratio * density
+    return np.where(ratio < APART, np.maximum(value, 0.0), 0.0)
+
 
 #: h over sigma at which the model ends: all but 2 % of the surfaces would touch, and neither
 #: elastic asperities that do not know of each other nor a film between them are left.
@@ -39,85 +131,61 @@ DEEPEST_ITERATE = -4.0
 #: friction is 0.3 % below its full size. It only makes friction a function where sliding reverses.
 FULL_SLIDING = 1e-3
 
-#: h_T over sigma above which h is h_T to round-off.
-SMOOTH = 8.0
 
+@attrs.frozen(kw_only=True, slots=False)
+class RoughSurfaces(Roughness):
+    """Rough surfaces of a journal and its bore with elastic asperities."""
 
-class GapChange(NamedTuple):
-    """How the film's gap changes, at the Gauss points, each (cells, points).
+    modulus: float = number(REQUIRED, "E' of both surfaces, as above [Pa]", above=0)
 
-    Attributes
-    ----------
-    thickness
-        ``dh_T / dh``.
-    rate
-        Derivative of ``dh_T / dt`` along h, its rate held [1/s].
-    velocity, sliding
-        Derivatives of the film's mean velocity along h [1/s] and along U [-].
-    """
+    @classmethod
+    def of(cls, settings: Roughness, modulus: float) -> RoughSurfaces | None:
+        """Surfaces of a contact modulus E' [Pa] as settings say; None for smooth ones."""
+        own = {field.name: getattr(settings, field.name) for field in attrs.fields(Roughness)}
+        return cls(**own, modulus=modulus) if settings.roughness else None
 
-    thickness: np.ndarray
-    rate: np.ndarray
-    velocity: np.ndarray
-    sliding: np.ndarray
-
-
-@dataclass(frozen=True)
-class RoughSurfaces:
-    """Roughness of a journal and its bore.
-
-    Attributes
-    ----------
-    journal, bore
-        rms roughness [m], at least one above 0.
-    asperities
-        How they touch, of the combined roughness.
-    boundary_friction
-        Coefficient of friction of touching asperities.
-    flow_factors
-        Whether the oil's flow and friction follow Patir and Cheng.
-    """
-
-    journal: float
-    bore: float
-    asperities: Asperities
-    boundary_friction: float = 0.0
-    flow_factors: bool = True
-
-    def __post_init__(self) -> None:
-        if not (self.journal >= 0 and self.bore >= 0 and 0 < self.roughness < np.inf):
-            raise SettingsError(
-                f"roughness = {self.journal:g} m of the journal and {self.bore:g} m of the bore "
-                "must be at least 0, one of them above"
-            )
-        if not abs(self.asperities.roughness - self.roughness) <= 1e-12 * self.roughness:
-            raise SettingsError(
-                f"roughness of the asperities, {self.asperities.roughness:g} m, must be the "
-                f"combined one of both surfaces, {self.roughness:g} m"
-            )
+    def apart(self, gap: np.ndarray) -> np.ndarray:
+        """Distance of the mean planes of the tips at nominal gaps [m], over the roughness."""
+        return gap / self.roughness - self.summit_offset
 
     @property
-    def roughness(self) -> float:
-        """Combined rms roughness sigma [m]."""
-        return float(np.hypot(self.journal, self.bore))
+    def strength(self) -> float:
+        """Factor of F_5/2 [Pa]."""
+        factor = 16 * np.sqrt(2) * np.pi / 15
+        product, slenderness = self.asperity_product, self.asperity_slenderness
+        return float(factor * product**2 * np.sqrt(slenderness) * self.modulus)
+
+    def touch(self, gap: np.ndarray) -> Touch:
+        """Contact of the asperities at nominal gaps [m] of any shape."""
+        potential, slope, curvature = seven_halves(self.apart(gap))
+        scale = self.strength * 2 / 7
+        return Touch(
+            scale * self.roughness * potential, -scale * slope, -scale / self.roughness * curvature
+        )
+
+    def contact_share(self, gap: np.ndarray) -> np.ndarray:
+        """Share of the nominal area in true contact, 1 at most."""
+        share = np.pi**2 * self.asperity_product**2 * _two(self.apart(gap))
+        return np.minimum(share, 1.0)
 
     @property
     def weight(self) -> float:
         """w: how much rougher the journal is than the bore, -1 to 1."""
-        return (self.journal**2 - self.bore**2) / self.roughness**2
+        return (self.journal_roughness**2 - self.bore_roughness**2) / self.roughness**2
 
     @property
     def dragging(self) -> bool:
-        """Whether sliding surfaces take oil along beside what both carry."""
+        """True where sliding surfaces take oil along beside what both carry."""
         return self.flow_factors and self.weight != 0.0
 
     def average(self, gap: Gap) -> Gap:
-        """What the film sees of a nominal gap."""
+        """Average gap, which the film sees in place of a nominal one."""
         ratio = gap.thickness / self.roughness
-        value, share, _ = flow_factors.mean_gap(ratio)
+        value, share = flow_factors.mean_gap(ratio)
         velocity = gap.mean_velocity
         if self.dragging:
-            velocity = velocity + gap.sliding_velocity * self._drag(ratio, value)
+            drag = 0.5 * self.weight * flow_factors.shear_factor(ratio) / value
+            velocity = velocity + gap.sliding_velocity * drag
         return replace(
             gap,
             thickness=self.roughness * value,
@@ -128,38 +196,6 @@ class RoughSurfaces:
     def excess(self, thickness: np.ndarray) -> np.ndarray:
         """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
         return self.roughness * flow_factors.mean_gap(-thickness / self.roughness)[0]
-
-    def _drag(self, ratio: np.ndarray, value: np.ndarray) -> np.ndarray:
-        """``sigma w phi_s / (2 h_T)``."""
-        return 0.5 * self.weight * flow_factors.shear_factor(ratio)[0] / value
-
-    def change(self, gap: Gap) -> GapChange:
-        """Derivatives of `average`."""
-        ratio = gap.thickness / self.roughness
-        value, share, density = flow_factors.mean_gap(ratio)
-        rate = density / self.roughness * gap.thickness_rate
-        if not self.dragging:
-            none = np.zeros_like(share)
-            return GapChange(share, rate, none, none)
-        factor, slope = flow_factors.shear_factor(ratio)
-        along = 0.5 * self.weight * (slope - factor * share / value) / value
-        velocity = gap.sliding_velocity * along / self.roughness
-        return GapChange(share, rate, velocity, self._drag(ratio, value))
-
-    def along(self, gap: Gap, derivatives: GapDerivatives) -> GapDerivatives:
-        """Changes of the film's gap along those of the nominal one."""
-        shape = (*derivatives.thickness.shape[:-1], 1)
-        change = GapChange(*(values.reshape(shape) for values in self.change(gap)))
-        thickness, sliding = derivatives.thickness, derivatives.sliding_velocity
-        velocity = derivatives.mean_velocity + change.velocity * thickness
-        if sliding is not None:
-            velocity = velocity + change.sliding * sliding
-        return GapDerivatives(
-            change.thickness * thickness,
-            change.thickness * derivatives.thickness_rate + change.rate * thickness,
-            velocity,
-            sliding,
-        )
 
     def rubbing(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Boundary friction over contact pressure at sliding velocities [m/s], its derivative."""
@@ -185,57 +221,5 @@ class RoughSurfaces:
 
     def length(self, gap: np.ndarray) -> np.ndarray:
         """``h_T / (dh_T / dh)`` of nominal gaps [m]: above 0 however far they overlap."""
-        value, share, _ = flow_factors.mean_gap(gap / self.roughness)
+        value, share = flow_factors.mean_gap(gap / self.roughness)
         return self.roughness * value / np.maximum(share, np.finfo(float).tiny)
-
-    def conductance(self, clearance: float) -> Callable[[np.ndarray], np.ndarray] | None:
-        """Mobility over ``h_T^3`` and its derivative, of h_T over the clearance; None: one."""
-        if not self.flow_factors:
-            return None
-        scale = clearance / self.roughness
-
-        def factor(thickness: np.ndarray) -> np.ndarray:
-            value, slope = self._mobility(scale * thickness)
-            cube = (scale * thickness) ** 3
-            return np.stack([value / cube, scale * slope / cube - 3 * value / cube / thickness])
-
-        return factor
-
-    def _mobility(self, average: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``H^3 phi_p`` and its derivative along ``h_T / sigma``."""
-        least, power = self._continuation
-        inside = np.maximum(average, least[0])
-        ratio = nominal(inside)
-        share = flow_factors.mean_gap(ratio)[1]
-        factor, slope = flow_factors.pressure_factor(ratio)
-        value = ratio**3 * factor
-        along = (3 * ratio**2 * factor + ratio**3 * slope) / share
-        power_law = least[1] * (average / least[0]) ** power
-        low = average < least[0]
-        return np.where(low, power_law, value), np.where(low, power * power_law / average, along)
-
-    @cached_property
-    def _continuation(self) -> tuple[tuple[float, float], float]:
-        """h_T over sigma and mobility at the end of what is published, and the power from there."""
-        ratio = np.array(flow_factors.PUBLISHED)
-        value, share, _ = flow_factors.mean_gap(ratio)
-        factor, slope = flow_factors.pressure_factor(ratio)
-        power = value / share * (3 / ratio + slope / factor)
-        return (float(value), float(ratio**3 * factor)), float(power)
-
-
-def nominal(average: np.ndarray) -> np.ndarray:
-    """H for ``h_T / sigma`` of at least that of H = 0, by Newton's method: h_T is convex."""
-    ratio = np.array(average, dtype=float)
-    near = average < SMOOTH
-    wanted = average[near]
-    # From above, where the slope is largest: every step stays there.
-    found = wanted.copy()
-    for _ in range(6):
-        value, share, _ = flow_factors.mean_gap(found)
-        step = (value - wanted) / share
-        found -= step
-        if not np.any(step > 1e-15 * wanted):
-            break
-    ratio[near] = found
-    return ratio

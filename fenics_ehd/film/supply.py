@@ -1,8 +1,15 @@
-"""Where the pressure is given: sides, axial grooves and supply holes, (9) and (10)."""
+"""Supplies of a film: sides, axial grooves and holes of given pressure, regions, feeds.
+
+Where the pressure is given: sides, axial grooves and supply holes, (9) and (10).
+
+Shapes of supply regions: the share of the surface that they cover, point by point.
+
+What supplies a film with oil through a region of its bore or of its journal.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -51,7 +58,7 @@ class Region(Protocol):
         """Given pressure [Pa]."""
 
     def contains(self, angle: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-        """Whether points, at angles [rad] and heights [m], lie in the region."""
+        """Mask of points, at angles [rad] and heights [m], in the region."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,7 @@ class AxialGroove:
         return (self.angle - half, self.angle + half) if half else (self.angle,)
 
     def contains(self, angle: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-        """See `Region`."""
+        """Mask of points in the groove, as `Region` has it."""
         offset = np.abs(np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi)
         inside = offset <= 0.5 * self.width + SLACK
         if self.length is not None:
@@ -110,7 +117,7 @@ class SupplyHole:
             raise SettingsError(f"the radius of a supply hole is {self.hole_radius:g} m")
 
     def contains(self, angle: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-        """See `Region`."""
+        """Mask of points in the hole, as `Region` has it."""
         arc = radius * (np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi)
         return np.hypot(arc, height - self.height) <= self.hole_radius + SLACK * radius
 
@@ -118,7 +125,7 @@ class SupplyHole:
 def in_regions(
     regions: Sequence[Region], angle: np.ndarray, height: np.ndarray, radius: float
 ) -> np.ndarray:
-    """Whether points, at angles [rad] and heights [m], lie in any of the regions."""
+    """Mask of points, at angles [rad] and heights [m], in any of the regions."""
     inside = np.zeros(np.shape(angle), dtype=bool)
     for region in regions:
         inside |= region.contains(angle, height, radius)
@@ -159,3 +166,203 @@ def given_pressures(
     if fixed.all():
         raise SettingsError("every node of the film has a given pressure: use more cells")
     return fixed, pressure
+
+
+TURN = 2 * np.pi
+
+
+def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
+    """1 well within, 0 well outside of an edge at a distance [m]; and the derivative.
+
+    The cubic between them is blurred over `blur` [m], half of it on either side.
+    """
+    t = np.clip(0.5 - distance / blur, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / blur
+
+
+class FeedRegion(Protocol):
+    """Part of a bore's or a journal's surface."""
+
+    @property
+    def angle(self) -> float:
+        """Angle of its middle, from the x axis of the surface's body [rad]."""
+
+    def sizes(self, radius: float) -> tuple[float, float]:
+        """Lengths around and along that film cells must resolve [m]; infinite: none."""
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest z [m]."""
+
+    def share(
+        self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Covered share, and its derivative along the offset.
+
+        Points by their angle from the region's middle, within half a turn [rad], and their
+        height [m].
+        """
+
+
+@dataclass(frozen=True)
+class FeedHole:
+    """Round hole: angle [rad] and height [m] of its middle, diameter [m]."""
+
+    angle: float
+    height: float
+    diameter: float
+
+    def sizes(self, radius: float) -> tuple[float, float]:
+        """Diameter of the hole, both ways."""
+        return self.diameter, self.diameter
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest point of the hole [m]."""
+        return self.height - 0.5 * self.diameter, self.height + 0.5 * self.diameter
+
+    def share(
+        self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Share covered by the hole, and its derivative, as of `FeedRegion`."""
+        arc = radius * offset
+        distance = np.hypot(arc, height - self.height)
+        value, slope = step(distance - 0.5 * self.diameter, blur)
+        return value, slope * radius * arc / np.maximum(distance, np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class FeedGroove:
+    """Groove with edges along axis and circumference: angle [rad] and height [m] of its middle.
+
+    Attributes
+    ----------
+    extent
+        Along the circumference [rad]; a whole turn: all around.
+    width
+        Along the axis [m].
+    """
+
+    angle: float
+    height: float
+    extent: float
+    width: float
+
+    @property
+    def closed(self) -> bool:
+        """True of a groove all around."""
+        return self.extent >= TURN - 1e-9
+
+    def sizes(self, radius: float) -> tuple[float, float]:
+        """Lengths of the groove, and of what it leaves free around."""
+        around = np.inf if self.closed else radius * min(self.extent, TURN - self.extent)
+        return around, self.width
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lower and upper edge of the groove [m]."""
+        return self.height - 0.5 * self.width, self.height + 0.5 * self.width
+
+    def share(
+        self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Share covered by the groove, and its derivative, as of `FeedRegion`."""
+        along, _ = step(np.abs(height - self.height) - 0.5 * self.width, blur)
+        if self.closed:
+            return along, np.zeros_like(along)
+        around, slope = step(radius * (np.abs(offset) - 0.5 * self.extent), blur)
+        return along * around, along * slope * radius * np.sign(offset)
+
+
+def blur_of(region: FeedRegion, grid: FilmGrid, cells: float) -> float:
+    """Width of a region's blurred edge [m]: so many cells, at most its size, twice its land."""
+    sizes = region.sizes(grid.radius)
+    cell = max(c for c, size in zip(_cells(grid), sizes, strict=True) if np.isfinite(size))
+    return min(cells * cell, 2 * _land(region, grid), *sizes)
+
+
+def _cells(grid: FilmGrid) -> tuple[float, float]:
+    """Largest extents of cells around and along [m]."""
+    around, along = grid.cell_sizes
+    return float(around.max()) * grid.radius, float(along.max()) * grid.radius
+
+
+def _land(region: FeedRegion, grid: FilmGrid) -> float:
+    """Least distance from a side of the bearing [m]."""
+    bottom, top = region.reach
+    return float(min(bottom - grid.heights[0], grid.heights[-1] - top))
+
+
+def check_region(name: str, region: FeedRegion, grid: FilmGrid) -> None:
+    """Refuse a region that the bearing or its mesh cannot hold.
+
+    Raises
+    ------
+    SettingsError
+        Naming value and limit.
+    """
+    low, high = grid.heights[0], grid.heights[-1]
+    bottom, top = region.reach
+    land = _land(region, grid)
+    if not land > 0.0:
+        raise SettingsError(
+            f"{name} reaches from z = {1e3 * bottom:.4g} to {1e3 * top:.4g} mm, the bearing from "
+            f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: a region must leave land at both sides, else "
+            "its oil runs out there and no film says how much"
+        )
+    around, along = region.sizes(grid.radius)
+    counts, told = list(grid.cells), ""
+    for direction, what, value in (
+        (0, "a size", around),
+        (1, "a size", along),
+        (1, "a land", land),
+    ):
+        cell = _cells(grid)[direction]
+        if value < cell * (1 - 1e-9):
+            needed = int(np.ceil(grid.cells[direction] * cell / value - 1e-9))
+            counts[direction] = max(counts[direction], needed)
+            told = (
+                told or f"{what} of {1e3 * value:.4g} mm, less than a film cell's {1e3 * cell:.4g}"
+            )
+    if told:
+        raise SettingsError(f"{name} has {told}: use cells = {counts} or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Feed:
+    """One supply region.
+
+    Attributes
+    ----------
+    name
+        Of its flow.
+    region
+        Its place and shape.
+    pressure
+        Supply pressure [Pa], or a function of the time [s] that gives it and its derivative.
+    resistance
+        Of the passage that leads to it [Pa s/m^3]; 0: none.
+    on_journal
+        Whether it turns with the journal.
+    """
+
+    name: str
+    region: FeedRegion
+    pressure: float | Callable[[float], tuple[float, float]] = 0.0
+    resistance: float = 0.0
+    on_journal: bool = False
+
+    def __post_init__(self) -> None:
+        if not callable(self.pressure) and not 0.0 <= self.pressure < np.inf:
+            raise SettingsError(
+                f"{self.name}.pressure = {self.pressure:g} Pa must be at least 0, the pressure at "
+                "which the film cavitates"
+            )
+        if not 0.0 <= self.resistance < np.inf:
+            raise SettingsError(
+                f"{self.name}.resistance = {self.resistance:g} Pa s/m3 must be at least 0"
+            )
+
+    def pressure_at(self, time: float) -> float:
+        """Supply pressure at a time [Pa]."""
+        return self.pressure(time)[0] if callable(self.pressure) else self.pressure

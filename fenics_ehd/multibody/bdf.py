@@ -1,4 +1,8 @@
-"""Variable-step backward differentiation for implicit second-order systems.
+"""Variable-step backward differentiation of implicit second-order systems.
+
+One implicit step of a second-order system: what is asked, and how an attempt ended.
+
+Variable-step backward differentiation for implicit second-order systems.
 
 Solves ``r(t, x, x', x'') = 0``; rates are those of `differentiation`, for ``x`` and again
 for ``x'``.
@@ -7,16 +11,97 @@ for ``x'``.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from fenics_ehd.base.errors import StepSizeError
-from fenics_ehd.multibody.differentiation import Formula, blended, extrapolation_weights
-from fenics_ehd.multibody.implicit_step import Carried, ImplicitStep, Solution, StepSolver
-from fenics_ehd.multibody.tabulated import POINTS, TabulatedLoad, rows_missed
+from fenics_ehd.multibody.tabulated import (
+    POINTS,
+    Formula,
+    TabulatedLoad,
+    blended,
+    extrapolation_weights,
+    rows_missed,
+)
+
+#: An update may not take more than this fraction of the distance to the boundary.
+BOUNDARY_FRACTION = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class ImplicitStep:
+    """Equations that a time integration formula asks for at the end of a step.
+
+    Attributes
+    ----------
+    time
+        End of the step [s].
+    shift, past_x, past_rate
+        ``x' = shift x + past_x`` and ``x'' = shift x' + past_rate``.
+    start, predicted
+        Values at the beginning of the step and extrapolated to its end.
+    observed
+        What the step control observes, at the start and as predicted.
+    tolerance
+        On the last update of an iteration, in the problem's norm.
+    """
+
+    time: float
+    shift: float
+    past_x: np.ndarray
+    past_rate: np.ndarray
+    start: np.ndarray
+    predicted: np.ndarray
+    observed: tuple[np.ndarray, np.ndarray]
+    tolerance: float
+
+    def acceleration(self, rate: np.ndarray) -> np.ndarray:
+        """``x''`` for a rate at the end of the step."""
+        return self.shift * rate + self.past_rate
+
+
+#: Problem, what a solution has beside x, and what the solver carries from step to step.
+Problem = TypeVar("Problem")
+Solution = TypeVar("Solution")
+Carried = TypeVar("Carried")
+
+
+@dataclass(frozen=True, eq=False)
+class Solved(Generic[Solution, Carried]):
+    """Solution of one step.
+
+    Attributes
+    ----------
+    x, rate
+        At the end of the step.
+    solution
+        For whoever looks at the step.
+    solver
+        For the solution of the next step.
+    """
+
+    x: np.ndarray
+    rate: np.ndarray
+    solution: Solution
+    solver: Carried
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt(Generic[Solution, Carried]):
+    """Outcome of the solution of one step: solved, or why it failed."""
+
+    iterations: int
+    solved: Solved[Solution, Carried] | None = None
+    failure: str = ""
+    cause: Exception | None = None
+
+
+#: Solves a step, after what the solver carries from the one before, None for the first.
+StepSolver = Callable[[Problem, ImplicitStep, Carried | None], Attempt[Solution, Carried]]
+
 
 #: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
 #: 2.41 (k = 2) and 1.61 (k = 3) (Guglielmi and Zennaro, Numer. Math. 2001); for k = 4 only 1.28
@@ -31,7 +116,7 @@ NEWTON_FRACTION = 1e-2
 
 
 class Observed(Protocol):
-    """What the step control asks of a problem: it makes the tolerance mean something."""
+    """Problem whose errors the step control judges: it makes the tolerance mean something."""
 
     def observe(self, x: np.ndarray) -> np.ndarray:
         """Quantities whose error counts, an affine function of x."""
@@ -70,7 +155,7 @@ class StepControl:
 
 @dataclass(frozen=True, eq=False)
 class Step(Generic[Solution]):
-    """One accepted step; `observed` is `Observed.observe` of x, `weights` are those of its rate.
+    """One accepted step; `observed` is `Observed.observe` of x.
 
     `rejected` counts the attempts since the last accepted step that failed,
     by reason; `newton_iterations` includes theirs. `solution` belongs to the
@@ -85,7 +170,6 @@ class Step(Generic[Solution]):
     solution: Solution
     newton_iterations: int
     rejected: dict[str, int] = field(default_factory=dict)
-    weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +203,8 @@ class IntegratorState(Generic[Carried]):
 
     @property
     def time(self) -> float:
-        """Of the newest point [s]."""
+        """Time of the newest point [s]."""
         return float(self.times[0])
-
-    def points(self) -> dict[str, Any]:
-        """All but what the step solver carries, as arrays and a number by name."""
-        return {name: getattr(self, name) for name in ("times", "x", "rate", "observed", "step")}
 
     def after(
         self, new: Step[Solution], step: float, solver: Carried, keep: int
@@ -158,7 +238,7 @@ class IntegratorState(Generic[Carried]):
     def misses(
         self, loads: Sequence[TabulatedLoad], time: float, x: np.ndarray, nearest: float
     ) -> bool:
-        """Whether a step to this point misses a row, see `rows_missed`."""
+        """True if a step to this point misses a row, see `rows_missed`."""
         return bool(loads) and rows_missed(loads, *self._ahead(time, x), nearest)[1]
 
     def _ahead(self, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -273,8 +353,7 @@ def advance(
         step = _next_step(step, error, order, control)
         if solved is not None and error <= control.tolerance:
             moved = solved.x, solved.rate, asked.acceleration(solved.rate)
-            found, weights = solved.solution, formula.weights
-            new = Step(time, *moved, observed, found, iterations, rejected, weights)
+            new = Step(time, *moved, observed, solved.solution, iterations, rejected)
             # What was before a corner of a load says nothing of the time after it.
             keep = 1 if corner else control.order + 2
             return new, state.after(new, step, solved.solver, keep)
@@ -293,46 +372,6 @@ def advance(
         f"{control.smallest_step:.1e} s (last attempt: {failure}): "
         "raise time.tolerance or time.first_step, or check the load on the bearing"
     ) from cause
-
-
-def follow(
-    problem: Judged,
-    state: IntegratorState[Carried],
-    time: float,
-    corner: bool,
-    control: StepControl,
-    solve: StepSolver[Judged, Carried, Solution],
-    tolerance: float,
-) -> tuple[Step[Solution], IntegratorState[Carried]]:
-    """A step to a given time, whatever its error, and what to go on from.
-
-    Parameters
-    ----------
-    problem, state, control, solve
-        As of `advance`.
-    time, corner
-        End of the step [s], and whether it is a row of a table that forgets what was before.
-    tolerance
-        On the last update of the solution, relative.
-
-    Raises
-    ------
-    StepSizeError
-        There is no solution.
-    """
-    order = state.usable_order(control.order)
-    formula = blended(time, state.times, order, control.blend)
-    asked = state.implicit_step(problem, time, formula, order, tolerance)
-    attempt = solve(problem, asked, state.solver)
-    solved = attempt.solved
-    if solved is None:
-        raise StepSizeError(
-            f"a step to t = {time:.6g} s that was there before fails from another start: "
-            f"{attempt.failure}"
-        ) from attempt.cause
-    moved = solved.x, solved.rate, asked.acceleration(solved.rate), problem.observe(solved.x)
-    new = Step(time, *moved, solved.solution, attempt.iterations, weights=formula.weights)
-    return new, state.after(new, state.step, solved.solver, 1 if corner else control.order + 2)
 
 
 def _next_step(step: float, error: float, order: int, control: StepControl) -> float:

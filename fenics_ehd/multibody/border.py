@@ -1,4 +1,4 @@
-"""Newton systems of films and motion: every film is factorised alone, what is left is small.
+"""Newton systems of films and motion: every film factorised alone, bordered by coordinates.
 
 With pressures P_f of film f at its full nodes, and all other unknowns x (coordinates, their
 multipliers, amplitudes of the leading residual patterns),
@@ -18,15 +18,18 @@ import numpy as np
 from scipy import linalg, sparse
 
 from fenics_ehd.base.errors import SolverError
-from fenics_ehd.multibody.film_block import FilmBlock, FilmMatrix
+from fenics_ehd.film.assembly import Pattern
+from fenics_ehd.film.cavitation import ActiveSetSystem
 
 
 @dataclass(frozen=True, eq=False)
-class FilmBorder:
-    """What couples one film to the other unknowns x.
+class FilmBlock:
+    """Derivatives of one film's equations, and their coupling to the other unknowns x.
 
     Attributes
     ----------
+    pattern, entries, weights
+        A by its entries, and W where the film has it.
     inputs
         B, shape (m, b).
     spread
@@ -35,31 +38,63 @@ class FilmBorder:
         O's rows that are not zero, shape (o, m).
     rows
         Their places in x, shape (o,).
-    patterns
-        Places in x of the leading residual patterns.
+    gap
+        Change of the gap at the Gauss points for unit inputs, shape (g, b).
     along_gap
-        Derivative along the gap at the Gauss points, its rate following, shape (m, g).
-    contact
-        Places in x of the contact pressures that move its bore, and the gap change at the Gauss
-        points for unit values of them; None: there are none.
-    slope
-        Gap change there per angle of the journal ahead of the bore, shape (g,); None: none.
+        Derivative along the gap at the Gauss points, its rate following, of all nodes.
     """
 
+    pattern: Pattern
+    entries: np.ndarray
+    weights: np.ndarray | None
     inputs: np.ndarray
     spread: np.ndarray
     outputs: np.ndarray
     rows: np.ndarray
-    patterns: slice
+    gap: np.ndarray
     along_gap: sparse.csc_matrix
-    contact: tuple[slice, np.ndarray] | None = None
-    slope: np.ndarray | None = None
 
-    def on(self, full: np.ndarray) -> FilmBorder:
-        """The same, with outputs of full nodes alone."""
+    def block(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Some rows and columns of A, dense."""
+        pattern = self.pattern
+        row, column = (np.full(pattern.size, -1) for _ in range(2))
+        row[rows], column[columns] = np.arange(len(rows)), np.arange(len(columns))
+        i, j = row[pattern.rows], column[pattern.indices]
+        inside = (i >= 0) & (j >= 0)
+        block = np.zeros((len(rows), len(columns)))
+        block[i[inside], j[inside]] = self.entries[inside]
+        return block
+
+    def on(self, full: np.ndarray) -> FilmBlock:
+        """The same, with outputs of full nodes alone; without W the others are zero anyway."""
+        if self.weights is None:
+            return self
         outputs = np.zeros_like(self.outputs)
         outputs[:, full] = self.outputs[:, full]
         return replace(self, outputs=outputs)
+
+    def extended(
+        self,
+        inputs: np.ndarray,
+        spread: np.ndarray,
+        gap: np.ndarray,
+        outputs: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> FilmBlock:
+        """The same with more inputs and, if given, rows of outputs with their places."""
+        found = replace(
+            self,
+            inputs=np.hstack([self.inputs, inputs]),
+            spread=np.vstack([self.spread, spread]),
+            gap=np.hstack([self.gap, gap]),
+        )
+        if outputs is None:
+            return found
+        more, rows = outputs
+        return replace(
+            found,
+            outputs=np.vstack([self.outputs, more]),
+            rows=np.concatenate([self.rows, rows]),
+        )
 
 
 class BorderedSystem:
@@ -89,14 +124,14 @@ class BorderedSystem:
 
     def __init__(
         self,
-        blocks: Sequence[FilmBlock],
-        borders: Sequence[FilmBorder],
+        blocks: Sequence[ActiveSetSystem],
+        borders: Sequence[FilmBlock],
         core: np.ndarray,
         answers: Sequence[np.ndarray] | None = None,
     ):
         self.blocks, self.borders, self.core, self.size = blocks, borders, core, len(core)
         if answers is None:
-            answers = [b.pressures(d.inputs) for b, d in zip(blocks, borders, strict=True)]
+            answers = [b.solution(d.inputs) for b, d in zip(blocks, borders, strict=True)]
         self.answers = answers
         matrix = core.copy()
         for border, answer in zip(borders, answers, strict=True):
@@ -116,8 +151,8 @@ class BorderedSystem:
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Pressures of every film and x, for right-hand sides (m,) of each and (x,)."""
-        alone = [b.pressures(r) for b, r in zip(self.blocks, films, strict=True)]
+        """Pressures of every film, y where it is not full, and x; right-hand sides (m,), (x,)."""
+        alone = [b.solution(r) for b, r in zip(self.blocks, films, strict=True)]
         given = rest.copy()
         for border, pressure in zip(self.borders, alone, strict=True):
             given[border.rows] -= border.outputs @ pressure
@@ -144,21 +179,21 @@ class ChangedSystem:
     former
         What was factorised.
     changes
-        Of every film: its matrix, and the nodes that filled and emptied.
+        Of every film: the nodes that filled and emptied.
     """
 
     def __init__(
         self,
         former: BorderedSystem,
-        changes: Sequence[tuple[FilmMatrix, np.ndarray, np.ndarray]],
+        changes: Sequence[tuple[np.ndarray, np.ndarray]],
     ):
-        self._filled = [(added, emptied) for _, added, emptied in changes]
+        self._filled = changes
         self.size = first = former.size
         total = first + sum(len(a) + len(e) for a, e in self._filled)
         core = np.zeros((total, total))
         core[:first, :first] = former.core
         borders, answers, self._places = [], [], []
-        for block, border, answer, (matrix, added, emptied) in zip(
+        for block, border, answer, (added, emptied) in zip(
             former.blocks, former.borders, former.answers, changes, strict=True
         ):
             m, a, e = len(border.inputs), len(added), len(emptied)
@@ -166,27 +201,20 @@ class ChangedSystem:
             last = first + a + e
             everywhere = np.arange(m)
             inputs = np.zeros((m, a + e))
-            inputs[:, :a] = matrix.block(everywhere, added)
+            inputs[:, :a] = border.block(everywhere, added)
             inputs[emptied, a + np.arange(e)] = 1.0
             outputs = np.zeros((a + e, m))
-            outputs[:a] = matrix.block(added, everywhere)
+            outputs[:a] = border.block(added, everywhere)
             outputs[a + np.arange(e), emptied] = 1.0
             core[new, new] = outputs[:a, added]
             core[new, : former.size] = border.inputs[added] @ border.spread
             core[border.rows, new] = border.outputs[:, added]
-            spread = np.zeros((len(border.spread) + a + e, total))
-            spread[: len(border.spread), : former.size] = border.spread
-            spread[len(border.spread) + np.arange(a + e), np.arange(first, last)] = 1.0
-            borders.append(
-                replace(
-                    border,
-                    inputs=np.hstack([border.inputs, inputs]),
-                    spread=spread,
-                    outputs=np.vstack([border.outputs, outputs]),
-                    rows=np.concatenate([border.rows, np.arange(first, last)]),
-                )
-            )
-            answers.append(np.hstack([answer, block.pressures(inputs)]))
+            none = np.zeros((len(border.spread), total - self.size))
+            wide = replace(border, spread=np.hstack([border.spread, none]))
+            still = np.zeros((len(border.gap), a + e))
+            rows = np.arange(first, last)
+            borders.append(wide.extended(inputs, np.eye(total)[rows], still, (outputs, rows)))
+            answers.append(np.hstack([answer, block.solution(inputs)]))
             self._places.append(new)
             first = last
         self._total, self.borders = total, former.borders
@@ -195,7 +223,7 @@ class ChangedSystem:
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """See `BorderedSystem`."""
+        """Solution as of `BorderedSystem`."""
         given = np.zeros(self._total)
         given[: self.size] = rest
         for film, place, (added, _) in zip(films, self._places, self._filled, strict=True):

@@ -6,14 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import attrs
 import numpy as np
 
-from fenics_ehd.multibody.marker import ANGLE
-from fenics_ehd.multibody.relation import Load
+from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.fields import REQUIRED, names, number, text
+from fenics_ehd.multibody.body import ANGLE
+from fenics_ehd.multibody.joints import Load
 
 
 class Force(Protocol):
-    """What acts on the bodies of a mechanism."""
+    """Force or torque on the bodies of a mechanism."""
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -55,16 +58,16 @@ class PointForce:
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """See `Force`."""
+        """Markers of the point and of the body whose angle counts."""
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
 
     @property
     def table(self) -> tuple[Table, str]:
-        """See `Force`."""
+        """Table of its size, see `Force`."""
         return self.size, self.angle_of
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
-        """See `Force`."""
+        """Force on the point, see `Force`."""
         along = np.array(self.direction) / np.hypot(*self.direction)
         value = np.zeros(len(u))
         if not self.angle_of:
@@ -101,16 +104,16 @@ class Torque:
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """See `Force`."""
+        """Marker of the body."""
         return (self.body,)
 
     @property
     def table(self) -> tuple[Table, str] | None:
-        """See `Force`."""
+        """Table of its size, None without one; see `Force`."""
         return None if self.size is None else (self.size, self.body if self.over_angle else "")
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
-        """See `Force`."""
+        """Torque on the body, see `Force`."""
         value, position, rate = np.zeros(len(u)), np.zeros((len(u),) * 2), np.zeros((len(u),) * 2)
         torque, derivative = (0.0, 0.0)
         if self.size is not None:
@@ -121,34 +124,28 @@ class Torque:
         return Load(value, position, rate)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class RotatingForce:
-    """Force that turns at a constant speed, along x at time zero.
+    """A force that turns at constant speed, along x at time zero.
 
-    Attributes
-    ----------
-    point
-        Marker it acts on.
-    amplitude, speed
-        [N], [rad/s].
-    ramp
-        Time over which it grows, as a cosine does from its minimum to its maximum [s]; 0: there
-        from the beginning.
+    It grows as a cosine does from its minimum to its maximum.
     """
 
-    point: str
-    amplitude: float
-    speed: float
-    ramp: float = 0.0
+    point: str = text(REQUIRED, "where it acts, shaft.disk")
+    amplitude: float = number(
+        REQUIRED, "[N]", above=0, usual=(1e-3, 1e8), example="3600 for 3.6 kN"
+    )
+    speed: float = quantities.speed(REQUIRED, "[rad/s]")
+    ramp: float = number(0.0, "time over which it grows [s], 0: there from the start", least=0)
     table = None
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """See `Force`."""
+        """Marker of the point."""
         return (self.point,)
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
-        """See `Force`."""
+        """Force at a time, see `Force`."""
         share = 1.0
         if time < self.ramp:
             share = 0.5 * (1 - np.cos(np.pi * time / self.ramp))
@@ -157,31 +154,22 @@ class RotatingForce:
         return Load(value)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class SpringDamper:
-    """Spring and damper between two points, the same in all directions of the plane.
+    """A spring and a damper between two points, the same in all directions of the plane."""
 
-    Attributes
-    ----------
-    first, second
-        Markers.
-    stiffness, damping
-        [N/m], [N s/m].
-    """
-
-    first: str
-    second: str
-    stiffness: float
-    damping: float = 0.0
+    between: tuple[str, ...] = names("the points", REQUIRED, count=2)
+    stiffness: float = number(0.0, "[N/m]", least=0, below=1e18)
+    damping: float = number(0.0, "[N s/m]", least=0, below=1e18)
     table = None
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """See `Force`."""
-        return self.first, self.second
+        """Markers of the two points."""
+        return self.between
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
-        """See `Force`."""
+        """Forces of spring and damper, see `Force`."""
         apart = np.zeros((2, len(u)))
         for place in range(2):
             apart[place, place], apart[place, sizes[0] + place] = 1.0, -1.0

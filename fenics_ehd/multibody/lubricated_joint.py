@@ -1,4 +1,28 @@
-"""A lubricated joint: the journal of one body in the bore of another.
+"""Lubricated joints: the journal of one body in the bore of another, both of any shape.
+
+Shapes of bore and journal at the points of one joint's film, see `fenics_ehd.film.kinematics`.
+
+Pressure on a journal that is not round has a torque about its centre. With the gap's derivative
+along the angle alpha of the journal ahead of the bore, ``dh/dalpha = d delta/dphi (phi - alpha)``,
+
+    T = int p dh/dalpha dA    on the journal, -T on the bore:
+
+gap and force are conjugate here too, and the film takes the work from the bodies that it does on
+the oil.
+
+Between the coordinates of a reduced body and the film in its bore.
+
+Where bore and film meshes match, shape functions of the bore are evaluated at
+the film's Gauss points and nothing else is needed. Where they do not, pressures
+go to the bore either conservatively, ``F = int N_s n p``, with resultants that
+are the film's own, or by the paper's mortar (14) and the body's load matrix.
+
+A bore may have holes. The gap in one follows the bore as extended from the rim
+(`fenics_ehd.film.transfer`). The film's pressure there bends nothing: elastic modes are
+loaded on the remaining surface alone, as in the body's own matrix. It is part of the force between
+journal and body, for the oil in the hole presses on the far end of its passage.
+
+A lubricated joint: the journal of one body in the bore of another.
 
 Its own coordinates are the eccentricity e of the journal in the bore's frame and, where the
 journal's body offers it, the tilt psi. Constraints tie them to the bodies,
@@ -18,6 +42,16 @@ and what `joint_shape` adds where bore or journal are not round.
 Forces are the integrals of the same fields times the pressure: gap and force are conjugate. They
 act at the journal's centre on both bodies; the torque about it is that of the oil's shear, and of
 the pressure on a journal that is not round.
+
+Place of the journal in its bore as it is, deformed and with its deviations.
+
+The mean axes of an elastic part, to which its own eccentricity refers, may be clearances away from
+its bore. The bore's centre is that of the least-squares circle of its surface (the LSCI of
+roundness measurement, weisang.com/en/documents-articles/leastsquarescircle_en): for deviations u
+that are small against the radius, as those of a film's bore are, the circle ``u_0 + d . n`` with
+the least ``int (u - u_0 - d . n)^2 dA`` over the film. Without gaps in the surface d is the first
+harmonic, ``d = 2 <u n>``. The gap ``h = c + u - n . e`` knows it: its own first harmonic is that
+of the journal in the circle, ``d - e``.
 """
 
 from __future__ import annotations
@@ -27,19 +61,280 @@ from functools import cache
 
 import numpy as np
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
 from fenics_ehd.base.plane import rotation
-from fenics_ehd.film import Film
+from fenics_ehd.film.film import Film
+from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
 from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.kinematics import Gap, Shape
 from fenics_ehd.film.oil_balance import require_monotone
-from fenics_ehd.film.shape import Shape
-from fenics_ehd.multibody.bore_film import BoreFilm
-from fenics_ehd.multibody.joint_shape import JointShape
-from fenics_ehd.multibody.joints import Pair
-from fenics_ehd.multibody.marker import ANGLE, POSITION, TILT
-from fenics_ehd.multibody.relation import Geometry
-from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
+from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
+from fenics_ehd.multibody.joints import Geometry, Pair
+from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
+from fenics_ehd.reduction.bore import BoreSurface, turned
+from fenics_ehd.reduction.mesh_error import SAMPLED
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """A turning journal's shape at one angle ahead of its bore, at the g Gauss points.
+
+    Attributes
+    ----------
+    slope, rate_slope
+        Derivatives along that angle of the gap [m/rad] and of its rate [m/s/rad], shape (g,).
+    torque, stiffness
+        Torque on the journal of unit nodal pressures [N m/Pa] and its derivative along the angle,
+        shape (nodes,).
+    curve
+        Second derivative of the gap along the angle, shape (g,) [m/rad2].
+    """
+
+    slope: np.ndarray
+    rate_slope: np.ndarray
+    torque: np.ndarray
+    stiffness: np.ndarray
+    curve: np.ndarray
+
+
+class JointShape:
+    """Addition of the shapes of bore and journal to the gap of a film.
+
+    Parameters
+    ----------
+    film
+        On the bore.
+    bore, journal
+        Their shapes; None: round.
+
+    Attributes
+    ----------
+    fixed
+        Change of the gap at Gauss points and nodes that does not turn, shape (w,) [m].
+    turning
+        Whether the journal's shape does.
+    bend
+        Bound of the shapes' second derivative along the angle [m].
+    """
+
+    def __init__(self, film: Film, bore: Shape | None, journal: Shape | None):
+        self._film, self._inside = film, film.points.angle.size
+        self._angle, self._height = observed_places(film)
+        self.fixed = np.zeros(len(self._angle))
+        if bore is not None:
+            self.fixed += bore.radial(self._angle, self._height)
+        self._journal = journal
+        self.turning = journal is not None and not journal.round
+        if journal is not None and journal.round:
+            self.fixed -= journal.radial(self._angle, self._height)
+        self.bend = sum(
+            float(np.abs(shape.radial(self._angle, self._height, 2)).max())
+            for shape in (bore, journal)
+            if shape is not None
+        )
+
+    def _turned(self, ahead: float, order: int = 0) -> np.ndarray:
+        """Radial deviation of the turned journal at the Gauss points."""
+        assert self._journal is not None
+        angle, height = self._angle[: self._inside], self._height[: self._inside]
+        return self._journal.radial(angle - ahead, height, order)
+
+    def closing(self, ahead: float) -> np.ndarray:
+        """Gap taken by the turning shape at Gauss points and nodes, shape (w,) [m]."""
+        assert self._journal is not None
+        return self._journal.radial(self._angle - ahead, self._height)
+
+    def added(self, gap: Gap, ahead: float, speed: float) -> Gap:
+        """A round joint's gap with the shapes, the journal at an angle [rad] and speed [rad/s]."""
+        added, rate = self.fixed[: self._inside], np.zeros(self._inside)
+        if self.turning:
+            added = added - self._turned(ahead)
+            rate = speed * self._turned(ahead, 1)
+        return gap.changed(added, rate)
+
+    def turned(self, ahead: float, speed: float) -> Turned | None:
+        """Derivatives there; None of a journal whose turning changes nothing."""
+        if not self.turning:
+            return None
+        slope, curve = self._turned(ahead, 1), self._turned(ahead, 2)
+        fields = np.stack([slope, -curve], axis=-1)
+        torque, stiffness = self._film.load(fields.reshape(*self._film.points.angle.shape, 2))
+        return Turned(slope, -speed * curve, torque, stiffness, -curve)
+
+
+def observed_places(film: Film) -> tuple[np.ndarray, np.ndarray]:
+    """Angle and height where a gap is observed: Gauss points, then nodes, shape (w,) each."""
+    nodes, points = film.parameters.grid.node_positions, film.points
+    return (
+        np.concatenate([points.angle.ravel(), nodes[:, 0]]),
+        np.concatenate([points.height.ravel(), nodes[:, 1]]),
+    )
+
+
+#: Largest difference of the film's load from the body's own, relative to the largest, of a cosine
+#: pressure. The body integrates over its quadratic cells, 1e-5 off the cylinder with 20 of them.
+LOAD_TOLERANCE = 5e-4
+
+
+def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> Surface:
+    """Surface mesh of a body's bore; a body without cells must have a structured one."""
+    if cells.size:
+        return Surface.on_cylinder(nodes, cells, family)
+    grid = film_grid(nodes)
+    order = match(grid.nodes, nodes)
+    assert order is not None
+    return Surface.on_cylinder(nodes, order[grid.cell_nodes], grid.family)
+
+
+def sampling_grid(bore: BoreSurface) -> FilmGrid:
+    """Places where it is kept what a part's mesh misses in one of its bores."""
+    return uniform_grid(bore.radius, bore.width, SAMPLED)
+
+
+def _same_family(body: ReducedBody, grid: FilmGrid) -> bool:
+    """True if equal nodal pressures are one: 4-node cells may have 9-node cells' nodes."""
+    return grid.family == (body.bore.pressure_family or film_layout(body.pressure_nodes)[1])
+
+
+class BoreFilm:
+    """Linear maps of one film in the bore of one body.
+
+    Parameters
+    ----------
+    body
+        Reduced body.
+    film
+        Film on its bore.
+    transfer
+        How pressures reach a bore whose mesh the film's does not match.
+
+    Attributes
+    ----------
+    outward, tangential
+        Components of the elastic modes at the Gauss points, shape (g, n).
+    normal
+        Outward displacement at the Gauss points of displacements of the bore nodes, sparse,
+        shape (g, 3 m).
+    observed_normal
+        The same where the gap is observed, shape (w, 3 m).
+    projected
+        Mortar from the film's nodal pressures to the bore's, None where there is none.
+    observed
+        Outward component at Gauss points and film nodes, where the gap is
+        observed, shape (w, n).
+    force, load
+        Force of nodal film pressures along x and y, shape (2, nodes), and generalised forces on
+        the elastic modes, shape (n, nodes).
+    holes, solid
+        Holes of the bore's mesh, and what they leave of every Gauss point's area, shape (cells,
+        points); None: the bore is whole.
+
+    Raises
+    ------
+    InterfaceMismatchError
+        The bore is not the film's cylinder, or the body's load matrix does not
+        belong to it.
+    """
+
+    def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
+        grid = film.parameters.grid
+        self._check_size(body, film)
+        surface = bore_surface(body.bore_nodes, body.bore.cells, body.bore.family)
+        m = len(body.bore_nodes)
+        # Unit translations along x and y, then the elastic modes.
+        fields = np.zeros((m, 3, 2 + body.modes))
+        fields[:, 0, 0] = fields[:, 1, 1] = 1.0
+        fields[:, :, 2:] = body.bore_basis
+        fields = fields.reshape(3 * m, -1)
+        inside = film.points.angle.size
+        self.observed_normal = outward_displacement(surface, *observed_places(film))
+        normal = self.normal = self.observed_normal[:inside]
+        self.observed = (self.observed_normal @ fields)[:, 2:]
+        outward = normal @ fields
+        self.outward = self.observed[:inside]
+        # n . (e_z x u) is minus the component of u along the circumference.
+        self.tangential = -(normal @ turned(fields[:, 2:], 2))
+        self._order = match(body.pressure_nodes, grid.nodes) if _same_family(body, grid) else None
+        self._mortar = self._mortar_of(body, grid) if self._order is None else None
+        fields = outward.reshape(*film.points.angle.shape, -1)
+        self.holes, self.solid, whole = surface.holes, None, None
+        if surface.holes:
+            mesh = Surface(grid.node_positions, grid.cell_nodes, grid.family)
+            self.solid = solid_share(surface, mesh, film.assembly.reference)
+            whole, fields = film.load(fields[..., :2]), self.solid[..., None] * fields
+        load = film.load(fields)
+        self.projected: np.ndarray | None = None
+        if transfer == "mortar" and self._mortar is not None:
+            matrix = self.projected = self._mortar.matrix()
+            load = body.load_projection[1:] @ matrix
+        self.force, self.load = load[:2], load[2:]
+        self._check_load(body, film)
+        if whole is not None:
+            self.force = whole
+
+    @staticmethod
+    def _check_size(body: ReducedBody, film: Film) -> None:
+        grid = film.parameters.grid
+        for name, own, given in (
+            ("radius", grid.radius, body.bore.radius),
+            ("width", grid.width, body.bore.width),
+        ):
+            if not abs(own - given) <= 1e-6 * given:
+                raise InterfaceMismatchError(
+                    f"the film's {name} of {own:g} m is not that of the bore, {given:g} m"
+                )
+
+    def _mortar_of(self, body: ReducedBody, grid: FilmGrid) -> Mortar:
+        structure = bore_surface(
+            body.pressure_nodes, body.bore.pressure_cells, body.bore.pressure_family
+        )
+        film = Surface(grid.node_positions, grid.cell_nodes, grid.family)
+        return Mortar(structure, film, grid.radius)
+
+    def structure_pressure(self, pressure: np.ndarray) -> np.ndarray:
+        """Pressure on the body's pressure nodes, shape (k,): ``P_s`` of (14)."""
+        if self._mortar is not None:
+            return self._mortar.to_structure(pressure)
+        return pressure[self._order]
+
+    def _check_load(self, body: ReducedBody, film: Film) -> None:
+        """A smooth pressure must do the same work by the film's integrals and by the body's J."""
+        grid = film.parameters.grid
+        for angle_of, component in ((np.cos, 1), (np.sin, 2)):
+            pressure = 1.0 + angle_of(grid.node_positions[:, 0])
+            own = self.force @ pressure
+            expected = body.load_projection[TRANSLATIONS] @ self.structure_pressure(pressure)
+            defect = np.abs(own - expected).max() / np.abs(expected).max()
+            if not defect <= LOAD_TOLERANCE:
+                raise InterfaceMismatchError(
+                    f"film and body disagree on the work of a pressure by {defect:.1e} "
+                    f"(relative, component {component}), above {LOAD_TOLERANCE:.0e}: the body's "
+                    "load matrix does not belong to its bore"
+                )
+
+
+def node_areas(film: Film) -> np.ndarray:
+    """Weights of the nodes: integrals of their shape functions over the bore, shape (k,) [m^2]."""
+    return np.asarray(film.pressure_areas.sum(axis=0)).ravel()
+
+
+def nearest_circle(film: Film) -> np.ndarray:
+    """Rows that make of a gap at the film's nodes that of the nearest circles of its surfaces.
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (3, k): their difference in radius and the eccentricity of the journal's along x and
+        y, in the frame of the bore.
+    """
+    angle, _ = film.parameters.grid.node_positions.T
+    waves = np.stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
+    weighted = waves * node_areas(film)
+    # Areas of a quadrature: those of 8-node corners are negative, their sums are not.
+    circle: np.ndarray = np.linalg.solve(weighted @ waves.T, weighted)
+    return circle
+
 
 #: Unit matrix of the plane, and a quarter turn.
 UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -68,7 +363,7 @@ class ConservedContent:
 
 @dataclass(frozen=True, eq=False)
 class LubricatedJoint:
-    """What the joint is made of.
+    """Lubricated joint of a mechanism: its markers, film and models.
 
     Attributes
     ----------
@@ -87,7 +382,7 @@ class LubricatedJoint:
     bore_shape, journal_shape
         Radial deviations in the frames of the two bodies; None: round.
     shear_rule
-        For the cavitated zone, see `fenics_ehd.film.shear`.
+        For the cavitated zone, see `fenics_ehd.film.forces`.
     heat
         Balance of the film's heat over a cycle; None: the oil keeps its temperature.
     oil
@@ -115,23 +410,17 @@ class LubricatedJoint:
                 "on its temperature: give it a grade, or viscosity_40 and viscosity_100"
             )
         share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
-        if not share < 1.0:
+        if not (share < 1.0 or self.film.parameters.surfaces is not None):  # rough ones overlap
             raise SettingsError(
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
-            )
-        if self.oil is None and not self.film.parameters.lubricant.density_law.constant:
-            # Storage of the first steps is a mass matrix: active sets follow each other for ever.
-            raise SettingsError(
-                f"the oil between {self.journal} and {self.bore} is denser under pressure: "
-                "density_law = 'dowson-higginson' needs cavitation = 'mass-conserving'"
             )
         if self.oil is not None:
             require_monotone(self.film.parameters.grid.family)
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """See `Joint`."""
+        """Markers of bore and journal."""
         return self.bore, self.journal
 
 
@@ -147,20 +436,27 @@ class Eccentric(Pair):
         Whether the journal tilts.
     """
 
+    first: str
+    second: str
     tilting: bool
 
     @property
+    def markers(self) -> tuple[str, ...]:
+        """Markers of bore and journal."""
+        return self.first, self.second
+
+    @property
     def own(self) -> int:
-        """See `Joint`."""
+        """Number of own coordinates: the eccentricity and, of a journal that tilts, its tilt."""
         return 4 if self.tilting else 2
 
     @property
     def rows(self) -> int:
-        """See `Joint`."""
+        """Number of constraints, one for each own coordinate."""
         return self.own
 
     def geometry(self, u: np.ndarray, sizes: tuple[int, ...]) -> Geometry:
-        """See `Joint`."""
+        """Distance of the journal from its place in the bore, see `Joint`."""
         turn = rotation(u[ANGLE])
         turned = QUARTER @ turn
         pairs = _pairs(self.tilting, sizes)
@@ -235,26 +531,24 @@ class JointFilm:
         shapes = joint.bore_shape, joint.journal_shape
         self.shape = None if shapes == (None, None) else JointShape(film, *shapes)
         self.bore = None if part is None else BoreFilm(part, film, joint.transfer)
-        inside = film.points.angle.ravel(), film.points.height.ravel()
-        nodes = p.grid.node_positions
-        outward, around = _journal_fields(*inside, self.own)
-        thickness, mean, sliding = [-outward], [0.5 * around], [around]
-        observed = np.vstack([outward, _journal_fields(nodes[:, 0], nodes[:, 1], self.own)[0]])
-        gap, shape = [-observed], (*film.points.angle.shape, -1)
-        load = [-film.load(outward.reshape(shape))]
+        inside, shape = film.points.angle.size, (*film.points.angle.shape, -1)
+        outward, around = _journal_fields(*observed_places(film), self.own)
+        around, gap = around[:inside], [-outward]
+        mean, sliding = [0.5 * around], [around]
+        load = [-film.load(outward[:inside].reshape(shape))]
         if self.bore is not None:
             elastic, tangential = self.bore.outward, self.bore.tangential
             carried = _mean_translation(film, elastic, tangential)
-            thickness.append(elastic)
             # As seen from the bore's mean place, which carries the frame of the film.
             mean.append(0.5 * tangential - carried)
             sliding.append(-tangential)
             gap.append(self.bore.observed)
             load[0][:2] = -self.bore.force
             load.append(self.bore.load)
-        self.thickness, self.mean_velocity, self.sliding_velocity, self.observed = (
-            np.ascontiguousarray(np.hstack(parts)) for parts in (thickness, mean, sliding, gap)
+        self.mean_velocity, self.sliding_velocity, self.observed = (
+            np.ascontiguousarray(np.hstack(parts)) for parts in (mean, sliding, gap)
         )
+        self.thickness = self.observed[:inside]
         self.load = np.vstack(load)
 
     @property
@@ -263,7 +557,7 @@ class JointFilm:
         return self.thickness.shape[1]
 
     def lengths(self, thickness: np.ndarray) -> np.ndarray:
-        """What changes of gaps are compared with [m]: the gaps, if surfaces are smooth."""
+        """Lengths that changes of gaps are compared with [m]: the gaps, if surfaces are smooth."""
         surfaces = self.film.parameters.surfaces
         return thickness if surfaces is None else surfaces.length(thickness)
 

@@ -1,14 +1,57 @@
-"""A mechanism is what it lists: bodies, joints, drives and forces."""
+"""Mechanisms: what they list, where it stands among the unknowns, equations of motion.
+
+A mechanism is what it lists: bodies, joints, drives and forces.
+
+Layout of a mechanism: coordinates of bodies and films, constraints, forces.
+
+Coordinates z are those of the bodies, then each lubricated joint's own.
+
+Equations of motion of a mechanism at one instant, the films' forces left out.
+
+With constraints g and multipliers l on position and m on velocity level (Gear, Gupta and
+Leimkuhler 1985),
+
+    z' = v + W G^T m,   F(z, v, v') + G^T l = Q(z, v, t),   g(z, t) = 0,   G v + g_t = 0.
+
+Positions and velocities that satisfy every constraint, from a rough pose.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import pairwise
 
-from fenics_ehd.multibody.body import Body
+import numpy as np
+from scipy import linalg
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.multibody.body import (
+    ANGLE,
+    FINE_WEIGHT,
+    POSITION,
+    Balance,
+    Body,
+    Derivatives,
+    FlexibleBody,
+    ground,
+)
 from fenics_ehd.multibody.forces import Force
-from fenics_ehd.multibody.joints import AngleOverTime, Joint
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.joints import (
+    AngleDrive,
+    AngleOverTime,
+    Geometry,
+    Joint,
+    Layout,
+    Load,
+    Relations,
+    SpeedTable,
+    Values,
+)
+from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
+from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +78,584 @@ class Mechanism:
     drives: Mapping[str, AngleOverTime] = field(default_factory=dict)
     forces: Mapping[str, Force] = field(default_factory=dict)
     gravity: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FilmPlace:
+    """A lubricated joint's film and where its coordinates are.
+
+    Attributes
+    ----------
+    name, joint, film
+        See there.
+    xi
+        Places of ``(e, psi, q)`` in z, shape (n,).
+    rows
+        Places of the joint's constraints in g.
+    journal_angle, bore_angle
+        Places of the bodies' angles in z, None for one that cannot turn.
+    bore_body, bore
+        Name of the body that has the bore, and of the bore where it is flexible, else empty.
+    """
+
+    name: str
+    joint: LubricatedJoint
+    film: JointFilm
+    xi: np.ndarray
+    rows: slice
+    journal_angle: int | None
+    bore_angle: int | None
+    bore_body: str
+    bore: str
+
+    def ahead(self, values: np.ndarray) -> float:
+        """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
+        journal, bore = self.angles(values)
+        return float(journal - bore)
+
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """Places of the angles that `ahead` is made of."""
+        ends = self.journal_angle, self.bore_angle
+        return np.array([angle for angle in ends if angle is not None], dtype=int)
+
+    @cached_property
+    def signs(self) -> np.ndarray:
+        """Signs of these angles in it."""
+        known = [self.journal_angle is not None, self.bore_angle is not None]
+        return np.array([1.0, -1.0])[known]
+
+    def angles(self, values: np.ndarray) -> tuple[float, float]:
+        """Angles of journal and bore in the frame at rest, of coordinates or of their rates."""
+        journal, bore = (
+            0.0 if place is None else values[place]
+            for place in (self.journal_angle, self.bore_angle)
+        )
+        return journal, bore
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A constraint of the mechanism."""
+
+    name: str
+    joint: Joint
+    rows: slice
+    layout: Layout
+
+
+class System:
+    """Layout of a mechanism; see `fenics_ehd.multibody.mechanism` for its equations.
+
+    Attributes
+    ----------
+    mechanism
+        What it is of.
+    n, m
+        Numbers of coordinates and constraints.
+    bodies
+        Places of every body's coordinates in z, by name.
+    films
+        Lubricated joints.
+    weights, mobility
+        Diagonal of W, and how readily assembly changes each coordinate, shape (n,).
+    """
+
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
+        # By name: results do not depend on the order in which things are listed.
+        self._bodies = {name: bodies[name] for name in sorted(bodies)}
+        self.relations = Relations()
+        self.bodies: dict[str, slice] = {}
+        self.n = 0
+        for name, body in self._bodies.items():
+            self.bodies[name] = slice(self.n, self.n + body.size)
+            self.n += body.size
+        self.m = 0
+        self.films: list[FilmPlace] = []
+        self.constraints: list[Place] = []
+        weights = [body.weights for body in self._bodies.values()]
+        mobility = [body.mobility for body in self._bodies.values()]
+        for name in sorted(mechanism.joints):
+            joint = mechanism.joints[name]
+            if isinstance(joint, LubricatedJoint):
+                film = self._film(name, joint)
+                self.films.append(film)
+                bore = self.bore_at_rest(film)
+                self._constrain(name, Eccentric(bore, joint.journal, film.film.own == 4))
+                weights.append(np.full(film.film.own, FINE_WEIGHT))
+            else:
+                self._constrain(name, joint)
+        for name in sorted(mechanism.drives):
+            self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
+        self.weights = np.concatenate(weights)
+        self.mobility = np.concatenate([*mobility, *weights[len(mobility) :]])
+        self.forces = [
+            (force, self._layout(force.markers))
+            for force in (mechanism.forces[name] for name in sorted(mechanism.forces))
+        ]
+        self.lift = -np.array(mechanism.gravity)
+
+    @property
+    def heated(self) -> bool:
+        """True if the heat of a film is balanced."""
+        return any(place.joint.heat is not None for place in self.films)
+
+    def _constrain(self, name: str, joint: Joint) -> None:
+        own = slice(self.n, self.n + joint.own)
+        rows = slice(self.m, self.m + joint.rows)
+        self.constraints.append(Place(name, joint, rows, self._layout(joint.markers, own)))
+        self.n, self.m = self.n + joint.own, self.m + joint.rows
+
+    def _layout(self, markers: tuple[str, ...], own: slice = slice(0, 0)) -> Layout:
+        """Layout of a relation between markers with own coordinates."""
+        named = [(marker, *self._named(marker)) for marker in markers]
+        return self.relations.add(
+            [(marker, body, point, self.bodies[name]) for marker, name, body, point in named], own
+        )
+
+    def _film(self, name: str, joint: LubricatedJoint) -> FilmPlace:
+        (bore_name, bore, point), (journal_name, journal, _) = (
+            self._named(joint.bore),
+            self._named(joint.journal),
+        )
+        if journal_name == bore_name:
+            raise SettingsError(
+                f"joint {name}: journal and bore are points of one body, {bore_name}"
+            )
+        for other in self.films:
+            if other.joint.bore == joint.bore:
+                raise SettingsError(
+                    f"joint {name}: {joint.bore} is the bore of {other.name} already; a bore holds "
+                    "one journal: give the second a point of its own"
+                )
+        part = None
+        if isinstance(bore, FlexibleBody) and point in bore.reduced.bores:
+            part = bore.reduced.at_bore(point)
+        tilting = len(journal.marker(self._named(joint.journal)[2], journal.start).values) == 5
+        film = JointFilm(joint, part, tilting)
+        last = self.bodies[bore_name].stop
+        modes = np.arange(last - film.size + film.own, last)
+        return FilmPlace(
+            name,
+            joint,
+            film,
+            np.concatenate([np.arange(self.n, self.n + film.own), modes]),
+            slice(self.m, self.m + film.own),
+            self._angle(joint.journal),
+            self._angle(joint.bore),
+            bore_name,
+            "" if part is None else point,
+        )
+
+    def bore_at_rest(self, place: FilmPlace) -> str:
+        """Marker of the undeformed bore of a film."""
+        body = self._bodies[place.bore_body]
+        if isinstance(body, FlexibleBody) and place.bore:
+            return f"{place.bore_body}.{body.at_rest(place.bore)}"
+        return place.joint.bore
+
+    def _named(self, marker: str) -> tuple[str, Body, str]:
+        """Body and point of a marker.
+
+        Raises
+        ------
+        SettingsError
+            There is no such body or point.
+        """
+        name, _, point = marker.partition(".")
+        if name not in self._bodies:
+            raise SettingsError(f"{marker!r}: no body {name}, there are {', '.join(self._bodies)}")
+        body = self._bodies[name]
+        if point and point not in body.points():
+            known = ", ".join(body.points()) or "none but its origin"
+            raise SettingsError(
+                f"{marker!r}: body {name} has no point {point}, its points: {known}"
+            )
+        return name, body, point
+
+    def _angle(self, marker: str) -> int | None:
+        name, body, _ = self._named(marker)
+        return None if body.angle is None else self.bodies[name].start + body.angle
+
+    def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
+        """Places, body and its share of some arrays over z, body by body."""
+        for name, body in self._bodies.items():
+            places = self.bodies[name]
+            if body.size:
+                yield places, body, [value[places] for value in values]
+
+    def each_name(self) -> Iterator[tuple[str, Body]]:
+        """Name and body of all that have coordinates."""
+        return ((name, body) for name, body in self._bodies.items() if body.size)
+
+    @cached_property
+    def tables(self) -> list[TabulatedLoad]:
+        """Loads whose rows no step may jump over."""
+        found = [
+            TabulatedLoad(drive.speed, partial(_read_at, None))
+            for drive in self.mechanism.drives.values()
+            if isinstance(drive, SpeedTable)
+        ]
+        for force in self.mechanism.forces.values():
+            table, body = force.table or (None, "")
+            if isinstance(table, Curve):
+                read_at = partial(_read_at, self._angle(body) if body else None)
+                found.append(TabulatedLoad(table, read_at))
+        for film in self.films:
+            for feed in film.joint.film.parameters.feeds:
+                if isinstance(feed.pressure, Curve):
+                    found.append(TabulatedLoad(feed.pressure, partial(_read_at, None)))
+        return found
+
+    @cached_property
+    def linear_constraints(self) -> tuple[np.ndarray, np.ndarray, list[Place]]:
+        """Gradient (m, k) and constants (m,) of those linear in the values, and the other ones."""
+        gradient, constant = np.zeros((self.m, self.relations.size)), np.zeros(self.m)
+        curved = []
+        for place in self.constraints:
+            columns, sizes = place.layout.columns, place.layout.sizes
+            geometry = place.joint.geometry(np.zeros(columns.stop - columns.start), sizes)
+            if geometry.curvature is None:
+                gradient[place.rows, columns] = geometry.jacobian
+                constant[place.rows] = geometry.value
+            else:
+                curved.append(place)
+        return gradient, constant, curved
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """Coordinates of the rough pose, shape (n,)."""
+        z = np.zeros(self.n)
+        for name, body in self._bodies.items():
+            z[self.bodies[name]] = body.start
+        for film in self.films:
+            z[film.xi[:2]] = film.joint.eccentricity
+        return z
+
+    @cached_property
+    def start_rates(self) -> np.ndarray:
+        """Their rates, shape (n,)."""
+        v = np.zeros(self.n)
+        for name, body in self._bodies.items():
+            v[self.bodies[name]] = body.start_rates
+        for film in self.films:
+            v[film.xi[:2]] = film.joint.eccentricity_rate
+        return v
+
+    def worst(self, rows: np.ndarray) -> tuple[str, float]:
+        """Name of the constraint with the largest of some values, shape (m,), and its size."""
+        row = int(np.argmax(np.abs(rows)))
+        place = next(p for p in self.constraints if p.rows.start <= row < p.rows.stop)
+        return place.name, float(np.abs(rows[row]))
+
+    @property
+    def least_damping(self) -> float:
+        """Smallest damping ratio of a mode of any body."""
+        return min((body.least_damping for body in self._bodies.values()), default=np.inf)
+
+    @cached_property
+    def error_measure(self) -> np.ndarray:
+        """Rows that make body coordinates dimensionless for the step control, shape (k, n)."""
+        rows = []
+        for name, body in self._bodies.items():
+            measure = body.error_measure()
+            wide = np.zeros((len(measure), self.n))
+            wide[:, self.bodies[name]] = measure
+            rows.append(wide)
+        return np.vstack(rows)
+
+
+def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
+    """Places of so many values, one after the other, the first behind `first` others."""
+    ends = [first, *(first + np.cumsum(sizes, dtype=int))]
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+
+def _read_at(angle: int | None, time: float, state: np.ndarray) -> float:
+    """Place at which a table is read: an angle of the state, or the time."""
+    return time if angle is None else float(state[angle])
+
+
+class Instant:
+    """Markers and constraints of a system at given coordinates.
+
+    Attributes
+    ----------
+    values
+        Of all relations.
+    gradient
+        Derivative of all constraints along the values, shape (m, k).
+    jacobian, defect
+        G, shape (m, n), and g, shape (m,).
+    imposed_rate
+        What ``G v`` has to be: ``-g_t``, shape (m,).
+    """
+
+    def __init__(self, system: System, time: float, z: np.ndarray):
+        self.system, self.time, self.z = system, time, z
+        self.values = Values(system.relations, z)
+        gradient, constant, curved = system.linear_constraints
+        self.gradient, self.defect = gradient.copy(), gradient @ self.values.u + constant
+        self.imposed_rate = np.zeros(system.m)
+        self._geometries: list[tuple[Place, Geometry]] = []
+        for place in curved:
+            rows, layout = place.rows, place.layout
+            geometry = place.joint.geometry(self.values.u[layout.columns], layout.sizes)
+            self._geometries.append((place, geometry))
+            self.gradient[rows, layout.columns] = geometry.jacobian
+            self.defect[rows] = geometry.value
+        for place in system.constraints:
+            imposed = place.joint.imposed(time)
+            if imposed is not None:
+                self.defect[place.rows] -= imposed.value
+                self.imposed_rate[place.rows] = imposed.rate
+        self.jacobian = self.gradient @ self.values.jacobian
+
+    @cached_property
+    def curvatures(self) -> list[tuple[Place, np.ndarray]]:
+        """Constraints that are not linear in the values, and their second derivatives."""
+        return [
+            (place, geometry.curvature())
+            for place, geometry in self._geometries
+            if geometry.curvature is not None
+        ]
+
+    def rate_defect(self, rates: np.ndarray) -> np.ndarray:
+        """``G v + g_t``, shape (m,)."""
+        return self.jacobian @ rates - self.imposed_rate
+
+    def form(self, multipliers: np.ndarray) -> np.ndarray:
+        """Second derivative of ``multipliers . phi`` along the values, shape (k, k)."""
+        result = np.zeros((len(self.values.u),) * 2)
+        for place, curvature in self.curvatures:
+            own = place.layout.columns
+            result[own, own] = multipliers[place.rows] @ curvature.swapaxes(0, 1)
+        return result
+
+    def bend(self, multipliers: np.ndarray) -> np.ndarray:
+        """Derivative of ``G^T multipliers``, shape (n, n)."""
+        return self.values.bend(multipliers @ self.gradient, self.form(multipliers))
+
+
+class Motion:
+    """Equations of motion of a system, the films' forces left out.
+
+    Attributes
+    ----------
+    instant, rates, accelerations, multipliers
+        What they are for: v and v', shape (n,), l, shape (m,).
+    value_rates
+        ``u'``, shape (k,).
+    on_values
+        Generalised forces on u, shape (k,): ``l . phi_u`` less those of the forces.
+    residual
+        ``F + G^T l - Q``, shape (n,).
+    """
+
+    def __init__(
+        self,
+        instant: Instant,
+        rates: np.ndarray,
+        accelerations: np.ndarray,
+        multipliers: np.ndarray,
+    ):
+        self.instant, self.rates, self.accelerations = instant, rates, accelerations
+        self.multipliers = multipliers
+        values = instant.values
+        self.value_rates = values.jacobian @ rates
+        self._applied: list[tuple[slice, Load]] = []
+        self.on_values = multipliers @ instant.gradient
+        for force, layout in instant.system.forces:
+            own = layout.columns
+            load = force.load(instant.time, values.u[own], self.value_rates[own], layout.sizes)
+            self._applied.append((own, load))
+            self.on_values[own] -= load.value
+        self.residual = self.on_values @ values.jacobian
+        self._balances: list[tuple[slice, Balance]] = []
+        system = instant.system
+        for places, body, motion in system.each_body(instant.z, rates, accelerations):
+            balance = body.balance(*motion, lift=system.lift)
+            self.residual[places] += balance.forces
+            self._balances.append((places, balance))
+
+    @cached_property
+    def _carried(self) -> np.ndarray:
+        """Derivative of the values' rates along z, shape (k, n)."""
+        return self.instant.values.carry(self.rates)
+
+    def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
+        """Forces of joints and loads on points of a body along its x and y, shape (2 a,) [N].
+
+        In the order of their names.
+        """
+        values, seen = self.instant.values, self.instant.system.relations.seen
+        found = np.zeros((len(points), 2))
+        for force, point in zip(found, sorted(points), strict=True):
+            marker = seen.get(f"{name}.{point}")
+            for columns in () if marker is None else marker.columns:
+                force -= self.on_values[columns][POSITION] @ rotation(values.u[columns][ANGLE])
+        return found.ravel()
+
+    def derivatives(self) -> Derivatives:
+        """Derivatives of the residual along z, v and v', shape (n, n) each."""
+        instant, jacobian = self.instant, self.instant.values.jacobian
+        form, damping = instant.form(self.multipliers), None
+        for own, load in self._applied:
+            if load.position is not None:
+                form[own, own] -= load.position
+            if load.rate is not None:
+                damping = np.zeros_like(form) if damping is None else damping
+                damping[own, own] -= load.rate
+        position = instant.values.bend(self.on_values, form)
+        rate, acceleration = np.zeros_like(position), np.zeros_like(position)
+        if damping is not None:
+            damping = jacobian.T @ damping
+            position += damping @ self._carried
+            rate += damping @ jacobian
+        for places, balance in self._balances:
+            parts = balance.derivatives()
+            position[places, places] += parts.position
+            rate[places, places] += parts.rate
+            acceleration[places, places] = parts.acceleration
+        return Derivatives(position, rate, acceleration)
+
+    def carry(self) -> np.ndarray:
+        """Derivative of ``G v`` along z, shape (m, n)."""
+        instant = self.instant
+        along = np.zeros_like(instant.gradient)
+        for place, curvature in instant.curvatures:
+            own = place.layout.columns
+            along[place.rows, own] = curvature @ self.value_rates[own]
+        return along @ instant.values.jacobian + instant.gradient @ self._carried
+
+    @property
+    def drive_power(self) -> float:
+        """Power of what is imposed over time [W]."""
+        return float(-self.multipliers @ self.instant.imposed_rate)
+
+    @property
+    def applied_power(self) -> float:
+        """Power of all forces and of gravity [W]."""
+        system = self.instant.system
+        power = sum(load.value @ self.value_rates[own] for own, load in self._applied)
+        if system.lift.any():
+            zero, none = np.zeros_like(self.rates), np.zeros(2)
+            for _, body, (z, rates, rest) in system.each_body(self.instant.z, self.rates, zero):
+                lifted, free = (body.balance(z, rest, rest, lift=g) for g in (system.lift, none))
+                power -= (lifted.forces - free.forces) @ rates
+        return float(power)
+
+
+#: Newton's method on positions, and the largest defect it may leave [m], [rad].
+MAX_ITERATIONS, TOLERANCE = 50, 1e-12
+
+#: Distance of a constraint's gradient from the span of the others, as a share of its length.
+INDEPENDENT = 1e-9
+
+#: A motion that meets less than this share of any inertia, spring or joint meets none.
+NOTHING = 1e-10
+
+
+def assemble(
+    system: System,
+    time: float = 0.0,
+    rough: np.ndarray | None = None,
+    rates: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and rates nearest to the rough ones, shape (n,) each.
+
+    Frames move, shafts as a whole too; eccentricities and elastic coordinates stay as far as they
+    can. The rough coordinates and rates are those of the bodies if none are given.
+
+    Raises
+    ------
+    SettingsError
+        The constraints cannot be met from there, or contradict or repeat each other.
+    """
+    instant = Instant(system, time, system.start if rough is None else rough)
+    rates = system.start_rates if rates is None else rates
+    unknown = ~np.isfinite(instant.defect)
+    if unknown.any():
+        name, _ = system.worst(unknown.astype(float))
+        raise SettingsError(f"joint {name}: the places of its bodies must be finite numbers")
+    # Joints that repeat each other do so in any pose, the rough one too.
+    _correction(system, instant, instant.defect)
+    for _ in range(MAX_ITERATIONS):
+        if np.abs(instant.defect).max(initial=0.0) <= TOLERANCE:
+            return instant.z, rates + _correction(system, instant, instant.rate_defect(rates))
+        try:
+            instant = _closer(instant, _correction(system, instant, instant.defect))
+        except SettingsError:
+            break
+    name, defect = system.worst(instant.defect)
+    raise SettingsError(
+        f"the mechanism cannot be assembled from its rough pose: joint {name} stays open by "
+        f"{defect:.3g} (m or rad); check lengths, or give positions nearer to those meant"
+    )
+
+
+def _closer(instant: Instant, change: np.ndarray) -> Instant:
+    """A Newton step, halved until the joints are less open than before."""
+    before = np.abs(instant.defect).max()
+    for halving in range(MAX_ITERATIONS):
+        trial = Instant(instant.system, instant.time, instant.z + 0.5**halving * change)
+        if np.abs(trial.defect).max() < before:
+            break
+    return trial
+
+
+def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndarray:
+    """Smallest weighted change of coordinates that takes a defect away, shape (n,)."""
+    weights = system.mobility
+    gradients = (instant.jacobian * weights).T
+    lengths = np.linalg.norm(gradients, axis=0)
+    if not lengths.all():
+        name, _ = system.worst((lengths == 0.0).astype(float))
+        raise SettingsError(f"joint {name} connects nothing that can move")
+    q, r, order = linalg.qr(gradients / lengths, mode="economic", pivoting=True)
+    rank = int(np.sum(np.abs(np.diag(r)) > INDEPENDENT))
+    if rank < len(order):
+        name, _ = system.worst(np.arange(len(order)) == order[rank])
+        raise SettingsError(
+            f"joint {name} repeats or contradicts other joints: drop one of them, or let it turn "
+            "or slide; a linkage at a change point has to be assembled elsewhere"
+        )
+    given = (defect / lengths)[order]
+    return -weights * (q @ linalg.solve_triangular(r, given, trans="T"))
+
+
+def check_inertia(system: System, z: np.ndarray) -> None:
+    """Refuse a motion of a frame that no constraint, inertia, spring, damper or film resists.
+
+    The oil's shear is none: its derivative is left out of a step's equations.
+
+    Raises
+    ------
+    SettingsError
+        Naming the body.
+    """
+    frames = np.flatnonzero(system.weights == 1.0)
+    rest, instant = np.zeros(system.n), Instant(system, 0.0, z)
+    forces = Motion(instant, rest, rest, np.zeros(system.m)).derivatives()
+    blocks = [
+        instant.jacobian[:, frames],
+        *(part[np.ix_(frames, frames)] for part in vars(forces).values()),
+    ]
+    _, sizes, motions = linalg.svd(np.vstack([_directions(block) for block in blocks]))
+    if len(frames) and (len(sizes) < len(frames) or sizes[-1] < NOTHING * sizes[0]):
+        free = np.zeros(system.n)
+        free[frames] = np.abs(motions[-1])
+        name = max(system.bodies, key=lambda n: free[system.bodies[n]].max(initial=0.0))
+        raise SettingsError(
+            f"body {name} can move or turn freely without inertia: give it mass and inertia, or a "
+            "joint or drive that holds it"
+        )
+
+
+def _directions(rows: np.ndarray) -> np.ndarray:
+    """Rows of length 1, without those that are nothing but round-off."""
+    lengths = np.linalg.norm(rows, axis=1)
+    kept = lengths > 1e-14 * lengths.max(initial=0.0)
+    return rows[kept] / lengths[kept, None]

@@ -1,29 +1,54 @@
-"""Cycle after cycle of a run, until its films repeat."""
+"""Periodic solutions: cycle after cycle of a run, until its films repeat.
+
+Each cycle begins where the last one ended, or where the last ones together point to. The crank's
+angle, which the curves of a machine are drawn over, is chosen here, too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_ehd.base.errors import (
-    FilmTooThinError,
-    PeriodicityError,
-    SettingsError,
-    StepSizeError,
-)
+from fenics_ehd.base.errors import FilmTooThinError, PeriodicityError, SettingsError, StepSizeError
+from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.forces import RotatingForce
-from fenics_ehd.multibody.joint_heat import FilmTemperatures
+from fenics_ehd.multibody.body import PlanarBody
+from fenics_ehd.multibody.energy import FilmTemperatures
+from fenics_ehd.multibody.forces import RotatingForce, Torque
 from fenics_ehd.multibody.joints import SpeedTable
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.planar_body import PlanarBody
+from fenics_ehd.multibody.mechanism import Mechanism, System
+from fenics_ehd.multibody.newton import MechanismStep, SolverState
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.solver_state import MechanismStep
 from fenics_ehd.multibody.tabulated import Curve
+
+
+def crank(system: System) -> int | None:
+    """Place in z of the angle that a drive turns, else a torque, else that of a journal or a body.
+
+    The first by name of several; None where nothing can turn.
+    """
+    mechanism = system.mechanism
+    places = {
+        name: system.bodies[name].start + body.angle
+        for name, body in system.each_name()
+        if body.angle is not None
+    }
+
+    def named() -> Iterator[int | None]:
+        yield from (places.get(name) for name in sorted(mechanism.drives))
+        turned = (mechanism.forces[name] for name in sorted(mechanism.forces))
+        yield from (places.get(force.body) for force in turned if isinstance(force, Torque))
+        yield from (film.journal_angle for film in system.films)
+        yield from places.values()
+
+    return next((place for place in named() if place is not None), None)
+
+
+#: Rounding of a turn.
+WHOLE = 1e-6
 
 #: Cycles that change the films by less than this tell where the next one should begin, at most so
 #: many of them; and the share that a film may become thinner by that.
@@ -40,9 +65,6 @@ LONGEST = 12
 
 #: Cycles after which films may repeat in place of one.
 SUBHARMONIC = (2, 3)
-
-#: What two cycles tell of how the search goes.
-COMPARED = ("moved", "left", "contraction")
 
 
 def repeating(mechanism: Mechanism) -> tuple[float, str]:
@@ -61,7 +83,7 @@ def repeating(mechanism: Mechanism) -> tuple[float, str]:
 
 
 def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
-    """How many times over a cycle [s] everything repeats itself that does, by its key.
+    """Periods in a cycle [s] of everything that repeats itself, by its key.
 
     Drives count that turn a body whose angle matters.
     """
@@ -89,15 +111,29 @@ def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
     return found
 
 
-def check_period(mechanism: Mechanism, period: float, periodicity: float) -> None:
+def check_period(
+    mechanism: Mechanism,
+    period: float,
+    periodicity: float,
+    supplies: Mapping[str, Curve] | None = None,
+) -> None:
     """Refuse a cycle [s] after which loads and drives are elsewhere by more than a periodicity.
+
+    Parameters
+    ----------
+    mechanism, period, periodicity
+        As for `Cycles`.
+    supplies
+        Pressures over the time, by key, of films that the mechanism is going to have.
 
     Raises
     ------
     SettingsError
         Naming the first of them, and what to multiply the period by.
     """
-    for key, count in repeats(mechanism, period).items():
+    counts = repeats(mechanism, period)
+    counts |= {key: period / pressure.period for key, pressure in (supplies or {}).items()}
+    for key, count in counts.items():
         off = {n: abs(n * count - round(n * count)) / n for n in range(1, LONGEST + 1)}
         if 2 * np.pi * off[1] > periodicity:
             factor = next((n for n, left in off.items() if 2 * np.pi * left <= periodicity), 0)
@@ -108,7 +144,7 @@ def check_period(mechanism: Mechanism, period: float, periodicity: float) -> Non
             )
 
 
-class Cycles:
+class Cycles(Stateful):
     """Steps of a run, without a stop in between, until no film changes over a cycle.
 
     Where a joint's heat is balanced, its film takes another temperature with every cycle, and the
@@ -138,8 +174,8 @@ class Cycles:
         Change of the films over the last complete cycle.
     angles
         Places of all bodies' angles in the coordinates.
-    began, halfway
-        State at the start of the cycle under way, and at its middle or before.
+    began
+        State at the start of the cycle under way.
     moved
         Change of the films' start from the cycle before the last complete one to that, in the norm
         that `left` and `contraction` are in: root mean square, relative to the films.
@@ -154,15 +190,33 @@ class Cycles:
         There is no film to repeat; or see `check_period`.
     """
 
+    @dataclass(frozen=True)
+    class State:
+        """Progress of a search, and what the next cycle's start is chosen from."""
+
+        number: int
+        most: int
+        defect: float
+        moved: float
+        left: float
+        contraction: float
+        gaps: np.ndarray
+        contents: np.ndarray
+        former: np.ndarray
+        starts: np.ndarray
+        ends: np.ndarray
+        changes: np.ndarray
+        began: IntegratorState[SolverState]
+        heat: FilmTemperatures.State | None
+
     def __init__(self, run: Run, period: float, periodicity: float = 1e-4, most: int = 20):
         if not run.equations.system.films:
             raise SettingsError("a mechanism without a lubricated joint has no film to repeat")
         self._run, self.period = run, period
-        self._periodicity, self._most = periodicity, most
+        self._periodicity, self.most = periodicity, most
         self.number, self.defect, self.began = 1, float("nan"), run.state
-        self.halfway = run.state
         self.moved = self.left = self.contraction = float("nan")
-        self._former = self._starts = np.zeros((0, len(self._films())))
+        self.former = self.starts = np.zeros((0, len(self._films())))
         system = run.equations.system
         check_period(system.mechanism, period, periodicity)
         self.angles = [
@@ -170,22 +224,22 @@ class Cycles:
             for name, body in system.each_name()
             if body.angle is not None
         ]
-        self._gaps, self._contents = self._films(), self._oil()
-        self._ends: list[np.ndarray] = []
-        self._changes: list[np.ndarray] = []
-        self._heat = FilmTemperatures(system.films) if system.heated else None
+        self.gaps, self.contents = self._films(), self._oil()
+        self.heat = FilmTemperatures(system.films) if system.heated else None
+        heated = self.heat.count if self.heat else 0
+        self.ends = np.zeros((0, 2, run.state.x.shape[1] + heated))
+        self.changes = np.zeros((0, len(self.gaps) + heated))
         self._repeats, self._changing = repeating(system.mechanism)
         self._counted = int(np.ceil(self._repeats * (1.0 - ROUNDING) / period)) + 1
 
     @property
     def start(self) -> float:
-        """Of the cycle under way [s]."""
+        """Start of the cycle under way [s]."""
         return (self.number - 1) * self.period
 
-    def follow(self, former: Cycles) -> None:
-        """Begin after the last cycle of a search that has ended, whose cycles forget as fast."""
-        self._most += former.number
-        self.number, self.contraction = former.number + 1, former.contraction
+    def figures(self) -> dict[str, float]:
+        """Entries of the summary."""
+        return {"cycles": self.number, "periodicity_defect": self.defect}
 
     def _films(self) -> np.ndarray:
         return self._run.norm.gaps(self._run.state.observed[0])
@@ -208,50 +262,50 @@ class Cycles:
         StepSizeError, FilmTooThinError
             From `Run.until`.
         """
-        if self._counted > self._most:
+        if self._counted > self.most:
             raise PeriodicityError(
                 f"{self._changing} changes until {self._repeats:g} s, so that cycle {self._counted}"
                 f" of {self.period:g} s is the first that could repeat, above cycles = "
-                f"{self._most}: allow more cycles or let it end sooner"
+                f"{self.most}: allow more cycles or let it end sooner"
             )
         while True:
-            for step in self._steps():
-                if self._run.state.time <= self.start + 0.5 * self.period:
-                    self.halfway = self._run.state
-                yield step
+            yield from self._steps()
             gaps = self._films()
-            change = gaps - self._gaps
+            change = gaps - self.gaps
             lengths = self._run.norm.lengths(gaps)
             self.defect = float(np.max(np.abs(change) / lengths))
             # What follows is found again where a search that has come to its end is taken up there:
             # until the next cycle begins nothing is forgotten that it needs.
-            ends = np.stack([self._gaps, gaps])
+            ends = np.stack([self.gaps, gaps])
             self._compare(ends, lengths)
-            starts = np.concatenate([self._starts, ends[:1]])
+            starts = np.concatenate([self.starts, ends[:1]])
             contents = self._oil()
-            drained = np.abs(contents - self._contents) / np.maximum(contents, np.finfo(float).tiny)
+            drained = np.abs(contents - self.contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
-            off = "" if self._heat is None else self._heat.unsettled()
+            off = "" if self.heat is None else self.heat.unsettled()
             repeats = self.number >= max(self._counted, 2) and self.defect <= self._periodicity
             if repeats and not off:
                 return
             self._check_subharmonic(gaps, lengths, starts)
-            if self.number >= self._most:
+            if self.number >= self.most:
                 still = off or (
                     f"the films still change by {self.defect:.2e} from cycle to cycle, above "
                     f"periodicity = {self._periodicity:g}"
                 )
+                cure = "allow more cycles or check the loads"
+                tolerance = self._run.control.tolerance
+                if not off and self.defect < tolerance:
+                    cure = f"steps to time.tolerance = {tolerance:g} scatter by as much, lower it"
                 raise PeriodicityError(
-                    f"after cycles = {self.number} of {self.period:g} s {still}: allow more cycles "
-                    "or check the loads"
+                    f"after cycles = {self.number} of {self.period:g} s {still}: {cure}"
                 )
-            if self._heat is not None:
-                self._heat.move()
-            self._former, self._starts = ends, starts[-max(SUBHARMONIC) :]
+            if self.heat is not None:
+                self.heat.move()
+            self.former, self.starts = ends, starts[-max(SUBHARMONIC) :]
             self._begin(change)
             self.began = self._run.state
-            self._contents = self._oil()
+            self.contents = self._oil()
             self.number += 1
 
     def _check_subharmonic(self, gaps: np.ndarray, lengths: np.ndarray, starts: np.ndarray) -> None:
@@ -270,9 +324,9 @@ class Cycles:
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
         """Compare start and end of a cycle with those of the one before."""
-        if len(self._former):
+        if len(self.former):
             self.moved, apart = (
-                float(np.sqrt(np.mean((change / lengths) ** 2))) for change in ends - self._former
+                float(np.sqrt(np.mean((change / lengths) ** 2))) for change in ends - self.former
             )
             self.contraction = apart / self.moved if self.moved else 0.0
         self.left = float(np.sqrt(np.mean(((ends[1] - ends[0]) / lengths) ** 2)))
@@ -280,22 +334,22 @@ class Cycles:
     def _steps(self) -> Iterator[MechanismStep]:
         """Accepted steps up to the end of the cycle."""
         steps = self._run.until(self.number * self.period)
-        if self._heat is None:
+        if self.heat is None:
             yield from steps
             return
         try:
             for step in steps:
-                self._heat.add(step)
+                self.heat.add(step)
                 yield step
         except (FilmTooThinError, StepSizeError) as error:
-            heat = self._heat.failed(error)
+            heat = self.heat.failed(error)
             if heat is None:
                 raise
             raise heat from error
 
     def _begin(self, change: np.ndarray) -> None:
         """Begin the next cycle."""
-        state, norm, heat = self._run.state, self._run.norm, self._heat
+        state, norm, heat = self._run.state, self._run.norm, self.heat
         n, gaps = state.x.shape[1], self._films()
         end = np.stack([state.x[0], state.rate[0]])
         near = self.number >= self._counted and self.defect < NEAR
@@ -306,14 +360,14 @@ class Cycles:
             scales = np.concatenate([scales, np.ones(heat.count)])
             change = np.concatenate([change, np.sqrt(len(gaps)) * heat.thinning])
             if not np.abs(heat.thinning).max() < NEAR:
-                near, self._ends, self._changes = False, [], []
+                near, self.ends, self.changes = False, self.ends[:0], self.changes[:0]
         if near:
-            self._ends = [*self._ends, end][-REMEMBERED:]
-            self._changes = [*self._changes, change][-REMEMBERED:]
-            self._starts = self._starts[:0]
-        if len(self._ends) > 1:
-            apart = np.diff(self._ends, axis=0)
-            changes = np.diff(self._changes, axis=0) / scales
+            self.ends = np.concatenate([self.ends, end[None]])[-REMEMBERED:]
+            self.changes = np.concatenate([self.changes, change[None]])[-REMEMBERED:]
+            self.starts = self.starts[:0]
+        if len(self.ends) > 1:
+            apart = np.diff(self.ends, axis=0)
+            changes = np.diff(self.changes, axis=0) / scales
             sizes = np.linalg.norm(changes, axis=1)
             directions = changes.T / sizes
             shares = np.linalg.lstsq(directions, change / scales, rcond=NOISE)[0] / sizes
@@ -331,37 +385,4 @@ class Cycles:
                 self._run.state = replace(state, **moved)
                 if heat is not None:
                     heat.shift(x[n:])
-        self._gaps = self._films()
-
-    def stored_state(self) -> dict[str, Any]:
-        """Where the search is, for `load_state`."""
-        heated = 0 if self._heat is None else self._heat.count
-        return {
-            "number": self.number,
-            "defect": self.defect,
-            "gaps": self._gaps,
-            "ends": np.reshape(self._ends, (-1, 2, self._run.state.x.shape[1] + heated)),
-            "changes": np.reshape(self._changes, (-1, len(self._gaps) + heated)),
-            **({} if self._heat is None else {"heat": self._heat.stored_state()}),
-            "contents": self._contents,
-            "began": self.began.points(),
-            "halfway": self.halfway.points(),
-            "most": self._most,
-            "former": self._former,
-            "starts": self._starts,
-            **{name: getattr(self, name) for name in COMPARED},
-        }
-
-    def load_state(self, stored: Mapping[str, Any]) -> None:
-        """Go on where another search of the same mechanism was."""
-        self.number, self.defect = int(stored["number"]), float(stored["defect"])
-        self._gaps = np.array(stored["gaps"])
-        self._contents = np.array(stored["contents"])
-        self.began = IntegratorState(**stored["began"])
-        self.halfway, self._most = IntegratorState(**stored["halfway"]), int(stored["most"])
-        self._former, self._starts = np.array(stored["former"]), np.array(stored["starts"])
-        for name in COMPARED:
-            setattr(self, name, float(stored[name]))
-        self._ends, self._changes = list(stored["ends"]), list(stored["changes"])
-        if self._heat is not None:
-            self._heat.load_state(stored["heat"])
+        self.gaps = self._films()

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.errors import ContactError, FilmTooThinError, InputError, SettingsError
-from fenics_ehd.base.sealed_file import named, require_like
+from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
-from fenics_ehd.multibody.assembly import assemble, check_inertia
-from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance, follow
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
+from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance
+from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System, assemble, check_inertia
+from fenics_ehd.multibody.newton import CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.step_solver import CoupledSteps
-from fenics_ehd.multibody.system import FilmPlace, System
 
 #: Damping ratio above which the formula of order 3 damps a mode at every step: it is A(82)-stable.
 DAMPED = float(np.cos(np.radians(82.0)))
@@ -26,7 +21,7 @@ DAMPED = float(np.cos(np.radians(82.0)))
 
 @dataclass(frozen=True)
 class Steps:
-    """How to step.
+    """Options of the integrator.
 
     Attributes
     ----------
@@ -78,52 +73,55 @@ class Run:
     def __init__(self, mechanism: Mechanism, steps: Steps, span: float):
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
-        self._system = system = System(mechanism)
-        self.solve = CoupledSteps(system)
-        self.equations = self.solve.equations
-        self.norm = StepNorm(self.equations)
+        self._take(mechanism)
         # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
         # theirs: a full interface without damping was 71 % off (`docs/extremes.md`). Past a node of
         # conserved oil that has just filled it overshoots (`docs/real-films.md`), and oil that
         # pressure makes denser is a spring without damping.
-        damped = system.least_damping >= DAMPED and not self.equations.voids
+        damped = self._system.least_damping >= DAMPED and not self.equations.oils
         order = steps.order if damped else min(steps.order, 2)
         self.control = StepControl(
             steps.tolerance, steps.first, steps.smallest, steps.largest * span, order
         )
+        self._begin()
+
+    def _take(self, mechanism: Mechanism) -> None:
+        self._system = System(mechanism)
+        for place in self._system.films:
+            _check_density(place)
+        self.solve = CoupledSteps(self._system)
+        self.equations = self.solve.equations
+        self.norm = StepNorm(self.equations)
+
+    def _begin(self) -> None:
+        """Take the state before the first step."""
         start = initial_state(self.equations)
-        check_inertia(system, start[0][: system.n])
+        check_inertia(self._system, start[0][: self._system.n])
         self.state: IntegratorState[SolverState] = IntegratorState.begin(
             self.norm, 0.0, *start, self.control
         )
-        for place, gap in zip(
-            system.films, self.norm.film_gaps(self.state.observed[0]), strict=True
-        ):
+        gaps = self.norm.film_gaps(self.state.observed[0])
+        for place, gap in zip(self._system.films, gaps, strict=True):
             if place.film.shape is not None:
                 _check_start(place, float(gap.min()))
 
-    def stored_state(self) -> dict[str, Any]:
-        """The state as nested dictionaries of arrays and numbers, for `load_state`."""
-        state, solver = self.state, self.state.solver
-        return {"integrator": state.points(), "solver": {} if solver is None else vars(solver)}
-
-    def load_state(self, stored: Mapping[str, Any]) -> None:
-        """Go on where another run of the same mechanism was.
+    def with_mechanism(self, mechanism: Mechanism) -> Run:
+        """A run of another mechanism at its start, with this one's formula and temperatures.
 
         Raises
         ------
-        InputError
-            It is not the state of such a run.
+        SettingsError
+            As of `Run`.
         """
-        with named(InputError, "the checkpoint's state"):
-            require_like(stored, self.stored_state())
-            solver = None
-            if stored["solver"]:
-                require_like(stored["solver"], self.solve.pattern(), "solver/")
-                solver = SolverState(**stored["solver"])
-            state = IntegratorState(**stored["integrator"], solver=solver)
-            _require_sound(state)
-        self.state = state
+        found = object.__new__(Run)
+        found.control = self.control
+        found._take(mechanism)
+        for place, own in zip(found._system.films, self._system.films, strict=True):
+            temperature = own.film.film.equation.lubricant.temperature
+            if place.joint.heat is not None and temperature is not None:
+                place.film.film.warm(temperature)
+        found._begin()
+        return found
 
     def until(self, end: float) -> Iterator[MechanismStep]:
         """Accepted steps up to a time [s].
@@ -146,19 +144,6 @@ class Run:
             for place, gap in zip(self._system.films, gaps, strict=True):
                 _check_film(place, float(gap.min()), step.time)
 
-    def along(
-        self,
-        state: IntegratorState[SolverState],
-        times: Sequence[tuple[float, bool]],
-        tolerance: float,
-        between: Callable[[], None],
-    ) -> IntegratorState[SolverState]:
-        """Through given steps from a state, see `follow`; the run stays where it is."""
-        for time, corner in times:
-            between()
-            state = follow(self.norm, state, time, corner, self.control, self.solve, tolerance)[1]
-        return state
-
 
 def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
     """State and its rate before the first step of a mechanism, assembled from its rough pose.
@@ -173,22 +158,13 @@ def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([z, resting]), np.concatenate([rates, np.zeros(len(resting))])
 
 
-def _require_sound(state: IntegratorState[SolverState]) -> None:
-    """Past points of one length, finite, newest first, and a step."""
-    for name, past in (("integrator", state), ("solver", state.solver)):
-        if past is None:
-            continue
-        for key, values in vars(past).items():
-            if key != "solver" and not np.isfinite(values).all():
-                raise ValueError(f"{name}/{key} holds a value that is not finite")
-            if np.ndim(values) and len(values) != len(past.times):
-                raise ValueError(
-                    f"{name}/{key} has {len(values)} rows, times has {len(past.times)}"
-                )
-        if not ((np.diff(past.times) < 0).all() and past.times[0] == state.time):
-            raise ValueError(f"{name}/times must descend from {state.time:.9g} s")
-    if not state.step > 0:
-        raise ValueError(f"integrator/step = {state.step} s must be positive")
+def _check_density(place: FilmPlace) -> None:
+    # Storage of the first steps is a mass matrix: active sets follow each other for ever.
+    if place.joint.oil is None and not place.film.film.parameters.lubricant.density_law.constant:
+        raise SettingsError(
+            f"joints.{place.name}: the oil is denser under pressure: density_law = "
+            "'dowson-higginson' needs cavitation = 'mass-conserving'"
+        )
 
 
 def _check_start(place: FilmPlace, thickness: float) -> None:

@@ -1,9 +1,30 @@
 """All equations of one implicit step of a mechanism and its films.
 
-Unknowns are the dimensionless pressures at the free nodes of every film, where oil is conserved
-(`conserved_oil`) void fractions too, then ``(z, l, m)``: coordinates and multipliers on position
-and velocity level (`system`). Equations are the films', over their sources, then motion,
-constraints, and constraints on velocities.
+Given changes of the films' gaps over time: errors whose consequences are asked for.
+
+Shear of the oil in a journal as forces on the coordinates and a torque on the shaft.
+
+The velocities v_2 of the bore and v_1 of the shaft along the circumference are linear in the
+rates xi' and in the speed Omega of the shaft relative to the bore, as the film takes them
+(`Journal`). The tractions tau_2 and tau_1 of `fenics_ehd.film.forces` do the work on them,
+
+    Q . xi' + T Omega = int tau_2 v_2 + tau_1 v_1 dA,
+
+so that shear and pressure together take from the mechanism what the oil dissipates, to round-off:
+with ``U = v_1 - v_2``
+
+    int p dh/dt dA + Q . xi' + T Omega = -int h^3 / (12 eta) |grad p|^2 + theta eta U^2 / h dA.
+
+Being a function of relative motion alone, action is reaction: -T turns the rod. T is the shaft's
+friction torque of `fenics_ehd.film.forces` up to c / R. The resultant on the rod is
+``-int tau_1 t dA``, where ``int tau_2 t dA`` belongs to a gap that keeps the terms with e_t: the
+difference is c / R of the pressure's, as these terms are.
+
+Powers, friction and flows of one joint's film at an accepted step.
+
+Unknowns u are those of every film, one film after the other (`film_models`), then ``(z, l, m)``:
+coordinates and multipliers on position and velocity level (`mechanism`). Equations are the films',
+then motion, constraints, and constraints on velocities.
 
 The derivative of the oil's shear, where it acts, is left out: it is c / R of the pressure's, so
 that every iteration still shrinks the error by about 1e-3.
@@ -11,35 +32,179 @@ that every iteration still shrinks the error by about 1e-3.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from types import MappingProxyType
+from functools import cached_property
+from typing import cast
 
 import numpy as np
-from scipy import sparse
 
-from fenics_ehd.film import Film, FilmState
-from fenics_ehd.film.cavitation import CavitationResult
-from fenics_ehd.film.film import check_gap
-from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.multibody.border import FilmBorder
-from fenics_ehd.multibody.bore_responses import BoreResponses
-from fenics_ehd.multibody.conserved_oil import ConservedOil, conserved_oils
-from fenics_ehd.multibody.contact_columns import ContactColumns
-from fenics_ehd.multibody.contacts import Contacts
-from fenics_ehd.multibody.disturbance import GapChanges, disturb
-from fenics_ehd.multibody.film_block import FilmMatrix
-from fenics_ehd.multibody.film_columns import FilmColumns, FilmPoint
-from fenics_ehd.multibody.film_integrals import FilmIntegrals
-from fenics_ehd.multibody.friction import film_friction
-from fenics_ehd.multibody.implicit_step import ImplicitStep
-from fenics_ehd.multibody.motion import Instant, Motion
-from fenics_ehd.multibody.system import FilmPlace, System, consecutive
-from fenics_ehd.multibody.turning import turned_border, twist
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.film.film import FilmState, check_gap
+from fenics_ehd.film.flow import FilmFlows
+from fenics_ehd.film.forces import beside_drag, film_fields, sheared_heights
+from fenics_ehd.film.rough_surfaces import Touch
+from fenics_ehd.multibody.bdf import ImplicitStep
+from fenics_ehd.multibody.border import FilmBlock
+from fenics_ehd.multibody.contact import ContactColumns, Contacts, JointContact
+from fenics_ehd.multibody.film_models import ConservedOil, FilmPoint, OilPoint, film_models
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.mechanism import FilmPlace, Instant, Motion, System, consecutive
+from fenics_ehd.multibody.static_correction import BoreResponses
 
-#: Rows over columns below which a product with all columns is cheaper than to pick them first.
-FEW = 0.25
+#: Of every film: change of the gap at the Gauss points and its rate [m], [m/s], or None.
+GapChanges = Sequence[tuple[np.ndarray, np.ndarray] | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """Along a course.
+
+    Attributes
+    ----------
+    times
+        shape (k,) [s].
+    observed
+        Of every film where its gap is observed, Gauss points first, shape (k, w) [m], or None.
+    points
+        Gauss points of every film.
+
+    Raises
+    ------
+    SettingsError
+        Of a single time, of which no rate is known.
+    """
+
+    times: np.ndarray
+    observed: Sequence[np.ndarray | None]
+    points: Sequence[int]
+
+    def __post_init__(self) -> None:
+        if len(self.times) < 2:
+            raise SettingsError("a run of one step is too short to tell: raise time.end")
+        inside = [
+            None if change is None else change[:, :count]
+            for change, count in zip(self.observed, self.points, strict=True)
+        ]
+        rates = [
+            None if change is None else np.gradient(change, self.times, axis=0) for change in inside
+        ]
+        object.__setattr__(self, "_inside", inside)
+        object.__setattr__(self, "_rates", rates)
+
+    def at(self, row: int) -> GapChanges:
+        """Changes at one of the times."""
+        pairs = zip(self._inside, self._rates, strict=True)  # type: ignore[attr-defined]
+        return [None if gap is None else (gap[row], rate[row]) for gap, rate in pairs]
+
+    def observed_at(self, row: int) -> list[np.ndarray | float]:
+        """Changes where gaps are observed."""
+        return [0.0 if change is None else change[row] for change in self.observed]
+
+
+@dataclass(frozen=True, eq=False)
+class FilmFriction:
+    """Friction of a film: what the oil's shear does to its two bodies.
+
+    Attributes
+    ----------
+    on_xi
+        Generalised forces on the coordinates, shape (n,).
+    torque
+        On the shaft about its axis [N m], negative when it brakes a shaft that turns in the
+        positive sense; its opposite turns the rod.
+    sheared
+        ``int theta eta U^2 / h dA`` [W]; of rough surfaces all that is lost beside the pressure
+        flow.
+    filled
+        Share theta of the width that is sheared, at the Gauss points.
+    """
+
+    on_xi: np.ndarray
+    torque: float
+    sheared: float
+    filled: np.ndarray
+
+
+def film_friction(
+    journal: JointFilm, state: FilmState, filled: np.ndarray | None = None
+) -> FilmFriction:
+    """Friction of a film whose gap is that of the journal; None: filled as the state says."""
+    film, gap = journal.film, state.gap
+    p = film.parameters
+    fields = film_fields(film, state, journal.shear_rule)
+    area = p.grid.radius**2 * film.assembly.area
+    filled = fields.filled if filled is None else filled
+    thin, deep = sheared_heights(film, gap)
+    couette = area * filled * fields.viscosity * gap.sliding_velocity / thin
+    driven = area * deep * fields.slope_around
+    sheared = np.sum(couette * gap.sliding_velocity)
+    if p.surfaces is not None:
+        sheared += np.sum(area * beside_drag(film, gap, fields))
+    # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding.
+    on_xi = -driven.ravel() @ journal.mean_velocity - couette.ravel() @ journal.sliding_velocity
+    shaft_radius = p.grid.radius - p.clearance
+    return FilmFriction(
+        on_xi,
+        float(-shaft_radius * (couette.sum() + 0.5 * driven.sum())),
+        float(sheared),
+        filled,
+    )
+
+
+class FilmIntegrals:
+    """Integrals over a film, each evaluated once, when it is first asked for.
+
+    Columns of the history, heat and energy balance read them: what no model of the joint asks for
+    is not computed.
+
+    Parameters
+    ----------
+    joint, state
+        The film and its solution.
+    contact
+        In the joint, None between smooth surfaces.
+
+    Attributes
+    ----------
+    flows
+        Of its oil.
+    """
+
+    def __init__(self, joint: JointFilm, state: FilmState, contact: JointContact | None = None):
+        self._joint, self.state, self.contact = joint, state, contact
+        self.flows = FilmFlows(joint.film, state)
+
+    @cached_property
+    def powers(self) -> tuple[float, float]:
+        """Power lost to pressure flow and power of the surfaces' drag [W], see `Film.powers`."""
+        return self._joint.film.powers(self.state)
+
+    @cached_property
+    def friction(self) -> FilmFriction:
+        """Friction of the oil's shear."""
+        return film_friction(self._joint, self.state)
+
+    @cached_property
+    def touch(self) -> Touch:
+        """Contact of rough surfaces."""
+        assert self.contact is not None
+        return self.contact.touch(self.state.gap.thickness)
+
+    @cached_property
+    def rubbed(self) -> float:
+        """Power lost by boundary friction, whether it acts on the bodies or not [W]."""
+        if self.contact is None:
+            return 0.0
+        return self.contact.rubbing_power(self.touch, self.state.gap)
+
+    @property
+    def dissipated(self) -> float:
+        """Power that becomes heat [W], whether friction acts on the bodies or not.
+
+        Pressure-driven flow, shear of the oil in full film and cavities, asperities that rub.
+        """
+        return self.powers[0] + self.friction.sheared + self.rubbed
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +213,8 @@ class Point:
 
     Attributes
     ----------
-    z, rates, accelerations
-        Coordinates, v and v', shape (n,).
-    multipliers, drift
-        l and m, shape (m,) each.
+    drift
+        Multipliers m on velocity level, shape (m,).
     films
         Every film.
     motion
@@ -60,22 +223,22 @@ class Point:
         Residual of all equations but the films', shape (n + 2 m,).
     """
 
-    z: np.ndarray
-    rates: np.ndarray
-    accelerations: np.ndarray
-    multipliers: np.ndarray
     drift: np.ndarray
     films: list[FilmPoint]
     motion: Motion
     rest: np.ndarray
 
+    @property
+    def residual(self) -> np.ndarray:
+        """Residual of all equations."""
+        return np.concatenate([*(film.defect for film in self.films), self.rest])
+
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivatives at a point: matrix and border of every film, and the core."""
+    """Derivatives at a point: those of every film, and the core."""
 
-    matrices: list[FilmMatrix]
-    borders: list[FilmBorder]
+    films: list[FilmBlock]
     core: np.ndarray
 
 
@@ -86,62 +249,49 @@ class StepEquations:
     ----------
     system
         The mechanism.
-    dense_limit
-        Free nodes of a film up to which its matrix is dense, its bore's answer in it where no
-        other film is on the same body; else the derivatives have the leading residual patterns.
 
     Attributes
     ----------
-    oils, voids
-        Of every film, None where Reynolds' condition holds; numbers of the others.
-    sizes
-        Nodes of every film with an unknown.
-    dense
-        Whether its matrix is.
+    films
+        Models of all films.
+    oils
+        Those that conserve their oil, by number.
+    places, rest
+        Places in u of every film's unknowns, and of ``(z, l, m)``.
+    lower
+        Lower bounds of u.
     responses
         Residual patterns of the bodies with films that have any.
     contacts
-        Of joints with rough surfaces, None where all are smooth.
+        Of the joints with rough surfaces.
     filled
         Sheared share of films with friction that is kept for this step, by the joint's name.
     disturbance
         Given changes of the gaps, None in a run.
     """
 
-    def __init__(self, system: System, *, dense_limit: int):
+    def __init__(self, system: System):
         self.system = system
-        free = [len(place.film.film.free) for place in system.films]
-        self.dense = [
-            n <= dense_limit and place.joint.oil is None
-            for n, place in zip(free, system.films, strict=True)
-        ]
-        self.responses = BoreResponses(system, self.dense)
-        self.oils = conserved_oils(system.films, system.n + self.responses.size)
-        self.sizes = [
-            n if oil is None else len(oil.nodes) for n, oil in zip(free, self.oils, strict=True)
-        ]
-        self.voids = [i for i, oil in enumerate(self.oils) if oil is not None]
-        self.contacts = Contacts.of(system, self.responses)
+        self.responses = BoreResponses(system)
+        self.films = film_models(system.films, system.n + self.responses.size)
+        self.oils = {i: film for i, film in enumerate(self.films) if isinstance(film, ConservedOil)}
+        lower = [*(film.lower for film in self.films), np.full(system.n + 2 * system.m, -np.inf)]
+        *self.places, self.rest = consecutive(0, [len(own) for own in lower])
+        self.lower = np.concatenate(lower)
+        self.contacts = Contacts(system, self.responses)
         self.disturbance: GapChanges | None = None
-        self.lead(0)
 
     def lead(self, count: int) -> None:
         """Take so many residual patterns of every body into the derivatives, where any are."""
-        films, responses = self.system.films, self.responses
-        self._columns = [
-            FilmColumns.of(place, None, oil) for place, oil in zip(films, self.oils, strict=True)
-        ]
-        for flexibility, matrix in zip(responses.flexibilities, responses.matrices, strict=True):
-            if matrix is None:
-                leading = flexibility.leading(min(count, flexibility.size))
-                for i, patterns in zip(flexibility.films, leading, strict=True):
-                    self._columns[i] = FilmColumns.of(films[i], patterns, self.oils[i])
+        for flexibility in self.responses.flexibilities:
+            leading = flexibility.leading(min(count, flexibility.size))
+            for i, patterns in zip(flexibility.films, leading, strict=True):
+                self.films[i].lead(*patterns)
 
     @property
     def most_patterns(self) -> int:
         """Residual patterns of the body that has most of them in the derivatives."""
-        pairs = zip(self.responses.flexibilities, self.responses.matrices, strict=True)
-        return max((f.size for f, matrix in pairs if matrix is None), default=0)
+        return max((f.size for f in self.responses.flexibilities), default=0)
 
     @property
     def rest_size(self) -> int:
@@ -150,56 +300,38 @@ class StepEquations:
 
     def resting(self, z: np.ndarray) -> np.ndarray:
         """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
-        volumes = [self.oil(i).volumes_at(z) for i in self.voids]
+        volumes = [oil.volumes_at(z) for oil in self.oils.values()]
         return np.concatenate([np.zeros(self.responses.size), *volumes])
+
+    def unknowns_at(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
+        """Unknowns u of a state of given gaps, where observed, without pressures and forces."""
+        u = np.zeros(len(self.lower))
+        for i, oil in self.oils.items():
+            u[self.places[i]][len(oil.nodes) :] = oil.void_shares(state, gaps[i])[oil.nodes]
+        return u
 
     def begin(self, step: ImplicitStep) -> None:
         """Take the equations of another step."""
         n = self.system.n
         self._step = replace(step, past_x=step.past_x[:n], past_rate=step.past_rate[:n])
-        self.scales: list[float] = []
         self._holding = False
         self.filled: dict[str, np.ndarray] = {}
         self.responses.begin(step)
-        if self.contacts is not None:
-            self.contacts.begin()
-        for i in self.voids:
-            oil, xi = self.oil(i), self.system.films[i].xi
-            # What is constant in the gap is part of its past, too.
-            constant = (1.0 + step.shift) * oil.affine_gap(np.zeros(len(xi)))
-            past = oil.affine_gap(step.past_x[xi], self.responses.past_gap(i)) - constant
-            oil.begin(step, past)
+        self.contacts.begin()
+        for i, film in enumerate(self.films):
+            film.begin(step, self.responses, i)
 
     def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> list[float]:
-        """Oil of the films of `voids` in a state of given gaps, where observed [m^3]."""
-        return [self.oil(i).content(state, gaps[i]) for i in self.voids]
+        """Oil of the films of `oils` in a state of given gaps, where observed [m^3]."""
+        return [oil.content(state, gaps[i]) for i, oil in self.oils.items()]
 
     def keep_within(self, states: np.ndarray, gaps: list[np.ndarray]) -> None:
         """Bring void volumes of the first of some states back into its gaps, the others along."""
-        for i in self.voids:
-            change = self.oil(i).within_gap(states[0], gaps[i])
-            states[:, self.oil(i).volumes] += change
+        for i, oil in self.oils.items():
+            states[:, oil.volumes] += oil.within_gap(states[0], gaps[i])
 
-    def oil(self, i: int) -> ConservedOil:
-        """Of one of `voids`."""
-        oil = self.oils[i]
-        assert oil is not None
-        return oil
-
-    def pressures(self, values: list[np.ndarray]) -> list[np.ndarray]:
-        """Pressures at the free nodes of every film from those at all nodes with an unknown."""
-        if not self.voids:
-            return values
-        pairs = zip(values, self.oils, strict=True)
-        return [own if oil is None else own[oil.inside] for own, oil in pairs]
-
-    def evaluate(
-        self,
-        pressures: list[np.ndarray],
-        rest: np.ndarray,
-        voids: Mapping[int, np.ndarray] = MappingProxyType({}),
-    ) -> Point:
-        """All equations at one point: dimensionless pressures, ``(z, l, m)``, and void fractions.
+    def evaluate(self, u: np.ndarray) -> Point:
+        """All equations at unknowns u.
 
         Raises
         ------
@@ -208,6 +340,7 @@ class StepEquations:
         """
         system, step = self.system, self._step
         n, m = system.n, system.m
+        rest = u[self.rest]
         z, multipliers, drift = rest[:n], rest[n : n + m], rest[n + m :]
         instant = Instant(system, step.time, z)
         rates = step.shift * z + step.past_x - system.weights * (drift @ instant.jacobian)
@@ -218,59 +351,40 @@ class StepEquations:
             place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates), place.ahead(z))
             for place in system.films
         ]
-        self.responses.add(self.pressures(pressures), gaps)
-        if self.disturbance is not None:
-            disturb(gaps, self.disturbance)
+        values = [u[own] for own in self.places]
+        self.responses.add(
+            [film.pressure(own) for film, own in zip(self.films, values, strict=True)], gaps
+        )
+        for i, change in enumerate(self.disturbance or ()):
+            if change is not None:
+                gaps[i] = gaps[i].changed(*change)
         for i, place in enumerate(system.films):
             if place.film.film.parameters.feeds:
                 gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)
-        touches = None if self.contacts is None else self.contacts.touch(gaps)
+        touches = self.contacts.touch(gaps)
         films = []
         for i, place in enumerate(system.films):
-            point = self._film(i, place, pressures[i], gaps[i], voids.get(i))
+            check_gap(gaps[i], place.film.film.parameters.surfaces)
+            point = replace(self.films[i].evaluate(gaps[i], values[i]), touch=touches[i])
             if place.film.shape is not None:
                 turned = place.film.shape.turned(place.ahead(z), place.ahead(rates))
                 point = replace(point, turned=turned)
-            if touches is not None and self.contacts is not None:
-                point = replace(point, touch=touches[i])
-                self.contacts.take(i, point, residual)
+            self.contacts.take(i, point, residual)
             films.append(point)
-            self._load(place, point, residual)
+            self._load(i, point, residual)
         parts = [residual, instant.defect, instant.rate_defect(rates)]
-        return Point(
-            z, rates, accelerations, multipliers, drift, films, motion, np.concatenate(parts)
-        )
+        return Point(drift, films, motion, np.concatenate(parts))
 
-    def _film(
-        self, i: int, place: FilmPlace, pressure: np.ndarray, gap: Gap, void: np.ndarray | None
-    ) -> FilmPoint:
-        film = place.film.film
-        check_gap(gap, film.parameters.surfaces)
-        if void is not None:
-            oil = self.oil(i)
-            balanced, defect, oil_point = oil.evaluate(gap, pressure, void)
-            if len(self.scales) <= i:
-                self.scales.append(1.0)
-            return FilmPoint(oil.balance.nodal(pressure), gap, balanced, defect, oil=oil_point)
-        problem = film.equation.problem(gap)
-        if len(self.scales) <= i:
-            self.scales.append(problem.scale)
-        nodal = film.equation.nodal(pressure)
-        return FilmPoint(
-            nodal, gap, problem, film.cavitation.defect(problem, pressure) / self.scales[i]
-        )
-
-    def hold_filled(self, filled: Mapping[str, np.ndarray] = MappingProxyType({})) -> None:
+    def hold_filled(self) -> None:
         """Keep the sheared share of every film as the next evaluation has it, for this step.
 
-        It jumps where a point cavitates: active set and share may chase each other for ever. Some
-        may be given, by the joint's name.
+        It jumps where a point cavitates: active set and share may chase each other for ever.
         """
         self._holding = True
-        self.filled |= filled
 
-    def _load(self, place: FilmPlace, point: FilmPoint, residual: np.ndarray) -> None:
-        """Take the film's forces from the residual of motion."""
+    def _load(self, i: int, point: FilmPoint, residual: np.ndarray) -> None:
+        """Take a film's forces from the residual of motion."""
+        place = self.system.films[i]
         film = place.film
         pressure = film.film.parameters.pressure_scale * point.nodal
         residual[place.xi] -= film.load @ pressure
@@ -278,44 +392,32 @@ class StepEquations:
             _twist(place, float(point.turned.torque @ pressure), residual)
         if not film.friction:
             return
-        friction = film_friction(film, self.film_state(place, point), self.filled.get(place.name))
+        friction = film_friction(film, self.films[i].state(point), self.filled.get(place.name))
         if self._holding:
             self.filled[place.name] = friction.filled
         residual[place.xi] -= friction.on_xi
         _twist(place, friction.torque, residual)
 
-    @staticmethod
-    def film_state(place: FilmPlace, point: FilmPoint) -> FilmState:
-        """The film's state as it is known at a point."""
-        film = place.film.film
-        free = point.nodal[film.free]
-        result = CavitationResult(free, point.defect, np.flatnonzero(free > 0.0), 0)
-        pressure = film.parameters.pressure_scale * point.nodal
-        fraction = None if point.oil is None else 1.0 - point.oil.nodal_void
-        return FilmState(pressure, point.gap, result, point.problem, fraction)
-
     def integrals(self, states: Sequence[FilmState]) -> list[FilmIntegrals]:
-        """Of every film in a state."""
-        places = self.system.films
-        contacts = [None] * len(places) if self.contacts is None else self.contacts.joints
-        each = zip(places, states, contacts, strict=True)
+        """Integrals of every film in a state."""
+        each = zip(self.system.films, states, self.contacts.joints, strict=True)
         return [FilmIntegrals(place.film, state, contact) for place, state, contact in each]
 
-    def linearise(self, point: Point) -> Derivative:
-        """Derivatives at a point."""
+    def linearise(self, point: Point, former: Derivative | None = None) -> Derivative:
+        """Derivatives at a point; but for the films' own matrices those of a `former` one."""
+        if former is not None:
+            each = zip(self.films, former.films, point.films, strict=True)
+            films = [film.with_matrix(block, own) for film, block, own in each]
+            return Derivative(films, former.core)
         system, shift = self.system, self._step.shift
         n, m, weights = system.n, system.m, system.weights[:, None]
         jacobian, parts = point.motion.instant.jacobian, point.motion.derivatives()
-        size = self.rest_size
-        responses = self.responses
-        patterns = consecutive(
-            size, [self._columns[f.films[0]].leading for f in responses.flexibilities]
-        )
-        last, contact = patterns[-1].stop if patterns else size, None
-        if self.contacts is not None:
-            contact = ContactColumns(self.contacts, responses, system.films, point.films, last)
-            last = contact.size
-        core = np.zeros((last,) * 2)
+        size, responses = self.rest_size, self.responses
+        leading = [self.films[f.films[0]].leading for f in responses.flexibilities]
+        patterns = consecutive(size, [own.stop - own.start for own in leading])
+        last = patterns[-1].stop if patterns else size
+        contact = ContactColumns(self.contacts, responses, point.films, last)
+        core = np.zeros((contact.size,) * 2)
         # v = shift z + past - W G^T m.
         speed = np.zeros((n, size))
         speed[:, :n] = shift * np.eye(n) - weights * point.motion.instant.bend(point.drift)
@@ -327,38 +429,21 @@ class StepEquations:
         core[n + m : size, :size] = jacobian @ speed
         core[n + m : size, :n] += point.motion.carry()
         core[size:, size:] = np.eye(len(core) - size)
-        if contact is not None:
-            contact.enter(core, speed)
-        matrices, borders = [], []
-        for i, place in enumerate(system.films):
-            film, own, scale = place.film.film, point.films[i], self.scales[i]
+        contact.enter(core, speed)
+        films = []
+        for i, film in enumerate(self.films):
             body = responses.of_film(i)
-            share = 0.0 if body is None else responses.share(body)
+            share = 0.0 if body is None else responses.flexibilities[body].share
             places = slice(size, size) if body is None else patterns[body]
-            border = self._columns[i].border(own, scale, shift, speed, places, share, len(core))
-            if contact is not None:
-                border = contact.extend(i, border, scale, self._columns[i])
-            answer = None
-            if body is not None and (matrix := responses.matrices[body]) is not None:
-                along_gap = (share * film.parameters.pressure_scale / scale) * border.along_gap
-                answer = partial(_answer_block, film, matrix, along_gap)
-            if own.turned is not None:
-                border = turned_border(self._columns[i], own, own.turned, border, scale, speed)
-                twist(place, own, own.turned, core)
-            if own.oil is None:
-                entries = own.problem.entries(own.nodal[film.free]) / scale
-                pattern, weights_of_film = film.assembly.pattern, own.problem.weights
-            else:
-                entries = own.problem.entries(own.oil.values)
-                pattern, weights_of_film = self.oil(i).balance.pattern, own.oil.transport
-            matrices.append(FilmMatrix(pattern, entries, weights_of_film, answer))
-            borders.append(border)
-        return Derivative(matrices, borders, core)
+            found = film.linearise(point.films[i], shift, speed, places, share, len(core))
+            film.twist(point.films[i], core)
+            films.append(contact.extend(i, found, film))
+        return Derivative(films, core)
 
     def gap_change(
-        self, borders: Sequence[FilmBorder], pressures: list[np.ndarray], x: np.ndarray
+        self, derivatives: Sequence[FilmBlock], pressures: list[np.ndarray], x: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray] | None]:
-        """What changes of pressures at free nodes and of all other unknowns x do to the films.
+        """Changes of gaps and film equations by changes of pressures [Pa] and of all unknowns x.
 
         Returns
         -------
@@ -368,59 +453,34 @@ class StepEquations:
             Of every film's equations, by patterns left out of the derivatives; None: there are
             none.
         """
-        places = self.system.films
-        changes = [place.film.thickness @ x[place.xi] for place in places]
-        for i, border in enumerate(borders):
-            if border.slope is not None:
-                changes[i] = changes[i] + border.slope * places[i].ahead(x)
-        left, any_left = [np.zeros(size) for size in self.sizes], False
+        inputs = [own.spread @ x for own in derivatives]
+        changes = [own.gap @ given for own, given in zip(derivatives, inputs, strict=True)]
+        left, any_left = [np.zeros(len(film.nodes)) for film in self.films], False
         for body, flexibility in enumerate(self.responses.flexibilities):
             moved = flexibility.each(self.responses.moved(body, pressures))
             for i, own in zip(flexibility.films, moved, strict=True):
-                columns, border, film = self._columns[i], borders[i], places[i].film
-                changes[i] = changes[i] + own
-                if columns.shares is not None and columns.leading < flexibility.size:
-                    leading = columns.gap[:, film.size + 1 :] @ x[border.patterns]
-                    along = border.along_gap @ (own - leading)
-                    left[i], any_left = along[columns.nodes] / self.scales[i], True
-        for i, border in enumerate(borders):
-            if border.contact is not None:
-                pressing, moved_by = border.contact
-                changes[i] = changes[i] + moved_by @ x[pressing]
+                film, derivative, leading = self.films[i], derivatives[i], self.films[i].leading
+                missing = own - derivative.gap[:, leading] @ inputs[i][leading]
+                changes[i] = changes[i] + missing
+                if leading.stop - leading.start < flexibility.size:
+                    along = derivative.along_gap @ missing
+                    left[i], any_left = along[film.nodes] / film.scale, True
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """``(z, y)``, void volumes, and their rates at a point."""
         pressures = [
-            place.film.film.parameters.pressure_scale * film.nodal
-            for place, film in zip(self.system.films, point.films, strict=True)
+            film.film.parameters.pressure_scale * own.nodal
+            for film, own in zip(self.films, point.films, strict=True)
         ]
-        values, rates = self.responses.state(pressures)
-        if self.contacts is not None:
-            self.contacts.add_amplitudes(point.films, values, rates)
-        for i in self.voids:
-            oil_point = point.films[i].oil
-            assert oil_point is not None
-            volumes, change = self.oil(i).volume_rates(oil_point, point.z)
+        z, (values, rates) = point.motion.instant.z, self.responses.state(pressures)
+        self.contacts.add_amplitudes(point.films, values, rates)
+        for i, oil in self.oils.items():
+            volumes, change = oil.volume_rates(cast(OilPoint, point.films[i]), z)
             values, rates = [*values, volumes], [*rates, change]
-        return np.concatenate([point.z, *values]), np.concatenate([point.rates, *rates])
+        return np.concatenate([z, *values]), np.concatenate([point.motion.rates, *rates])
 
 
 def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:
     """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
-    for angle, sign in place.turning:
-        residual[angle] -= sign * torque
-
-
-def _answer_block(
-    film: Film,
-    matrix: np.ndarray,
-    along_gap: sparse.csc_matrix,
-    rows: np.ndarray,
-    columns: np.ndarray,
-) -> np.ndarray:
-    """What pressures at some free nodes do to the equations at others by the bore's answer."""
-    reached = film.assembly.restrict(along_gap, film.free[rows])
-    if len(rows) < FEW * len(columns):
-        return (reached @ matrix)[:, columns]
-    return reached @ np.take(matrix, columns, axis=1)
+    residual[place.turning] -= place.signs * torque

@@ -1,4 +1,4 @@
-"""What the step control observes of a mechanism: the gap of every film, and its coordinates."""
+"""Norm of the step control: errors of the gaps of every film, and of the coordinates."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_ehd.multibody.joint_shape import JointShape
+from fenics_ehd.multibody.lubricated_joint import JointShape
+from fenics_ehd.multibody.mechanism import FilmPlace, consecutive
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.system import FilmPlace, consecutive
 
 
 class StepNorm:
@@ -58,8 +58,7 @@ class StepNorm:
                 row = self._gaps + len(self._measure) + len(angles)
                 self._turning.append((own, row, shape))
                 angles.append(np.zeros((1, size)))
-                for angle, sign in film.turning:
-                    angles[-1][0, angle] += sign
+                angles[-1][0, film.turning] = film.signs
         return angles
 
     def observe(self, x: np.ndarray) -> np.ndarray:
@@ -80,7 +79,7 @@ class StepNorm:
         return found
 
     def lengths(self, gaps: np.ndarray) -> np.ndarray:
-        """What changes of all gaps are compared with: the gaps, if surfaces are smooth."""
+        """Lengths that changes of all gaps are compared with: the gaps, if surfaces are smooth."""
         if not self._rough:
             return gaps
         each = zip(self._joints, self._films, strict=True)

@@ -1,40 +1,222 @@
-"""What a run has shown so far, step by step: rows of its history, its figures, its trust.
+"""A run step by step: its history, figures of its last cycle, trust.
+
+A `Tracker` makes a row of every accepted step and keeps it. Figures are extremes, means and
+energies over columns of these rows; what no row has, past loads of an estimate, say, goes on from
+step to step, and is what a run that goes on needs beside its history.
+
+Last cycle of a search for a periodic solution: its last whole one, see `last_whole_cycle`. Of
+another run: its last full one, the turn of the crank before its end, or the two turns of a load
+over 720 degrees, or the period of loads over time if that is longer; else all of it. Which one it
+was is told.
 
 With one lubricated joint its columns and figures stand alone, with several they bear its name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.columns import joint_prefix
-from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.sealed_file import named, require_like
-from fenics_ehd.film.thickening import steepest_thickening
-from fenics_ehd.multibody.basis_error import bore_body, bore_loads, estimate_at
-from fenics_ehd.multibody.contact_record import ContactRecord
-from fenics_ehd.multibody.crank_angle import CrankAngle
-from fenics_ehd.multibody.cycle_answer import CycleAnswer
-from fenics_ehd.multibody.energy import ENERGY_LIMIT, EnergyBalance, trusted
-from fenics_ehd.multibody.error_shares import above, stated
-from fenics_ehd.multibody.film_integrals import FilmIntegrals
-from fenics_ehd.multibody.integrals import JointIntegrals
-from fenics_ehd.multibody.joint_columns import joint_columns
-from fenics_ehd.multibody.joint_heat import temperatures
-from fenics_ehd.multibody.joint_places import JointPlaces
-from fenics_ehd.multibody.joint_rates import joint_rates
-from fenics_ehd.multibody.oil_account import OilAccount
-from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.powers import step_powers
-from fenics_ehd.multibody.solver_state import MechanismStep
+from fenics_ehd.base.columns import (
+    Quantity,
+    joint_prefix,
+    split_unit,
+    with_unit,
+)
+from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.film.film import steepest_thickening
+from fenics_ehd.multibody.energy import (
+    ENERGY_LIMIT,
+    EnergyBalance,
+    balance_error,
+    integral,
+    step_powers,
+    temperatures,
+)
+from fenics_ehd.multibody.error_shares import (
+    BasisErrorEstimate,
+    above,
+    bore_body,
+    bore_loads,
+    estimate_at,
+    stated,
+)
+from fenics_ehd.multibody.forces import RotatingForce
+from fenics_ehd.multibody.history import (
+    FIELD_UNITS,
+    History,
+    column_name,
+    fixed,
+    is_column,
+    last_whole_cycle,
+)
+from fenics_ehd.multibody.mechanism import FilmPlace, System
+from fenics_ehd.multibody.newton import MechanismStep, unresolved
+from fenics_ehd.multibody.periodic import WHOLE, Cycles, crank
+from fenics_ehd.multibody.quantities import (
+    CONTENT,
+    ContactRecord,
+    JointPlaces,
+    JointStep,
+    averaged,
+    joint_row,
+    oil_balance,
+)
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.system import FilmPlace
-from fenics_ehd.multibody.thickening import unresolved
+from fenics_ehd.multibody.tabulated import Curve
+
+#: Share of a cycle that may be missing at its start, whose first step has a length.
+MISSING = 1e-4
+
+Columns = Mapping[str, np.ndarray]
+
+#: A step: numbers by path with unit, ``joints/big_end/force_x_N``, arrays by path.
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """An extreme of a column over the cycle, by `name`, and other columns at that step."""
+
+    name: str
+    column: str
+    sign: int
+    before: str
+    places: tuple[str, ...]
+
+
+EXTREMES = (
+    Extreme(
+        "max_pressure",
+        "max_pressure_Pa",
+        +1,
+        "",
+        ("max_pressure_angle_deg", "max_pressure_height_m"),
+    ),
+    Extreme(
+        "min_film", "min_film_thickness_m", -1, "", ("min_film_angle_deg", "min_film_height_m")
+    ),
+    Extreme("max_force", "force_N", +1, "max_", ("force_angle_deg",)),
+    Extreme("max_eccentricity", "eccentricity_ratio", +1, "max_", ()),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class UsedCycle:
+    """Part of a run that its places, extremes and means are of.
+
+    Attributes
+    ----------
+    columns
+        Of the run's history, of a search those of its last cycle at least.
+    start, end
+        [s].
+    told
+        Which one, in words.
+    rows
+        Steps after its start, and up to its end.
+    """
+
+    columns: Columns
+    start: float
+    end: float
+    told: str
+    rows: slice
+
+    @classmethod
+    def of(cls, system: System, columns: Columns) -> UsedCycle:
+        """Of a run, or of a search so far."""
+        return cls(columns, *(_searched(columns) if "cycle" in columns else _last(system, columns)))
+
+    @property
+    def under_way(self) -> bool:
+        """Whether it is the cycle under way of a search, or all of another run."""
+        return self.rows.stop is None if "cycle" in self.columns else not self.start
+
+    def figures(self) -> dict[str, object]:
+        """Entries of the summary on the cycle itself."""
+        return {"cycle_used": self.told, "cycle_start_s": self.start, "cycle_end_s": self.end}
+
+    def joint(self, prefix: str, rates: Iterable[str]) -> dict[str, float]:
+        """Entries on a joint, whose columns begin with a prefix, with means of some of its rates.
+
+        Those of the cycle under way, or of the run, are told without a cycle.
+        """
+        found: dict[str, float] = {}
+        for extreme in EXTREMES:
+            found |= self._extreme(prefix, extreme)
+        names = ["force_N", *(() if self.under_way else rates)]
+        return found | {f"cycle_mean_{name}": self._mean(prefix + name) for name in names}
+
+    def _extreme(self, prefix: str, extreme: Extreme) -> dict[str, float]:
+        """The largest or smallest value of a column, with what was true at that step."""
+        values = extreme.sign * self.columns[prefix + extreme.column][self.rows]
+        row = self.rows.start + int(np.argmax(values))
+        found = {
+            f"cycle_{extreme.before}{name}": float(self.columns[prefix + name][row])
+            for name in (extreme.column, *extreme.places)
+        }
+        crank_angle = float(self.columns["crank_angle_deg"][row])
+        return found | {f"cycle_{extreme.name}_crank_angle_deg": crank_angle}
+
+    def _mean(self, name: str) -> float:
+        """Mean of a column over time."""
+        time, values = self.columns["time_s"], self.columns[name]
+        times = np.append(self.start, time[self.rows])
+        values = np.append(np.interp(self.start, time, values), values[self.rows])
+        return float(integral(times, values[:, None])[0] / (times[-1] - times[0]))
+
+
+def cycle_length(system: System) -> tuple[float, float]:
+    """Angle of the crank [degrees] and time [s] after which the loads repeat; time 0: no matter."""
+    degrees, seconds = 360.0, 0.0
+    for force in system.mechanism.forces.values():
+        table, body = force.table or (None, "")
+        if isinstance(table, Curve) and table.periodic and body:
+            degrees = max(degrees, float(np.degrees(table.period)))
+        elif isinstance(table, Curve) and table.periodic:
+            seconds = max(seconds, table.period)
+        if isinstance(force, RotatingForce) and force.speed:
+            seconds = max(seconds, 2 * np.pi / abs(force.speed))
+    return degrees, seconds
+
+
+def _last(system: System, columns: Columns) -> tuple[float, float, str, slice]:
+    """The last full cycle of a run from time zero that is no search for a periodic solution."""
+    time, angle = columns["time_s"], columns["crank_angle_deg"]
+    degrees, seconds = cycle_length(system)
+    end, ahead = float(time[-1]), np.abs(angle[-1] - angle)
+    counts, starts = [], []
+    if seconds:
+        counts.append(end / seconds)
+        starts.append(end - seconds)
+    if ahead[0] > 0.0:
+        counts.append(float(ahead[0]) / degrees)
+        # A crank may swing back: the last time that it was a cycle behind.
+        before = int(np.flatnonzero(ahead >= min(degrees, ahead[0]))[-1])
+        pair = slice(before, before + 2)
+        starts.append(float(np.interp(-degrees, -ahead[pair], time[pair])))
+    full = int(min(counts, default=0.0) + MISSING)
+    if not full:
+        return 0.0, end, "whole run: no full cycle", slice(0, None)
+    start = min(starts)
+    start = start if start > MISSING * end else 0.0
+    first = int(np.searchsorted(time, start + 1e-9 * (end - start), side="right"))
+    return start, end, f"last of {full}", slice(min(first, len(time) - 1), None)
+
+
+def _searched(columns: Columns) -> tuple[float, float, str, slice]:
+    """That of a search, from its columns: of the last cycle at least."""
+    rows, time = last_whole_cycle(columns["cycle"], columns["cycle_time_s"]), columns["time_s"]
+    end, number = float(time[rows][-1]), int(columns["cycle"][rows][-1])
+    start = float(time[rows][0] - columns["cycle_time_s"][rows][0])
+    told = f"last of {number}" if columns["cycle"][-1] > 1 else "first cycle: films build up"
+    return start, end, told, rows
+
 
 #: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
 #: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
@@ -52,359 +234,402 @@ RESTING = 1e-6
 FRAME = ("x_m", "y_m", "angle_rad")
 
 
-@dataclass
-class Extremes:
-    """Of one film [Pa], [s], [m], [s]; in a periodic run of a cycle, from its start."""
+#: Columns of which a summary has the extreme over the run, or the cycle under way, and when it is.
+PEAKS = {
+    "max_pressure_Pa": np.argmax,
+    "min_film_thickness_m": np.argmin,
+    "max_contact_pressure_Pa": np.argmax,
+}
 
-    max_pressure: float = 0.0
-    max_pressure_time: float = 0.0
-    min_film_thickness: float = np.inf
-    min_film_thickness_time: float = 0.0
-    steepest_thickening: float = 1.0
+#: Value and time [s], in a periodic run since the start of the cycle, by quantity.
+Extremes = dict[str, tuple[float, float]]
 
-    def add(self, time: float, pressure: float, thickness: float) -> None:
-        """Account for one step."""
-        if pressure > self.max_pressure:
-            self.max_pressure, self.max_pressure_time = pressure, time
-        if thickness < self.min_film_thickness:
-            self.min_film_thickness, self.min_film_thickness_time = thickness, time
+#: A joint's own coordinates, as columns.
+JOURNAL = ("eccentricity_x_m", "eccentricity_y_m", "tilt_x_rad", "tilt_y_rad")
+
+#: Unit of the amplitude of an elastic mode: as its basis is scaled.
+MODAL = "modal"
 
 
-class Tracker:
-    """Follows a run.
+def meshes_of(system: System) -> dict[str, np.ndarray]:
+    """Nodes, cells and sizes of every film, by path."""
+    found: dict[str, np.ndarray] = {}
+    for place in system.films:
+        parameters, path = place.film.film.parameters, f"joints/{place.name}/film"
+        grid = parameters.grid
+        found[f"{path}/radius"] = np.array(grid.radius)
+        found[f"{path}/clearance"] = np.array(parameters.clearance)
+        found[f"{path}/angle"], found[f"{path}/height"] = grid.node_positions.T
+        found[f"{path}/cells"] = grid.cell_nodes.astype(np.int32)
+    return found
+
+
+def history_of(system: System, rows: Sequence[Row]) -> History:
+    """History of rows at its steps."""
+    values: dict[str, Quantity] = {}
+    for name, own in {**gathered(rows), **meshes_of(system)}.items():
+        path, unit = split_unit(name)
+        number = own.astype(float) if is_column(path) else own
+        values[path] = Quantity(number, FIELD_UNITS.get(path.rpartition("/")[2], unit))
+    known = _coordinates(system)
+    return History(values, tuple(name for name, _ in known), tuple(unit for _, unit in known))
+
+
+def solution(
+    equations: StepEquations, step: MechanismStep, gaps: Sequence[np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Arrays by path that a history has of an accepted step, of gaps where they are observed."""
+    system, patterns = equations.system, equations.responses.size
+    found = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
+    if patterns:
+        found["state/quasi_static"] = step.x[system.n : system.n + patterns]
+    for place, film, gap in zip(system.films, step.solution.films, gaps, strict=True):
+        path = f"joints/{place.name}/film"
+        found[f"{path}/pressure"] = film.pressure
+        found[f"{path}/gap"] = gap[-len(film.pressure) :]
+        if film.fluid_fraction is not None:
+            found[f"{path}/fluid_fraction"] = film.fluid_fraction
+    # Copies: parts of larger arrays would keep these.
+    return {path: np.array(values) for path, values in found.items()}
+
+
+def _coordinates(system: System) -> list[tuple[str, str]]:
+    """Path and unit of every coordinate of a mechanism."""
+    found: list[tuple[str, str]] = []
+    for name, body in system.each_name():
+        own = system.bodies[name]
+        frame = [] if body.angle is None else FRAME[2 - body.angle :]
+        found += [split_unit(f"bodies/{name}/{column}") for column in frame]
+        modes = own.stop - own.start - len(frame)
+        found += [(f"bodies/{name}/mode_{i + 1}", MODAL) for i in range(modes)]
+    for place in system.films:
+        found += [split_unit(f"joints/{place.name}/{n}") for n in JOURNAL[: place.film.own]]
+    return found
+
+
+def _of_joint(joint: str, columns: Columns) -> dict[str, np.ndarray]:
+    """Columns of a joint, of columns by path."""
+    start = f"joints/{joint}/"
+    return {key.removeprefix(start): v for key, v in columns.items() if key.startswith(start)}
+
+
+def gathered(rows: Sequence[Row]) -> dict[str, np.ndarray]:
+    """Columns of rows, of none nothing."""
+    return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+
+
+def _rows_of(columns: Columns, count: int) -> list[Row]:
+    """The inverse of `gathered`."""
+    plain = {name: np.asarray(values) for name, values in columns.items()}
+    return [{name: values[i] for name, values in plain.items()} for i in range(count)]
+
+
+class Tracker(Stateful):
+    """Keeps the history of a run and says what it has shown.
+
+    Of a search for a periodic solution rows are those of the last two cycles.
 
     Parameters
     ----------
     equations, norm
         Of the mechanism.
+    began
+        Time before the first step [s].
 
     Attributes
     ----------
-    groups
-        Group and name of columns that are not the whole run's, ``joints/big_end/force_x_N``, once
-        there is a step.
-    extremes, former
-        Of every joint, and those of the cycle before.
+    system
+        The mechanism.
+    turned
+        Whole turns of the crank before the cycle under way [degrees]; every cycle but the first
+        begins in 0 to 360 degrees.
+    rows
+        Of every step.
     worth
         What is known of how far figures of joints are off, by joint, see `error_budget`.
     """
 
-    def __init__(self, equations: StepEquations, norm: StepNorm):
-        self.groups: dict[str, str] = {}
-        self._equations, self._norm = equations, norm
-        films = equations.system.films
-        self.extremes = {place.name: Extremes() for place in films}
-        self.former: dict[str, Extremes] = {}
+    @dataclass(frozen=True)
+    class State:
+        """State that rows do not have."""
+
+        turned: float
+        counts: dict[str, int]
+        rejected_because: dict[str, int]
+        estimates: dict[str, BasisErrorEstimate.State]
+        balance: EnergyBalance | None
+        contacts: dict[str, ContactRecord.State]
+
+    def __init__(self, equations: StepEquations, norm: StepNorm, began: float = 0.0):
+        self._equations, self._norm, self.system = equations, norm, equations.system
+        films = self.system.films
+        self.rows: list[Row] = []
         self.worth: dict[str, dict[str, Any]] = {}
-        self.crank_angle = CrankAngle(equations.system)
-        self._places = {place.name: JointPlaces(equations.system, place) for place in films}
+        self._crank, self.turned, self.began = crank(self.system), 0.0, began
+        self._coordinates = _coordinates(self.system)
+        self._places = {place.name: JointPlaces(self.system, place) for place in films}
         self.estimates = {
-            place.name: estimate_at(bore_body(equations.system, place), place.bore)
+            place.name: estimate_at(bore_body(self.system, place), place.bore)
             for place in films
             if place.film.bore
         }
         self.balance: EnergyBalance | None = None
-        self.rates = JointIntegrals()
         self.contacts = ContactRecord.of_all(equations)
-        self.oil: dict[str, OilAccount] = {}
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
-        self.time = 0.0
-        self._cycle, self._start = 1, 0.0
 
-    def begins(self, cycles: Cycles | None) -> bool:
-        """Whether another cycle of a search has begun since this was asked.
+    @property
+    def time(self) -> float:
+        """Time of the last step [s]."""
+        return self.rows[-1]["time_s"] if self.rows else self.began
 
-        The figures of the one before are forgotten then; counts and the estimates' past go on.
-        """
-        if cycles is None or cycles.number == self._cycle:
-            return False
-        self._cycle, self._start = cycles.number, cycles.start
-        # A search that begins on another's orbit has no cycle before its first.
-        self.former = self.extremes if self.counts["steps"] else {}
-        self.extremes = {name: Extremes() for name in self.extremes}
+    def _angle(self, x: np.ndarray) -> float:
+        """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns."""
+        return 0.0 if self._crank is None else float(np.degrees(x[self._crank])) - self.turned
+
+    @property
+    def first(self) -> int:
+        """Row of the first step of the cycle under way."""
+        cycles = [row.get("run/cycle") for row in self.rows]
+        return cycles.index(cycles[-1]) if cycles else 0
+
+    def _restart(self, cycles: Cycles) -> None:
+        """Begin another cycle of a search; counts and the estimates' past go on."""
+        self.rows = self.rows[self.first :]
         if self.balance is not None:
-            self.balance.restart()
-        self.crank_angle.restart(cycles.began.x[0])
-        for estimate in self.estimates.values():
-            estimate.largest *= 0.0  # what is not known stays so
-        self.rates.restart()
+            self.balance = self.balance.restarted()
+        # An engine's last cycle is 0 to 720 degrees, not 1440 to 2160.
+        self.turned = 0.0
+        self.turned = 360.0 * float(np.floor(self._angle(cycles.began.x[0]) / 360.0 + WHOLE))
         for contact in self.contacts.values():
             contact.restart()
-        self.oil = {name: OilAccount(found.end, found.end) for name, found in self.oil.items()}
-        return True
 
-    def enter(self, step: MechanismStep) -> None:
-        """Begin after a step that led to the run, and does not count among its own."""
-        self.add(step)
-        self.counts, self.rejected_because = dict.fromkeys(self.counts, 0), {}
+    def take(self, history: History) -> None:
+        """Go on after the steps of a history."""
+        columns = {
+            with_unit(path, own.units) if is_column(path) else path: own
+            for path, own in history.values.items()
+            if not fixed(path)
+        }
+        self.rows = _rows_of(columns, len(history))
 
-    def add(self, step: MechanismStep) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-        """Account for an accepted step.
+    def add(self, step: MechanismStep, cycles: Cycles | None = None) -> dict[str, float]:
+        """Account for an accepted step, of a search in its current cycle.
 
         Returns
         -------
-        row, fields
-            Of the history.
+        dict
+            Its row of ``history.csv``.
         """
-        system, state = self._equations.system, step.solution
+        if cycles is not None:
+            former = self.rows[-1]["run/cycle"] if self.rows else 1
+            if cycles.number != former:
+                self._restart(cycles)
+        system, state = self.system, step.solution
         rejected = sum(step.rejected.values())
         self.counts["steps"] += 1
         self.counts["newton_iterations"] += step.newton_iterations
         self.counts["rejected_steps"] += rejected
         for reason, count in step.rejected.items():
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
-        size, self.time = step.time - self.time, step.time
-        row = {"time_s": step.time, "crank_angle_deg": self.crank_angle.at(step.x)}
-        stored = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
-        if patterns := self._equations.responses.size:
-            stored["state/quasi_static"] = step.x[system.n : system.n + patterns]
+        size = step.time - self.time
+        row = {"time_s": step.time, "run/crank_angle_deg": self._angle(step.x)}
         loads = bore_loads(system, [film.pressure for film in state.films])
         gaps = self._norm.film_gaps(step.observed)
         for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
-            prefix, film = self.prefix(place.name), own.state
-            figures = self._joint(place, step, own, gap)
+            figures = joint_row(JointStep(self._places[place.name], step, own, gap))
+            if place.name in self.contacts:
+                self.contacts[place.name].add(step.time, own)
             if place.name in self.estimates:
                 amplitudes = self._equations.responses.of_body(place.bore_body)
                 figures["basis_error_estimate_m"] = self.estimates[place.name].add(
                     size, loads[place.bore_body], step.acceleration[amplitudes]
                 )
-            row |= self._grouped(prefix, f"joints/{place.name}", figures)
-            path = f"joints/{place.name}/film"
-            stored[f"{path}/pressure"] = film.pressure
-            stored[f"{path}/gap"] = gap[-len(film.pressure) :]
-            if film.fluid_fraction is not None:
-                stored[f"{path}/fluid_fraction"] = film.fluid_fraction
+            row |= {f"joints/{place.name}/{name}": value for name, value in figures.items()}
         row |= self._bodies(step) | self._energy(step)
-        row |= {"step_s": size, "newton_iterations": step.newton_iterations}
-        return row | {"rejected_steps": rejected}, stored
-
-    def _grouped(self, prefix: str, group: str, figures: dict[str, float]) -> dict[str, float]:
-        """Columns of a joint or body, whose groups are kept."""
-        found = {f"{prefix}{name}": value for name, value in figures.items()}
-        if not found.keys() <= self.groups.keys():
-            self.groups |= {f"{prefix}{name}": f"{group}/{name}" for name in figures}
-        return found
-
-    def prefix(self, joint: str) -> str:
-        """What columns of a joint begin with."""
-        return joint_prefix(joint, self.extremes)
-
-    def _joint(
-        self, place: FilmPlace, step: MechanismStep, own: FilmIntegrals, gap: np.ndarray
-    ) -> dict[str, float]:
-        """Columns of one lubricated joint."""
-        film = own.state
-        figures = joint_columns(place, step, film, gap)
-        extremes = self.extremes[place.name]
-        extremes.add(
-            step.time - self._start, figures["max_pressure_Pa"], figures["min_film_thickness_m"]
-        )
-        steepest = steepest_thickening(place.film.film, film.pressure)
-        extremes.steepest_thickening = max(extremes.steepest_thickening, steepest)
-        figures |= self._places[place.name].columns(step, film.pressure, gap)
-        if place.name in self.contacts:
-            record = self.contacts[place.name]
-            figures |= record.add(step.time, step.time - self._start, own)
-        rates = joint_rates(place, step, own)
-        self.rates.follow(place.name, step.time, rates)
-        if account := OilAccount.follow(self.oil.get(place.name), rates):
-            self.oil[place.name] = account
-        return figures | rates
+        row |= {"run/step_s": size, "run/newton_iterations": step.newton_iterations}
+        row["run/rejected_steps"] = rejected
+        if cycles is not None:
+            row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
+        self.rows.append(row | solution(self._equations, step, gaps))
+        return {column_name(name, system.films): value for name, value in row.items()}
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
-        system = self._equations.system
         row: dict[str, float] = {}
-        for name, body in system.each_name():
-            first = system.bodies[name].start
-            if body.angle is None:
-                continue
-            frame = dict(zip(FRAME[2 - body.angle :], step.x[first:], strict=False))
-            frame["speed_rad_per_s"] = step.rate[first + body.angle]
-            row |= self._grouped(f"{name}.", f"bodies/{name}", frame)
+        for (path, unit), x, rate in zip(self._coordinates, step.x, step.rate, strict=False):
+            if path.startswith("bodies/") and unit != MODAL:
+                row[with_unit(path, unit)] = x
+                if path.endswith("/angle"):
+                    row[f"{path.removesuffix('angle')}speed_rad_per_s"] = rate
         return row
 
     def _energy(self, step: MechanismStep) -> dict[str, float]:
         powers = step_powers(self._equations, step)
-        if self.balance is None:
-            self.balance = EnergyBalance(step.time, powers)
-        else:
-            self.balance.add(step.time, powers)
+        self.balance = (
+            self.balance.after(step.time, powers)
+            if self.balance
+            else EnergyBalance.begin(step.time, powers)
+        )
         return {
-            "kinetic_energy_J": powers.kinetic,
-            "strain_energy_J": powers.strain,
-            **{f"{name}_work_J": work for name, work in self.balance.work.items()},
-            "energy_defect_J": self.balance.defect,
+            "run/kinetic_energy_J": powers.kinetic,
+            "run/strain_energy_J": powers.strain,
+            **{f"run/{name}_work_J": work for name, work in self.balance.work.items()},
+            "run/energy_defect_J": self.balance.defect,
         }
 
-    def answer(self, columns: Mapping[str, np.ndarray]) -> CycleAnswer:
-        """Of the last cycle, from the columns of a history, see `CycleAnswer`."""
-        rates = [
-            self.prefix(joint) + name for joint, own in self.rates.items() for name in own.totals
-        ]
-        return CycleAnswer.of(self._equations.system, columns, rates)
+    def history(self) -> History:
+        """History of the steps that are kept."""
+        return history_of(self.system, self.rows)
 
-    def joint_figures(self, answer: CycleAnswer | None = None) -> dict[str, dict[str, Any]]:
-        """What ``summary.json`` has of every lubricated joint, by its name."""
-        return {
-            name: {
-                "max_pressure_Pa": extremes.max_pressure,
-                "max_pressure_time_s": extremes.max_pressure_time,
-                "min_film_thickness_m": extremes.min_film_thickness,
-                "min_film_thickness_time_s": extremes.min_film_thickness_time,
-                "basis_error_estimate_m": self.estimates[name].largest
-                if name in self.estimates
-                else float("nan"),
-                **self._means(name),
-                **(self.contacts[name].figures() if name in self.contacts else {}),
-                **({"error_budget": self.worth[name]} if name in self.worth else {}),
-                **(answer.joint(self.prefix(name)) if answer else {}),
-            }
-            for name, extremes in self.extremes.items()
-        }
+    @property
+    def extremes(self) -> dict[str, Extremes]:
+        """Extremes of every film over the cycle under way, or the run."""
+        return self._extremes(self.rows[self.first :])
 
-    def figures(self, answer: CycleAnswer | None = None) -> dict[str, Any]:
-        """What ``summary.json`` has of them."""
-        joints = self.joint_figures(answer)
+    @property
+    def former(self) -> dict[str, Extremes]:
+        """Those over the cycle before."""
+        return self._extremes(self.rows[: self.first])
+
+    def _extremes(self, rows: Sequence[Row]) -> dict[str, Extremes]:
+        clock = [float(row.get("run/cycle_time_s", row["time_s"])) for row in rows]
+        found: dict[str, Extremes] = {}
+        for place in self.system.films if rows else ():
+            own = found[place.name] = {}
+            for column, extreme in PEAKS.items():
+                path = f"joints/{place.name}/{column}"
+                if path in rows[0]:
+                    values = [float(row[path]) for row in rows]
+                    step = extreme(values)
+                    own[split_unit(column)[0]] = values[step], clock[step]
+        return found
+
+    def steepest_thickening(self, place: FilmPlace) -> float:
+        """Largest factor of a film's viscosity within a cell, over the cycle, or the run."""
+        path = f"joints/{place.name}/film/pressure"
+        own = [row[path] for row in self.rows[self.first :]]
+        return max((steepest_thickening(place.film.film, p) for p in own), default=1.0)
+
+    @property
+    def energy_error(self) -> float:
+        """Largest defect over the largest energy exchanged, of the cycle under way, or the run."""
+        return balance_error(gathered(self.rows[self.first :])) if self.rows else 0.0
+
+    def figures(self) -> dict[str, Any]:
+        """Entries of ``summary.json`` on the run and its last cycle, see `UsedCycle`."""
+        system, columns = self.system, gathered(self.rows)
+        joints = {place.name: self._joint(place, columns) for place in system.films}
+        cycle: dict[str, Any] = {}
+        if self.rows:
+            named = {column_name(name, system.films): values for name, values in columns.items()}
+            used = UsedCycle.of(system, named)
+            cycle = used.figures()
+            for name, found in joints.items():
+                rates = averaged(_of_joint(name, columns))
+                found |= used.joint(joint_prefix(name, joints), rates)
         alone: dict[str, Any] = {"joints": joints}
         if len(joints) == 1:
             ((name, found),) = joints.items()
             alone = {"joint": name, **found}
-        balance = self.balance
         return {
             **alone,
-            **(answer.figures() if answer else {}),
-            "energy_balance_error": balance.error if balance else 0.0,
-            "net_energy_balance_error": balance.net_error if balance else 0.0,
+            **cycle,
+            "energy_balance_error": self.energy_error,
             "simulated_time_s": self.time,
             **self.counts,
             "rejected_because": dict(self.rejected_because),
             "notices": self._notices(),
         }
 
-    def _means(self, joint: str) -> dict[str, float]:
-        """Of a joint's rates over the run, or the cycle, and temperatures that follow from them."""
-        found = self.rates[joint].means if joint in self.rates else {}
-        means = {f"mean_{name}": value for name, value in found.items()}
-        if joint in self.oil:
-            means |= self.oil[joint].figures(self.rates[joint].totals)
-        place = next(film for film in self._equations.system.films if film.name == joint)
-        return means | ({} if place.joint.heat is None else temperatures(place, found))
+    def _joint(self, place: FilmPlace, columns: Columns) -> dict[str, Any]:
+        """Entries on a lubricated joint, from columns by path."""
+        name, own = place.name, _of_joint(place.name, columns)
+        if not own:
+            return {}
+        time, found, extremes = columns["time_s"], {}, self.extremes[name]
+        for column in filter(own.__contains__, PEAKS):
+            quantity = split_unit(column)[0]
+            found[column], found[f"{quantity}_time_s"] = extremes[quantity]
+        found["basis_error_estimate_m"] = float("nan")
+        if name in self.estimates:
+            estimate, errors = self.estimates[name], own["basis_error_estimate_m"]
+            counted = errors[self.first :][time[self.first :] > estimate.start]
+            least = 0.0 if estimate.known else float("nan")
+            found["basis_error_estimate_m"] = float(np.max(counted, initial=least))
+        found |= self._means(place, time, own)
+        if name in self.contacts:
+            found |= self.contacts[name].figures()
+        return found | ({"error_budget": self.worth[name]} if name in self.worth else {})
+
+    def _means(self, place: FilmPlace, time: np.ndarray, own: Columns) -> dict[str, float]:
+        """Means of a joint's rates over the run, or the cycle, and what follows from them."""
+        rates, begin = averaged(own), max(self.first - 1, 0)
+        if not rates:
+            return {}
+        values = np.column_stack([*rates.values()])
+        whole, length = integral(time, values, begin), time[-1] - time[begin]
+        means = dict(zip(rates, (whole / length if length else values[-1]).tolist(), strict=True))
+        found = {f"mean_{name}": value for name, value in means.items()}
+        if CONTENT in rates:
+            totals = dict(zip(rates, whole.tolist(), strict=True))
+            content = rates[CONTENT]
+            found |= oil_balance(float(content[begin]), float(content[-1]), totals)
+        return found if place.joint.heat is None else found | temperatures(place, means)
 
     def _notices(self) -> list[str]:
         """One line each of what is hardly meant."""
-        return [
-            f"{name}: {1e-6 * found.max_pressure:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: no "
+        largest = {name: own["max_pressure"][0] for name, own in self.extremes.items()}
+        told = [
+            f"{name}: {1e-6 * largest[name]:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: no "
             "lining bears that, and no model here is made for it: see loads, units, size and "
             "whether a bore is meant to be rigid"
-            for name, found in self.extremes.items()
-            if found.max_pressure > HIGHEST
-        ] + [
-            f"{name}: nothing moves or loads its film, the {self.extremes[name].max_pressure:.2g} "
-            "Pa in it are rounding"
-            for name in self._resting
+            for name in largest
+            if largest[name] > HIGHEST
         ]
+        for name in self._resting:
+            told.append(
+                f"{name}: nothing moves or loads its film, the {largest[name]:.2g} Pa in it are "
+                "rounding"
+            )
+        return told
 
     @property
     def _resting(self) -> list[str]:
         """Names of the films whose pressures are nothing beside what a motion would make."""
-        return [
-            place.name
-            for place in self._equations.system.films
-            if self.counts["steps"]
-            and self.extremes[place.name].max_pressure
-            < RESTING * place.film.film.parameters.pressure_scale
-        ]
+        scales = {p.name: p.film.film.parameters.pressure_scale for p in self.system.films}
+        extremes = self.extremes.items()
+        return [name for name, own in extremes if own["max_pressure"][0] < RESTING * scales[name]]
 
     def verdict(self, limit: float = np.inf) -> str:
         """``"complete"``, or why the figures cannot be trusted.
 
-        They cannot where what is known of their errors exceeds a relative limit. What stands for
-        these errors, of the films' meshes and of the steps, counts as far as they are not known; a
-        defect of the energy also where it exceeds them.
+        They cannot where what is known of their errors exceeds a relative limit, or a defect of the
+        energy what is known of the steps. What stands for errors of the films' meshes counts as far
+        as they are not known.
         """
-        if self.extremes and len(self._resting) == len(self.extremes):
+        if self.system.films and len(self._resting) == len(self.system.films):
             return "complete"  # errors of nothing are no shares
         if told := above(self.worth, limit):
             return told
         mesh, steps = (stated(self.worth, component) for component in ("film_mesh", "step_size"))
-        for place in self._equations.system.films if mesh is None else ():
-            extremes = self.extremes[place.name]
-            told = _too_coarse(place, extremes.min_film_thickness)
-            told = told or unresolved(place, extremes.steepest_thickening)
+        extremes = self.extremes
+        for place in self.system.films if mesh is None else ():
+            told = _too_coarse(place, extremes[place.name]["min_film_thickness"][0])
+            told = told or unresolved(place, self.steepest_thickening(place))
             if told:
                 return told
-        balance = self.balance
-        if balance is None or (steps is not None and balance.error <= max(steps, ENERGY_LIMIT)):
+        error, known = self.energy_error, max(steps or 0.0, ENERGY_LIMIT)
+        if error <= known:
             return "complete"
-        return trusted(balance.error, balance.net_error)
-
-    def stored_state(self) -> dict[str, Any]:
-        """All of it as nested dictionaries of arrays and numbers, for `load_state`."""
-        return {
-            "totals": {
-                **self.counts,
-                "time": self.time,
-                "cycle": self._cycle,
-                "start": self._start,
-                "turns_left_out": self.crank_angle.left_out,
-            },
-            "rejected": dict(self.rejected_because),
-            "extremes": {name: asdict(found) for name, found in self.extremes.items()},
-            "former": {name: asdict(found) for name, found in self.former.items()},
-            "estimates": {name: found.stored_state() for name, found in self.estimates.items()},
-            "balance": {} if self.balance is None else self.balance.stored_state(),
-            "rates": self.rates.stored_state(),
-            "contacts": {name: found.stored_state() for name, found in self.contacts.items()},
-            "oil": {name: asdict(found) for name, found in self.oil.items()},
-            "groups": dict(self.groups),
-        }
-
-    def load_state(self, stored: Mapping[str, Any]) -> None:
-        """Go on where another run of the same mechanism was.
-
-        Raises
-        ------
-        InputError
-            It is not the state of such a run.
-        """
-        with named(InputError, "the checkpoint's figures"):
-            require_like(stored, self.stored_state())
-            if stored["balance"]:
-                require_like(stored["balance"], EnergyBalance.pattern(), "balance/")
-            time = stored["integrator"]["times"][0]
-            if stored["totals"]["time"] != time:
-                raise ValueError(f"totals/time must be that of the integrator, {time:.9g} s")
-            self._load(stored)
-
-    def _load(self, stored: Mapping[str, Any]) -> None:
-        self.counts = {name: int(stored["totals"][name]) for name in self.counts}
-        self.time = float(stored["totals"]["time"])
-        self._cycle = int(stored["totals"]["cycle"])
-        self._start = float(stored["totals"]["start"])
-        self.crank_angle.left_out = float(stored["totals"]["turns_left_out"])
-        self.rejected_because = {name: int(n) for name, n in stored["rejected"].items()}
-        # A run may have no step left to tell them anew.
-        self.groups.update({name: str(place) for name, place in stored["groups"].items()})
-        names = [field.name for field in fields(Extremes)]
-        for extremes, key in ((self.extremes, "extremes"), (self.former, "former")):
-            for joint, found in stored[key].items():
-                extremes[joint] = Extremes(*(float(found[name]) for name in names))
-        for joint, found in stored["estimates"].items():
-            self.estimates[joint].load_state(found)
-        self.balance = EnergyBalance.of(stored["balance"]) if stored["balance"] else None
-        self.rates.load_state(stored["rates"])
-        for joint, found in stored["contacts"].items():
-            self.contacts[joint].load_state(found)
-        self.oil = {
-            joint: OilAccount(float(found["start"]), float(found["end"]))
-            for joint, found in stored["oil"].items()
-        }
+        return (
+            f"untrustworthy: energy balance error {100 * error:.2g} % of the energy exchanged, "
+            f"above {100 * known:.2g} %: lower time.tolerance or time.largest_step"
+        )
 
 
 def _too_coarse(place: FilmPlace, thickness: float) -> str:
-    """What is to be said of a rigid bore's film that is too thin for its mesh; usually nothing."""
+    """Complaint about a rigid bore's film that is too thin for its mesh; usually nothing."""
     if place.film.bore is not None:
         return ""
     angles = np.unique(place.film.film.parameters.grid.node_positions[:, 0].round(9))

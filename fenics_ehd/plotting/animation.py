@@ -1,20 +1,309 @@
-"""Frames of a figure whose drawings move, as GIF or MP4."""
+"""Animation of a mechanism and of one joint's film, as GIF or MP4.
+
+Bodies and joints are drawn each as what it is; of a lubricated joint bore, journal and the film
+between them, of one of them close up as well, with its unwrapped film, orbit and curves.
+"""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import singledispatch
 from pathlib import Path
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Annulus, Circle, Polygon
+from matplotlib.patheffects import Normal, Stroke
 from PIL import Image
 
 from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.base.output import require_writable
-from fenics_ehd.base.whole_file import written_aside
-from fenics_ehd.plotting.picture import plt
+from fenics_ehd.base.files import written_aside
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.multibody.body import FlexibleBody
+from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
+from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism
+from fenics_ehd.plotting.animated_bodies import (
+    STEEL,
+    BodyView,
+    PartShape,
+    automatic_scale,
+    body_view,
+    draw_part,
+    shape_of_bores,
+    shape_of_part,
+)
+from fenics_ehd.plotting.curves import clearance_circle
+from fenics_ehd.plotting.maps import label_angles, sampled
+from fenics_ehd.plotting.picture import BLUE, PRESSURES, RED, plt, require_format
+from fenics_ehd.plotting.shown import recorded
+from fenics_ehd.results.history_file import load_history
+from fenics_ehd.results.motion import RecordedMotion, between_steps
+from fenics_ehd.results.paraview import parts_of_bases
+from fenics_ehd.results.recorded_run import SCENE_NAME
+from fenics_ehd.scenes.scene import as_stored, meshed
+
+#: Points around and along the bore to which nodal values are interpolated.
+AROUND, ALONG = 181, 17
+
+#: The lightest colour of pressures.
+OIL = "#ffffcc"
+JOURNAL, EDGE, HATCH = "#e3d5c0", "#9c8465", "////"
+
+#: Wall of a rigid bore as drawn, height of the largest pressure and half the side of a close-up,
+#: over the bore's radius.
+WALL, FAN, REACH = 0.3, 0.45, 1.72
+
+Show = Callable[[int], None]
+
+
+class Bearing:
+    """A lubricated joint at the instants of a replay.
+
+    Parameters
+    ----------
+    replay, place
+        Of which joint.
+    bodies
+        As drawn.
+    scale
+        Enlargement of clearances and displacements.
+
+    Attributes
+    ----------
+    body, journal_body
+        As drawn.
+    elastic
+        Whether the bore is drawn as its body's part.
+    radius, clearance
+        Of the bore [m].
+    centre
+        Of the undeformed bore, shape (t, 2) [m].
+    offset
+        Of the journal from there as drawn, in the bore's frame, shape (t, 2) [m].
+    angle, height
+        Raster of the unwrapped bore, shape (a,) [rad], (b,) [m].
+    pressure, gap
+        On it, shape (t, b, a) [Pa], [m].
+    """
+
+    def __init__(
+        self, replay: RecordedMotion, place: FilmPlace, bodies: Mapping[str, BodyView], scale: float
+    ):
+        parameters, joint = place.film.film.parameters, place.joint
+        grid, self.clearance = parameters.grid, parameters.clearance
+        self.radius, self.elastic, self._scale = grid.radius, bool(place.bore), scale
+        self.body, (self.journal_body, _) = bodies[place.bore_body], at(bodies, joint.journal)
+        turns = np.array([rotation(angle) for angle in self.body.pose[:, 2]])
+        # Of the undeformed bore in its body's frame; for one of a part, with its name there.
+        self._rest, point = np.zeros(2), joint.bore.partition(".")[2]
+        bore_body = replay.bodies[place.bore_body]
+        if isinstance(bore_body, FlexibleBody) and place.bore:
+            self._rest = bore_body.reduced.bores[place.bore].centre[:2]
+            point = bore_body.at_rest(place.bore)
+        bore, eccentricity = self.body.points[point], replay.motion.coordinates[:, place.xi[:2]]
+        self.centre = self.body.pose[:, :2] + turns @ self._rest if self.elastic else bore
+        self.offset = scale * eccentricity + np.einsum("tji,tj->ti", turns, bore - self.centre)
+        pressure, gap = replay.motion.pressures[place.name], replay.gaps[place.name]
+        self.angle = np.linspace(-np.pi, np.pi, AROUND)
+        self.height = np.linspace(grid.heights[0], grid.heights[-1], ALONG)
+        # The seam belongs where nothing is to be seen.
+        behind = np.cos(grid.node_positions[:, 0]) < 0
+        if pressure[:, behind].max() > pressure[:, ~behind].max():
+            self.angle = self.angle + np.pi
+        self.pressure, self.gap = (
+            np.maximum(sampled(grid, nodal, self.angle, self.height), 0.0)
+            for nodal in (pressure, gap)
+        )
+
+    def draw(self, axes: Axes, frame: int, highest: float, *, close_up: bool = False) -> None:
+        """Draw it in the plane of motion, or close up in the frame of the bore.
+
+        `highest` is the pressure that reaches farthest out [Pa].
+        """
+        centre, bore, journal = (
+            self.centre[frame],
+            self.body.pose[frame, 2],
+            self.journal_body.pose[frame, 2],
+        )
+        if close_up:
+            centre, bore, journal = np.zeros(2), 0.0, journal - bore
+        turn, radius = rotation(bore), self.radius - self._scale * self.clearance
+        if not self.elastic:
+            face, hatch = ("white", HATCH) if self.body.held else (STEEL, "")
+            size, style = self.radius, {"facecolor": face, "edgecolor": "0.45", "hatch": hatch}
+            axes.add_patch(Annulus(centre, (1 + WALL) * size, WALL * size, zorder=2, **style))
+        elif close_up:
+            draw_part(axes, self.body, frame, (centre - self._rest, turn))
+        middle, towards = centre + turn @ self.offset[frame], rotation(journal)[:, 0]
+        axes.add_patch(Circle(centre, self.radius, color=OIL, zorder=1.8))
+        axes.add_patch(Circle(middle, radius, facecolor=JOURNAL, edgecolor=EDGE, zorder=2.5))
+        ends = middle + np.outer([0.8, 0.97], radius * towards)
+        axes.plot(*ends.T, color=EDGE, linewidth=2.5, zorder=2.6)
+        normal = np.column_stack([np.cos(self.angle), np.sin(self.angle)])
+        # The mean over the width has no share of the journal's tilt.
+        widening = self.gap[frame].mean(axis=0) - self.clearance
+        foot = self.radius + normal @ self.offset[frame] + self._scale * widening
+        tip = foot + FAN * self.radius * self.pressure[frame].max(axis=0) / highest
+        fan = np.concatenate([foot[:, None] * normal, (tip[:, None] * normal)[::-1]])
+        axes.add_patch(Polygon(centre + fan @ turn.T, facecolor=RED, alpha=0.5, zorder=4))
+
+    def show_angles(self, axes: Axes) -> None:
+        """Lay out axes for the bearing close up, with angles on the bore."""
+        reach = REACH * self.radius
+        axes.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
+        axes.axis("off")
+        last = np.degrees(self.angle[-1]) + 1e-6
+        shown = [degrees if degrees <= last else degrees - 360 for degrees in (0, 90, 180, 270)]
+        label_angles(axes, 0.5 * self.radius, shown, zorder=5)
+
+    def unwrap(self, axes: Axes, frame: int) -> None:
+        """Pressure over the unwrapped bore, and where the film is thinnest."""
+        angle, height = np.degrees(self.angle), 1e3 * self.height
+        row, column = np.unravel_index(np.argmin(self.gap[frame]), self.gap[frame].shape)
+        style = {"color": "white", "markeredgecolor": "black", "clip_on": False}
+        axes.plot(angle[column], height[row], "o", label="thinnest film", zorder=5, **style)
+        axes.set(ylabel="z [mm]", xticks=np.arange(angle[0], angle[-1] + 1, 90))
+        axes.set_xlabel(f"angle from the x axis of {self.body.name} [°]")
+        axes.legend(loc="upper right", fontsize="small", framealpha=0.8)
+        axes.imshow(
+            1e-6 * self.pressure[frame],
+            extent=(angle[0], angle[-1], height[0], height[-1]),
+            origin="lower",
+            aspect="auto",
+            interpolation="bilinear",
+            cmap=PRESSURES,
+            vmin=0.0,
+            vmax=1e-6 * self.pressure.max(),
+        )
+
+
+LINKS = ("#e3d5c0", "#cfd9e3", "#d5e0cc", "#e4cfd3", "#d9d2e6")
+
+#: Size of a joint's symbol over the mechanism's extent.
+SYMBOL = 0.02
+
+#: Corners of a square around the origin.
+SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+
+Bodies = Mapping[str, BodyView]
+
+
+def moving(axes: Axes, draw: Callable[[Axes, int], object]) -> Show:
+    """Drawer of one frame after another: it removes from the axes what it drew for the last one."""
+    last: list[Artist] = []
+
+    def show(frame: int) -> None:
+        while last:
+            last.pop().remove()
+        others = set(axes.get_children())
+        draw(axes, frame)
+        last.extend(set(axes.get_children()) - others)
+
+    return show
+
+
+def draw_mechanism(
+    axes: Axes, mechanism: Mechanism, bodies: Bodies, bearings: Mapping[str, Bearing]
+) -> Show:
+    """All bodies and joints."""
+    places = [points for body in bodies.values() for points in body.points.values()]
+    for bearing in bearings.values():
+        places += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
+    for body in bodies.values():
+        for i, nodes in enumerate(body.local):
+            origin, turn = body.place(i)
+            places.append(origin + nodes @ turn.T)
+    limits = np.array([f(np.vstack(places), axis=0) for f in (np.min, np.max)])
+    size = SYMBOL * float(np.ptp(limits, axis=0).max())
+    highest = max((bearing.pressure.max() for bearing in bearings.values()), default=0.0)
+
+    def draw(axes: Axes, frame: int) -> None:
+        for i, body in enumerate(bodies.values()):
+            _body(axes, body, LINKS[i % 5], frame)
+        for joint in mechanism.joints.values():
+            symbol(joint, axes, bodies, size, frame)
+        for bearing in bearings.values():
+            bearing.draw(axes, frame, highest)
+
+    show = moving(axes, draw)
+    show(0)
+    axes.relim()
+    axes.update_datalim(limits)
+    axes.margins(0.03)
+    axes.autoscale_view()
+    axes.autoscale(False)
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    return show
+
+
+def _body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
+    """Its part, or bars from its origin to its points."""
+    if body.shape is not None:
+        draw_part(axes, body, frame, body.place(frame))
+    if body.held or (body.shape is not None and body.shape.mesh):
+        return
+    origin = body.points[""][frame]
+    ends = [(origin, points[frame], (np.nan, np.nan)) for points in body.points.values()]
+    border = [Stroke(linewidth=10, foreground="0.35"), Normal()]
+    style = {"color": colour, "lw": 8, "solid_capstyle": "round", "path_effects": border}
+    axes.plot(*np.concatenate(ends).T, zorder=1, **style)
+
+
+@singledispatch
+def symbol(joint: object, axes: Axes, bodies: Bodies, size: float, frame: int) -> None:
+    """Symbol of an ideal joint; a lubricated one draws itself."""
+
+
+def at(bodies: Bodies, marker: str) -> tuple[BodyView, np.ndarray]:
+    """Body of a marker and the marker as drawn, shape (t, 2) [m]."""
+    name, _, point = marker.partition(".")
+    return bodies[name], bodies[name].points[point]
+
+
+@symbol.register(Revolute)
+@symbol.register(Fixed)
+def _(joint: Revolute | Fixed, axes: Axes, bodies: Bodies, size: float, frame: int) -> None:
+    """Two points that stay together, on a pedestal where one of them is held."""
+    ends = [at(bodies, marker) for marker in joint.markers]
+    held = [place[0] for body, place in ends if body.held]
+    style = {"color": "white", "markeredgecolor": "0.2", "markersize": 8}
+    sign = "s" if isinstance(joint, Fixed) else "o"
+    axes.plot(*ends[0][1][frame], sign, zorder=1.2 if held else 5, **style)
+    for foot in held:
+        corners = foot + size * np.array([(0, 0), (-1, -2), (1, -2)])
+        axes.add_patch(Polygon(corners, facecolor="white", edgecolor="0.35", zorder=0.8))
+        _ground(axes, foot + size * np.array([(-2, -2), (2, -2), (2, -2.7), (-2, -2.7)]))
+
+
+def _ground(axes: Axes, corners: np.ndarray) -> None:
+    """Hatched, its first side the surface."""
+    axes.add_patch(Polygon(corners, facecolor="white", edgecolor="0.6", hatch=HATCH, lw=0))
+    axes.plot(*corners[:2].T, color="0.35", linewidth=0.9)
+
+
+@symbol.register
+def _(joint: Slider, axes: Axes, bodies: Bodies, size: float, frame: int) -> None:
+    """A block on a line, between walls where the line is held."""
+    (body, origin), (_, place) = at(bodies, joint.line), at(bodies, joint.point)
+    along = np.array(joint.direction) / np.hypot(*joint.direction)
+    base = np.array([along, (-along[1], along[0])])
+    turns = [base @ body.place(i)[1].T for i in range(len(origin))]
+    travel = [turn[0] @ (p - o) for p, o, turn in zip(place, origin, turns, strict=True)]
+    length = np.array([min(travel) - 4.5 * size, max(travel) + 4.5 * size])
+    line = origin[frame] + np.outer(length, turns[frame][0])
+    axes.plot(*line.T, color="0.6", linewidth=0.8, linestyle="-.", zorder=0)
+    block = place[frame] + size * SQUARE * [3.0, 2.0] @ turns[frame]
+    axes.add_patch(Polygon(block, facecolor="#dfe5ea", edgecolor="0.35", zorder=1.5))
+    for side in (-size, size) if body.held else ():
+        wall = np.column_stack([length[[0, 1, 1, 0]], side * np.array([2.1, 2.1, 2.8, 2.8])])
+        _ground(axes, origin[0] + wall @ turns[0])
+
 
 #: Pixels per inch of the file formats: a GIF has no compression in time.
 RESOLUTION = {".gif": 90, ".mp4": 120}
@@ -28,8 +317,6 @@ NEARLY_WHITE = 248
 #: Fixed date and encoder signature: the same run gives the same file.
 _REPEATABLE = ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", "1"]
 
-Show = Callable[[int], None]
-
 
 def require_animation_format(path: str | Path) -> None:
     """Refuse an animation that cannot be written, before any work is done for it.
@@ -41,12 +328,9 @@ def require_animation_format(path: str | Path) -> None:
     InputError
         No permission, or no ffmpeg for MP4.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in RESOLUTION:
-        raise SettingsError(f"-o {path}: its ending must be one of {', '.join(RESOLUTION)}")
-    if suffix == ".mp4" and shutil.which("ffmpeg") is None:
+    require_format("-o", path, RESOLUTION)
+    if Path(path).suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"-o {path}: MP4 needs ffmpeg, Debian's package ffmpeg; or choose .gif")
-    require_writable(path)
 
 
 def save_animation(
@@ -146,3 +430,159 @@ def _write_mp4(
             show(i)
             writer.grab_frame()
             progress()
+
+
+#: Inches.
+SIZE = (32 / 3, 6.0)
+
+
+def draw_run(
+    directory: Path, joint: str | None, count: int, scale: float | None, bases: Sequence[str]
+) -> tuple[Figure, Show, list[str]]:
+    """The figure of a run's last cycle, what draws one of its frames, and hints to the reader.
+
+    Models of the bodies, which are programs, are not run for a picture.
+
+    Parameters
+    ----------
+    directory
+        Of the run, also of one that goes on or was stopped.
+    joint
+        Name of the lubricated joint whose film is drawn; None: that of the highest pressure.
+    count
+        Instants, at equal times.
+    scale
+        Enlargement of displacements and clearances, None: automatic.
+    bases
+        Files of bases of whole bodies.
+
+    Raises
+    ------
+    InputError
+        There are not two steps.
+    SettingsError
+        No such joint, or a basis is that of no body.
+    """
+    result = load_history(directory).last_cycle()
+    run = recorded(directory, result)
+    pressures = run.motion.pressures
+    if len(run.time) < 2:
+        raise InputError(f"{directory}: 1 step on the disk, an animation needs 2: let it run on")
+    if joint is not None and joint not in pressures:
+        known = ", ".join(pressures) or "none"
+        raise SettingsError(f"--joint {joint}: lubricated joints of this run: {known}")
+    name = joint or max(pressures, key=lambda name: pressures[name].max(), default="")
+    whole = parts_of_bases(run.bodies, bases)
+    shapes = {name: shape_of_part(part) for name, part in whole.items()}
+    scene, hints = directory / SCENE_NAME, []
+    for body, flexible in run.bodies.items():
+        if not isinstance(flexible, FlexibleBody) or body in whole:
+            continue
+        shapes[body] = shape_of_bores(flexible.reduced)
+        made = (
+            f"made by fenics-ehd reduce {body} --scene {scene} --method "
+            f"{flexible.reduced.method} -o body.h5 --basis part.h5"
+            if body in meshed(as_stored(scene))
+            else "which can be made where the file of this body is"
+        )
+        hints.append(f"of {body} only the bores are drawn; all of it with --basis part.h5, {made}")
+    columns = result.joints[name].columns if name else {}
+    instants = between_steps(run.motion, np.linspace(run.time[0], run.time[-1], count))
+    frames = RecordedMotion(run.system.mechanism, instants)
+    columns = columns | {"time_s": np.asarray(result.time)}
+    return *draw(run, columns, frames, shapes, name, scale), hints
+
+
+def draw(
+    run: RecordedMotion,
+    columns: Mapping[str, np.ndarray],
+    frames: RecordedMotion,
+    shapes: Mapping[str, PartShape],
+    joint: str,
+    scale: float | None,
+) -> tuple[Figure, Show]:
+    """The figure, and what draws one of its frames.
+
+    Parameters
+    ----------
+    run, columns
+        All recorded steps, and the columns of the joint's history.
+    frames
+        The instants that are drawn.
+    shapes
+        What shows of the flexible bodies, by name.
+    joint
+        Name of the lubricated joint whose film is drawn; empty for a mechanism without one.
+    scale
+        Enlargement of displacements and clearances, None: automatic.
+    """
+    mechanism, time = frames.system.mechanism, frames.time
+    scale = scale or automatic_scale(frames, shapes)
+    bodies = {name: body_view(frames, name, shapes.get(name), scale) for name in frames.bodies}
+    bearings = {place.name: Bearing(frames, place, bodies, scale) for place in frames.system.films}
+    figure = plt.figure(figsize=SIZE, layout="constrained")
+    layout = [["mechanism"]]
+    if joint:
+        layout = [["mechanism", "mechanism", "close up"], ["orbit", "film", "curves"]]
+    panels = figure.subplot_mosaic(layout, height_ratios=(1.35, 1.0)[: len(layout)])
+    shows = [draw_mechanism(panels["mechanism"], mechanism, bodies, bearings)]
+    start = run.time[0]
+    if joint:
+        bearing = bearings[joint]
+        start = start - columns["time_s"][0]
+        path, places = (r.orbits[joint] / bearing.clearance for r in (run, frames))
+        clearance_circle(panels["orbit"])
+        panels["orbit"].plot(*path.T, color="0.6", linewidth=1.0)
+        _curves(panels["curves"], columns)
+        bearing.show_angles(panels["close up"])
+        highest = bearing.pressure.max()
+        shows += [
+            moving(
+                panels["close up"],
+                lambda axes, frame: bearing.draw(axes, frame, highest, close_up=True),
+            ),
+            moving(panels["film"], bearing.unwrap),
+            moving(
+                panels["orbit"],
+                lambda axes, frame: axes.plot(*places[frame], "o", color=BLUE, mec="white"),
+            ),
+            moving(
+                panels["curves"],
+                lambda axes, frame: axes.axvline(1e3 * (time[frame] - start), color="0.3", lw=0.9),
+            ),
+        ]
+        colours = ScalarMappable(Normalize(0.0, 1e-6 * highest), PRESSURES)
+        figure.colorbar(colours, ax=panels["film"], label="pressure [MPa]", aspect=14, pad=0.02)
+    note = f"displacements and clearances × {scale:g}, dashed: without"
+    if any(not shape.mesh for shape in shapes.values()):
+        note = f"{note}; of flexible bodies, only bores are known"
+    figure.text(0.012, 0.985, note, ha="left", va="top", color="0.3")
+    title = figure.suptitle(" ", x=0.988, ha="right", fontsize="large")
+
+    def show(frame: int) -> None:
+        for part in shows:
+            part(frame)
+        now = [joint] if joint else []
+        now.append(f"t = {1e3 * (time[frame] - start):.2f} ms")
+        for name in mechanism.drives:
+            now.append(f"{name} {np.degrees(bodies[name].pose[frame, 2]) % 360:.0f}°")
+        title.set_text(", ".join(now))
+
+    # Sizes are settled on one frame: labels of changing width must not move the panels.
+    show(0)
+    figure.canvas.draw()
+    figure.set_layout_engine("none")
+    return figure, show
+
+
+def _curves(axes: Axes, columns: Mapping[str, np.ndarray]) -> None:
+    """Peak pressure and thinnest film of the whole run."""
+    for panel, column, factor, colour, label in (
+        (axes, "max_pressure_Pa", 1e-6, RED, "max. pressure [MPa]"),
+        (axes.twinx(), "min_film_thickness_m", 1e6, BLUE, "min. film [µm]"),
+    ):
+        panel.plot(1e3 * columns["time_s"], factor * columns[column], color=colour)
+        panel.set_ylabel(label, color=colour)
+        panel.set_ylim(0, None)
+    axes.set(xlabel="time [ms]", xlim=1e3 * columns["time_s"][[0, -1]])
+    axes.grid(alpha=0.3)

@@ -1,4 +1,4 @@
-"""Curves over the crank's angle: any columns of a history."""
+"""Curves over the crank's angle, any columns of a history, and paths in a plane over a cycle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
-from fenics_ehd.plotting.picture import WIDTH, legend, plt, style, with_unit
+from fenics_ehd.plotting.picture import PANEL, WIDTH, factor_of, legend, plt, style, with_unit
 from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 
 #: Joints by name, each of one or more runs.
@@ -39,8 +39,6 @@ class Panel:
         Of the axis, its unit in brackets.
     columns
         What they are called by their names, or by patterns of these: then what the star stands for.
-    factor
-        To that unit.
     extreme
         Of every curve that is marked and told, `numpy.argmax` or `numpy.argmin`.
     mean
@@ -55,7 +53,6 @@ class Panel:
 
     label: str
     columns: Mapping[str, str]
-    factor: float = 1.0
     extreme: Callable[[np.ndarray], np.intp] | None = None
     mean: bool = False
     scale: str = "zero"
@@ -63,7 +60,7 @@ class Panel:
     unchanged: bool = False
 
     def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
-        """What those that a history has, known and not all zero, are called."""
+        """Labels by column, of those that a history has, known and not all zero."""
         shown = {}
         for pattern, called in self.columns.items():
             for name, values in columns.items():
@@ -71,10 +68,6 @@ class Panel:
                     star = name.removesuffix(pattern.removeprefix("*")).strip("_.")
                     shown[name] = called or star.replace("_", " ")
         return shown
-
-    def figure(self, value: float) -> str:
-        """A value with the unit of the axis."""
-        return with_unit(value, self.label)
 
 
 @dataclass(frozen=True)
@@ -96,7 +89,7 @@ class Curves:
     needed: str = ""
 
     def has(self, joint: ShownJoint) -> bool:
-        """Whether there is anything to draw."""
+        """True where there is anything to draw."""
         if self.needed and not _told(joint.columns.get(self.needed)):
             return False
         return any(panel.found(joint.columns) for panel in self.panels)
@@ -133,7 +126,7 @@ class Curves:
 
 
 def _told(values: np.ndarray | None) -> bool:
-    """Whether a column is known and not all zero."""
+    """True of a column that is known and not all zero."""
     return values is not None and bool(np.any(np.nan_to_num(values)))
 
 
@@ -147,13 +140,13 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
     curves = [(joint, *found) for joint in joints for found in panel.found(joint.columns).items()]
     for number, (joint, column, called) in enumerate(curves):
         look = style(number)
-        x, y = over_cycle(joint, panel.factor * joint.columns[column], over)
+        x, y = over_cycle(joint, factor_of(panel.label) * joint.columns[column], over)
         figures = []
         if panel.extreme is not None:
             known = np.flatnonzero(np.isfinite(y))  # errors are estimated at some steps only
             place = known[panel.extreme(y[known])]
             axes.plot(x[place], y[place], "o", color=look["color"], markersize=5, zorder=4)
-            figures.append(f"{panel.figure(y[place])} at {said(x[place], over)}")
+            figures.append(f"{with_unit(y[place], panel.label)} at {said(x[place], over)}")
         if (worth := _worth(joint, panel.budget)) is not None:
             extreme, largest = worth
             # Pressures are judged over their peak, films place by place.
@@ -161,9 +154,9 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
             figures[-1] += f" ± {100 * extreme:.2g} %"
         if panel.mean:
-            average = panel.factor * _average(joint, column)
+            average = factor_of(panel.label) * _average(joint, column)
             axes.axhline(average, color=look["color"], linewidth=0.8, alpha=0.7, zorder=1)
-            figures.append(f"mean {panel.figure(average)}")
+            figures.append(f"mean {with_unit(average, panel.label)}")
         told = ", ".join(filter(None, (joint.run.name if len(joints) > 1 else "", called)))
         label = ": ".join(filter(None, (told, ", ".join(figures))))
         if panel.scale == "angle":
@@ -271,3 +264,129 @@ def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.nda
     if len(x) < 2 or not np.isfinite(values).all():
         return np.interp(places, x, values)
     return PchipInterpolator(x, values)(places)
+
+
+#: Panels in a row.
+ACROSS = 3
+
+#: Circles of a diagram at most.
+RINGS = 5
+
+#: Smallest distance of two labels, over the radius of the diagram.
+APART = 0.16
+
+
+@dataclass(frozen=True)
+class Paths:
+    """A vector over a cycle as a curve, a panel for every joint.
+
+    Attributes
+    ----------
+    label
+        Of the vector's size, its unit in brackets.
+    vector
+        Of columns, in SI units, in the frame of the bore, shape (t,), y the imaginary part.
+    needed
+        Columns that it takes.
+    bound
+        What the circle of size one is called, empty without any.
+    """
+
+    label: str
+    vector: Callable[[Mapping[str, np.ndarray]], np.ndarray]
+    needed: tuple[str, ...]
+    bound: str = ""
+
+    def has(self, joint: ShownJoint) -> bool:
+        """True where there is anything to draw."""
+        return all(column in joint.columns for column in self.needed)
+
+    def draw(self, rows: Rows) -> Figure:
+        """The figure."""
+        across = min(len(rows), ACROSS)
+        down = -(-len(rows) // across)
+        figure, axes = plt.subplots(
+            down, across, figsize=(PANEL * across, (PANEL + 0.6) * down),
+            layout="constrained", squeeze=False, subplot_kw={"projection": "polar"},
+        )  # fmt: skip
+        for place in axes.flat[len(rows) :]:
+            place.remove()
+        for place, (title, joints) in zip(axes.flat, rows.items(), strict=False):
+            self._draw(place, joints)
+            place.set_title(title, loc="left", fontweight="bold")
+        return figure
+
+    def difference(self, rows: Rows) -> Figure:
+        """The figure of the second run's components less the first's, over the cycle."""
+        panel = Panel(self.label, {"vector_x": "x", "vector_y": "y"})
+        components = {}
+        for title, joints in rows.items():
+            vectors = [self.vector(joint.columns) for joint in joints]
+            components[title] = [
+                replace(j, columns={**j.columns, "vector_x": v.real, "vector_y": v.imag})
+                for j, v in zip(joints, vectors, strict=True)
+            ]
+        return Curves((panel,)).difference(components)
+
+    def _draw(self, axes: Axes, joints: Sequence[ShownJoint]) -> None:
+        over, largest = common_axis(joints), float(bool(self.bound))
+        found = [
+            over_cycle(joint, factor_of(self.label) * self.vector(joint.columns), over)
+            for joint in joints
+        ]
+        largest = max([largest, *(np.abs(vector).max() for _, vector in found)])
+        for number, (joint, (x, vector)) in enumerate(zip(joints, found, strict=True)):
+            label = joint.run.name if len(joints) > 1 else None
+            axes.plot(np.unwrap(np.angle(vector)), np.abs(vector), label=label, **style(number))
+            _mark(axes, x, vector, number, span(over, joints), APART * largest)
+        if self.bound:
+            around = np.linspace(0, 2 * np.pi, 361)
+            axes.plot(around, np.ones(361), color="0.2", linewidth=1.6, label=self.bound)
+        axes.set_ylim(0, largest * (1.03 if largest > 1.0 or not self.bound else 1.0))
+        axes.set_xticks(np.radians(np.arange(0, 360, 45)))
+        axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
+        # Figures of the circles stand between two spokes, away from the curves.
+        away = np.degrees(np.angle(-sum(vector.mean() for _, vector in found)))
+        axes.set_rlabel_position(45.0 * np.floor(away / 45.0) + 22.5)
+        axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
+        axes.set_xlabel(f"{self.label},\nangles from the x axis of the bore's body")
+        legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2, frameon=False)
+
+
+def orbit(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Place of the journal in the bore as it is, over the clearance."""
+    x, y = (columns[f"eccentricity_in_bore_{axis}_m"] for axis in "xy")
+    return columns["eccentricity_ratio"] * np.exp(1j * np.arctan2(y, x))
+
+
+def load(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Load of the journal on the bore [N]."""
+    return columns["force_N"] * np.exp(1j * np.radians(columns["force_angle_deg"]))
+
+
+def _mark(
+    axes: Axes, x: np.ndarray, vector: np.ndarray, number: int, every: float, apart: float
+) -> None:
+    """Dots at some instants, those of the first curve labelled where there is room."""
+    instants = np.arange(np.ceil(x[0] / every - 1e-6), np.floor(x[-1] / every + 1e-6) + 1) * every
+    places = np.interp(instants, x, vector.real) + 1j * np.interp(instants, x, vector.imag)
+    colour = style(number)["color"]
+    axes.plot(np.angle(places), np.abs(places), "o", color=colour, markersize=3.5)
+    told: list[complex] = []
+    for instant, place in zip(instants, places, strict=True):
+        if number or any(abs(place - other) < apart for other in told):
+            continue
+        told.append(place)
+        axes.annotate(
+            f"{instant + 0.0:g}", (np.angle(place), abs(place)), (4, 4),
+            textcoords="offset points", fontsize=7.5, color=colour,
+        )  # fmt: skip
+
+
+def clearance_circle(axes: Axes) -> None:
+    """Axes for the journal's centre, over the clearance, in the frame of the bore."""
+    for radius in (0.25, 0.5, 0.75, 1.0):
+        ring = {"color": "0.2", "lw": 1.6} if radius == 1.0 else {"color": "0.85", "lw": 0.8}
+        axes.add_patch(plt.Circle((0, 0), radius, fill=False, **ring))
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="eccentricity x / c", ylabel="eccentricity y / c")

@@ -1,18 +1,22 @@
-"""Maps over the unwrapped bore of what a cycle did at every place."""
+"""Maps over the unwrapped bore, and the deformed bore seen along its axis, enlarged."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from fenics_ehd.plotting.curves import Rows
-from fenics_ehd.plotting.picture import WIDTH, plt, with_unit
-from fenics_ehd.plotting.shown import TIME, ShownJoint
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.plotting.curves import Rows, common_axis, said
+from fenics_ehd.plotting.picture import BLUE, PANEL, RED, WIDTH, factor_of, legend, plt, with_unit
+from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 
 #: Colours at most.
 LEVELS = 12
@@ -43,8 +47,6 @@ class Map:
         Values at the film's nodes of all steps and times, shape (t, k), to one for the cycle.
     fields
         Which of a film's.
-    factor
-        To that unit.
     colours
         Their name.
     marked
@@ -55,75 +57,96 @@ class Map:
     label: str
     fields: str
     nodal: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    factor: float
     colours: str
     marked: tuple[str, ...] = ()
 
     def has(self, joint: ShownJoint) -> bool:
-        """Whether there is anything to draw."""
-        return getattr(joint.film, self.fields) is not None
+        """True where there is anything to draw."""
+        return self._values(joint) is not None
+
+    def _values(self, joint: ShownJoint) -> np.ndarray | None:
+        return joint.contact if self.fields == "contact" else getattr(joint.film, self.fields)
 
     def draw(self, rows: Rows) -> Figure:
         """The figure, all runs of a joint in the same colours."""
-        panels = []
+        groups = []
         for title, joints in rows.items():
-            found = [self.raster(j, _title(title, j, len(joints))) for j in joints]
-            low = min(r.values.min() for r in found) if self.fields == "gap" else 0.0
-            levels = _levels(low, max(r.values.max() for r in found))
-            panels += [(raster, levels) for raster in found]
-        return self._figure(panels, self.colours)
+            groups.append([self.raster(j, _title(title, j, len(joints))) for j in joints])
+        return draw_rasters(groups, self.label, self.colours, from_zero=self.fields != "gap")
 
     def raster(self, joint: ShownJoint, title: str) -> Raster:
-        """Of one joint, at the lines of its mesh."""
-        film = joint.film
-        values = getattr(film, self.fields)
-        nodal = self.factor * self.nodal(values, joint.columns[TIME][: len(values)])
-        angle, height = (np.unique(x.round(9)) for x in film.grid.node_positions.T)
-        angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
-        height = 1e3 * height
-        around, along = (x.ravel() for x in np.meshgrid(np.radians(angle), 1e-3 * height))
-        found = (film.grid.interpolation(around, along) @ nodal).reshape(len(height), len(angle))
-        return Raster(found, angle, height, title, self._mark(joint, found, angle, height))
-
-    def _mark(
-        self, joint: ShownJoint, values: np.ndarray, angle: np.ndarray, height: np.ndarray
-    ) -> tuple[float, float, float]:
-        """Value, angle and height of what is marked."""
+        """Field of one joint at the lines of its mesh."""
+        values = np.asarray(self._values(joint))
+        nodal = self.nodal(values, joint.columns[TIME][: len(values)])
+        factor = factor_of(self.label)
+        found = raster_of(joint.grid, factor * nodal, title)
         if not self.marked:
-            return _largest(values, angle, height)
-        column, *place = (joint.columns[name] for name in self.marked)
+            return found
+        column, angle, height = (joint.columns[name] for name in self.marked)
         step = column.argmin() if self.fields == "gap" else column.argmax()
-        return self.factor * column[step], place[0][step], 1e3 * place[1][step]
-
-    def _figure(self, panels: list[tuple[Raster, np.ndarray]], colours: str) -> Figure:
-        figure, places = plt.subplots(
-            len(panels), figsize=(WIDTH, HEIGHT * len(panels) + 0.5), layout="constrained",
-            sharex=True, squeeze=False,
-        )  # fmt: skip
-        for axes, (raster, levels) in zip(places.flat, panels, strict=True):
-            values, angle, height, title, (value, where, z) = raster
-            image = axes.contourf(angle, height, values, levels, cmap=colours)
-            axes.contour(angle, height, values, levels, colors="0.2", linewidths=0.4)
-            axes.plot(where, z, "o", markerfacecolor="white", markeredgecolor="black",
-                      clip_on=False)  # fmt: skip
-            place = f"at {where:.0f}°, z = {z + 0.0:.3g} mm"
-            axes.set_title(f"{with_unit(value, self.label)} {place}", loc="right")
-            axes.set_title(title, loc="left", fontweight="bold")
-            axes.set(ylabel="z [mm]", xticks=np.arange(-180, 181, 45))
-            axes.grid(False)
-            figure.colorbar(image, ax=axes, label=self.label, pad=0.02)
-        axes.set_xlabel("angle on the bore from its body's x axis, from x to y [°]")
-        return figure
+        mark = factor * column[step], angle[step], 1e3 * height[step]
+        return found._replace(mark=mark)
 
 
-def _levels(low: float, high: float) -> np.ndarray:
+def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
+    """Nodal values at the lines of a mesh, the largest at them marked."""
+    angle, height = (np.unique(x.round(9)) for x in grid.node_positions.T)
+    angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
+    found = sampled(grid, nodal, np.radians(angle), height)
+    return Raster(found, angle, 1e3 * height, title, largest(found, angle, 1e3 * height))
+
+
+def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Nodal values (..., k) on a raster of angles (a,) [rad] and heights (b,) [m], (..., b, a)."""
+    around, along = (x.ravel() for x in np.meshgrid(angle, height))
+    found = (grid.interpolation(around, along) @ nodal.T).T
+    return found.reshape(*nodal.shape[:-1], len(height), len(angle))
+
+
+def draw_rasters(
+    groups: Sequence[Sequence[Raster]], label: str, colours: str, *, from_zero: bool = True
+) -> Figure:
+    """Maps below each other, those of a group in the same colours; see `draw_raster`."""
+    count = sum(map(len, groups))
+    figure, places = plt.subplots(
+        count, figsize=(WIDTH, HEIGHT * count + 0.5), layout="constrained",
+        sharex=True, squeeze=False,
+    )  # fmt: skip
+    left = iter(places.flat)
+    for rasters in groups:
+        lowest = 0.0 if from_zero else min(raster.values.min() for raster in rasters)
+        levels = levels_between(lowest, max(raster.values.max() for raster in rasters))
+        for raster in rasters:
+            axes = next(left)
+            draw_raster(axes, raster, levels, label, colours)
+    axes.set_xlabel("angle on the bore from its body's x axis, from x to y [°]")
+    return figure
+
+
+def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colours: str) -> None:
+    """One map with its extreme marked; `label` is that of the colours, its unit in brackets."""
+    values, angle, height, title, (value, where, z) = raster
+    image = axes.contourf(angle, height, values, levels, cmap=colours)
+    if np.ptp(values):
+        axes.contour(angle, height, values, levels[1:], colors="0.2", linewidths=0.4)
+    axes.plot(where, z, "o", markerfacecolor="white", markeredgecolor="black", clip_on=False)
+    place = f"at {where:.0f}°, z = {z + 0.0:.3g} mm"
+    axes.set_title(f"{with_unit(value, label)} {place}", loc="right")
+    axes.set_title(title, loc="left", fontweight="bold")
+    axes.set(ylabel="z [mm]", xticks=np.arange(-180, 181, 45))
+    axes.grid(False)
+    axes.figure.colorbar(image, ax=axes, label=label, pad=0.02)
+
+
+def levels_between(low: float, high: float) -> np.ndarray:
     """Values between two colours."""
     return MaxNLocator(LEVELS).tick_values(low, high if high > low else low + 1.0)
 
 
-def _largest(
+def largest(
     values: np.ndarray, angle: np.ndarray, height: np.ndarray
 ) -> tuple[float, float, float]:
+    """The value of the largest size, its angle and its height."""
     row, column = np.unravel_index(np.argmax(np.abs(values)), values.shape)
     return values[row, column], angle[column], height[row]
 
@@ -133,10 +156,152 @@ def _title(title: str, joint: ShownJoint, runs: int) -> str:
 
 
 def least(values: np.ndarray, _: np.ndarray) -> np.ndarray:
-    """Of all instants at every node."""
+    """Least of all instants at every node."""
     return values.min(axis=0)
 
 
 def most(values: np.ndarray, _: np.ndarray) -> np.ndarray:
-    """Of all instants at every node."""
+    """Largest of all instants at every node."""
     return values.max(axis=0)
+
+
+#: Largest of clearance and radial displacement as drawn, height of the largest pressure, and half
+#: the side of a panel, over the bore's radius.
+ENLARGED, FAN, REACH = 0.2, 0.35, 1.62
+
+#: Points around the bore, and its outward normals there.
+ANGLES = np.linspace(-np.pi, np.pi, 361)
+NORMALS = np.array([np.cos(ANGLES), np.sin(ANGLES)])
+
+
+@dataclass(frozen=True)
+class Bores:
+    """Bore, journal and pressure at the instants of peak pressure and of minimum film.
+
+    The bore is drawn about the centre of the circle that comes nearest to it, as in the orbit:
+    what lies between it and the journal is the film, in the section where it is thinnest.
+    """
+
+    def has(self, joint: ShownJoint) -> bool:
+        """True where there is anything to draw."""
+        return bool(joint.name)
+
+    def draw(self, rows: Rows) -> Figure:
+        """The figure: two instants beside each other, every joint and run below the other."""
+        cells = [(title, joint, joints) for title, joints in rows.items() for joint in joints]
+        figure, panels = plt.subplots(
+            len(cells), 2, figsize=(2 * PANEL, (PANEL + 0.4) * len(cells)), layout="constrained",
+            squeeze=False,
+        )  # fmt: skip
+        for places, (title, joint, joints) in zip(panels, cells, strict=True):
+            name = _title(title, joint, len(joints))
+            steps = {
+                "peak pressure": int(joint.columns["max_pressure_Pa"].argmax()),
+                "minimum film": int(joint.columns["min_film_thickness_m"].argmin()),
+            }
+            scale = _scale(joint, list(steps.values()))
+            for axes, (instant, step) in zip(places, steps.items(), strict=True):
+                over = common_axis([joint])
+                now = joint.columns[over][step] * (1.0 if over == ANGLE else 1e3)
+                _draw(axes, joint, step, scale)
+                told = f"{instant}, {said(now, over)}\nclearance and deformation × {scale:g}"
+                axes.set_title(f"{name}: {told}" if name else told)
+        return figure
+
+
+def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gap and pressure around the bore at a step, and the journal's place in the bore.
+
+    Returns
+    -------
+    gap, pressure
+        Of the section with the thinnest film; largest over the width, shape (a,) [m], [Pa].
+    place
+        Eccentricity of the circle that comes nearest to that gap, shape (2,) [m].
+    """
+    height = np.unique(joint.grid.node_positions[:, 1].round(9))
+    nodal = np.array([joint.film.gap[step], joint.film.pressure[step]])
+    gaps, pressures = sampled(joint.grid, nodal, ANGLES, height)
+    gap = gaps[np.argmin(gaps.min(axis=1))]
+    waves = np.column_stack([np.ones(len(ANGLES)), -NORMALS.T])
+    place = np.linalg.lstsq(waves[:-1], gap[:-1], rcond=None)[0][1:]
+    return gap, np.maximum(pressures, 0.0).max(axis=0), place
+
+
+def outward(gap: np.ndarray, place: np.ndarray, clearance: float) -> np.ndarray:
+    """Radial displacement of the bore from its circle, shape (a,) [m]."""
+    return gap - clearance + place @ NORMALS
+
+
+def _scale(joint: ShownJoint, steps: list[int]) -> float:
+    """Enlargement, to two digits."""
+    largest = clearance = joint.film.clearance
+    for step in steps:
+        gap, _, place = profile(joint, step)
+        largest = max(largest, float(np.abs(outward(gap, place, clearance)).max()))
+    scale = ENLARGED * joint.film.radius / largest
+    digits = 10.0 ** (np.floor(np.log10(scale)) - 1)
+    return float(np.floor(scale / digits) * digits)
+
+
+def _draw(axes: Axes, joint: ShownJoint, step: int, scale: float) -> None:
+    film, columns = joint.film, joint.columns
+    gap, pressure, place = profile(joint, step)
+    told = (
+        f"pressure, up to {1e-6 * columns['max_pressure_Pa'][step]:.4g} MPa",
+        f"thinnest, {1e6 * columns['min_film_thickness_m'][step]:.4g} µm",
+    )
+    share, enlarged = pressure / (film.pressure.max() or 1.0), scale / film.radius
+    draw_section(axes, enlarged * gap, share, enlarged * place, enlarged * film.clearance, told)
+
+
+def draw_section(
+    axes: Axes,
+    gap: np.ndarray,
+    pressure: np.ndarray,
+    place: np.ndarray,
+    clearance: float,
+    told: tuple[str, str],
+    turn: float = 0.0,
+) -> None:
+    """Bore, journal and pressure seen along the axis, all lengths over the bore's radius.
+
+    Parameters
+    ----------
+    axes
+        Where.
+    gap, pressure
+        Enlarged, and over the largest one, at `ANGLES`.
+    place, clearance
+        Of the journal, shape (2,), and between round bore and journal; enlarged.
+    told
+        What pressure and thinnest film are called.
+    turn
+        Of the bore's x axis from the picture's [rad].
+    """
+    turned = rotation(turn)
+    bore = (1.0 + outward(gap, place, clearance)) * NORMALS
+    fan = np.hstack([bore, (bore + FAN * pressure * NORMALS)[:, ::-1]])
+    axes.fill(*(turned @ fan), color=RED, alpha=0.35, linewidth=0, clip_on=False, label=told[0])
+    axes.plot(*NORMALS, color="0.4", linewidth=1.0, linestyle=":", label="round bore")
+    axes.add_patch(
+        Circle(turned @ place, 1.0 - clearance, facecolor="0.92", edgecolor="0.35", linewidth=1.2)
+    )
+    axes.plot(*(turned @ bore), color=BLUE, linewidth=2.0, label="bore as it is")
+    axes.plot(*(turned @ place), "+", color="0.35")
+    thinnest = turned @ bore[:, int(gap.argmin())]
+    axes.plot(*thinnest, "o", color="white", markeredgecolor="black", label=told[1])
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH))
+    axes.axis("off")
+    label_angles(axes, 0.5, (0, 90, 180, 270), turn, color="0.4", fontsize=8)
+    legend(axes, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2, frameon=False)
+
+
+def label_angles(
+    axes: Axes, radius: float, degrees: Sequence[float], turn: float = 0.0, **look: Any
+) -> None:
+    """Write angles on the bore inside of it, its x axis turned from the picture's [rad]."""
+    for angle in degrees:
+        where = radius * rotation(turn + np.radians(angle))[:, 0]
+        axes.text(*where, f"{angle:.0f}°", ha="center", va="center", **look)

@@ -1,4 +1,4 @@
-"""What every picture needs: one look, a backend without a screen, files in the folder of a run.
+"""Common to all pictures: one look, a backend without a screen, files in the folder of a run.
 
 Colours are those of Paul Tol's high-contrast scheme, black, then three of his muted one
 (personal.sron.nl/~pault): they stay apart for colour-blind readers, the first four also
@@ -8,19 +8,21 @@ in grey; dashes say once more which curve is which.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 
-from fenics_ehd.base.pictures import FORMATS
-from fenics_ehd.base.whole_file import write_whole
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import unit, unit_of
+from fenics_ehd.base.files import PICTURE_FORMATS, require_writable, write_whole
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
 BLUE, RED, YELLOW, BLACK = "#004488", "#BB5566", "#DDAA33", "#000000"
@@ -36,6 +38,9 @@ PRESSURES, FILMS = "YlOrRd", "cividis"
 
 #: Width of a picture [inches], and of a panel beside others.
 WIDTH, PANEL = 7.2, 4.4
+
+#: Endings of what matplotlib writes.
+ENDINGS = tuple(f".{name}" for name in sorted(FigureCanvasBase.get_supported_filetypes()))
 
 #: Fonts and grids.
 SETTINGS: dict[str, Any] = {
@@ -58,10 +63,16 @@ def style(number: int) -> dict[str, Any]:
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}
 
 
+def factor_of(label: str) -> float:
+    """Factor from SI units to that which a label has in brackets; columns of angles have theirs."""
+    known = unit(unit_of(label).partition(" of ")[0])
+    return 1.0 if known is None or known.turns else float(1 / known.factor)
+
+
 def with_unit(value: float, label: str) -> str:
-    """A value in the unit that a label has in brackets, if any."""
-    unit = label.rpartition("[")[2].rstrip("]") if "[" in label else ""
-    return f"{value:.4g}" + (unit if unit == "°" else f" {unit}".rstrip())
+    """A value with the unit that a label has in brackets, if any."""
+    symbol = unit_of(label)
+    return f"{value:.4g}" + (symbol if symbol == "°" else f" {symbol}".rstrip())
 
 
 def legend(axes: Axes, **options: Any) -> None:
@@ -70,9 +81,24 @@ def legend(axes: Axes, **options: Any) -> None:
         axes.legend(**{"framealpha": 0.85} | options)
 
 
+def require_format(option: str, path: str | Path, known: Collection[str]) -> None:
+    """Refuse a file that cannot be written, before any work is done for it.
+
+    Raises
+    ------
+    SettingsError
+        Its ending is none of those known.
+    InputError
+        No permission.
+    """
+    if Path(path).suffix.lower() not in known:
+        raise SettingsError(f"{option} {path}: its ending must be one of {', '.join(known)}")
+    require_writable(path)
+
+
 def in_formats(directory: str | Path, name: str) -> list[Path]:
-    """Files of a picture in each of `FORMATS`."""
-    return [Path(directory) / f"{name}.{suffix}" for suffix in FORMATS]
+    """Files of a picture in each of `PICTURE_FORMATS`."""
+    return [Path(directory) / f"{name}.{suffix}" for suffix in PICTURE_FORMATS]
 
 
 def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:

@@ -1,16 +1,159 @@
-"""Pictures of runs: which joints, which quantities, one run or several in one picture."""
+"""Pictures of runs by name: which there are, of which joints, of one run or several."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.folder import claim
-from fenics_ehd.plotting.curves import Curves, Rows
-from fenics_ehd.plotting.picture import SETTINGS, in_formats, plt, save
-from fenics_ehd.plotting.quantities import OF_EVERY_RUN, QUANTITIES, Subtractable
-from fenics_ehd.plotting.shown import ShownJoint, ShownRun
+from fenics_ehd.base.files import PICTURES, claim
+from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, mean, orbit
+from fenics_ehd.plotting.maps import Bores, Map, least, most
+from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, in_formats, plt, save
+from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
+
+_BY_NAME: dict[str, Curves | Paths | Map | Bores] = {
+    "max_pressure": Curves(
+        (
+            Panel(
+                "maximum pressure [MPa]",
+                {"max_pressure_Pa": ""},
+                np.argmax,
+                budget="max_pressure",
+            ),
+        ),
+    ),
+    "min_film_thickness": Curves(
+        (
+            Panel(
+                "minimum film thickness [µm]",
+                {"min_film_thickness_m": ""},
+                np.argmin,
+                budget="min_film_thickness",
+            ),
+        ),
+    ),
+    "orbit": Paths(
+        "eccentricity / clearance",
+        orbit,
+        ("eccentricity_in_bore_x_m", "eccentricity_in_bore_y_m", "eccentricity_ratio"),
+        "clearance",
+    ),
+    "force": Paths("load on the bore [kN]", load, ("force_N", "force_angle_deg")),
+    "eccentricity": Curves(
+        (Panel("eccentricity / clearance", {"eccentricity_ratio": ""}, np.argmax),),
+    ),
+    "places": Curves(
+        (
+            Panel(
+                "angle on the bore [°]",
+                {
+                    "max_pressure_angle_deg": "peak pressure",
+                    "min_film_angle_deg": "minimum film",
+                },
+                scale="angle",
+            ),
+        ),
+    ),
+    "friction": Curves(
+        (
+            Panel(
+                "friction torque [N m]",
+                {"friction_torque_Nm": "on the journal", "bore_friction_torque_Nm": "on the bore"},
+                mean=True,
+            ),
+            Panel(
+                "power [W]",
+                {
+                    "dissipated_power_W": "dissipated",
+                    "contact_power_W": "touching asperities",
+                },
+                mean=True,
+            ),
+        ),
+    ),
+    "flow": Curves((Panel("flow of oil [cm³/s]", {"*flow_m3_per_s": ""}, mean=True),)),
+    "contact": Curves(
+        (
+            Panel("contact force [N]", {"contact_force_N": ""}, mean=True),
+            Panel("contact pressure [MPa]", {"max_contact_pressure_Pa": "largest"}, np.argmax),
+            Panel(
+                "shares [%]",
+                {"contact_share": "of the force", "contact_area_share": "of the area"},
+                mean=True,
+            ),
+        ),
+    ),
+    "oil_content": Curves((Panel("oil in the film [mm³]", {"oil_content_m3": ""}, mean=True),)),
+    "basis_error": Curves(
+        (
+            Panel(
+                "film, error of the gap [µm]",
+                {
+                    "min_film_thickness_m": "minimum film thickness",
+                    "basis_error_estimate_m": "estimated error of its gap",
+                },
+                scale="log",
+            ),
+        ),
+        needed="basis_error_estimate_m",
+    ),
+    "error_budget": Curves(
+        (
+            Panel("pressure error [% of the peak]", {"*.pressure_error": ""}, scale="linear"),
+            Panel("film error [%]", {"*.film_error": ""}, scale="linear"),
+        ),
+    ),
+    "pressure_map": Map(
+        "largest pressure [MPa]",
+        "pressure",
+        most,
+        PRESSURES,
+        ("max_pressure_Pa", "max_pressure_angle_deg", "max_pressure_height_m"),
+    ),
+    "film_map": Map(
+        "least film thickness [µm]",
+        "gap",
+        least,
+        FILMS,
+        ("min_film_thickness_m", "min_film_angle_deg", "min_film_height_m"),
+    ),
+    "contact_map": Map("mean contact pressure [MPa]", "contact", mean, PRESSURES),
+    "bore": Bores(),
+    "energy": Curves(
+        (
+            Panel(
+                "energy, work [J]",
+                {
+                    STORED: "kinetic and strain energy",
+                    "drive_work_J": "drive",
+                    "applied_work_J": "applied forces",
+                },
+                scale="linear",
+            ),
+            Panel(
+                "losses [J]",
+                {
+                    "film_work_J": "film",
+                    "damping_work_J": "structural damping",
+                    "drag_work_J": "drag on the oil (gained)",
+                },
+                scale="linear",
+            ),
+            Panel("defect [J]", {"energy_defect_J": "defect of the balance"}, scale="linear"),
+        ),
+        whole=True,
+    ),
+}
+
+#: In the order in which they are drawn.
+QUANTITIES = MappingProxyType({name: _BY_NAME[name] for name in PICTURES})
+
+#: Those that `fenics-ehd run` draws: what needs no more than its history.
+OF_EVERY_RUN = tuple(n for n, q in QUANTITIES.items() if isinstance(q, Curves | Paths))
 
 
 def plot_run(directory: str | Path) -> list[Path]:
@@ -90,7 +233,7 @@ class Pictures:
             return []
         with plt.rc_context(SETTINGS):
             if self._difference:
-                assert isinstance(quantity, Subtractable)
+                assert isinstance(quantity, Curves | Paths)
                 figure = quantity.difference(
                     {_less(t, *joints): joints for t, joints in rows.items()}
                 )
@@ -109,7 +252,7 @@ class Pictures:
         quantity, rows = QUANTITIES[name], self._rows
         whole = isinstance(quantity, Curves) and quantity.whole
         # Works of two runs do not begin at the same instant.
-        if self._difference and (whole or not isinstance(quantity, Subtractable)):
+        if self._difference and (whole or not isinstance(quantity, Curves | Paths)):
             return {}
         if whole:
             rows = {"": [run.whole for run in self._runs]}
@@ -119,7 +262,7 @@ class Pictures:
 
 
 def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:
-    """What a difference is of."""
+    """Title of a difference: the joint, and the run less the other."""
     return ": ".join(filter(None, (title, f"{second.run.name} less {first.run.name}")))
 
 

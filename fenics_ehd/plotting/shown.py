@@ -1,4 +1,7 @@
-"""What pictures are drawn of: the last cycle of runs, joint by joint."""
+"""Runs as pictures show them: the last cycle, joint by joint, and the mechanism moving.
+
+The mechanism of a run's folder, moving; nothing is meshed, reduced or compiled for it.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +14,42 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.output import ERROR_BUDGET
+from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
-from fenics_ehd.base.text_file import read_json
+from fenics_ehd.film.forces import in_supply
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.shear import in_supply
-from fenics_ehd.multibody.crank_angle import WHOLE
-from fenics_ehd.multibody.joint_contact import joint_contact
-from fenics_ehd.multibody.result import FilmResult, Result, last_whole_cycle
-from fenics_ehd.plotting.recorded import recorded
-from fenics_ehd.results.load import load_results
+from fenics_ehd.multibody.history import FilmResult, History, last_whole_cycle
+from fenics_ehd.multibody.periodic import WHOLE
+from fenics_ehd.results.history_file import load_history
+from fenics_ehd.results.motion import RecordedMotion
+from fenics_ehd.results.recorded_run import SCENE_NAME
+from fenics_ehd.scenes.run import stored_scene
+
+
+def recorded(directory: str | Path, result: History | None = None) -> RecordedMotion:
+    """All recorded steps of a run of a scene, also of one that goes on or was killed.
+
+    Parameters
+    ----------
+    directory
+        Of the run.
+    result
+        What it answers, or a part of that; None: all, read here.
+
+    Raises
+    ------
+    InputError
+        The folder holds no scene, or no step.
+    SettingsError, BodyFileError
+        Scene or bodies cannot be read.
+    """
+    folder = Path(directory)
+    if not (folder / SCENE_NAME).is_file():
+        raise InputError(f"{folder / SCENE_NAME}: missing, {directory} is not the folder of a run")
+    # Forces move nothing here, and their tables may be gone.
+    _, built = stored_scene(folder, forces=False)
+    return RecordedMotion(built.mechanism, result or load_history(folder))
+
 
 #: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.
 ANGLE, TIME = "crank_angle_deg", "time_s"
@@ -36,29 +65,6 @@ BUDGET = (
     "more_max_pressure_Pa",
     "more_min_film_thickness_m",
 )
-
-
-@dataclass(frozen=True, eq=False)
-class ShownFilm:
-    """A film over the steps of a cycle.
-
-    Attributes
-    ----------
-    grid
-        Its mesh.
-    clearance
-        [m]
-    pressure, gap
-        At the nodes, shape (t, k) [Pa], [m].
-    contact
-        Contact pressure there, None between smooth surfaces.
-    """
-
-    grid: FilmGrid
-    clearance: float
-    pressure: np.ndarray
-    gap: np.ndarray
-    contact: np.ndarray | None
 
 
 class ShownRun:
@@ -92,13 +98,13 @@ class ShownRun:
 
     def __init__(self, name: str, directory: str | Path):
         self.name, self.directory = name, Path(directory)
-        result = load_results(directory)
+        result = load_history(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
-        used = result.cycle_used
+        used = str(result.summary().get("cycle_used", ""))
         # Over its first cycle a search builds up its films as any other run does at its start.
         repeated = bool(result.run.get("cycle", np.ones(1))[-1] > 1)
         self.told = "" if repeated or used.startswith("last") else used
-        self._start = 0.0 if "cycle" in result.run else result.cycle_start
+        self._start = 0.0 if "cycle" in result.run else result.summary().get("cycle_start_s", 0.0)
         self.starts = self._start <= 0.0 and not repeated
         start = self._start
         if repeated:
@@ -106,23 +112,19 @@ class ShownRun:
             rows = last_whole_cycle(np.asarray(result.run["cycle"]), clock)
             result = result.each(lambda values: values[: rows.stop])
             start = float(result.time[rows.start] - clock[rows.start])
-        self._from(result, start)
-
-    def _from(self, result: Result, start: float) -> None:
-        """Begin at a time between two steps [s]."""
         time = np.asarray(result.time)
-        first = int(np.searchsorted(time, start, side="right"))
-        share = (start - time[first - 1]) / (time[first] - time[first - 1]) if first else 0.0
-
-        def cut(values: np.ndarray) -> np.ndarray:
-            if not first:
-                return values
-            between = (1 - share) * values[first - 1] + share * values[first]
-            return np.concatenate([between[None], values[first:]])
-
-        self.cycle = result.each(cut)
+        after = int(np.searchsorted(time, start, side="right"))
+        if after:
+            # It begins between two steps.
+            last, share = after - 1, np.interp(start, time, np.arange(len(time))) - after + 1
+            result = result.each(
+                lambda v: np.concatenate(
+                    [(1 - share) * v[last:after] + share * v[after : after + 1], v[after:]]
+                )
+            )
+        self.cycle = result
         self.time = np.asarray(self.cycle.time) - start
-        angle = _crank_angle(self.cycle)
+        angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
         # The end of the cycle before is that many turns ahead.
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
         self.angle = angle - 360.0 * np.floor(angle.min() / 360.0 + WHOLE)
@@ -144,7 +146,7 @@ class ShownRun:
 
     @property
     def _cycle_columns(self) -> dict[str, np.ndarray]:
-        """What curves are drawn over."""
+        """Columns for the horizontal axis: time, and the crank's angle where it turns."""
         return {TIME: self.time} | ({ANGLE: self.angle} if np.ptp(self.angle) else {})
 
     def _errors(self, joint: str) -> dict[str, np.ndarray]:
@@ -165,17 +167,6 @@ class ShownRun:
                     )
         return found
 
-    def contact_pressure(self, joint: str, gap: np.ndarray) -> np.ndarray | None:
-        """Of nominal gaps at the nodes of a film, None between smooth surfaces [Pa]."""
-        if "contact_force" not in self.cycle.joints[joint]:
-            return None
-        films = recorded(self.directory, self.cycle).system.films
-        place = next(place for place in films if place.name == joint)
-        contact = joint_contact(place)
-        assert contact is not None
-        deep = in_supply(place.film.film, *place.film.film.parameters.grid.node_positions.T)
-        return np.where(deep, 0.0, contact.surfaces.asperities.touch(gap).pressure)
-
 
 @dataclass(frozen=True, eq=False)
 class ShownJoint:
@@ -194,25 +185,31 @@ class ShownJoint:
     columns: Mapping[str, np.ndarray]
 
     @cached_property
-    def film(self) -> ShownFilm:
-        """Fields of its film."""
-        film = self.run.cycle.joints[self.name].film
-        gap = np.asarray(film.gap)
-        return ShownFilm(
-            _grid(film),
-            film.clearance,
-            np.asarray(film.pressure),
-            gap,
-            self.run.contact_pressure(self.name, gap),
-        )
+    def film(self) -> FilmResult:
+        """Its film."""
+        return self.run.cycle.joints[self.name].film
+
+    @cached_property
+    def grid(self) -> FilmGrid:
+        """Mesh of its film."""
+        return film_grid(self.film)
+
+    @cached_property
+    def contact(self) -> np.ndarray | None:
+        """Contact pressure at the nodes of its film, None between smooth surfaces [Pa]."""
+        run = self.run
+        if "contact_force" not in run.cycle.joints[self.name]:
+            return None
+        films = recorded(run.directory, run.cycle).system.films
+        place = next(place for place in films if place.name == self.name)
+        surfaces = place.film.film.parameters.surfaces
+        assert surfaces is not None
+        deep = in_supply(place.film.film, *self.grid.node_positions.T)
+        gap = np.asarray(self.film.gap)
+        return np.where(deep, 0.0, surfaces.touch(gap).pressure)
 
 
-def _crank_angle(result: Result) -> np.ndarray:
-    """At all steps [degrees]."""
-    return np.array(result.run.get("crank_angle", np.zeros(len(result))))
-
-
-def _grid(film: FilmResult) -> FilmGrid:
+def film_grid(film: FilmResult) -> FilmGrid:
     """The mesh, whose cells begin with their corner of the first angle and height."""
     corners = film.cells[:, :4]
     angles = np.unique(np.asarray(film.angle)[corners[:, 0]])

@@ -4,14 +4,19 @@ Needs petsc4py, slepc4py, mpi4py, numpy, SciPy and h5py; dolfinx and Gmsh are no
 """
 
 import fenics_ehd.base.petsc_start  # noqa: F401
-from fenics_ehd.reduction.basis_file import BasisFile, save_basis, von_mises
-from fenics_ehd.reduction.body import ModeRecord, ReducedBody, ResidualFlexibility
-from fenics_ehd.reduction.body_file import body_digest, load_body, save_body
+from fenics_ehd.reduction.body import (
+    InertiaIntegrals,
+    ModeRecord,
+    ReducedBody,
+    ResidualFlexibility,
+    body_digest,
+    export_npz,
+    load_body,
+    save_body,
+)
 from fenics_ehd.reduction.bore import Bore, mean_motion
-from fenics_ehd.reduction.boundary_points import PointWeights
 from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.craig_bampton import craig_bampton, two_step_craig_bampton
-from fenics_ehd.reduction.export import export_npz
 from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
 from fenics_ehd.reduction.foreign_matrices import (
     ForeignMatrices,
@@ -19,15 +24,24 @@ from fenics_ehd.reduction.foreign_matrices import (
     read_calculix,
     tetrahedron_mass,
 )
-from fenics_ehd.reduction.inertia import InertiaIntegrals
-from fenics_ehd.reduction.load_dependent import full_interface, load_dependent
+from fenics_ehd.reduction.load_dependent import (
+    PRESSURE_SETS,
+    SELECTIONS,
+    full_interface,
+    load_dependent,
+    proper_orthogonal,
+)
 from fenics_ehd.reduction.matrices import as_matrix, reorder
-from fenics_ehd.reduction.pressure_sets import PRESSURE_SETS, proper_orthogonal
+from fenics_ehd.reduction.part_files import (
+    BasisFile,
+    load_structure,
+    save_basis,
+    save_structure,
+    von_mises,
+)
 from fenics_ehd.reduction.reductor import Reductor, rigid
 from fenics_ehd.reduction.residual_flexibility import residual_flexibility
-from fenics_ehd.reduction.residual_modes import SELECTIONS
-from fenics_ehd.reduction.structure import Recovery, Structure
-from fenics_ehd.reduction.structure_file import load_structure, save_structure
+from fenics_ehd.reduction.structure import PointWeights, Recovery, Structure
 
 __all__ = [
     "PRESSURE_SETS",

@@ -1,17 +1,64 @@
-"""The reduced body: everything the time simulation needs, and no part-size array."""
+"""The reduced body: everything the time simulation needs, and no part-size array.
+
+It is stored bit for bit in one HDF5 file, and exported to other programs as NumPy's ``.npz``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import NamedTuple
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.reduction.bore import BoreSurface, all_outward, only
-from fenics_ehd.reduction.inertia import ELASTIC, InertiaIntegrals
-from fenics_ehd.reduction.rigid_motion import rigid_fields
+from fenics_ehd.base.errors import BodyFileError, SettingsError
+from fenics_ehd.base.files import write_whole
+from fenics_ehd.base.sealed_file import digest, named, open_sealed, read_tree, save_tree
+from fenics_ehd.reduction.bore import BoreSurface, all_outward, make_row_major, only, rigid_fields
+
+#: Places of the translations and of the elastic modes among the fields of a body.
+TRANSLATIONS, ELASTIC = slice(1, 3), slice(3, None)
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaIntegrals:
+    """Inertia coupling of a planar floating frame, exact for the finite-element mass matrix.
+
+    Fields, in order: the position x (from the bore centre), the unit
+    translations along x and y, the elastic modes; ``B`` holds them as columns,
+    ``S`` is ``e_z x`` node by node.
+
+    Attributes
+    ----------
+    mass
+        ``B^T M B``, shape (3 + n, 3 + n).
+    spin
+        ``B^T M S B``, antisymmetric: Coriolis and Euler accelerations.
+    centrifugal
+        ``(S B)^T M (S B)``, symmetric.
+    """
+
+    mass: np.ndarray
+    spin: np.ndarray
+    centrifugal: np.ndarray
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of the part [kg]."""
+        return float(self.mass[1, 1])
+
+    @property
+    def centre_of_mass(self) -> np.ndarray:
+        """Centre of mass from the bore centre, x and y [m]."""
+        return self.mass[0, TRANSLATIONS] / self.total_mass
+
+    @property
+    def polar_inertia(self) -> float:
+        """Moment of inertia about the z axis through the centre of mass [kg m^2]."""
+        offset = self.centre_of_mass
+        return float(self.centrifugal[0, 0] - self.total_mass * offset @ offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +166,9 @@ class ReducedBody:
         Outward bore displacement per nodal pressure that the basis cannot
         follow, shape (m, k) [m/Pa]; empty when not computed.
     mesh_flexibility
-        Outward displacement of the bore nodes that the part has more than its mesh under smooth
-        pressures, see `fenics_ehd.reduction.mesh_error`, shape (m, s) [m/Pa]; empty when unknown.
+        Outward displacement that the part has more than its mesh under smooth pressures and
+        forces on its points, see `fenics_ehd.reduction.mesh_error`, at the nodes of `SAMPLED`
+        cells of every bore, k in all: shape (k, s + 2 a) [m/Pa], [m/N]; empty when unknown.
     rigid_mass, rigid_coupling
         ``R^T M R``, shape (6, 6), and ``R^T M T``, shape (6, n), of the unit translations
         and rotations R about the bore's centre; empty when unknown.
@@ -163,12 +211,7 @@ class ReducedBody:
     columns: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        # Products round differently for another memory order; a body read from a file is
-        # row-major, and must give the same run to the last bit.
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if isinstance(value, np.ndarray) and f.name != "columns":
-                object.__setattr__(self, f.name, np.ascontiguousarray(value))
+        make_row_major(self)
 
     @property
     def modes(self) -> int:
@@ -261,7 +304,7 @@ class ReducedBody:
         return self.outward(self.bore_flexibility())
 
     def bore_flexibility(self) -> np.ndarray:
-        """The same with all three components, shape (m, 3, k) [m/Pa]."""
+        """Bore displacement per nodal pressure that the body follows, shape (m, 3, k) [m/Pa]."""
         m = len(self.bore_basis)
         shape, load = self.bore_basis.reshape(3 * m, -1), self.load_projection[ELASTIC]
         if self.frame != "clamped" and self.rigid_mass.size:
@@ -280,3 +323,161 @@ def bore_fields(body: ReducedBody) -> np.ndarray:
     if body.residual is None:
         return body.bore_basis
     return np.concatenate([body.bore_basis, body.residual.displacement], axis=2)
+
+
+FORMAT = "fenics_ehd reduced body"
+FORMAT_VERSION = 5
+
+
+def save_body(body: ReducedBody, path: str | Path) -> None:
+    """Write a body; an existing file is replaced only once the new one is whole."""
+    save_tree(path, _tree(body), FORMAT, FORMAT_VERSION)
+
+
+def body_digest(body: ReducedBody) -> str:
+    """SHA-256 of all numbers of a body, the same before and after it was in a file."""
+    return digest(_tree(body))
+
+
+def _tree(body: ReducedBody) -> dict[str, Any]:
+    stored = {k: v for k, v in vars(body).items() if k != "columns" and v is not None}
+    records = body.inventory
+    return stored | {
+        # The order of the bores is that of their nodes, a file's that of their names.
+        "bore_names": tuple(body.bores),
+        "accuracy": {name: float(value) for name, value in body.accuracy.items()},
+        "inventory": {
+            "kind": tuple(r.kind for r in records),
+            "frequency": np.array([r.frequency for r in records], dtype=float),
+            "participation": np.array([r.participation for r in records], dtype=float),
+            "dropped": tuple(r.dropped for r in records),
+        },
+    }
+
+
+def load_body(path: str | Path) -> ReducedBody:
+    """Read a body written by `save_body`.
+
+    Raises
+    ------
+    BodyFileError
+        The file is missing, is not HDF5, changed since it was written, or holds no reduced body
+        of this format.
+    """
+    with named(BodyFileError, f"body file {path}"):
+        with open_sealed(path, FORMAT, FORMAT_VERSION, remedy="reduce the part again") as file:
+            tree = read_tree(file)
+        names = tree.pop("bore_names")
+        tree["bores"] = {name: BoreSurface(**tree["bores"][name]) for name in names}
+        tree["inertia"] = InertiaIntegrals(**tree["inertia"])
+        if "residual" in tree:
+            tree["residual"] = ResidualFlexibility(**tree["residual"])
+        tree["inventory"] = _inventory(tree["inventory"])
+        return ReducedBody(**tree)
+
+
+def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
+    names = [field.name for field in fields(ModeRecord)]
+    rows = zip(*(columns[name] for name in names), strict=True)
+    return tuple(
+        ModeRecord(kind, float(frequency), float(share), dropped)
+        for kind, frequency, share, dropped in rows
+    )
+
+
+EXPORT_FORMAT = "fenics_ehd reduced body, exported"
+EXPORT_VERSION = 2
+
+
+def export_npz(body: ReducedBody, path: str | Path) -> Path:
+    """Write a body as one ``.npz`` of plain arrays, read by ``numpy.load`` without pickles.
+
+    With n modes, m bore nodes, k pressure nodes and r residual patterns it holds, in SI units:
+
+    ``format``, ``format_version``
+        Text and number.
+    ``method``, ``frame``, ``kinds``
+        Text as in `ReducedBody`; `kinds` has shape (n,).
+    ``stiffness``, ``mass``
+        ``T^T K T`` [N/m] and ``T^T M T`` [kg], shape (n, n).
+    ``frequencies``
+        Of each coordinate taken alone, shape (n,) [Hz].
+    ``bore_names``, ``bore_radius``, ``bore_width``, ``bore_centre``, ``bore_sizes``
+        Of every bore: text, [m], [m], from the origin (3,) [m], and how many of the m nodes and k
+        pressure nodes are its own, one bore after the other.
+    ``bore_nodes``, ``pressure_nodes``
+        Positions, the bores' axes along z, shapes (m, 3) and (k, 3) [m].
+    ``bore_basis``
+        Displacement of the bore nodes for unit coordinates, shape (m, 3, n).
+    ``bore_cells``, ``bore_family``, ``pressure_cells``, ``pressure_family``
+        Surface meshes of bore and pressure nodes as in `BoreSurface`; without cells and with an
+        empty name when unknown.
+    ``load_projection``
+        ``T^T J``: generalised force of nodal pressures, shape (n, k) [m^2].
+    ``rigid_mass``, ``rigid_coupling``, ``rigid_load``
+        ``R^T M R``, ``R^T M T`` and ``R^T J`` of the unit translations [m] and rotations
+        [rad] R about the origin, shapes (6, 6), (6, n) and (6, k); the free part has
+        the mass matrix ``[[R^T M R, R^T M T], [T^T M R, T^T M T]]``.
+    ``inertia_mass``, ``inertia_spin``, ``inertia_centrifugal``
+        `InertiaIntegrals` of plane motion, shape (3 + n, 3 + n).
+    ``points``, ``point_position``, ``point_basis``
+        Names of the b boundary points, their mean positions, shape (b, 3) [m], and mean
+        displacements for unit coordinates, shape (b, 3, n).
+    ``residual_displacement``, ``residual_patterns``, ``residual_stiffness``, ``residual_mass``
+        `ResidualFlexibility` (M4), shapes (m, 3, r) [m/Pa], (r, k), (r,) [J/Pa^2] and (r, r)
+        [kg m^2/Pa^2] or empty: the bores' displacement is ``bore_basis @ q +
+        residual_displacement @ residual_patterns @ p`` of coordinates q and pressures p. Not
+        there without.
+
+    Parameters
+    ----------
+    body
+        Any body.
+    path
+        File; ``.npz`` is added when it has another ending. An existing one is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        path = path.with_name(path.name + ".npz")
+    content = BytesIO()
+    np.savez(content, **contents(body))
+    write_whole(path, content.getbuffer())
+    return path
+
+
+def contents(body: ReducedBody) -> dict[str, np.ndarray]:
+    """Everything an export may hold, by the names of `export_npz`."""
+    every, bores = list(body.each_bore()), list(body.bores.values())
+    points = np.array(list(body.points.values())).reshape(-1, 3, 3 + body.modes)
+    found = {
+        "format": EXPORT_FORMAT,
+        "format_version": EXPORT_VERSION,
+        "bore_names": list(body.bores),
+        "bore_sizes": [(len(b.coordinates), len(b.pressure_coordinates)) for b in bores],
+        "bore_nodes": body.places(),
+        "bore_cells": np.vstack([r.nodes.start + r.surface.cells for r in every]),
+        "bore_family": bores[0].family,
+        "pressure_nodes": body.places(of_pressures=True),
+        "pressure_cells": np.vstack([r.pressures.start + r.surface.pressure_cells for r in every]),
+        "pressure_family": bores[0].pressure_family,
+        "load_projection": body.load_projection[ELASTIC],
+        "points": np.array(list(body.points), dtype=str),
+        "point_position": points[:, :, 0],
+        "point_basis": points[:, :, 3:],
+        "kinds": np.array(body.kinds, dtype=str),
+    }
+    for name in ("method", "frame", "stiffness", "mass", "frequencies", "bore_basis"):
+        found[name] = getattr(body, name)
+    for name in ("radius", "width", "centre"):
+        found[f"bore_{name}"] = [getattr(bore, name) for bore in bores]
+    if body.rigid_mass.size:
+        found |= {name: getattr(body, name) for name in vars(body) if name.startswith("rigid_")}
+    for prefix, record in (("inertia", body.inertia), ("residual", body.residual)):
+        if record is not None:
+            found |= {f"{prefix}_{name}": value for name, value in vars(record).items()}
+    return {name: np.asarray(value) for name, value in found.items()}

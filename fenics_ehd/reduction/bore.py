@@ -1,4 +1,4 @@
-"""Lubricated bores of a part: cylinders along z with their surface meshes."""
+"""Lubricated bores of a part: cylinders along z with their surface meshes, and rigid motion."""
 
 from __future__ import annotations
 
@@ -9,15 +9,46 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, StructureError
-from fenics_ehd.reduction.rigid_motion import rigid_fields
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
+
+
+def rigid_fields(coordinates: np.ndarray) -> np.ndarray:
+    """Unit translations and rotations about the origin, shape (3 nodes, 6)."""
+    x, y, z = coordinates.T
+    fields = np.zeros((len(coordinates), 3, 6))
+    fields[:, range(3), range(3)] = 1.0
+    fields[:, 1, 3], fields[:, 2, 3] = -z, y
+    fields[:, 0, 4], fields[:, 2, 4] = z, -x
+    fields[:, 0, 5], fields[:, 1, 5] = -y, x
+    return fields.reshape(-1, 6)
+
+
+def turned(columns: np.ndarray, axis: int) -> np.ndarray:
+    """``e_axis x u`` node by node, for displacement fields of shape (3 nodes, k)."""
+    result = np.zeros_like(columns)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    result[first::3] = -columns[second::3]
+    result[second::3] = columns[first::3]
+    return result
+
 
 B = TypeVar("B", bound="BoreSurface")
 
 #: Name of the bore of a part that has one.
 BORE = "bore"
+
+
+def make_row_major(record: Any) -> None:
+    """Have the arrays of a dataclass in the memory order of a file, part-size columns apart.
+
+    Products round differently for another one, and a body that was in a file must give the same
+    run to the last bit.
+    """
+    for name, value in vars(record).items():
+        if isinstance(value, np.ndarray) and name != "columns":
+            object.__setattr__(record, name, np.ascontiguousarray(value))
 
 
 def no_cells() -> np.ndarray:
@@ -60,11 +91,7 @@ class BoreSurface:
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        # Products round differently for another memory order than that of a file.
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, f.name, np.ascontiguousarray(value))
+        make_row_major(self)
 
     def surface(self) -> BoreSurface:
         """The surface alone, without what a `Bore` adds."""
@@ -117,7 +144,7 @@ def outward(nodes: np.ndarray, displacements: np.ndarray) -> np.ndarray:
 
 
 def all_outward(bores: Mapping[str, BoreSurface], displacements: np.ndarray) -> np.ndarray:
-    """The same at the nodes of all bores, one bore after the other, each away from its axis."""
+    """Radial component at the nodes of all bores in turn, each away from its own axis."""
     nodes = np.vstack([bore.coordinates for bore in bores.values()])
     return outward(nodes, displacements)
 

@@ -1,4 +1,4 @@
-"""Is this a part? Checks of matrices that any program may have made, before work is spent on them.
+"""Checks of a part whose matrices any program may have made, before work is spent on them.
 
 Cheap: 15 to 35 products with a matrix on one rank, twice as many on several, no factorisation.
 """
@@ -14,14 +14,13 @@ from petsc4py import PETSc
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
-from fenics_ehd.reduction.bore import Bore, BoreSurface
-from fenics_ehd.reduction.distributed import inner, multiply
+from fenics_ehd.reduction.bore import Bore, BoreSurface, rigid_fields
+from fenics_ehd.reduction.distributed import inner, load_columns, multiply
+from fenics_ehd.reduction.elements import ELEMENTS
 from fenics_ehd.reduction.faces import CYLINDER_TOLERANCE
-from fenics_ehd.reduction.rigid_body import FREE_TOLERANCE
-from fenics_ehd.reduction.rigid_motion import rigid_fields
-from fenics_ehd.reduction.row_blocks import agree, before
+from fenics_ehd.reduction.matrices import agree, before
+from fenics_ehd.reduction.static import rigid_motions
 from fenics_ehd.reduction.structure import Structure
-from fenics_ehd.reduction.surface_elements import ELEMENTS
 
 #: Largest antisymmetric part of K or M, applied to a random vector, relative to the symmetric
 #: one, every degree of freedom scaled by its diagonal entry; static responses are checked to 1e-8.
@@ -42,9 +41,6 @@ _UNLOADED = 1e-6
 #: bars has 10 kg/m3, in millimetres and tonnes gold has 2e-8; in millimetres and kilograms a solid
 #: block of steel has 8e-6.
 IMPOSSIBLE = (3e-8, 0.1)
-
-#: Smallest energy of any rigid motion of a clamped part, relative to that node by node.
-_HELD = 1e-12
 
 #: Largest defect of the mean displacement that a boundary point has under unit translations.
 WEIGHT_TOLERANCE = 1e-8
@@ -68,11 +64,6 @@ ROUND_OFF = 1e-9
 
 _BORE_NODES = ("coordinates", "pressure_coordinates")
 
-_MOTIONS = (
-    *(f"translation along {axis}" for axis in "xyz"),
-    *(f"rotation about {a}" for a in "xyz"),
-)
-
 
 def check_structure(structure: Structure) -> None:
     """Check that matrices, coordinates, bores and boundary points make one part.
@@ -83,7 +74,7 @@ def check_structure(structure: Structure) -> None:
     Raises
     ------
     StructureError
-        Sizes do not fit; a value is not finite; K or M is not symmetric, has an empty row or
+        A value is not finite; K or M is not symmetric, has an empty row or
         a diagonal entry that is not positive; M is singular or not positive definite; some
         rigid motions cost energy and others do not; degrees of freedom go component by component;
         mass and coordinates are of different units; bore nodes are not on the bore, or its
@@ -91,58 +82,34 @@ def check_structure(structure: Structure) -> None:
         origin, or two share a node; a boundary point is no mean
         displacement, or two of them are one.
     """
-    _check_sizes(structure)
     _check_finite(structure)
     for name, matrix in (("stiffness", structure.stiffness), ("mass", structure.mass)):
         _check_diagonal(matrix, name)
         _check_symmetric(matrix, name)
     _check_order(structure)
-    _check_rigid_motions(structure)
+    rigid_motions(structure)
     _check_definite(structure.mass)
     _check_units(structure)
     _check_bores(structure)
     _check_attachments(structure)
 
 
-def _check_sizes(structure: Structure) -> None:
-    comm, stiffness = structure.comm, structure.stiffness
-    size, owned = stiffness.size[0], stiffness.local_size[0]
-    for name, matrix in (("stiffness", stiffness), ("mass", structure.mass)):
-        if matrix.size != (size, size):
-            raise StructureError(f"{name} has shape {matrix.size}, not {(size, size)}")
-    for name, bore in structure.bores.items():
-        rows = bore.load.size[0]
-        if rows != size:
-            raise StructureError(f"{name}.load has {rows} rows, the stiffness matrix has {size}")
+def _members(structure: Structure) -> Iterator[tuple[str, PETSc.Mat | PETSc.Vec]]:
+    """Matrices and vectors that have a row for every degree of freedom, by name."""
+    yield "stiffness", structure.stiffness
+    yield "mass", structure.mass
+    yield from ((f"{name}.load", bore.load) for name, bore in structure.bores.items())
     for name, three in structure.attachments.items():
-        for vector in three:
-            if vector.size != size:
-                raise StructureError(
-                    f"attachment {name!r} has {vector.size} rows, the stiffness matrix has {size}"
-                )
-    layouts = [("stiffness", stiffness.local_size[1]), ("mass", structure.mass.local_size[0])]
-    for name, three in structure.attachments.items():
-        layouts += [(f"attachment {name!r}", vector.local_size) for vector in three]
-    layouts += [(f"{name}.load", b.load.local_size[0]) for name, b in structure.bores.items()]
-    problem = None
-    for name, rows in layouts:
-        if rows != owned:
-            problem = f"{name}: a rank owns {rows} rows, and {owned} of the stiffness matrix"
-    agree(comm, problem)
+        yield from ((f"attachment {name!r}", vector) for vector in three)
 
 
 def _check_finite(structure: Structure) -> None:
-    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
-    matrices |= {f"{name}.load": bore.load for name, bore in structure.bores.items()}
-    for name, matrix in matrices.items():
-        if not np.isfinite(matrix.norm(PETSc.NormType.FROBENIUS)):
+    for name, member in _members(structure):
+        if not np.isfinite(member.norm()):
             raise StructureError(f"{name} holds a value that is not finite")
     node = _first(~np.isfinite(structure.coordinates).all(axis=1), structure.comm)
     if node is not None:
         raise StructureError(f"the coordinates of node {node} are not finite")
-    for name, three in structure.attachments.items():
-        if not all(np.isfinite(vector.norm()) for vector in three):
-            raise StructureError(f"attachment {name!r} holds a value that is not finite")
 
 
 def _first(wrong: np.ndarray, comm: MPI.Comm) -> int | None:
@@ -158,18 +125,14 @@ def _place(row: int) -> str:
 
 
 def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
-    comm = matrix.comm.tompi4py()
-    diagonal = matrix.getDiagonal().array
+    diagonal, comm = matrix.getDiagonal().array, matrix.comm.tompi4py()
     row = _first(~(diagonal > 0), comm)
-    if row is None:
-        return
-    first, last = matrix.getOwnershipRange()
-    problem = None
-    if first <= row < last:
-        empty = not matrix.getRow(row)[1].any()
-        what = "an empty row" if empty else f"the diagonal entry {diagonal[row - first]:.3g}"
-        problem = f"{name} has {what} at {_place(row)}, it must be positive there"
-    agree(comm, problem)
+    if row is not None:
+        values = np.concatenate(comm.allgather(diagonal))
+        raise StructureError(
+            f"{name} has the diagonal entry {values[row]:.3g} at {_place(row)}, it must be "
+            "positive there: is the row empty?"
+        )
 
 
 def _random(matrix: PETSc.Mat) -> np.ndarray:
@@ -220,9 +183,7 @@ def _check_units(structure: Structure) -> None:
     x = structure.coordinates
     low = np.min(comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
     high = np.max(comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
-    along = np.zeros((len(x), 3))
-    along[:, 0] = 1.0
-    along = along.reshape(-1, 1)
+    along = rigid_fields(x)[:, :1]
     mass = float(inner(along, multiply(structure.mass, along), comm)[0, 0])
     density = mass / max(float(np.prod(high - low)), 1e-300)
     if IMPOSSIBLE[0] < density < IMPOSSIBLE[1]:
@@ -230,39 +191,6 @@ def _check_units(structure: Structure) -> None:
             f"the part weighs {mass:.3g} kg and its nodes lie in a box of "
             f"{' x '.join(f'{side:.3g}' for side in high - low)} m, {density:.1g} kg/m3: give "
             "coordinates in m where K is in N/m and M in kg"
-        )
-
-
-def _check_rigid_motions(structure: Structure) -> None:
-    """All six rigid motions or none without energy, as `rigid_body_modes` asks."""
-    fields = rigid_fields(structure.coordinates)
-    comm = structure.comm
-    diagonal = structure.stiffness.getDiagonal().array
-    bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
-    if not bound.all():
-        raise StructureError("all nodes lie at the origin or on one axis: are there coordinates?")
-    fields /= bound
-    energy = inner(fields, multiply(structure.stiffness, fields), comm)
-    ratios = np.diag(energy)
-    lowest = int(np.argmin(ratios))
-    if ratios[lowest] < -FREE_TOLERANCE:
-        raise StructureError(
-            f"stiffness is not positive semidefinite: {_MOTIONS[lowest]} has the relative energy "
-            f"{ratios[lowest]:.1e}, limit {-FREE_TOLERANCE:.0e}; were all digits written?"
-        )
-    free = ratios <= FREE_TOLERANCE
-    if free.any() and not free.all():
-        names = ", ".join(motion for motion, is_free in zip(_MOTIONS, free, strict=True) if is_free)
-        raise StructureError(
-            f"{free.sum()} of 6 rigid motions store no energy ({names}), a part must be free or "
-            f"clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
-            "are the coordinates in the order of the degrees of freedom?"
-        )
-    softest = np.linalg.eigvalsh(energy)[0]
-    if not free.any() and not softest > _HELD:
-        raise StructureError(
-            f"a rigid motion other than about the axes stores no energy (relative {softest:.1e}, "
-            f"limit {_HELD:.0e}): the supports do not clamp the part"
         )
 
 
@@ -308,14 +236,11 @@ def _check_definite(mass: PETSc.Mat) -> None:
 
 
 def _check_attachments(structure: Structure) -> None:
-    rows = structure.stiffness.local_size[0]
-    vectors = {
-        name: np.column_stack([v.array for v in three]).reshape(rows, 3)
-        for name, three in structure.attachments.items()
-    }
-    translations = rigid_fields(structure.coordinates)[:, :3]
-    comm = structure.comm
-    for name, columns in vectors.items():
+    """Mean displacements, and no two of them the same."""
+    translations, comm = rigid_fields(structure.coordinates)[:, :3], structure.comm
+    units: dict[str, np.ndarray] = {}
+    for name, three in structure.attachments.items():
+        columns = np.column_stack([vector.array for vector in three])
         mean = inner(columns, translations, comm)
         worst = np.unravel_index(np.argmax(np.abs(mean - np.eye(3))), (3, 3))
         if not np.abs(mean - np.eye(3)).max() <= WEIGHT_TOLERANCE:
@@ -324,23 +249,15 @@ def _check_attachments(structure: Structure) -> None:
                 f"{mean[worst]:.6g} along {'xyz'[worst[0]]}, not {float(worst[0] == worst[1]):g}: "
                 "the weights of each component must sum to one"
             )
-    _check_independent(vectors, comm)
-
-
-def _check_independent(vectors: dict[str, np.ndarray], comm: MPI.Comm) -> None:
-    names = list(vectors)
-    columns = np.hstack([vectors[name] for name in names]) if names else np.zeros((0, 0))
-    gram = inner(columns, columns, comm)
-    sizes = np.sqrt(np.diag(gram))
-    gram /= np.outer(sizes, sizes)
-    for i, first in enumerate(names):
-        for j, second in enumerate(names[:i]):
-            both = np.r_[3 * i : 3 * i + 3, 3 * j : 3 * j + 3]
-            if not np.linalg.eigvalsh(gram[np.ix_(both, both)])[0] > INDEPENDENT:
+        unit = columns / np.sqrt(comm.allreduce(np.sum(columns**2, axis=0)))
+        for other, theirs in units.items():
+            both = np.hstack([theirs, unit])
+            if not np.linalg.eigvalsh(inner(both, both, comm))[0] > INDEPENDENT:
                 raise StructureError(
-                    f"attachments {second!r} and {first!r} are the same point: their load vectors "
+                    f"attachments {other!r} and {name!r} are the same point: their load vectors "
                     "depend on each other"
                 )
+        units[name] = unit
 
 
 # Bores
@@ -355,60 +272,45 @@ def _check_bores(structure: Structure) -> None:
         if not np.abs(bore.centre).max() <= CYLINDER_TOLERANCE * bore.radius:
             raise StructureError(f"{name}.centre: the first bore's must be the origin of the part")
     for name, bore in structure.bores.items():
-        _check_bore(structure, bore, name)
+        for defect in chain(_node_defects(bore, structure.size // 3), _motion_defects(bore)):
+            raise StructureError(f"{name}.{defect}")
+        _check_numbers(structure, bore, name)
+        _check_load(structure, bore, name)
     if structure.bores and len(np.unique(structure.bore_nodes)) < len(structure.bore_nodes):
         raise StructureError(f"the bores {', '.join(structure.bores)} share a node")
 
 
-def _check_bore(structure: Structure, bore: Bore, name: str) -> None:
-    _check_shapes(bore, name)
-    _check_nodes(structure, bore, name)
-    _check_load(structure, bore, name)
-    if bore.reference is not None:
-        motion = np.einsum(
-            "ick,icl->kl", bore.reference, rigid_fields(bore.coordinates).reshape(-1, 3, 6)
-        )
-        # Rotations are small where lengths are, so compare them at the bore's surface.
-        lever = np.r_[np.ones(3), np.full(3, bore.radius)]
-        defect = np.abs(motion * lever[:, None] / lever - np.eye(6)).max()
-        if not defect <= REFERENCE_TOLERANCE:
-            raise StructureError(
-                f"{name}.reference: the mean motion of a rigidly moved bore is off by "
-                f"{defect:.1e}, limit {REFERENCE_TOLERANCE:.0e}"
-            )
-
-
-def _check_shapes(bore: Bore, label: str) -> None:
-    count, pressures = len(bore.coordinates), len(bore.pressure_coordinates)
-    shapes = {"nodes": (bore.nodes, (count,)), "reference": (bore.reference, (count, 3, 6))}
-    for name, (array, shape) in shapes.items():
-        if array is not None and array.shape != shape:
-            raise StructureError(f"{label}.{name} has shape {array.shape}, not {shape}")
-    if bore.reference is not None and not np.isfinite(bore.reference).all():
-        raise StructureError(f"{label}.reference holds a value that is not finite")
-    if bore.load.size[1] != pressures:
-        raise StructureError(
-            f"{label}.load has {bore.load.size[1]} columns, there are {pressures} pressure nodes"
-        )
-
-
-def _check_nodes(structure: Structure, bore: Bore, label: str) -> None:
-    last = structure.size // 3 - 1
-    nodes = bore.nodes
-    if (
-        nodes.dtype.kind not in "iu"
-        or not len(nodes)
-        or not 0 <= nodes.min() <= nodes.max() <= last
-    ):
-        outside = nodes[(nodes < 0) | (nodes > last)]
+def _node_defects(bore: Bore, count: int) -> Iterator[str]:
+    nodes, columns, pressures = bore.nodes, bore.load.size[1], len(bore.pressure_coordinates)
+    if columns != pressures:
+        yield f"load has {columns} columns, there are {pressures} pressure nodes"
+    if nodes.shape != (len(bore.coordinates),):
+        yield f"nodes has shape {nodes.shape}, not {(len(bore.coordinates),)}"
+    outside = nodes[(nodes < 0) | (nodes >= count)]
+    if nodes.dtype.kind not in "iu" or not len(nodes) or len(outside):
         which = f"node {outside[0]} is" if len(outside) else "they are"
-        raise StructureError(f"{label}.nodes: {which} not among the whole numbers 0 to {last}")
+        yield f"nodes: {which} not among the whole numbers 0 to {count - 1}"
     numbers, uses = np.unique(nodes, return_counts=True)
     if (uses > 1).any():
-        raise StructureError(
-            f"{label}.nodes names node {numbers[np.argmax(uses > 1)]} {uses.max()} times"
+        yield f"nodes names node {numbers[np.argmax(uses > 1)]} {uses.max()} times"
+
+
+def _motion_defects(bore: Bore) -> Iterator[str]:
+    if bore.reference is None:
+        return
+    shape = (len(bore.coordinates), 3, 6)
+    if bore.reference.shape != shape:
+        yield f"reference has shape {bore.reference.shape}, not {shape}"
+    moved = rigid_fields(bore.coordinates).reshape(shape)
+    motion = np.einsum("ick,icl->kl", bore.reference, moved)
+    # Rotations are small where lengths are, so compare them at the bore's surface.
+    lever = np.r_[np.ones(3), np.full(3, bore.radius)]
+    defect = np.abs(motion * lever[:, None] / lever - np.eye(6)).max()
+    if not defect <= REFERENCE_TOLERANCE:
+        yield (
+            f"reference: the mean motion of a rigidly moved bore is off by {defect:.1e}, limit "
+            f"{REFERENCE_TOLERANCE:.0e}"
         )
-    _check_numbers(structure, bore, label)
 
 
 def _check_numbers(structure: Structure, bore: Bore, label: str) -> None:
@@ -418,7 +320,7 @@ def _check_numbers(structure: Structure, bore: Bore, label: str) -> None:
     there = bore.centre + bore.coordinates[mine]
     apart = np.linalg.norm(structure.coordinates[local[mine]] - there, axis=1)
     problem = None
-    if (apart > PLACE_TOLERANCE * bore.radius).any():
+    if apart.max(initial=0.0) > PLACE_TOLERANCE * bore.radius:
         worst = int(np.argmax(apart))
         problem = (
             f"{label}.nodes: node {bore.nodes[mine[worst]]} of the part lies {apart[worst]:.1e} m "
@@ -429,11 +331,8 @@ def _check_numbers(structure: Structure, bore: Bore, label: str) -> None:
 
 def _check_load(structure: Structure, bore: Bore, label: str) -> None:
     """A uniform pressure sweeps the lateral area when the bore grows, and loads nothing else."""
-    pressure, force = bore.load.createVecs()
-    pressure.set(1.0)
-    bore.load.mult(pressure, force)
     x = structure.coordinates - bore.centre
-    force = force.array.reshape(-1, 3)
+    force = load_columns(bore.load, np.ones((bore.load.size[1], 1))).reshape(-1, 3)
     on_bore = np.isin(np.arange(*structure.node_range), bore.nodes)
     work = np.sum(force[on_bore, :2] * x[on_bore, :2]) / bore.radius
     comm = structure.comm
@@ -464,7 +363,7 @@ def _array_defects(bore: BoreSurface) -> Iterator[str]:
 
 
 def _cell_defects(bore: BoreSurface) -> Iterator[str]:
-    """What is wrong with one of the two surface meshes; having none is right."""
+    """Defects of the two surface meshes; having none is right."""
     for prefix, nodes in (("", bore.coordinates), ("pressure_", bore.pressure_coordinates)):
         cells, family = getattr(bore, f"{prefix}cells"), getattr(bore, f"{prefix}family")
         if not cells.size and not family:

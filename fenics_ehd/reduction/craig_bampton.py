@@ -16,27 +16,34 @@ from typing import Unpack
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.distributed import (
     blocks,
+    combine,
     inner,
     load_columns,
-    multiply,
+    some_columns,
     symmetric,
     transpose_multiply,
 )
 from fenics_ehd.reduction.eigenmodes import (
     FixedBoundary,
     Flexibility,
-    InteriorSolver,
     LowestModes,
     lowest_modes,
 )
-from fenics_ehd.reduction.projection import Basis, bore_rows, gram_matrices, on_bores, require_small
-from fenics_ehd.reduction.reductor import Options, Reductor
+from fenics_ehd.reduction.reductor import (
+    Basis,
+    Options,
+    Reductor,
+    bore_rows,
+    gram_matrices,
+    on_bores,
+    require_small,
+)
+from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 
 
@@ -240,7 +247,7 @@ def two_step_craig_bampton(
 
 @dataclass(frozen=True, eq=False)
 class FirstStep:
-    """Reduced system (22), coordinates in the order of (21): interior modes, bores, boundary.
+    """Reduced system (22), coordinates in the order of (21): interior modes, boundary, bores.
 
     A boundary point that is the mean of a bore is given by the bore's own dofs.
 
@@ -252,86 +259,69 @@ class FirstStep:
         The dofs of all bores.
     on_bore
         Which of all boundary dofs are means of bores, shape (all,).
-    angular, modes
-        Fixed-interface modes, owned rows (owned dofs, v).
-    boundary_modes
-        Static modes of the other boundary dofs with the bores held, (owned dofs, b).
+    modes
+        Number v of interior modes.
+    columns
+        Fixed-interface modes, then static modes of the other boundary dofs with the bores held,
+        owned rows (owned dofs, v + b).
     stiffness, mass
-        shape (v + 3 m + b, same).
+        shape (v + b + 3 m, same).
     """
 
     support: Flexibility
     bore: BoreColumns
     on_bore: np.ndarray
-    angular: np.ndarray
-    modes: np.ndarray
-    boundary_modes: np.ndarray
+    modes: int
+    columns: np.ndarray
     stiffness: np.ndarray
     mass: np.ndarray
 
 
 def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
-    """Reduce to interior modes, every bore dof and the boundary dofs (21), (22)."""
+    """Reduce to interior modes, the boundary dofs and every bore dof (21), (22)."""
     structure, on_bore = reductor.structure, _on_bore(reductor)
-    points = reductor.points[:, ~on_bore]
     nodes, prefix = structure.bore_nodes, reductor.options_prefix
     interior = reductor.once(
         "interior",
         None,
-        lambda: InteriorSolver(
+        lambda: StaticSolver(
             structure,
-            reductor.mass,
-            nodes,
             solver=reductor.solver,
             options_prefix=f"{prefix}interior_",
+            mass=reductor.mass,
+            clamped=nodes,
         ),
     )
-    support, boundary_modes = hold(interior, None, points)
-    angular, modes = lowest_modes(support, n_interior_modes, options_prefix=f"{prefix}modes_")
+    support, boundary_modes = hold(interior, None, reductor.points[:, ~on_bore])
+    modes = lowest_modes(support, n_interior_modes, options_prefix=f"{prefix}modes_")[1]
     comm, bore = structure.comm, BoreColumns(structure)
-    v, p, b = modes.shape[1], 3 * len(nodes), points.shape[1]
-    stiffness, mass = np.zeros((v + p + b,) * 2), np.zeros((v + p + b,) * 2)
-    stiffness[:v, :v], mass[:v, :v] = np.diag(angular**2), np.eye(v)
     others = np.hstack([modes, boundary_modes])
-    outer = np.concatenate([np.arange(v), np.arange(v + p, v + p + b)])
+    # What is known of the bores' columns by symmetry is left out, and filled in at the end.
+    o, p = others.shape[1], 3 * len(nodes)
+    stiffness, mass = np.zeros((o + p,) * 2), np.zeros((o + p,) * 2)
+    stiffness[:o, :o], mass[:o, :o] = gram_matrices(structure, reductor.mass, others)
+    stiffness[o:, n_interior_modes:o] = bore.forces(boundary_modes)
     for part in blocks(p, len(modes), comm):
-        unit = np.zeros((p, part.stop - part.start))
-        unit[part.start + np.arange(unit.shape[1]), np.arange(unit.shape[1])] = 1.0
-        bore_modes = bore.static_modes(support, unit)
-        inertia = reductor.mass.multiply(bore_modes)
-        into = slice(v + part.start, v + part.stop)
-        stiffness[v : v + p, into] = bore.forces(bore_modes)
-        mass[v : v + p, into] = bore.rows(inertia) - bore.forces(support.apply(inertia))
-        mass[outer, into] = inner(others, inertia, comm)
-    boundary_forces = multiply(structure.stiffness, boundary_modes)
-    stiffness[v : v + p, v + p :] = bore.rows(boundary_forces)
-    stiffness[v + p :, v + p :] = inner(boundary_modes, boundary_forces, comm)
-    mass[:, v + p :][outer] = inner(others, reductor.mass.multiply(boundary_modes), comm)
-    # What was computed by columns of the bore, by its rows.
-    stiffness[v + p :, v : v + p] = stiffness[v : v + p, v + p :].T
-    mass[v : v + p][:, outer] = mass[outer, v : v + p].T
-    mass[v + p :, :v] = mass[:v, v + p :].T
-    return FirstStep(
-        support,
-        bore,
-        on_bore,
-        angular,
-        modes,
-        boundary_modes,
-        symmetric(stiffness),
-        symmetric(mass),
-    )
+        bore_modes = bore.static_modes(support, np.eye(p, part.stop - part.start, -part.start))
+        inertia, into = reductor.mass.multiply(bore_modes), slice(o + part.start, o + part.stop)
+        stiffness[o:, into] = bore.forces(bore_modes)
+        mass[o:, into] = bore.rows(inertia) - bore.forces(support.apply(inertia))
+        mass[into, :o] = inner(inertia, others, comm)
+    for matrix in (stiffness, mass):
+        matrix[o:, o:] = symmetric(matrix[o:, o:])
+        matrix[:o, o:] = matrix[o:, :o].T
+    return FirstStep(support, bore, on_bore, n_interior_modes, others, stiffness, mass)
 
 
 def _on_bore(reductor: Reductor) -> np.ndarray:
-    """Which boundary dofs are means over nodes of the bores alone, shape (b,)."""
+    """Mask of the boundary dofs that are means over nodes of the bores alone, shape (b,)."""
     points, comm = reductor.points, reductor.structure.comm
     there = np.sum(bore_rows(reductor.structure, points) ** 2, axis=(0, 1))
     return there >= (1 - ON_BORE) * comm.allreduce(np.sum(points**2, axis=0))
 
 
 def _held_weights(reductor: Reductor) -> np.ndarray:
-    """What the second step holds of the bores: C2 of a free part, then means, (3 m, w)."""
+    """Weights at the bores that the second step holds: C2 of a free part, then means, (3 m, w)."""
     structure, points = reductor.structure, reductor.points[:, _on_bore(reductor)]
     means = bore_rows(structure, points).reshape(3 * len(structure.bore_nodes), -1)
     if not reductor.free:
@@ -347,46 +337,45 @@ def _second_step(
     Returns
     -------
     angular, modes, constraint_modes
-        shape (n,), (v + 3 m + b, n), (v + 3 m + b, all boundary dofs).
+        shape (n,), (v + b + 3 m, n), (v + b + 3 m, all boundary dofs).
     """
-    v, b = len(first.angular), first.boundary_modes.shape[1]
-    size = len(first.stiffness) - b
+    from scipy import linalg
+
+    v, o = first.modes, first.columns.shape[1]
+    size, b = len(first.stiffness), o - v
     # Bore displacements of which nothing held moves: what is orthogonal to its weights.
     free = np.linalg.qr(held, mode="complete")[0][:, held.shape[1] :]
-    admissible = np.zeros((size, size - held.shape[1]))
+    admissible = np.zeros((size, v + free.shape[1]))
     admissible[:v, :v] = np.eye(v)
-    admissible[v:, v:] = free
+    admissible[o:, v:] = free
     # Unit boundary dofs: those on a bore by the smallest displacement of it.
     count = int(first.on_bore.sum())
-    unit = np.zeros((size + b, b + count))
-    unit[v:size, first.on_bore] = np.linalg.pinv(held.T)[:, held.shape[1] - count :]
-    unit[size:, ~first.on_bore] = np.eye(b)
+    unit = np.zeros((size, b + count))
+    unit[o:, first.on_bore] = np.linalg.pinv(held.T)[:, held.shape[1] - count :]
+    unit[v:o, ~first.on_bore] = np.eye(b)
     stiffness, mass = (
-        admissible.T @ matrix[:size, :size] @ admissible for matrix in (first.stiffness, first.mass)
+        admissible.T @ matrix @ admissible for matrix in (first.stiffness, first.mass)
     )
     # Interior modes are in sqrt(kg) m and bore dofs in m: made of unit stiffness alike.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
-    lower = np.linalg.cholesky(stiffness * np.outer(scale, scale))
-    half = np.linalg.solve(lower, mass * np.outer(scale, scale))
-    values, vectors = np.linalg.eigh(symmetric(np.linalg.solve(lower, half.T)))
-    values, vectors = values[::-1][:n_modes], vectors[:, ::-1][:, :n_modes]
-    modes = scale[:, None] * np.linalg.solve(lower.T, vectors) / np.sqrt(values)
-    coupling = admissible.T @ first.stiffness[:size] @ unit
-    static = -np.linalg.solve(lower.T, np.linalg.solve(lower, scale[:, None] * coupling))
-    unit[:size] += admissible @ (scale[:, None] * static)
-    modes = np.vstack([admissible @ modes, np.zeros((b, n_modes))])
-    return 1.0 / np.sqrt(values), modes, unit
+    stiffness, mass = (matrix * np.outer(scale, scale) for matrix in (stiffness, mass))
+    last = len(scale) - 1
+    values, vectors = linalg.eigh(mass, stiffness, subset_by_index=[last + 1 - n_modes, last])
+    values, vectors = values[::-1], vectors[:, ::-1]
+    modes = scale[:, None] * vectors / np.sqrt(values)
+    coupling = admissible.T @ first.stiffness @ unit
+    static = -linalg.solve(stiffness, scale[:, None] * coupling, assume_a="pos")
+    unit += admissible @ (scale[:, None] * static)
+    return 1.0 / np.sqrt(values), admissible @ modes, unit
 
 
 def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
     """``T_1`` of (21) times columns of coordinates, owned rows (owned dofs, n)."""
-    structure = first.support.structure
-    v, b = len(first.angular), first.boundary_modes.shape[1]
-    own = slice(v, len(coordinates) - b)
-    columns = first.modes @ coordinates[:v] + first.boundary_modes @ coordinates[own.stop :]
-    for part in blocks(coordinates.shape[1], len(columns), structure.comm):
-        columns[:, part] += first.bore.static_modes(first.support, coordinates[own, part])
-    return np.asfortranarray(columns)
+    others, bores = np.split(coordinates, [first.columns.shape[1]])
+    columns = combine(first.columns, others)
+    for part in blocks(coordinates.shape[1], len(columns), first.support.structure.comm):
+        columns[:, part] += first.bore.static_modes(first.support, bores[:, part])
+    return columns
 
 
 class BoreColumns:
@@ -402,14 +391,8 @@ class BoreColumns:
     """
 
     def __init__(self, structure: Structure):
-        self.structure, stiffness = structure, structure.stiffness
-        comm = stiffness.comm
         dofs = (3 * structure.bore_nodes[:, None] + np.arange(3)).ravel()
-        mine = np.array_split(dofs, comm.size)[comm.rank].astype(PETSc.IntType)
-        first, last = stiffness.getOwnershipRange()
-        rows = PETSc.IS().createStride(last - first, first, 1, comm=comm)
-        columns = PETSc.IS().createGeneral(mine, comm=comm)
-        self.stiffness = stiffness.createSubMatrix(rows, columns)
+        self.structure, self.stiffness = structure, some_columns(structure.stiffness, dofs)
 
     def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
         """Static modes of bore displacements, shape (3 m, w), owned rows (owned dofs, w)."""

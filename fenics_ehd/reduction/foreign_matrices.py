@@ -15,7 +15,6 @@ The mass of 10-node tetrahedra, which CalculiX integrates with too few points, i
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.sealed_file import require_file
+from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import reorder
 
 if TYPE_CHECKING:
@@ -63,20 +63,16 @@ class ForeignMatrices:
         StructureError
             A node has no row in the matrices.
         """
-        wanted = np.asarray(numbers)
-        order = np.argsort(self.numbers)
-        found = np.searchsorted(self.numbers, wanted, sorter=order)
-        places = order[np.minimum(found, len(order) - 1)]
-        missing = wanted[self.numbers[places] != wanted]
-        if missing.size:
+        places, missing = _looked_up(self.numbers, np.asarray(numbers))
+        if len(missing):
             raise StructureError(
-                f"node {missing.flat[0]} has no row in the matrices: if it is held, name all nodes "
+                f"node {missing[0]} has no row in the matrices: if it is held, name all nodes "
                 "of the part with numbers= when reading them"
             )
         return places
 
     def turned(self, turn: ArrayLike) -> ForeignMatrices:
-        """Of the part turned, whose point x is at ``turn @ x``; shape (3, 3)."""
+        """Matrices of the part turned, whose point x is at ``turn @ x``; shape (3, 3)."""
         from scipy import sparse
 
         whole = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
@@ -101,13 +97,17 @@ def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignM
         A file cannot be read, or does not fit the others.
     """
     dof_file = Path(f"{job}.dof")
-    labels = _labels(dof_file)
+    table = _table(dof_file, separator=".")
+    if table.shape[1] != 2:
+        raise StructureError(f"{dof_file}: rows of {table.shape[1]} numbers, not node.direction")
+    labels = _whole(dof_file, table)
+    _check_labels(dof_file, labels)
     size = len(labels)
     stiffness, mass = (
-        _square(Path(f"{job}{ending}"), *_coordinate(Path(f"{job}{ending}")), size)
-        for ending in (".sti", ".mas")
+        _square(file, *_triples(file, _table(file)), size)
+        for file in (Path(f"{job}.sti"), Path(f"{job}.mas"))
     )
-    return _in_order(stiffness, mass, labels, numbers, str(dof_file))
+    return _in_order(stiffness, mass, labels - [0, 1], numbers, str(dof_file))
 
 
 def read_abaqus(
@@ -159,17 +159,16 @@ def read_abaqus(
     return _in_order(made[0], made[1], labels, numbers, str(files[0]))
 
 
-def _table(file: Path) -> np.ndarray:
+def _table(file: Path, separator: str | None = None) -> np.ndarray:
     """Numbers of a text file, of which all lines have as many."""
-    try:
+    with named(StructureError, str(file)):
         require_file(file)
         with open(file, encoding="ascii") as lines:
             first = next((line for line in lines if line.strip() and line[:2] != "**"), "")
         if not first:
             raise StructureError(f"{file} is empty")
-        table = np.loadtxt(file, delimiter="," if "," in first else None, comments="**", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise StructureError(f"{file}: {str(error).splitlines()[0]}") from None
+        separator = "," if "," in first else separator
+        table = np.loadtxt(file, delimiter=separator, comments="**", ndmin=2)
     if not np.isfinite(table).all():
         row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         raise StructureError(f"{file}, entry {row + 1}: a number is not finite")
@@ -185,10 +184,6 @@ def _whole(file: Path, table: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _coordinate(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return _triples(file, _table(file))
-
-
 def _triples(file: Path, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows and columns from 0, and values."""
     if table.shape[1] != 3:
@@ -200,23 +195,6 @@ def _triples(file: Path, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
             "incompatible modes) cannot be used"
         )
     return places[:, 0] - 1, places[:, 1] - 1, table[:, 2]
-
-
-def _labels(file: Path) -> np.ndarray:
-    """Node and component of each row, shape (rows, 2), of lines ``node.direction``."""
-    try:
-        require_file(file)
-        lines = file.read_text(encoding="ascii").split()
-    except (OSError, ValueError) as error:
-        raise StructureError(f"{file}: {str(error).splitlines()[0]}") from None
-    parts = [line.partition(".") for line in lines]
-    wrong = next((i for i, (n, _, d) in enumerate(parts) if not (n.isdigit() and d.isdigit())), -1)
-    if wrong >= 0 or not parts:
-        line = repr(lines[wrong]) if parts else "nothing"
-        raise StructureError(f"{file}, line {max(wrong, 0) + 1}: {line}, not node.direction")
-    labels = np.array([(int(node), int(direction)) for node, _, direction in parts])
-    _check_labels(file, labels)
-    return labels - [0, 1]
 
 
 def _check_labels(file: Path, labels: np.ndarray) -> None:
@@ -267,6 +245,14 @@ def _square(
     return matrix
 
 
+def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places of wanted numbers among others, of the same shape, and those that are not there."""
+    order = np.argsort(numbers)
+    found = np.searchsorted(numbers, wanted, sorter=order)
+    places = order[np.minimum(found, len(order) - 1)]
+    return places, wanted[numbers[places] != wanted]
+
+
 def _in_order(
     stiffness: sparse.csr_matrix,
     mass: sparse.csr_matrix,
@@ -278,12 +264,9 @@ def _in_order(
     nodes = np.unique(labels[:, 0]) if numbers is None else np.asarray(numbers)
     if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
         raise StructureError("numbers: give the number of every node once, as whole numbers")
-    order = np.argsort(nodes)
-    found = np.searchsorted(nodes, labels[:, 0], sorter=order)
-    places = order[np.minimum(found, len(order) - 1)]
-    unknown = np.flatnonzero(nodes[places] != labels[:, 0])
+    places, unknown = _looked_up(nodes, labels[:, 0])
     if len(unknown):
-        raise StructureError(f"{name}: node {labels[unknown[0], 0]} is not among the numbers given")
+        raise StructureError(f"{name}: node {unknown[0]} is not among the numbers given")
     diagonal = stiffness.diagonal()
     smallest = diagonal.min(initial=np.inf, where=diagonal > 0)
     free = np.flatnonzero(diagonal <= _PENALTY * smallest)
@@ -297,9 +280,6 @@ def _in_order(
 
 
 # Mass of 10-node tetrahedra
-
-#: Corners of each edge, in the order of the nodes 5 to 10 of C3D10 and of VTK.
-_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
 #: Gauss points a direction: on a curved cell the integrand is of degree 4 + 3, and collapsing
 #: the cube adds 2.
@@ -340,9 +320,9 @@ def tetrahedron_mass(nodes: np.ndarray, cells: np.ndarray, density: float) -> sp
         raise StructureError(
             f"cells name nodes {cells.min()} to {cells.max()}, there are 0 to {len(nodes) - 1}"
         )
-    points, weights = _rule()
-    values, slopes = _shapes(points)
-    jacobians = np.einsum("qid,cix->cqdx", slopes, nodes[cells])
+    points, weights = SOLIDS["tet"].rule(_POINTS)
+    values, slopes = SOLIDS["tet"].tabulate(points)
+    jacobians = np.einsum("dqi,cix->cqdx", slopes, nodes[cells])
     volumes = np.linalg.det(jacobians)
     # The sign is that of the numbering; within a cell it must not change.
     signs = np.sign(volumes[:, :1])
@@ -350,30 +330,5 @@ def tetrahedron_mass(nodes: np.ndarray, cells: np.ndarray, density: float) -> sp
     if len(folded):
         raise StructureError(f"cell {folded[0]} with nodes {cells[folded[0]]} is folded")
     blocks = density * np.einsum("q,cq,qi,qj->cij", weights, volumes * signs, values, values)
-    rows, columns = (np.broadcast_to(a, blocks.shape) for a in (cells[:, :, None], cells[:, None]))
-    shape = len(nodes), len(nodes)
-    scalar = sparse.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-    return sparse.kron(scalar.tocsr(), sparse.eye(3), format="csr")
-
-
-def _rule() -> tuple[np.ndarray, np.ndarray]:
-    """Points (q, 3) and weights (q,) on the reference tetrahedron, a cube collapsed to it."""
-    x, w = np.polynomial.legendre.leggauss(_POINTS)
-    x, w = 0.5 * (x + 1), 0.5 * w
-    a, b, c = np.array(list(itertools.product(x, repeat=3))).T
-    weights = np.array(list(itertools.product(w, repeat=3))).prod(axis=1)
-    points = np.column_stack([a, b * (1 - a), c * (1 - a) * (1 - b)])
-    return points, weights * (1 - a) ** 2 * (1 - b)
-
-
-def _shapes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic shape functions (q, 10) and their derivatives (q, 10, 3)."""
-    corner = np.column_stack([1 - points.sum(axis=1), points])
-    slope = np.vstack([-np.ones(3), np.eye(3)])
-    first, second = np.array(_EDGES).T
-    values = [corner * (2 * corner - 1), 4 * corner[:, first] * corner[:, second]]
-    slopes = [
-        (4 * corner - 1)[:, :, None] * slope,
-        4 * (corner[:, first, None] * slope[second] + corner[:, second, None] * slope[first]),
-    ]
-    return np.hstack(values), np.concatenate(slopes, axis=1)
+    scalar = summed(blocks, cells[:, :, None], cells[:, None], (len(nodes),) * 2)
+    return sparse.kron(scalar, sparse.eye(3), format="csr")

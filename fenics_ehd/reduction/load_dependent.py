@@ -1,11 +1,14 @@
 """M3: load-dependent dual basis, (26)-(35); with every pressure kept, the full interface.
 
 Its static modes come in diagonal form: orthonormal in mass, uncoupled in stiffness.
+
+Residual modes are selected, (31) and (32), from the responses to pressure distributions: those of
+(34) and (35), or given ones, trained on snapshots of a former run for instance.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from hashlib import sha256
 from typing import Unpack
 
@@ -13,24 +16,286 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ModeRecord, ReducedBody
+from fenics_ehd.reduction.bore import Bore
 from fenics_ehd.reduction.distributed import combine, inner
-from fenics_ehd.reduction.loads import LoadSet, StaticResponses
-from fenics_ehd.reduction.pressure_sets import pressure_patterns
-from fenics_ehd.reduction.projection import (
+from fenics_ehd.reduction.reductor import (
     Basis,
+    Options,
+    Reductor,
+    StaticResponses,
     gram_matrices,
     require_small,
 )
-from fenics_ehd.reduction.reductor import Options, Reductor
-from fenics_ehd.reduction.residual_modes import (
-    RANKINGS,
-    check_selection,
-    energy_orthonormal,
-    without_redundancy,
-    without_round_off,
-)
-from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
+
+#: Directions whose energy is below this fraction of the largest are linearly dependent.
+RANK_TOLERANCE = 1e-11
+
+#: Share of the largest singular value below which a combination of pressures is none.
+REDUNDANT = 1e-8
+
+#: Energy of a combination, relative to its size times the trace of ``K_cc``, that means nothing.
+ROUND_OFF = 1e-14
+
+#: A column with less than this fraction of the largest energy is round-off.
+NULL_COLUMN = 1e-22
+
+
+#: Ways to select residual modes.
+SELECTIONS = ("smallest-eigenvalue", "largest-eigenvalue", "lowest-frequency", "every-column")
+
+
+def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
+    """Combinations of the candidates of reduced matrices ``K_cc``, ``M_cc``, the best first.
+
+    ``"smallest-eigenvalue"`` is (31), (32) to the letter, ``"largest-eigenvalue"`` has the most
+    flexible pressure patterns first, both of ``K_cc`` alone; ``"lowest-frequency"`` is of both,
+    within the range of ``K_cc``; ``"every-column"`` the candidates in their own order.
+    """
+    if selection == "every-column":
+        return np.eye(len(stiffness))
+    if selection == "lowest-frequency":
+        assert mass is not None
+        return lowest_first(stiffness, mass)[1]
+    vectors = np.linalg.eigh(stiffness)[1]
+    return vectors if selection == "smallest-eigenvalue" else vectors[:, ::-1]
+
+
+def without_redundancy(patterns: np.ndarray) -> np.ndarray:
+    """Patterns as few as the given ones' rank, with the same ``P P^T``.
+
+    Selections by energy or frequency find the same modes in them, after fewer solves.
+
+    Parameters
+    ----------
+    patterns
+        shape (k, p) [Pa].
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (k, rank); the given patterns if they are independent.
+    """
+    left, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
+    kept = sizes > REDUNDANT * sizes.max(initial=0.0)
+    if kept.sum() == patterns.shape[1]:
+        return patterns
+    return left[:, kept] * sizes[kept]
+
+
+def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Combinations of candidates but those whose energy is the round-off of ``K_cc``.
+
+    Pressures of a richer element than the displacement's have combinations that push no node.
+    """
+    energy = np.einsum("ij,ij->j", combinations, stiffness @ combinations)
+    size = np.sum(combinations**2, axis=0) * np.trace(stiffness)
+    return combinations[:, energy > ROUND_OFF * size]
+
+
+def lowest_first(stiffness: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvectors of unit strain energy within its range, and the modal mass of each, falling."""
+    basis = energy_orthonormal(stiffness)
+    values, vectors = np.linalg.eigh(basis.T @ mass @ basis)
+    return values[::-1], basis @ vectors[:, ::-1]
+
+
+def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:
+    """Combinations ``Z`` with ``Z^T K Z = I``, dependent directions dropped.
+
+    Columns are scaled to unit energy first, so that the rank does not depend on
+    how the load columns were scaled.
+
+    Parameters
+    ----------
+    stiffness
+        ``G^T K G``, symmetric positive semidefinite, shape (n, n).
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (n, rank).
+    """
+    diagonal = np.diag(stiffness)
+    alive = diagonal > NULL_COLUMN * diagonal.max(initial=0.0)
+    scale = np.where(alive, 1.0 / np.sqrt(np.where(alive, diagonal, 1.0)), 0.0)
+    values, vectors = np.linalg.eigh(scale[:, None] * stiffness * scale)
+    kept = values > RANK_TOLERANCE * values.max(initial=0.0)
+    return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+
+
+#: Mean pressure of the long and peak pressure of the short bearing solution, section 4.2.
+LONG_BEARING_PRESSURE = 1.0
+SHORT_BEARING_PRESSURE = 1.5
+
+#: Scatter of the angles of nodes at one position [rad].
+ANGLE_TOLERANCE = 1e-5
+
+#: Eccentricities and powers of the axial parabola of `journal_shapes`.
+JOURNAL_ECCENTRICITIES = (0.5, 0.8, 0.9, 0.95)
+AXIAL_POWERS = (0.5, 1.0)
+
+#: Circumferential positions on an unstructured bore, those of the paper's.
+HAT_POSITIONS = 40
+
+
+def unit_pressures(bore: Bore) -> np.ndarray:
+    """``P_c1 = I`` (34), shape (k, k)."""
+    return np.eye(len(bore.pressure_coordinates))
+
+
+def long_bearing_shapes(bore: Bore) -> np.ndarray:
+    """First half of (35): constant in z at every circumferential position, shape (k, m_sy)."""
+    return LONG_BEARING_PRESSURE * _positions(bore)
+
+
+def short_bearing_shapes(bore: Bore) -> np.ndarray:
+    """Second half of (35): a parabola in z at every circumferential position, shape (k, m_sy)."""
+    parabola = 1.0 - (2.0 * bore.pressure_coordinates[:, 2] / bore.width) ** 2
+    return SHORT_BEARING_PRESSURE * parabola[:, None] * _positions(bore)
+
+
+def bearing_shapes(bore: Bore) -> np.ndarray:
+    """``P_c2`` (35): long and short bearing shapes at every circumferential position.
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (k, 2 m_sy): first the long (constant in z), then the short
+        (parabolic in z) bearing solutions, by ascending angle.
+    """
+    return np.hstack([long_bearing_shapes(bore), short_bearing_shapes(bore)])
+
+
+def _positions(bore: Bore) -> np.ndarray:
+    """One pattern for each circumferential position, by ascending angle, shape (k, m_sy)."""
+    x, y, _ = bore.pressure_coordinates.T
+    # A mesh scatters about angle zero.
+    angle = np.mod(np.arctan2(y, x) + ANGLE_TOLERANCE, 2 * np.pi)
+    return _hats(angle - ANGLE_TOLERANCE) if bore.pressure_family == "triangle" else _columns(angle)
+
+
+def _columns(angle: np.ndarray) -> np.ndarray:
+    """One at the nodes of each circumferential position of a structured bore."""
+    order = np.argsort(angle)
+    steps = np.diff(angle[order], prepend=angle[order[0]]) > 2 * ANGLE_TOLERANCE
+    position = np.empty(len(angle), dtype=int)
+    position[order] = np.cumsum(steps)
+    return np.eye(position.max() + 1)[position]
+
+
+def _hats(angle: np.ndarray) -> np.ndarray:
+    """Piecewise linear hats at evenly spaced positions, for a bore without columns of nodes.
+
+    At the nodes of a structured bore with as many positions they are `_columns`.
+    """
+    place = angle / (2 * np.pi) * HAT_POSITIONS
+    distance = place[:, None] - np.arange(HAT_POSITIONS)
+    distance -= HAT_POSITIONS * np.round(distance / HAT_POSITIONS)
+    return np.maximum(1.0 - np.abs(distance), 0.0)
+
+
+def journal_shapes(bore: Bore) -> np.ndarray:
+    """Pressures that journals make: short-bearing solutions at every angle, not only their pieces.
+
+    Half-Sommerfeld pressures of several eccentricities, turning either way, with a parabola
+    along the bore and a flatter profile that a bent bore has. Smooth, as real pressures are: the
+    most energetic combinations of their responses need fewer modes than those of (35).
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (k, 16 `HAT_POSITIONS`), of a much lower rank.
+    """
+    x, y, z = bore.pressure_coordinates.T
+    parabola = np.maximum(1.0 - (2.0 * z / bore.width) ** 2, 0.0)
+    angle = np.arctan2(y, x)
+    turn = 2 * np.pi * np.arange(HAT_POSITIONS) / HAT_POSITIONS
+    columns = []
+    for eccentricity in JOURNAL_ECCENTRICITIES:
+        for direction in (-1.0, 1.0):
+            theta = direction * (angle[:, None] - turn)
+            around = np.maximum(np.sin(theta), 0.0) / (1.0 + eccentricity * np.cos(theta)) ** 3
+            around /= around.max()
+            columns += [parabola[:, None] ** power * around for power in AXIAL_POWERS]
+    return np.hstack(columns)
+
+
+PRESSURE_SETS = {
+    "pc1": unit_pressures,
+    "pc2": bearing_shapes,
+    "pc2-long": long_bearing_shapes,
+    "pc2-short": short_bearing_shapes,
+    "journal": journal_shapes,
+}
+
+
+def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> np.ndarray:
+    """Pressure patterns ``P_c`` by name, or the given columns if they fit.
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (k, p) [Pa]; of several bores, a pattern of one of them is zero on the others.
+
+    Raises
+    ------
+    SettingsError
+        No set has this name, or the columns are no finite nodal pressures of the bores.
+    """
+    bores = structure.every_bore()
+    if isinstance(pressure_set, str):
+        if pressure_set not in PRESSURE_SETS:
+            known = ", ".join(PRESSURE_SETS)
+            raise SettingsError(f"pressure_set {pressure_set!r} is not one of {known}")
+        from scipy.linalg import block_diag
+
+        return np.asarray(block_diag(*(PRESSURE_SETS[pressure_set](bore) for bore in bores)))
+    patterns = np.asarray(pressure_set, dtype=float)
+    nodes = structure.pressures
+    if patterns.ndim != 2 or len(patterns) != nodes or not patterns.shape[1]:
+        raise SettingsError(
+            f"pressure_set has shape {patterns.shape}: it needs columns of {nodes} nodal pressures"
+        )
+    if not np.isfinite(patterns).all():
+        raise SettingsError("pressure_set holds a value that is not finite")
+    return patterns
+
+
+# Patterns of a run
+
+#: Relative difference of singular values below which round-off chooses their vectors.
+EQUAL = 1e-6
+
+
+def proper_orthogonal(snapshots: np.ndarray, count: int) -> np.ndarray:
+    """Proper orthogonal decomposition of recorded pressures, largest share first.
+
+    Equal singular values belong to a space, and its basis is round-off of the linear algebra
+    library: what `count` would cut is kept whole, so there may be more patterns than asked for.
+
+    The columns are nodal pressures of equal weight; the
+    directions of least squares error keep what the pressures were and
+    know nothing of the part. (Largest eigenvalues of ``K_cc`` are the same
+    decomposition in the norm of the strain energy, after solving for every column.)
+
+    Parameters
+    ----------
+    snapshots
+        Nodal pressures, shape (k, p) [Pa].
+    count
+        Patterns wanted.
+
+    Returns
+    -------
+    numpy.ndarray
+        Orthonormal patterns, shape (k, r): `count` or more, or fewer if the rank is.
+    """
+    left, sizes, _ = np.linalg.svd(snapshots, full_matrices=False)
+    rank = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
+    while 0 < count < rank and sizes[count] > (1.0 - EQUAL) * sizes[count - 1]:
+        count += 1
+    return left[:, : min(count, rank)]
 
 
 def load_dependent(
@@ -82,9 +347,18 @@ def load_dependent(
         From the solvers and the checks of the result.
     """
     reductor = Reductor.of(part, **options)
-    check_selection(selection)
+    if selection not in SELECTIONS:
+        raise SettingsError(f"selection {selection!r} is not one of {', '.join(SELECTIONS)}")
     patterns = pressure_patterns(reductor.structure, pressure_set)
-    _check_counts(n_vibration, n_residual, patterns.shape[1])
+    if not 0 <= n_residual <= patterns.shape[1]:
+        raise SettingsError(
+            f"residual_modes {n_residual} is not between 0 and {patterns.shape[1]}, "
+            "the size of the pressure set"
+        )
+    if n_vibration < 0:
+        raise SettingsError(f"vibration_modes {n_vibration} is below 0")
+    if n_vibration + n_residual == 0:
+        raise SettingsError("vibration_modes and residual_modes are both 0: a rigid part has none")
     if selection != "every-column":
         patterns = without_redundancy(patterns)
     basis = _basis(reductor, n_vibration, n_residual, patterns, selection)
@@ -104,21 +378,9 @@ def full_interface(
     error estimate is zero; parameters as there.
     """
     reductor = Reductor.of(part, **options)
-    patterns = pressure_patterns(reductor.structure, "pc1")
-    basis = _basis(reductor, n_vibration, patterns.shape[1], patterns, "every-column")
-    return reductor.project(basis, "full", keep_basis=keep_basis)
-
-
-def _check_counts(n_vibration: int, n_residual: int, available: int) -> None:
-    if not 0 <= n_residual <= available:
-        raise SettingsError(
-            f"residual_modes {n_residual} is not between 0 and {available}, "
-            "the size of the pressure set"
-        )
-    if n_vibration < 0:
-        raise SettingsError(f"vibration_modes {n_vibration} is below 0")
-    if n_vibration + n_residual == 0:
-        raise SettingsError("vibration_modes and residual_modes are both 0: a rigid part has none")
+    every = reductor.structure.pressures, "pc1", "every-column"
+    body = load_dependent(reductor, n_vibration, *every, keep_basis=keep_basis)
+    return replace(body, method="full")
 
 
 def _basis(
@@ -126,128 +388,92 @@ def _basis(
 ) -> Basis:
     """T of (26) without the rigid-body modes."""
 
-    def respond() -> tuple[np.ndarray, np.ndarray, StaticResponses]:
-        angular, modes = reductor.vibration(n_vibration)
-        loads = LoadSet(reductor.structure, reductor.points, patterns)
-        return angular, modes, StaticResponses(reductor.static, loads, angular, modes)
+    def respond() -> StaticResponses:
+        modes = reductor.vibration(n_vibration)
+        return StaticResponses(reductor.static, reductor.points, patterns, *modes)
 
     # Of one rank, or some might have to solve while the others have not.
     digest = reductor.structure.comm.bcast(sha256(patterns.tobytes()).digest())
-    angular, modes, responses = reductor.once("responses", (n_vibration, digest), respond)
-    count, a = responses.loads.count, reductor.points.shape[1]
+    responses = reductor.once("responses", (n_vibration, digest), respond)
+    a = reductor.points.shape[1]
     candidates = slice(a, None)
     stiffness = responses.stiffness[candidates, candidates]
     by_frequency = selection == "lowest-frequency"
     mass = responses.mass[candidates, candidates] if by_frequency else None
-    ranked = RANKINGS[selection](stiffness, mass)
-    chosen = without_round_off(ranked[:, :n_residual], stiffness)
-    weights = np.zeros((count, a + chosen.shape[1]))
+    ordered = ranked(selection, stiffness, mass)
+    chosen = without_round_off(ordered[:, :n_residual], stiffness)
+    dropped = dropped_patterns(responses, candidates, mass, ordered, n_residual)
+    weights = np.zeros((responses.count, a + chosen.shape[1]))
     weights[:a, :a] = np.eye(a)
     weights[a:, a:] = chosen
-    found = static_modes(responses, weights)
-    accuracy = {
-        "static_candidates": float(count),
-        "static_requested": float(a + n_residual),
-        "static_rank": float(len(found.angular)),
-        "static_dropped": float(a + n_residual - len(found.angular)),
-        "static_exactness": _exactness(responses, weights, found),
-    }
-    dropped = dropped_patterns(responses, candidates, mass, ranked, n_residual)
-    return dual_basis(reductor.static, angular, modes, found, dropped, accuracy)
-
-
-def _exactness(responses: StaticResponses, weights: np.ndarray, found: StaticModes) -> float:
-    """Largest part of the kept static responses' energy that the static modes lack, relative."""
-    exact = weights.T @ responses.stiffness @ weights
-    work = responses.loads.work(found.columns).T @ weights
-    missing = np.diag(exact) - np.sum((work / found.angular[:, None]) ** 2, axis=0)
-    return float(np.abs(missing).max(initial=0.0) / max(np.diag(exact).max(initial=0.0), 1e-300))
+    return dual_basis(responses, weights, a + n_residual, dropped)
 
 
 def dual_basis(
-    static: StaticSolver,
-    angular: np.ndarray,
-    modes: np.ndarray,
-    found: StaticModes,
-    dropped: tuple,
-    accuracy: dict[str, float],
+    responses: StaticResponses,
+    weights: np.ndarray,
+    requested: int,
+    dropped: tuple[ModeRecord, ...] = (),
 ) -> Basis:
-    """Vibration and static modes together, checked against their diagonal form.
+    """Vibration modes and ``X @ weights`` together, checked against their diagonal form.
+
+    Parameters
+    ----------
+    responses
+        X, less what the vibration modes cover.
+    weights
+        Combinations wanted, shape (count, r); nearly dependent directions are dropped.
+    requested
+        Static modes that were asked for, for the record.
+    dropped
+        Inventory of what was not selected.
 
     Raises
     ------
     VerificationError
-        The reduced matrices are not diagonal, or a column moves the mean axis.
+        The reduced matrices are not diagonal, a column moves the mean axis, or the static modes
+        lack energy of the responses.
     """
-    structure = static.structure
-    columns = np.asfortranarray(np.hstack([modes, found.columns]))
-    frequencies = np.concatenate([angular, found.angular])
-    stiffness, mass = gram_matrices(structure, static.mass, columns)
+    solver, angular, modes = responses.solver, responses.angular, responses.modes
+    exact = weights.T @ responses.stiffness @ weights
+    columns = responses.combination(weights @ energy_orthonormal(exact))
+    # Twice: the first pass orthonormalises in products of solved columns, whose round-off
+    # is as large as the smallest direction kept; the second in the columns themselves.
+    for _ in range(2):
+        columns, static = _diagonalise(responses, columns)
+    # Largest part of the responses' energy that the static modes lack.
+    work = responses.work(columns).T @ weights
+    missing = np.diag(exact) - np.sum((work / static[:, None]) ** 2, axis=0)
+    exactness = np.abs(missing).max(initial=0.0) / max(np.diag(exact).max(initial=0.0), 1e-300)
+    columns = np.asfortranarray(np.hstack([modes, columns]))
+    frequencies = np.concatenate([angular, static])
+    stiffness, mass = gram_matrices(solver.structure, solver.mass, columns)
     identity = np.eye(len(mass))
     scaled = stiffness / np.outer(frequencies, frequencies)
-    moved = inner(static.mass.multiply(static.rigid_modes), columns, structure.comm)
+    moved = inner(solver.mass.multiply(solver.rigid_modes), columns, solver.structure.comm)
     defects = require_small(
         {
             "mass_defect": np.abs(mass - identity).max(initial=0.0),
             "stiffness_defect": np.abs(scaled - identity).max(initial=0.0),
             "rigid_motion": np.abs(moved).max(initial=0.0),
-            "static_exactness": accuracy.get("static_exactness", 0.0),
+            "static_exactness": exactness,
         }
     )
-    kinds = ("vibration",) * modes.shape[1] + ("static",) * len(found.angular)
+    accuracy = {
+        "static_candidates": responses.count,
+        "static_requested": requested,
+        "static_rank": len(static),
+        "static_dropped": requested - len(static),
+    }
+    kinds = ("vibration",) * modes.shape[1] + ("static",) * len(static)
     return Basis(columns, np.diag(frequencies**2), identity, kinds, dropped, accuracy | defects)
-
-
-# Static modes
-
-
-@dataclass(frozen=True, eq=False)
-class StaticModes:
-    """Combinations of static responses, mass-normalised, by ascending frequency.
-
-    Attributes
-    ----------
-    columns
-        Owned rows, shape (owned dofs, r).
-    angular
-        Natural angular frequency of each alone [rad/s], shape (r,).
-    dependent
-        How many directions were dropped as linearly dependent.
-    """
-
-    columns: np.ndarray
-    angular: np.ndarray
-    dependent: int
-
-
-def static_modes(responses: StaticResponses, weights: np.ndarray) -> StaticModes:
-    """Diagonalise ``X @ weights``, nearly dependent directions dropped.
-
-    Parameters
-    ----------
-    responses
-        X with its reduced stiffness.
-    weights
-        Combinations wanted, shape (count, r).
-    """
-    stiffness = weights.T @ responses.stiffness @ weights
-    independent = energy_orthonormal(stiffness)
-    columns = responses.combination(weights @ independent)
-    # Twice: the first pass orthonormalises in products of solved columns, whose round-off
-    # is as large as the smallest direction kept; the second in the columns themselves.
-    for _ in range(2):
-        columns, angular = _diagonalise(responses, columns)
-    return StaticModes(columns, angular, weights.shape[1] - columns.shape[1])
 
 
 def _diagonalise(responses: StaticResponses, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     solver = responses.solver
     stiffness, mass = gram_matrices(solver.structure, solver.mass, columns)
-    rotation = energy_orthonormal(stiffness)
-    values, vectors = np.linalg.eigh(rotation.T @ mass @ rotation)
-    # Ascending frequency is descending modal mass per unit strain energy.
-    values, vectors = values[::-1], vectors[:, ::-1]
-    return combine(columns, rotation @ vectors / np.sqrt(values)), 1.0 / np.sqrt(values)
+    values, combinations = lowest_first(stiffness, mass)
+    return combine(columns, combinations / np.sqrt(values)), 1.0 / np.sqrt(values)
 
 
 def dropped_patterns(

@@ -1,11 +1,13 @@
 """Matrices of any finite-element program as distributed PETSc matrices.
 
-Degrees of freedom are ``3 * node + component``; each rank owns whole nodes.
+Degrees of freedom are ``3 * node + component``; each rank owns whole nodes. What one rank finds
+wrong all ranks raise.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,15 +17,8 @@ from petsc4py import PETSc
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.sealed_file import open_hdf5, require_file, require_numbers, values
-from fenics_ehd.reduction.row_blocks import (
-    RowBlock,
-    agree,
-    assemble,
-    owned_range,
-    together,
-)
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # slow to import
     from scipy import sparse
 
 #: Files that `as_matrix` reads, for its messages.
@@ -32,8 +27,89 @@ FILE_TYPES = ".mtx, .mtx.gz, .npz, .dat, .bin, .petsc, .h5, .hdf5"
 #: First number of a matrix in PETSc's binary format.
 _BINARY_MATRIX = 1211216
 
-#: Most bytes that mpi4py sends in one message, with room for its own.
-_LARGEST_MESSAGE = 2**31 - 2**20
+#: Shape of a matrix that lies somewhere, and its CSR rows from one to before another: a SciPy
+#: matrix, or data, column numbers and row pointers.
+Opened = tuple[tuple[int, int], Callable[[int, int], Any]]
+
+
+def agree(comm: MPI.Comm, problem: str | None, cause: Exception | None = None) -> None:
+    """Raise on every rank what any rank found; on the rank itself because of `cause`.
+
+    Raises
+    ------
+    StructureError
+        A rank has a problem; the message is that of the lowest such rank.
+    """
+    for found in comm.allgather(problem):
+        if found is not None:
+            raise StructureError(found) from cause
+
+
+def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
+    """Call a function that may fail on some ranks only, a missing file say, and fail on all.
+
+    Raises
+    ------
+    StructureError
+        `function` raised one, or anything else: `name` is put before its message.
+    """
+    result, problem = None, None
+    cause: Exception | None = None
+    try:
+        result = function()
+    except StructureError as error:
+        problem, cause = str(error), error
+    except Exception as error:  # whatever it is, the other ranks must not wait for this one
+        first_line = next(iter(str(error).splitlines()), type(error).__name__)
+        problem, cause = f"{name}: {first_line}", error
+    agree(comm, problem, cause)
+    return result
+
+
+def even_range(count: int, comm: MPI.Comm) -> tuple[int, int]:
+    """First and last + 1 of the things this rank owns, as PETSc deals out `count` of them."""
+    each, rest = divmod(count, comm.size)
+    first = comm.rank * each + min(comm.rank, rest)
+    return first, first + each + (comm.rank < rest)
+
+
+def before(count: int, comm: MPI.Comm) -> int:
+    """Sum of the counts of the ranks before this one."""
+    return sum(comm.allgather(count)[: comm.rank])
+
+
+def owned_range(
+    total: int, comm: MPI.Comm, name: str, rows: int | None, own: int | None = None
+) -> tuple[int, int]:
+    """First and last + 1 of the rows of a matrix or vector that this rank owns.
+
+    Parameters
+    ----------
+    total, name
+        Rows of all ranks, and the name for the messages.
+    rows
+        Those of the stiffness matrix on this rank; None: as many as it has, or an even share of
+        whole nodes.
+    own
+        Those that it has, if they are shared out already.
+
+    Raises
+    ------
+    StructureError
+        There are not three rows for every node, or not as many as of the stiffness matrix.
+    """
+    if total % 3 or not total:
+        raise StructureError(f"{name} has {total} rows, not 3 for every node")
+    share = 3 * int(np.diff(even_range(total // 3, comm))[0])
+    wanted = next(count for count in (rows, own, share) if count is not None)
+    whole = comm.allreduce(wanted)
+    if whole != total:
+        raise StructureError(f"{name} has {total} rows, the stiffness matrix has {whole}")
+    split = own is not None and (own % 3 != 0 or own != wanted)
+    problem = f"{name}: a rank owns {own} rows, not 3 for every node that it has of the part"
+    agree(comm, problem if split else None)
+    first = before(wanted, comm)
+    return first, first + wanted
 
 
 def as_matrix(
@@ -50,7 +126,7 @@ def as_matrix(
         binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``; a group in
         it as ``file.h5:/group``) with the CSR arrays ``data``, ``indices`` and
         ``indptr`` as datasets and ``shape`` as dataset or attribute. Of the last two
-        every rank reads its own rows only; the others rank 0 reads and sends around.
+        every rank reads its own rows only, the others whole.
     comm
         Ranks that share the rows; a PETSc matrix keeps its own.
     name
@@ -71,17 +147,51 @@ def as_matrix(
         three for every node or not as many as the ranks want.
     """
     if isinstance(source, PETSc.Mat):
+        owned_range(source.size[0], source.comm.tompi4py(), name, rows, source.local_size[0])
         return source if source.getType() in ("seqaij", "mpiaij") else _converted(source, name)
     if hasattr(source, "tocsr"):
-        whole = source.tocsr()
-        block = _sliced(whole, *owned_range(whole.shape, comm, name, rows))
-        return assemble(block, comm, name)
-    if not isinstance(source, str | Path):
+        shape, read = _whole(source.tocsr())
+    elif isinstance(source, str | Path):
+        name = f"{name}, file {source}"
+        shape, read = together(comm, name, lambda: _open(str(source)))
+    else:
         raise StructureError(
             f"{name} is a {type(source).__name__}: give a PETSc matrix, a SciPy sparse matrix "
             f"or the path of a file ({FILE_TYPES})"
         )
-    return _read(str(source), comm, name, rows)
+    first, last = owned_range(shape[0], comm, name, rows)
+
+    def checked() -> sparse.csr_matrix:
+        from scipy import sparse
+
+        block = sparse.csr_matrix(read(first, last), shape=(last - first, shape[1]))
+        block.check_format(full_check=True)
+        if np.iscomplexobj(block.data):
+            raise StructureError(f"{name} is complex, real numbers are needed")
+        if max(block.nnz, *shape) > np.iinfo(PETSc.IntType).max:
+            raise StructureError(f"{name} has more entries on a rank than this PETSc can count")
+        return block
+
+    return assemble(together(comm, name, checked), comm)
+
+
+def assemble(block: sparse.csr_matrix, comm: MPI.Comm) -> PETSc.Mat:
+    """PETSc matrix of the rows that each rank holds; entries given twice are summed in them.
+
+    Its columns are dealt out like the rows when it is square, else evenly.
+    """
+    # PETSc's own ways from CSR arrays keep the last of two entries.
+    block.sum_duplicates()
+    owned, width = block.shape
+    height = comm.allreduce(owned)
+    columns = owned if height == width else int(np.diff(even_range(width, comm))[0])
+    indptr, indices = (np.asarray(a, dtype=PETSc.IntType) for a in (block.indptr, block.indices))
+    return PETSc.Mat().createAIJ(
+        ((owned, height), (columns, width)),
+        bsize=3 if height == width else None,
+        csr=(indptr, indices, np.asarray(block.data, dtype=PETSc.ScalarType)),
+        comm=comm,
+    )
 
 
 def _converted(matrix: PETSc.Mat, name: str) -> PETSc.Mat:
@@ -93,128 +203,85 @@ def _converted(matrix: PETSc.Mat, name: str) -> PETSc.Mat:
         ) from error
 
 
-def _sliced(whole: Any, first: int, last: int) -> RowBlock:
-    part = whole[first:last]
-    return RowBlock(part.indptr, part.indices, part.data, whole.shape)
+def _whole(matrix: sparse.csr_matrix) -> Opened:
+    """Rows of a matrix in memory, which stays as it is."""
+    return matrix.shape, lambda first, last: matrix[first:last].copy()
 
 
-def _read(path: str, comm: MPI.Comm, name: str, rows: int | None) -> PETSc.Mat:
+def _open(path: str) -> Opened:
     """Matrix in a file, by the ending of its name."""
-    label = f"{name}, file {path}"
     inside = re.fullmatch(r"(.*\.(?:h5|hdf5))(?::(.*))?", path, re.IGNORECASE)
-    together(comm, label, lambda: require_file(inside[1] if inside else path))
+    require_file(inside[1] if inside else path)
     if inside:
-        return _read_hdf5(inside[1], inside[2] or "/", comm, label, rows)
+        return _in_hdf5(inside[1], inside[2] or "/")
     if re.search(r"\.(dat|bin|petsc)$", path, re.IGNORECASE):
-        return _read_binary(path, comm, label, rows)
-    if re.search(r"\.(mtx|mtx\.gz|npz)$", path, re.IGNORECASE):
-        return assemble(_scattered(path, comm, label, rows), comm, label)
-    raise StructureError(f"{label}: its name ends in none of {FILE_TYPES}")
+        return _in_binary(path)
+    if not re.search(r"\.(mtx|mtx\.gz|npz)$", path, re.IGNORECASE):
+        raise ValueError(f"its name ends in none of {FILE_TYPES}")
+    from scipy import io, sparse
+
+    # Newer SciPy says of a missing file that it is no Matrix Market file.
+    Path(path).stat()
+    npz = path.lower().endswith(".npz")
+    found = sparse.load_npz(path) if npz else io.mmread(path)
+    if npz and found.format in ("csr", "csc", "bsr"):
+        # SciPy would read and write wherever a wrong number points to.
+        found.check_format(full_check=True)
+    return _whole(sparse.csr_matrix(found))
 
 
-def _read_hdf5(path: str, group: str, comm: MPI.Comm, name: str, rows: int | None) -> PETSc.Mat:
-    """CSR arrays in a group of an HDF5 file; every rank reads its own rows."""
+def _in_hdf5(path: str, group: str) -> Opened:
+    """CSR arrays in a group of an HDF5 file."""
 
-    def shape() -> tuple[int, int]:
-        with open_hdf5(path) as file:
-            csr = file[group]
-            height, width = values(csr["shape"]) if "shape" in csr else csr.attrs["shape"]
-            for key, kinds in (("indptr", "iu"), ("indices", "iu"), ("data", "fiuc")):
-                require_numbers(csr[key], kinds)
-            if csr["indptr"].shape != (height + 1,):
-                raise StructureError(
-                    f"{name}: {height} rows need {height + 1} row pointers, "
-                    f"indptr has shape {csr['indptr'].shape}"
-                )
-            return int(height), int(width)
-
-    whole = together(comm, name, shape)
-    first, last = owned_range(whole, comm, name, rows)
-
-    def block() -> RowBlock:
+    def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         with open_hdf5(path) as file:
             csr = file[group]
             indptr = csr["indptr"][first : last + 1].astype(np.int64)
             entries = slice(indptr[0], indptr[-1])
-            return RowBlock(
-                indptr - indptr[0], csr["indices"][entries], csr["data"][entries], whole
+            return csr["data"][entries], csr["indices"][entries], indptr - indptr[0]
+
+    with open_hdf5(path) as file:
+        csr = file[group]
+        height, width = values(csr["shape"]) if "shape" in csr else csr.attrs["shape"]
+        for key, kinds in (("indptr", "iu"), ("indices", "iu"), ("data", "fiuc")):
+            require_numbers(csr[key], kinds)
+        if csr["indptr"].shape != (height + 1,):
+            raise ValueError(
+                f"{height} rows need {height + 1} row pointers, "
+                f"indptr has shape {csr['indptr'].shape}"
             )
+    return (int(height), int(width)), read
 
-    return assemble(together(comm, name, block), comm, name)
 
-
-def _read_binary(path: str, comm: MPI.Comm, name: str, rows: int | None) -> PETSc.Mat:
+def _in_binary(path: str) -> Opened:
     """PETSc's own format: header, row lengths, column numbers, values, all big-endian.
 
     PETSc itself believes the column numbers.
     """
-    number = np.dtype(PETSc.IntType).newbyteorder(">")
-    real = np.dtype(">f8")
-
-    def shape() -> tuple[int, int, int]:
-        kind, height, width, entries = map(int, np.fromfile(path, number, 4))
-        if kind != _BINARY_MATRIX or min(height, width, entries) < 0:
-            raise StructureError(f"{name}: not a sparse matrix in PETSc's binary format")
-        needed = (4 + height + entries) * number.itemsize + real.itemsize * entries
-        found = Path(path).stat().st_size
-        if found < needed:
-            raise StructureError(f"{name}: {found} bytes, {entries} entries need {needed}")
-        return height, width, entries
-
-    height, width, entries = together(comm, name, shape)
-    first, last = owned_range((height, width), comm, name, rows)
-
-    def block() -> RowBlock:
-        def read(kind: np.dtype, place: int, count: int) -> np.ndarray:
-            return np.fromfile(path, kind, count, offset=place).astype(kind.newbyteorder("="))
-
-        columns = (4 + height) * number.itemsize
-        lengths = read(number, 4 * number.itemsize, height).astype(np.int64)
-        if lengths.min(initial=0) < 0 or lengths.sum() != entries:
-            raise StructureError(
-                f"{name}: rows of {lengths.sum()} entries, the shortest of {lengths.min()}, do not "
-                f"make its {entries} entries"
-            )
-        start, count = int(lengths[:first].sum()), int(lengths[first:last].sum())
-        return RowBlock(
-            np.concatenate([[0], np.cumsum(lengths[first:last])]),
-            read(number, columns + start * number.itemsize, count),
-            read(real, columns + entries * number.itemsize + start * real.itemsize, count),
-            (height, width),
+    number, real = np.dtype(PETSc.IntType).newbyteorder(">"), np.dtype(">f8")
+    kind, height, width, entries = map(int, np.fromfile(path, number, 4))
+    if kind != _BINARY_MATRIX or min(height, width, entries) < 0:
+        raise ValueError("not a sparse matrix in PETSc's binary format")
+    ends = np.cumsum([4, height, entries]) * number.itemsize
+    content = np.memmap(path, np.uint8, "r")
+    if len(content) < (needed := ends[2] + entries * real.itemsize):
+        raise ValueError(f"{len(content)} bytes, {entries} entries need {needed}")
+    lengths = content[ends[0] : ends[1]].view(number).astype(np.int64)
+    if lengths.min(initial=0) < 0 or lengths.sum() != entries:
+        raise ValueError(
+            f"rows of {lengths.sum()} entries, the shortest of {lengths.min()}, do not make its "
+            f"{entries} entries"
         )
+    columns = content[ends[1] : ends[2]].view(number)
+    reals = content[ends[2] : needed].view(real)
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
 
-    return assemble(together(comm, name, block), comm, name)
+    def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        own = slice(indptr[first], indptr[last])
+        data, indices = reals[own].astype(float), columns[own].astype(PETSc.IntType)
+        return data, indices, indptr[first : last + 1] - indptr[first]
 
-
-def _scattered(path: str, comm: MPI.Comm, name: str, rows: int | None) -> RowBlock:
-    """Rows of a file that can only be read whole: rank 0 does, and sends the others theirs."""
-
-    def read() -> Any:
-        from scipy import io, sparse
-
-        if comm.rank:
-            return None
-        # Newer SciPy says of a missing file that it is no Matrix Market file.
-        Path(path).stat()
-        npz = path.lower().endswith(".npz")
-        found = sparse.load_npz(path) if npz else io.mmread(path)
-        if npz and found.format in ("csr", "csc", "bsr"):
-            # SciPy would read and write wherever a wrong number points to.
-            found.check_format(full_check=True)
-        return sparse.csr_matrix(found)
-
-    whole = together(comm, name, read)
-    shape = comm.bcast(None if comm.rank else whole.shape)
-    ranges = comm.allgather(owned_range(shape, comm, name, rows))
-    parts = [] if comm.rank else [_sliced(whole, *part) for part in ranges]
-    largest = max((sum(a.nbytes for a in part[:3]) for part in parts[1:]), default=0)
-    too_large = f"{name}: {largest} bytes for one rank are too many to send, write it as HDF5"
-    agree(comm, too_large if largest > _LARGEST_MESSAGE else None)
-    if comm.rank:
-        return comm.recv(source=0)
-    for rank, part in enumerate(parts[1:], 1):
-        comm.send(part, rank)
-    return parts[0]
+    return (height, width), read
 
 
 def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
@@ -254,14 +321,10 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     flat = numbers.ravel()
     free = np.flatnonzero(flat != -1)
     size = given.shape[0]
-    if len(free) and not 0 <= flat[free].min() <= flat[free].max() < size:
-        raise StructureError(
-            f"dofs reach from {flat[free].min()} to {flat[free].max()}, the matrix has {size} rows"
-        )
-    uses = np.bincount(flat[free], minlength=size)
-    if (uses != 1).any():
-        wrong = int(np.flatnonzero(uses != 1)[0])
-        raise StructureError(f"row {wrong} of the matrix is named {uses[wrong]} times in dofs")
+    named, uses = np.unique(flat[free], return_counts=True)
+    if not np.array_equal(named, np.arange(size)) or uses.max(initial=1) > 1:
+        wrong = [*named[uses > 1], *np.setxor1d(named, np.arange(size))][0]
+        raise StructureError(f"dofs must name each of the {size} rows once: see row {wrong}")
     place = sparse.csr_matrix((np.ones(len(free)), (free, flat[free])), shape=(len(flat), size))
     held = np.ones(len(flat))
     held[free] = 0.0

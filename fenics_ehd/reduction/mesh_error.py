@@ -1,22 +1,24 @@
-"""What a part's mesh misses of its bores' flexibility, by another mesh of the same part.
+"""Discretisation error of the bores' flexibility, by another mesh of the same part.
 
 Both meshes are loaded with the same smooth pressures, waves around times Legendre polynomials
-along every bore, of which each mesh has the compliance ``C_ij``, the work of pressure i on what
-pressure j displaces, and the displacement of its bore. It needs a solve for each. With n and n'
-degrees of freedom the exact part is estimated to have
+along every bore, and with unit forces on the boundary points, which hold against the pressure what
+inertia does not: without them the bore of a rod with a heavy piston is said to lack another shape.
+Of both each mesh has the compliance ``C_ij``, the work of pressure i on what load j displaces, and
+the displacement of its bore. It needs a solve for each. With n and n' degrees of freedom the exact
+part is estimated to have
 
     (C' - C) / (1 - (n / n')^(p / 3)),   p = 2,
 
-more than the first mesh, and of displacements likewise: read at the nodes of the first, as a thin
-film feels what is as short as its cells more than what is smooth. Re-entrant edges leave errors of
-order 1.09 (Williams' exponent is 0.5445 at a right angle), smooth solutions of quadratic cells
+more than the first mesh, and of displacements likewise: read between the nodes of both, as a thin
+film feels what is shorter than their cells more than what is smooth. Re-entrant edges leave errors
+of order 1.09 (Williams' exponent is 0.5445 at a right angle), smooth solutions of quadratic cells
 order 4: from cells two thirds as large the estimate is within 1.6 of either. From larger cells it
 would be within 3, which is why the other mesh is a finer one wherever that can be paid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -25,17 +27,23 @@ from scipy.linalg import block_diag
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import BoreSurface, all_outward
 from fenics_ehd.reduction.distributed import inner, load_columns
-from fenics_ehd.reduction.projection import bore_rows
+from fenics_ehd.reduction.reductor import bore_rows
 from fenics_ehd.reduction.static import StaticSolver
 
 #: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
-WAVES, HEIGHTS = 6, 3
+WAVES, HEIGHTS = 9, 3
 SMOOTH = (2 * WAVES + 1) * HEIGHTS
 
 #: Order of the compliance's error, size of a mesh's cells over that of the other's, and largest
 #: mesh that is compared with a finer one [degrees of freedom]: that has three times as many, the
 #: factors of which take 1.2 s for 33 000, 29 s for 223 000.
 ORDER, FINER, MOST_REFINED = 2.0, 1.5, 60_000
+
+#: Order of what lies between the nodes of quadratic cells.
+BETWEEN_NODES = 3.0
+
+#: Quadratic cells around and along a bore at whose nodes displacements are kept.
+SAMPLED = 40, 8
 
 #: Least change of the number of degrees of freedom that tells one mesh from another.
 ANOTHER = 1.3
@@ -73,14 +81,16 @@ PATTERNS = {
 
 
 class Answers(NamedTuple):
-    """To the smooth pressures in all s / `SMOOTH` bores, one after the other.
+    """Responses to the smooth pressures in all s / `SMOOTH` bores, then to forces.
+
+    These are along x and y on each of a boundary points, in the order of their names.
 
     Attributes
     ----------
     compliance
-        C, shape (s, s) [J/Pa^2].
+        C, shape (s, s + 2 a) [J/Pa^2], [J/(Pa N)].
     outward
-        Displacement of all bores' nodes, shape (m, s) [m/Pa].
+        Displacement of all bores' nodes, shape (m, s + 2 a) [m/Pa], [m/N].
     """
 
     compliance: np.ndarray
@@ -88,17 +98,39 @@ class Answers(NamedTuple):
 
 
 def smooth_answers(solver: StaticSolver) -> Answers:
-    """Of a mesh; collective."""
+    """Responses of a mesh to the smooth pressures and unit forces; collective."""
     part, bores = solver.structure, solver.structure.every_bore()
     pressures = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores]
-    loads = solver.equilibrate(load_columns(part.load, block_diag(*pressures)))
-    moved = solver.solve(loads)
-    found = inner(loads, moved, part.comm)
-    return Answers(0.5 * (found + found.T), all_outward(part.bores, bore_rows(part, moved)))
+    loads = load_columns(part.load, block_diag(*pressures))
+    points = (part.attachments[name][:2] for name in sorted(part.attachments))
+    forces = [force.array for point in points for force in point]
+    moved = solver.solve(np.column_stack([loads, *forces]))
+    work = inner(solver.equilibrate(loads), moved, part.comm)
+    return Answers(work, all_outward(part.bores, bore_rows(part, moved)))
 
 
-def excess(size: int, other: int) -> float:
-    """What the exact part has more than a mesh, over what another mesh has, by their sizes.
+def point_columns(points: Collection[str], wanted: Collection[str], smooth: int) -> list[int]:
+    """Columns of `Answers` of some boundary points alone, behind the smooth pressures.
+
+    Raises
+    ------
+    ValueError
+        One is not among the points.
+    """
+    known = sorted(points)
+    first = [smooth + 2 * known.index(name) for name in sorted(wanted)]
+    return [*range(smooth), *(column + k for column in first for k in (0, 1))]
+
+
+def excess(size: int, other: int, order: float = ORDER) -> float:
+    """Excess of the exact part over a mesh, relative to that of another mesh, by their sizes.
+
+    Parameters
+    ----------
+    size, other
+        Degrees of freedom.
+    order
+        Of the error.
 
     Raises
     ------
@@ -107,7 +139,7 @@ def excess(size: int, other: int) -> float:
     """
     if not max(size / other, other / size) > ANOTHER:
         raise StructureError(f"meshes of {size} and {other} unknowns tell nothing of either")
-    return 1.0 / (1.0 - (size / other) ** (ORDER / 3.0))
+    return 1.0 / (1.0 - (size / other) ** (order / 3.0))
 
 
 def compliance_errors(missing: np.ndarray, own: np.ndarray) -> dict[str, float]:
@@ -118,17 +150,6 @@ def compliance_errors(missing: np.ndarray, own: np.ndarray) -> dict[str, float]:
         name: max(float(abs(c @ lacks @ c) / (c @ has @ c)) for lacks, has in blocks)
         for name, c in PATTERNS.items()
     }
-
-
-def outward_of(missing: np.ndarray, bores: Mapping[str, BoreSurface]) -> np.ndarray:
-    """Outward displacement of bores' nodes, as `Answers` have it, that goes with a compliance."""
-    shapes = []
-    for bore in bores.values():
-        area = np.full((HEIGHTS, 2 * WAVES + 1), np.pi * bore.radius * bore.width)
-        area[:, 0] *= 2.0
-        area /= 2.0 * np.arange(HEIGHTS)[:, None] + 1.0
-        shapes.append(smooth_fields(bore.coordinates, bore.width) / area.ravel())
-    return np.asarray(block_diag(*shapes) @ missing)
 
 
 def smooth_part(bores: Mapping[str, BoreSurface]) -> np.ndarray:

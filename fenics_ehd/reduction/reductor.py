@@ -1,33 +1,268 @@
-"""What the reductions of one part have in common, each of it computed once.
+"""Quantities that the reductions of one part share, each of them computed once.
 
-The smallest reduction is here too: a part taken as rigid, its inertia and bores without elastic
-coordinates.
+Loads whose static responses make a basis, the small products of those responses, and the projection
+of the part onto a basis, with which every method ends. The smallest reduction is here too: a part
+taken as rigid, its inertia and bores without elastic coordinates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
+from mpi4py import MPI
 
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
+from fenics_ehd.base.errors import SettingsError, VerificationError
+from fenics_ehd.reduction.body import (
+    ELASTIC,
+    InertiaIntegrals,
+    ModeRecord,
+    ReducedBody,
+    ResidualFlexibility,
+)
+from fenics_ehd.reduction.bore import all_outward, rigid_fields, turned
 from fenics_ehd.reduction.checks import check_structure
+from fenics_ehd.reduction.distributed import (
+    MassOperator,
+    blocks,
+    combine,
+    inner,
+    load_columns,
+    multiply,
+    symmetric,
+    transpose_multiply,
+)
 from fenics_ehd.reduction.eigenmodes import LowestModes
-from fenics_ehd.reduction.loads import bore_flexibility
-from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.projection import Basis, BoreFlexibility, project
-from fenics_ehd.reduction.rigid_body import rigid_body_modes
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.static import StaticSolver, rigid_motions, room_for_columns
 from fenics_ehd.reduction.structure import Structure
+
+#: Largest defect of the reduced matrices from the form they must have, relative.
+FORM_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Part-size columns T of a reduction with what is known about them.
+
+    Attributes
+    ----------
+    columns
+        Owned rows, shape (owned dofs, n).
+    stiffness, mass
+        Reduced matrices, shape (n, n).
+    kinds
+        Kind of each column.
+    dropped
+        Modes left out.
+    accuracy
+        Figures of the method's own checks.
+    """
+
+    columns: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+    kinds: tuple[str, ...]
+    dropped: tuple[ModeRecord, ...]
+    accuracy: Mapping[str, float]
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Natural frequency of each column taken alone [Hz]."""
+        return np.sqrt(np.diag(self.stiffness) / np.diag(self.mass)) / (2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class BoreFlexibility:
+    """Static response of all bores to nodal pressures, ``G J`` of the whole part.
+
+    Attributes
+    ----------
+    displacement
+        Of the bore nodes, shape (m, 3, k) [m/Pa].
+    energy
+        ``J^T G J``, shape (k, k) [J/Pa^2].
+    """
+
+    displacement: np.ndarray
+    energy: np.ndarray
+
+
+def _own_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Mask of the bores' nodes that this rank owns, and their places among its own."""
+    local = structure.bore_nodes - structure.node_range[0]
+    mine = (local >= 0) & (local < len(structure.coordinates))
+    return mine, local[mine]
+
+
+def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
+    """Rows of the nodes of all bores of part-size columns, on every rank, shape (m, 3, n)."""
+    mine, local = _own_nodes(structure)
+    rows = np.zeros((len(mine), 3, columns.shape[1]))
+    rows[mine] = columns[3 * local[:, None] + np.arange(3)]
+    return structure.comm.allreduce(rows, op=MPI.SUM)
+
+
+def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
+    """Owned rows (owned dofs, n) of fields that are zero but at the bores' nodes, (m, 3, n)."""
+    mine, local = _own_nodes(structure)
+    columns = np.zeros((len(structure.coordinates), 3, values.shape[2]))
+    columns[local] = values[mine]
+    return np.asfortranarray(columns.reshape(-1, values.shape[2]))
+
+
+def gram_matrices(
+    structure: Structure, mass: MassOperator, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """``T^T K T`` and ``T^T M T``, on every rank."""
+    n, comm = columns.shape[1], structure.comm
+    reduced = np.empty((n, n)), np.empty((n, n))
+    for part in blocks(n, len(columns), comm):
+        own = columns[:, part]
+        reduced[0][:, part] = inner(columns, multiply(structure.stiffness, own), comm)
+        reduced[1][:, part] = inner(columns, mass.multiply(own), comm)
+    return symmetric(reduced[0]), symmetric(reduced[1])
+
+
+def require_small(defects: Mapping[str, float]) -> dict[str, float]:
+    """The defects, all below `FORM_TOLERANCE`.
+
+    Raises
+    ------
+    VerificationError
+        One is not, by its name.
+    """
+    for name, value in defects.items():
+        if not value <= FORM_TOLERANCE:
+            raise VerificationError(
+                f"the reduced basis fails its check: {name} {value:.1e} above {FORM_TOLERANCE:.0e}"
+            )
+    return {name: float(value) for name, value in defects.items()}
+
+
+def inertia_integrals(
+    structure: Structure, mass: MassOperator, fields: np.ndarray
+) -> InertiaIntegrals:
+    """Inertia coupling of the given fields, owned rows (owned dofs, 3 + n)."""
+    n, comm = fields.shape[1], structure.comm
+    whole = [np.empty((n, n)) for _ in range(3)]
+    spun = turned(fields, 2)
+    for part in blocks(n, len(fields), comm):
+        mass_fields = mass.multiply(fields[:, part])
+        whole[0][:, part] = inner(fields, mass_fields, comm)
+        whole[1][part] = inner(mass_fields, spun, comm)
+        whole[2][:, part] = inner(spun, mass.multiply(spun[:, part]), comm)
+    return InertiaIntegrals(
+        mass=symmetric(whole[0]),
+        spin=0.5 * (whole[1] - whole[1].T),
+        centrifugal=symmetric(whole[2]),
+    )
+
+
+def _inventory(
+    body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
+) -> tuple[ModeRecord, ...]:
+    """Kept modes and dropped ones with their shares of `total`, or of the sum of all."""
+    load = body.load_projection[ELASTIC]
+    if body.frame != "clamped" and body.modes:
+        load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
+    shares = np.einsum("ij,ij->i", load, np.linalg.solve(body.stiffness, load))
+    kept = [
+        ModeRecord(kind, float(frequency), float(share))
+        for kind, frequency, share in zip(body.kinds, body.frequencies, shares, strict=True)
+    ]
+    if body.residual is not None:
+        kept += [
+            ModeRecord("quasi-static", np.inf, float(share)) for share in body.residual.stiffness
+        ]
+    records = [*kept, *dropped]
+    if total is None:
+        total = sum(record.participation for record in records)
+    return tuple(replace(r, participation=r.participation / max(total, 1e-300)) for r in records)
+
+
+class StaticResponses:
+    """Static responses ``X = G L`` of (29), less what given modes cover (30).
+
+    Columns of L are given fields, then pressure patterns of the bores (33).
+
+    Parameters
+    ----------
+    solver
+        Free or clamped part.
+    fields
+        Loads given by their owned rows, shape (owned dofs, a) [N].
+    pressures
+        Patterns ``P_c``, the same on every rank, shape (k, p) [Pa].
+    angular, modes
+        Modes to be filtered out, mass-normalised and uncoupled in stiffness; kept.
+
+    Attributes
+    ----------
+    count
+        Number of responses.
+    stiffness
+        ``X^T K X = L^T X``, shape (count, count).
+    nodal_work
+        ``J^T X``, shape (k, count).
+    columns
+        X, owned rows, shape (owned dofs, count).
+    """
+
+    def __init__(
+        self,
+        solver: StaticSolver,
+        fields: np.ndarray,
+        pressures: np.ndarray,
+        angular: np.ndarray,
+        modes: np.ndarray,
+    ):
+        self.solver, self._fields, self._pressures = solver, fields, pressures
+        self.angular, self.modes = angular, modes
+        comm, load, a = solver.structure.comm, solver.structure.load, fields.shape[1]
+        self.count = a + pressures.shape[1]
+        covered = self.work(modes).T / angular[:, None] ** 2
+        stiffness = np.empty((self.count, self.count))
+        works = [np.zeros((load.size[1], 0))]
+        self.columns = room_for_columns(len(modes), self.count, comm)
+        for part in blocks(self.count, len(modes), comm):
+            patterns = pressures[:, max(part.start - a, 0) : max(part.stop - a, 0)]
+            loads = np.hstack([fields[:, part], load_columns(load, patterns)])
+            responses = solver.solve(np.asfortranarray(loads))
+            responses -= combine(modes, covered[:, part])
+            works.append(transpose_multiply(load, responses))
+            stiffness[:, part] = self.work(responses, works[-1])
+            self.columns[:, part] = responses
+        self.stiffness, self.nodal_work = symmetric(stiffness), np.hstack(works)
+
+    def work(self, columns: np.ndarray, nodal: np.ndarray | None = None) -> np.ndarray:
+        """``L^T @ columns`` on every rank, shape (count, width); ``J^T @ columns`` if known."""
+        structure = self.solver.structure
+        if nodal is None:
+            nodal = transpose_multiply(structure.load, columns)
+        return np.vstack([inner(self._fields, columns, structure.comm), self._pressures.T @ nodal])
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """``X^T M X``, shape (count, count), a block of M X in memory at a time; collective."""
+        mass = np.zeros((self.count,) * 2)
+        for part in blocks(self.count, len(self.columns), self.solver.structure.comm):
+            inertia, left = self.solver.mass.multiply(self.columns[:, part]), slice(part.stop)
+            mass[left, part] = inner(self.columns[:, left], inertia, self.solver.structure.comm)
+        return np.triu(mass) + np.triu(mass, 1).T
+
+    def combination(self, weights: np.ndarray) -> np.ndarray:
+        """Owned rows of ``X @ weights``, shape (owned dofs, r)."""
+        return combine(self.columns, weights)
+
 
 T = TypeVar("T")
 
 
 class Options(TypedDict, total=False):
-    """How a `Reductor` is made of a structure."""
+    """Arguments of a `Reductor` beside the structure."""
 
     attachment_directions: tuple[int, ...]
     solver: str
@@ -99,8 +334,8 @@ class Reductor:
 
     @cached_property
     def free(self) -> bool:
-        """Whether nothing clamps the part."""
-        return rigid_body_modes(self.structure).shape[1] > 0
+        """True of a part without supports."""
+        return rigid_motions(self.structure)[1]
 
     @cached_property
     def static(self) -> StaticSolver:
@@ -125,10 +360,17 @@ class Reductor:
     @cached_property
     def flexibility(self) -> BoreFlexibility:
         """Static response of the whole part's bore to every nodal pressure."""
-        return bore_flexibility(self.static)
+        load = self.structure.load
+        identity = np.eye(load.size[1])
+        rows, work = [], []
+        for part in blocks(len(identity), load.local_size[0], self.structure.comm):
+            responses = self.static.solve(load_columns(load, identity[:, part]))
+            rows.append(bore_rows(self.structure, responses))
+            work.append(transpose_multiply(load, responses))
+        return BoreFlexibility(np.concatenate(rows, axis=2), np.hstack(work))
 
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
-        """What `make` gives for a key; the last one of each name is kept."""
+        """Result of `make` for a key; the last one of each name is kept."""
         if name not in self._kept or self._kept[name][0] != key:
             self._kept.pop(name, None)
             self._kept[name] = key, make()
@@ -144,16 +386,49 @@ class Reductor:
         estimate_error: bool = True,
         keep_basis: bool = False,
     ) -> ReducedBody:
-        """Reduced body of a basis; parameters as in `ReducedBody` and `load_dependent`."""
-        return project(
-            self.structure,
-            self.mass,
-            basis,
+        """Reduced body of a basis, whose columns it holds if `keep_basis`.
+
+        Parameters as in `ReducedBody` and `load_dependent`; the frame is that of a free part.
+        """
+        structure, mass, comm = self.structure, self.mass, self.structure.comm
+        rigid = rigid_fields(structure.coordinates)
+        fields = np.hstack([structure.coordinates.reshape(-1, 1), rigid[:, :2], basis.columns])
+        load, mass_rigid = structure.load, mass.multiply(rigid)
+        body = ReducedBody(
             method=method,
             frame=frame if self.free else "clamped",
+            stiffness=basis.stiffness,
+            mass=basis.mass,
+            frequencies=basis.frequencies,
+            kinds=basis.kinds,
+            bores={name: bore.surface() for name, bore in structure.bores.items()},
+            bore_basis=bore_rows(structure, basis.columns),
+            load_projection=transpose_multiply(load, fields).T,
+            spin_load_projection=transpose_multiply(load, turned(fields, 2)).T,
+            inertia=inertia_integrals(structure, mass, fields),
+            rigid_mass=symmetric(inner(rigid, mass_rigid, comm)),
+            rigid_coupling=inner(mass_rigid, basis.columns, comm),
+            rigid_load=transpose_multiply(load, rigid).T,
+            points={
+                name: inner(np.column_stack([v.array for v in three]), fields, comm)
+                for name, three in structure.attachments.items()
+            },
+            missing_flexibility=np.zeros((0, 0)),
             residual=residual,
-            full_flexibility=self.flexibility if estimate_error else None,
-            keep_basis=keep_basis,
+            accuracy=basis.accuracy,
+            provenance={"degrees_of_freedom": str(structure.size)},
+            columns=basis.columns if keep_basis else None,
+        )
+        if not estimate_error:
+            return replace(body, inventory=_inventory(body, basis.dropped, None))
+        whole = all_outward(body.bores, self.flexibility.displacement)
+        inventory = _inventory(body, basis.dropped, float(np.trace(self.flexibility.energy)))
+        followed = sum(record.participation for record in inventory if not record.dropped)
+        return replace(
+            body,
+            missing_flexibility=whole - body.basis_flexibility(),
+            inventory=inventory,
+            accuracy={**body.accuracy, "flexibility_followed": followed},
         )
 
 

@@ -5,10 +5,20 @@ the pressure meets the whole flexibility ``G_c = G J`` of the bore, of which the
 coordinates q keep what they cover:
 
     u_bore = Psi q + S_res w,   S_res = G_c - T K_r^-1 T^T J,   w + zeta dw/dt = P.
+
+The same of the whole part and of any load, the static answer that a basis misses,
+
+    (G - T K_r^-1 T^T) f,
+
+added to the displacement ``T q`` makes a recovery of what the loads balance statically: the mode
+acceleration method (T. Irvine, The mode acceleration method, 2014, scribd.com/document/659487661).
+Of a free part f is made self-equilibrated first. The answer is right but for a rigid motion, which
+is another one in another frame and has no stress.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Unpack
 
@@ -17,26 +27,156 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.bore import all_outward
-from fenics_ehd.reduction.completion import centrifugal_load, missing_answer
 from fenics_ehd.reduction.distributed import (
+    MassOperator,
     blocks,
+    combine,
+    inner,
     load_columns,
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.load_dependent import dual_basis, static_modes
-from fenics_ehd.reduction.loads import LoadSet, StaticResponses
-from fenics_ehd.reduction.projection import Basis, bore_rows
-from fenics_ehd.reduction.reductor import Options, Reductor
+from fenics_ehd.reduction.load_dependent import dual_basis
+from fenics_ehd.reduction.reductor import (
+    Basis,
+    Options,
+    Reductor,
+    StaticResponses,
+    bore_rows,
+    on_bores,
+)
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 
+
+def missing_answers(
+    static: StaticSolver,
+    body: ReducedBody,
+    columns: np.ndarray,
+    loads: Callable[[slice], np.ndarray],
+    count: int,
+) -> np.ndarray:
+    """Static answers less what the basis answers, owned rows (owned dofs, count); collective.
+
+    Parameters
+    ----------
+    static
+        Of the part.
+    body
+        Its reduction.
+    columns
+        The part-size basis T, owned rows, shape (owned dofs, n).
+    loads
+        Some of the loads, owned rows [N].
+    count
+        How many there are.
+    """
+    comm, fields = static.structure.comm, np.empty((len(columns), count))
+    for some in blocks(count, len(columns), comm):
+        given = loads(some)
+        work = inner(columns, static.equilibrate(given), comm)
+        answered = combine(columns, np.linalg.solve(body.stiffness, work))
+        fields[:, some] = static.solve(given) - answered
+    return fields
+
+
+def centrifugal_load(structure: Structure, mass: MassOperator) -> np.ndarray:
+    """``M (x, y, 0)``: inertia of unit rate about z, owned rows (owned dofs, 1)."""
+    radius = structure.coordinates.copy()
+    radius[:, 2] = 0.0
+    return mass.multiply(np.asfortranarray(radius.reshape(-1, 1)))
+
+
+def missing_fields(
+    structure: Structure,
+    body: ReducedBody,
+    columns: np.ndarray,
+    forces: np.ndarray,
+    speeds: np.ndarray,
+) -> np.ndarray:
+    """Displacements that a basis misses under forces on bores and under rotation, in any frame.
+
+    Forces of boundary points are in every basis. The rigid inertia that balances them in M1's and
+    M2's frame, and that of elastic motion, stay left out.
+
+    Parameters
+    ----------
+    structure, body, columns
+        As in `missing_answers`.
+    forces
+        On the nodes of all bores, shape (c, m, 3) [N].
+    speeds
+        Of the part about z, shape (c,) [rad/s].
+
+    Returns
+    -------
+    numpy.ndarray
+        Owned rows, shape (owned dofs, c) [m].
+    """
+    static = StaticSolver(structure)
+    turning = centrifugal_load(structure, static.mass)
+
+    def loads(some: slice) -> np.ndarray:
+        return on_bores(structure, np.moveaxis(forces[some], 0, 2)) + turning * speeds[some] ** 2
+
+    return missing_answers(static, body, columns, loads, len(speeds))
+
+
+#: Largest difference of the two bodies, relative.
+SAME_BASIS = 1e-6
+
+
+def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.ndarray:
+    """The basis T of a body whose file does not hold it, from the same part reduced again.
+
+    On another machine the signs of modes may differ, and modes of one frequency be other
+    combinations of the same: the coordinates' meaning is read off the bores and points.
+
+    Parameters
+    ----------
+    body
+        As it was.
+    made
+        As it is now.
+    columns
+        The basis of `made`, owned rows, shape (owned dofs, n).
+
+    Raises
+    ------
+    VerificationError
+        They are not reductions of the same part by the same method.
+    """
+    old, new = _seen(body), _seen(made)
+    if old.shape != new.shape:
+        raise VerificationError(
+            f"the part made again has {made.modes} modes and {len(made.bore_basis)} bore nodes, "
+            f"its run's body {body.modes} and {len(body.bore_basis)}: was its model changed?"
+        )
+    size = np.abs(old).max(initial=0.0)
+    if np.abs(new - old).max(initial=0.0) <= 1e-3 * SAME_BASIS * size:
+        return columns
+    scale = np.linalg.norm(new, axis=0)
+    turn = np.linalg.lstsq(new / scale, old, rcond=None)[0] / scale[:, None]
+    defects = [np.abs(new @ turn - old).max() / size]
+    for matrix, own in ((made.stiffness, body.stiffness), (made.mass, body.mass)):
+        root = np.sqrt(np.diag(own))
+        defects.append(np.abs((turn.T @ matrix @ turn - own) / np.outer(root, root)).max())
+    if not max(defects) <= SAME_BASIS:
+        raise VerificationError(
+            f"the part made again differs from its run's body by {max(defects):.1e}, above "
+            f"{SAME_BASIS:.0e}: was its model changed?"
+        )
+    return columns @ turn
+
+
+def _seen(body: ReducedBody) -> np.ndarray:
+    """Displacements of bores and points by each coordinate, shape (rows, n)."""
+    points = [field[:, 3:] for field in body.points.values()]
+    return np.vstack([body.bore_basis.reshape(-1, body.modes), *points])
+
+
 #: Largest bore displacement of a dropped residual pattern, relative to the largest of any.
 TRUNCATION = 1e-4
-
-#: Largest difference of the patterns' whole fields from the body's own bore rows, relative to the
-#: largest of these.
-AGREEMENT = 1e-6
 
 
 def residual_flexibility(
@@ -103,13 +243,9 @@ def _whole(
     fields = reductor.points
     if centrifugal:
         fields = np.hstack([fields, centrifugal_load(reductor.structure, reductor.mass)])
-    angular, modes = reductor.vibration(n_vibration)
-    responses = StaticResponses(
-        reductor.static, LoadSet(reductor.structure, fields, None), angular, modes
-    )
-    found = static_modes(responses, np.eye(fields.shape[1]))
-    accuracy = {"static_dropped": float(found.dependent)}
-    basis = dual_basis(reductor.static, angular, modes, found, (), accuracy)
+    none = np.zeros((reductor.structure.pressures, 0))
+    responses = StaticResponses(reductor.static, fields, none, *reductor.vibration(n_vibration))
+    basis = dual_basis(responses, np.eye(responses.count), responses.count)
     return basis, _residual(reductor, basis)
 
 
@@ -153,8 +289,7 @@ def _inertia(reductor: Reductor, basis: Basis, patterns: np.ndarray) -> np.ndarr
     modes = basis.columns
     angular = np.sqrt(np.diag(basis.stiffness))
     # The static modes are covered like vibration modes: both are uncoupled in stiffness.
-    loads = LoadSet(reductor.structure, modes[:, :0], patterns)
-    return StaticResponses(reductor.static, loads, angular, modes).mass
+    return StaticResponses(reductor.static, modes[:, :0], patterns, angular, modes).mass
 
 
 def pattern_fields(
@@ -185,11 +320,6 @@ def pattern_fields(
     -------
     numpy.ndarray
         Owned rows, shape (owned dofs, r or c) [m/Pa, m]; zeros for a body without patterns.
-
-    Raises
-    ------
-    VerificationError
-        The bore rows are not those of the body: it was made from another part.
     """
     residual = body.residual
     rank = 0 if residual is None else residual.rank
@@ -197,15 +327,8 @@ def pattern_fields(
     if residual is None or not rank:
         return np.zeros((len(columns), wanted.shape[1]))
     pressures = residual.patterns.T @ wanted
-    static, fields = StaticSolver(structure), np.empty((len(columns), wanted.shape[1]))
-    for some in blocks(fields.shape[1], len(columns), structure.comm):
-        loads = load_columns(structure.load, pressures[:, some])
-        fields[:, some] = missing_answer(static, body, columns, loads)
-    own = residual.displacement @ wanted
-    defect = np.abs(bore_rows(structure, fields) - own).max()
-    if not defect <= AGREEMENT * np.abs(own).max():
-        raise VerificationError(
-            f"residual patterns move the bore by {defect:.1e} m/Pa else than the body says, "
-            f"limit {AGREEMENT:.0e} of the largest: was the body made from this part?"
-        )
-    return fields
+
+    def loads(some: slice) -> np.ndarray:
+        return load_columns(structure.load, pressures[:, some])
+
+    return missing_answers(StaticSolver(structure), body, columns, loads, wanted.shape[1])

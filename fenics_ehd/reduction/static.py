@@ -1,17 +1,357 @@
-"""Static responses of a free or clamped part, (29), from one factorisation."""
+"""Static responses of a free or clamped part, (29), and its rigid-body modes, (26).
+
+The latter come from geometry. A stiffness matrix is solved for many loads by one factorisation, or
+by algebraic multigrid. What does not fit into memory goes to a file: factors, and tall columns
+while more of them are made.
+"""
 
 from __future__ import annotations
 
+import itertools
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from mmap import mmap
+
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
-from fenics_ehd.base.errors import VerificationError
-from fenics_ehd.reduction.distributed import combine, inner, multiply
-from fenics_ehd.reduction.linear_solver import LinearSolver, is_direct
-from fenics_ehd.reduction.mass import MassOperator
-from fenics_ehd.reduction.rigid_body import rigid_body_modes
-from fenics_ehd.reduction.rigid_motion import rigid_fields
+from fenics_ehd.base.errors import SettingsError, SolverError, StructureError, VerificationError
+from fenics_ehd.base.petsc_options import configured, destroy_with, solve_columns
+from fenics_ehd.reduction.bore import rigid_fields
+from fenics_ehd.reduction.distributed import (
+    MassOperator,
+    column_vectors,
+    combine,
+    dense_matrix,
+    inner,
+    multiply,
+)
 from fenics_ehd.reduction.structure import Structure
+
+#: Largest strain energy of a rigid-body mode, relative to that of the same
+#: nodal values taken node by node (the diagonal of K).
+FREE_TOLERANCE = 1e-9
+
+#: Smallest energy of any rigid motion of a clamped part, relative to that node by node.
+HELD = 1e-12
+
+
+_MOTIONS = tuple(
+    f"{motion} {axis}" for motion in ("translation along", "rotation about") for axis in "xyz"
+)
+
+
+def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
+    """Rigid motions of a part, and whether it is free of supports.
+
+    Returns
+    -------
+    fields : numpy.ndarray
+        Owned rows (owned dofs, 6), scaled so that the same nodal values, taken node by node,
+        have an energy of one.
+    free : bool
+        Whether all of them store no energy.
+
+    Raises
+    ------
+    StructureError
+        All nodes lie in one place, or on an axis; the part is neither free nor clamped.
+    """
+    fields, comm = rigid_fields(structure.coordinates), structure.comm
+    diagonal = structure.stiffness.getDiagonal().array
+    bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
+    if not bound.all():
+        raise StructureError("all nodes lie at the origin or on one axis: are there coordinates?")
+    fields /= bound
+    energy = inner(fields, multiply(structure.stiffness, fields), comm)
+    ratios = np.diag(energy)
+    lowest = int(np.argmin(ratios))
+    if ratios[lowest] < -FREE_TOLERANCE:
+        raise StructureError(
+            f"stiffness is not positive semidefinite: {_MOTIONS[lowest]} has the relative energy "
+            f"{ratios[lowest]:.1e}, limit {-FREE_TOLERANCE:.0e}; were all digits written?"
+        )
+    free = ratios <= FREE_TOLERANCE
+    if free.any() and not free.all():
+        names = ", ".join(itertools.compress(_MOTIONS, free))
+        raise StructureError(
+            f"{free.sum()} of 6 rigid motions store no energy ({names}), a part must be free or "
+            f"clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
+            "are the coordinates in the order of the degrees of freedom?"
+        )
+    softest = np.linalg.eigvalsh(energy)[0]
+    if not free.any() and not softest > HELD:
+        raise StructureError(
+            f"a rigid motion other than about the axes stores no energy (relative {softest:.1e}, "
+            f"limit {HELD:.0e}): the supports do not clamp the part"
+        )
+    return fields, bool(free.all())
+
+
+def rigid_body_modes(structure: Structure) -> np.ndarray:
+    """Mass-orthonormal rigid-body modes of a free part, none of a clamped one.
+
+    Returns
+    -------
+    numpy.ndarray
+        Owned rows, shape (owned dofs, 6) or (owned dofs, 0).
+
+    Raises
+    ------
+    StructureError
+        See `rigid_motions`.
+    """
+    fields, free = rigid_motions(structure)
+    if not free:
+        return fields[:, :0]
+    gram = inner(fields, multiply(structure.mass, fields), structure.comm)
+    return np.linalg.solve(np.linalg.cholesky(gram), fields.T).T
+
+
+SOLVERS = ("auto", "direct", "iterative")
+
+#: Degrees of freedom above which factors go to disk: those of parts as thick as they are wide
+#: outgrow 16 GB with the matrices there (measured: 1.1 GB at 134 000, 15.6 GB at 1 081 000).
+IN_CORE_LIMIT = 700_000
+
+#: Degrees of freedom above which ``"auto"`` iterates: factors of 40 GB and more.
+DIRECT_LIMIT = 2_000_000
+
+DIRECT_OPTIONS: dict[str, object] = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    # Right-hand sides that MUMPS takes at once.
+    "mat_mumps_icntl_27": 64,
+}
+
+#: Read from the disk once forward and once back in every solve.
+OUT_OF_CORE = {"mat_mumps_icntl_22": 1}
+
+#: INFOG(1) of MUMPS.
+NO_ROOM_ON_DISK = -90
+
+#: Variable that names the folder of MUMPS's factors; it would take ``/tmp``.
+FACTORS_FOLDER = "MUMPS_OOC_TMPDIR"
+
+#: Smoothed aggregation on the rigid motions of the part; conjugate gradients to a residual between
+#: what round-off leaves of a smooth load (1e-9 of it at 70 000 degrees of freedom) and the check of
+#: the responses.
+ITERATIVE_OPTIONS: dict[str, object] = {
+    "ksp_type": "cg",
+    "ksp_rtol": 3e-9,
+    # Of the true residual, which the responses are checked by.
+    "ksp_norm_type": "unpreconditioned",
+    "ksp_max_it": 1000,
+    "pc_type": "gamg",
+    "pc_gamg_threshold": 0.02,
+    # Chebyshev and Jacobi, as PETSc has it: an aggregate of one node leaves zeros on the diagonal
+    # of a coarse matrix, on which Gauss-Seidel fails.
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+    # The coarse matrix is as singular as the part is free.
+    "mg_coarse_pc_type": "redundant",
+    "mg_coarse_redundant_pc_type": "svd",
+}
+
+
+def is_direct(solver: str, size: int) -> bool:
+    """Choice of factorisation (True) or iteration for a part of `size` degrees of freedom.
+
+    Raises
+    ------
+    SettingsError
+        `solver` is none of `SOLVERS`.
+    """
+    if solver not in SOLVERS:
+        raise SettingsError(f"solver {solver!r} is not one of {', '.join(SOLVERS)}")
+    return solver == "direct" or (solver == "auto" and size <= DIRECT_LIMIT)
+
+
+@contextmanager
+def _factors_on_disk() -> Iterator[None]:
+    """Put MUMPS's factors into the scratch folder, unless it was told one of its own."""
+    given = FACTORS_FOLDER in os.environ
+    os.environ.setdefault(FACTORS_FOLDER, scratch_folder())
+    try:
+        yield
+    finally:
+        if not given:
+            del os.environ[FACTORS_FOLDER]
+
+
+class LinearSolver:
+    """Solves ``A x = b`` for blocks of columns.
+
+    Parameters
+    ----------
+    matrix
+        Symmetric positive definite; semidefinite for an iterative solver if `kernel`
+        spans what it does not see.
+    direct
+        Factorise, or iterate.
+    near_kernel
+        Fields of nearly no energy for the multigrid hierarchy, owned rows (rows, p).
+    kernel
+        Whether the matrix is singular exactly on `near_kernel`.
+    options_prefix
+        Prefix of the PETSc options of the KSP.
+
+    Raises
+    ------
+    SolverError
+        The matrix cannot be factorised, or has negative pivots.
+    """
+
+    def __init__(
+        self,
+        matrix: PETSc.Mat,
+        *,
+        direct: bool,
+        near_kernel: np.ndarray,
+        kernel: bool,
+        options_prefix: str,
+    ):
+        self._comm = matrix.comm
+        if not direct and near_kernel.shape[1]:
+            _describe_kernel(matrix, near_kernel, kernel)
+        self._ksp = ksp = PETSc.KSP().create(matrix.comm)
+        ksp.setOperators(matrix)
+        destroy_with(self, ksp)
+        options = DIRECT_OPTIONS if direct else ITERATIVE_OPTIONS
+        if direct and matrix.size[0] > IN_CORE_LIMIT:
+            options = DIRECT_OPTIONS | OUT_OF_CORE
+        try:
+            with configured(ksp, options_prefix, options), _factors_on_disk():
+                ksp.setUp()
+        except PETSc.Error as error:
+            raise SolverError(
+                f"the stiffness matrix cannot be factorised ({str(error).splitlines()[-1]}): "
+                f"see -{options_prefix}mat_mumps_icntl_4 2, or choose solver = 'iterative'"
+            ) from None
+        self._factor: PETSc.Mat | None = None
+        if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
+            # The factors need neither the solver around them nor, what counts, the matrix.
+            self._factor = ksp.pc.getFactorMatrix()
+            destroy_with(self, self._factor)
+            _check_factors(self._factor, ksp.pc.getFactorSolverType(), options_prefix)
+            ksp.destroy()
+
+    def solve(self, loads: np.ndarray) -> np.ndarray:
+        """Owned rows of the solutions for owned rows of the loads, (rows, k).
+
+        Raises
+        ------
+        SolverError
+            The iteration did not converge.
+        """
+        result = np.zeros_like(loads, order="F")
+        rhs, response = (dense_matrix(columns, self._comm) for columns in (loads, result))
+        try:
+            if self._factor is not None:
+                self._factor.matSolve(rhs, response)
+            else:
+                solve_columns(self._ksp, rhs, response)
+        except SolverError as error:
+            raise SolverError(
+                f"the stiffness matrix: {error}, or choose solver = 'direct'"
+            ) from None
+        except PETSc.Error as error:
+            raise SolverError(
+                f"the factorised stiffness matrix cannot be solved with "
+                f"({str(error).splitlines()[-1]}): is it singular?"
+            ) from None
+        for matrix in (rhs, response):
+            matrix.destroy()
+        return result
+
+
+def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -> None:
+    """Tell the multigrid hierarchy which fields cost next to nothing, the solver which nothing."""
+    gram = inner(near_kernel, near_kernel, matrix.comm.tompi4py())
+    orthonormal = np.linalg.solve(np.linalg.cholesky(gram), near_kernel.T).T
+    vectors = column_vectors(matrix, orthonormal)
+    space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
+    matrix.setNearNullSpace(space)
+    if kernel:
+        matrix.setNullSpace(space)
+
+
+def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None:
+    """Raise if MUMPS failed or met a negative pivot; other packages say so themselves."""
+    if package != "mumps":
+        return
+    failure, detail, negative = (factor.getMumpsInfog(i) for i in (1, 2, 12))
+    if failure == NO_ROOM_ON_DISK:
+        raise SolverError(
+            f"the factors of the stiffness matrix do not fit in "
+            f"{os.environ.get(FACTORS_FOLDER, scratch_folder())}: set TMPDIR to a larger folder"
+        )
+    if failure < 0:
+        raise SolverError(
+            f"the stiffness matrix cannot be factorised (MUMPS: INFOG(1) = {failure}, INFOG(2) = "
+            f"{detail}): see -{options_prefix}mat_mumps_icntl_4 2, or choose solver = 'iterative'"
+        )
+    if negative:
+        raise SolverError(
+            f"the stiffness matrix has {negative} negative pivots: it is not positive "
+            "semidefinite, or more than the rigid motions store no energy"
+        )
+
+
+# Room for columns
+
+#: Columns up to which they stay in memory.
+KEPT_COLUMNS = 128
+
+
+def scratch_folder() -> str:
+    """Folder of large temporary files: TMPDIR, else /var/tmp, since /tmp may be memory."""
+    given = os.environ.get("TMPDIR")
+    if given:
+        return given
+    return "/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir()
+
+
+def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
+    """Column-major array (rows, count), in memory while columns are few, else in a file.
+
+    A block for every bore node would be as large as everything else of a reduction together.
+    Each rank has a file of its own, without a name and gone with the array.
+
+    Parameters
+    ----------
+    rows
+        Owned rows.
+    count
+        Columns.
+    comm
+        Ranks that share the columns.
+
+    Raises
+    ------
+    SolverError
+        A rank finds no room on its disk.
+    """
+    if count <= KEPT_COLUMNS:
+        return np.empty((rows, count), order="F")
+    size, failure = max(1, 8 * rows * count), ""
+    file = tempfile.TemporaryFile(dir=scratch_folder())
+    try:
+        os.posix_fallocate(file.fileno(), 0, size)  # a mapped file that finds no room kills
+    except OSError as error:
+        failure = error.strerror or str(error)
+    failures = [text for text in comm.allgather(failure) if text]
+    if failures:
+        raise SolverError(
+            f"{count} static responses, {1e-9 * size:.2g} GB a rank, do not fit in "
+            f"{scratch_folder()} ({failures[0]}): set TMPDIR to a larger folder"
+        )
+    return np.ndarray((rows, count), buffer=mmap(file.fileno(), size), order="F")
+
 
 #: Largest relative residual of a static solve, in the 2-norm of one random combination of the
 #: columns: a wrong column hides from it with probability zero.
@@ -22,24 +362,16 @@ RESIDUAL_TOLERANCE = 1e-8
 COMPLIANCE_LIMIT = 1e13
 
 
-def supporting_rows(modes: np.ndarray, first_row: int, comm: MPI.Comm) -> np.ndarray:
-    """Global dofs that hold every rigid mode exactly once (pivoted Gram-Schmidt on the rows).
+def supporting_rows(modes: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+    """Global dofs that hold every rigid mode exactly once: pivots of their rows.
 
     A statically determinate support: loads in equilibrium cause no reaction
     there, so holding these dofs changes the response by a rigid motion only.
     """
-    remaining = modes.copy()
-    rows = []
-    for _ in range(modes.shape[1]):
-        norms = np.einsum("ij,ij->i", remaining, remaining)
-        local = int(np.argmax(norms)) if len(norms) else -1
-        best = (norms[local], -(first_row + local)) if len(norms) else (-1.0, 0)
-        value, negative_row = comm.allreduce(best, op=MPI.MAX)
-        owner = len(norms) and first_row + local == -negative_row
-        pivot = comm.allreduce(remaining[local] if owner else np.zeros(modes.shape[1]), op=MPI.SUM)
-        remaining -= np.outer(remaining @ pivot, pivot) / value
-        rows.append(-negative_row)
-    return np.array(rows, dtype=np.int32)
+    from scipy import linalg
+
+    rows = np.vstack(comm.allgather(modes))
+    return linalg.qr(rows.T, mode="r", pivoting=True)[1][: modes.shape[1]]
 
 
 class StaticSolver:
@@ -61,6 +393,9 @@ class StaticSolver:
         Prefix of the PETSc options of the linear solver.
     mass
         Products with M, if there are some already.
+    clamped
+        Global numbers of nodes that are held besides, the same on every rank: the flexibility is
+        then that of ``K_ii`` of (21), and nothing is rigid.
 
     Attributes
     ----------
@@ -84,31 +419,48 @@ class StaticSolver:
         solver: str = "auto",
         options_prefix: str = "static_",
         mass: MassOperator | None = None,
+        clamped: np.ndarray | None = None,
     ):
         self.structure = structure
         self.mass = mass or MassOperator(structure.mass)
-        self.rigid_modes = rigid_body_modes(structure)
-        self._mass_rigid = self.mass.multiply(self.rigid_modes)
-        first, last = structure.stiffness.getOwnershipRange()
-        held = np.zeros(0, dtype=np.int32)
-        if is_direct(solver, structure.size):
-            held = supporting_rows(self.rigid_modes, first, structure.comm)
-            held = held[(held >= first) & (held < last)]
+        matrix, direct = structure.stiffness.copy(), is_direct(solver, structure.size)
+        rows, (first, last) = structure.stiffness.local_size[0], matrix.getOwnershipRange()
+        self.rigid_modes, held = np.zeros((rows, 0)), np.zeros(0, dtype=np.int32)
+        if clamped is not None:
+            held = (3 * clamped[:, None] + np.arange(3)).ravel()
+        else:
+            self.rigid_modes = rigid_body_modes(structure)
+            if direct and self.rigid_modes.shape[1]:
+                held = supporting_rows(self.rigid_modes, structure.comm)
+        held = held[(held >= first) & (held < last)].astype(np.int32)
         self._held = held - first
-        self.linear = held_solver(
-            structure, held, solver, options_prefix, kernel=self.rigid_modes.shape[1] > 0
+        self._clamped = self._held[: 0 if clamped is None else None]
+        self._mass_rigid = self.mass.multiply(self.rigid_modes)
+        matrix.zeroRowsColumns(held, diag=mean_diagonal(structure.stiffness))
+        self.linear = LinearSolver(
+            matrix,
+            direct=direct,
+            near_kernel=rigid_fields(structure.coordinates),
+            kernel=self.rigid_modes.shape[1] > 0,
+            options_prefix=options_prefix,
         )
+        if direct:
+            matrix.destroy()
         self._check_compliance()
 
     def equilibrate(self, loads: np.ndarray) -> np.ndarray:
-        """Loads less the inertia of the rigid acceleration they cause."""
+        """Loads less the inertia of the rigid acceleration they cause, and less those on clamps."""
         moved = inner(self.rigid_modes, loads, self.structure.comm)
-        return loads - combine(self._mass_rigid, moved)
+        balanced = loads - combine(self._mass_rigid, moved)
+        balanced[self._clamped] = 0.0
+        return balanced
 
     def admissible(self, columns: np.ndarray) -> np.ndarray:
-        """Columns made mass-orthogonal to the rigid-body modes."""
+        """Columns made mass-orthogonal to the rigid-body modes, and zero at clamps."""
         moved = inner(self._mass_rigid, columns, self.structure.comm)
-        return columns - combine(self.rigid_modes, moved)
+        elastic = columns - combine(self.rigid_modes, moved)
+        elastic[self._clamped] = 0.0
+        return elastic
 
     #: Part of the forces that an elastic response answers.
     without_reactions = equilibrate
@@ -151,7 +503,7 @@ class StaticSolver:
             load = self.equilibrate(load)
             load /= norm(load, structure.comm)
             response = self.apply(load)
-            compliance = norm(response, structure.comm) * mean_stiffness(structure)
+            compliance = norm(response, structure.comm) * mean_diagonal(structure.stiffness)
             if not compliance <= COMPLIANCE_LIMIT:
                 raise VerificationError(
                     "the stiffness matrix has a motion of nearly no energy beyond the "
@@ -161,43 +513,15 @@ class StaticSolver:
             load = response
 
 
-def held_solver(
-    structure: Structure, held: np.ndarray, solver: str, options_prefix: str, *, kernel: bool
-) -> LinearSolver:
-    """Solver of K with given dofs held, those owned by this rank.
-
-    Parameters
-    ----------
-    structure, solver, options_prefix
-        As in `StaticSolver`.
-    held
-        Global dofs.
-    kernel
-        Whether a rigid motion is left free where the solver iterates.
-    """
-    matrix, direct = structure.stiffness.copy(), is_direct(solver, structure.size)
-    matrix.zeroRowsColumns(held.astype(np.int32), diag=mean_stiffness(structure))
-    linear = LinearSolver(
-        matrix,
-        direct=direct,
-        near_kernel=rigid_fields(structure.coordinates),
-        kernel=kernel,
-        options_prefix=options_prefix,
-    )
-    if direct:
-        matrix.destroy()
-    return linear
-
-
 def norm(columns: np.ndarray, comm: MPI.Comm) -> float:
     """Frobenius norm of owned rows."""
     return float(np.sqrt(comm.allreduce(np.sum(columns**2))))
 
 
-def mean_stiffness(structure: Structure) -> float:
-    """Mean of the diagonal of K [N/m]."""
-    diagonal = structure.stiffness.getDiagonal()
-    mean = diagonal.sum() / structure.size
+def mean_diagonal(matrix: PETSc.Mat) -> float:
+    """Mean of the diagonal of a matrix."""
+    diagonal = matrix.getDiagonal()
+    mean = diagonal.sum() / diagonal.getSize()
     diagonal.destroy()
     return mean
 

@@ -1,11 +1,15 @@
-"""What a reduction needs to know about a part, whichever program made it."""
+"""The part as a reduction takes it: K, M, bores and points, whichever program made them.
+
+Boundary points are load vectors, made from whatever describes their mean displacement.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -13,9 +17,91 @@ from petsc4py import PETSc
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import BORE, Bore, only
-from fenics_ehd.reduction.boundary_points import load_vectors
-from fenics_ehd.reduction.matrices import as_matrix
-from fenics_ehd.reduction.row_blocks import RowBlock, agree, assemble
+from fenics_ehd.reduction.matrices import agree, as_matrix, assemble, owned_range
+
+#: Smallest sum of weights, relative to the sum of their magnitudes.
+_SMALLEST_SUM = 1e-12
+
+
+class PointWeights(NamedTuple):
+    """A boundary point as the weighted mean displacement of nodes.
+
+    Attributes
+    ----------
+    nodes
+        Global node numbers, shape (k,).
+    weights
+        Their weights, shape (k,); only the ratios count. One named twice counts twice.
+    """
+
+    nodes: np.ndarray
+    weights: np.ndarray
+
+
+def load_vectors(
+    source: Any, stiffness: PETSc.Mat, name: str
+) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
+    """Load vectors of unit forces along x, y and z at a boundary point.
+
+    Parameters
+    ----------
+    source
+        Three vectors, returned as they are; node numbers, shape (k,), of equal weight;
+        nodes with weights as `PointWeights` or a plain pair; or the three vectors as the
+        columns of a matrix of shape (dofs, 3) that `as_matrix` takes.
+    stiffness
+        K of the part, whose rows the vectors have, whole nodes on each rank.
+    name
+        Name of the point, for the messages.
+
+    Raises
+    ------
+    StructureError
+        Nodes or weights that the part cannot have.
+    """
+    label = f"attachment {name!r}"
+    if isinstance(source, tuple | list) and any(isinstance(v, PETSc.Vec) for v in source):
+        if len(source) != 3:
+            raise StructureError(f"{label} has {len(source)} load vectors, not 3")
+        for vector in source:
+            own, total = vector.getSizes()
+            owned_range(total, vector.comm.tompi4py(), label, stiffness.local_size[0], own)
+        return tuple(source)
+    if not (isinstance(source, str | Path | PETSc.Mat) or hasattr(source, "tocsr")):
+        from scipy import sparse
+
+        nodes, weights = _weights(source, stiffness.size[0] // 3, label)
+        mean = np.bincount(nodes, weights, minlength=stiffness.size[0] // 3)
+        source = sparse.kron(mean[:, None], sparse.identity(3), format="csr")
+    comm = stiffness.comm.tompi4py()
+    matrix = as_matrix(source, comm, label, rows=stiffness.local_size[0])
+    if matrix.size[1] != 3:
+        raise StructureError(f"{label} has {matrix.size[1]} columns, not 3")
+    vectors = tuple(stiffness.createVecLeft() for _ in range(3))
+    for column, vector in enumerate(vectors):
+        matrix.getColumnVector(column, vector)
+    return vectors
+
+
+def _weights(source: Any, count: int, label: str) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of sum one."""
+    pair = isinstance(source, tuple) and len(source) == 2
+    nodes = np.asarray(source[0] if pair else source)
+    if nodes.ndim != 1 or not len(nodes) or nodes.dtype.kind not in "iu":
+        raise StructureError(
+            f"{label}: node numbers of shape {nodes.shape} and type {nodes.dtype}; give node "
+            "numbers, a pair of node numbers and weights, or three load vectors"
+        )
+    weights = np.asarray(source[1] if pair else np.ones(len(nodes)), dtype=float)
+    if weights.shape != nodes.shape:
+        raise StructureError(f"{label}: weights of shape {weights.shape} for {len(nodes)} nodes")
+    if not 0 <= nodes.min() <= nodes.max() < count:
+        wrong = nodes[(nodes < 0) | (nodes >= count)][0]
+        raise StructureError(f"{label}: node {wrong} is not one of 0 to {count - 1}")
+    total = weights.sum()
+    if not abs(total) > _SMALLEST_SUM * np.abs(weights).sum() or not np.isfinite(weights).all():
+        raise StructureError(f"{label}: the weights sum to {total:g}, that is no mean")
+    return nodes, weights / total
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +181,6 @@ class Structure:
             comm = self.stiffness.comm.tompi4py()
         stiffness = as_matrix(self.stiffness, comm, "stiffness")
         rows = stiffness.local_size[0]
-        if stiffness.size[0] % 3 or not stiffness.size[0]:
-            raise StructureError(f"stiffness has {stiffness.size[0]} rows, not 3 for every node")
-        split = f"stiffness: a rank owns {rows} rows, not 3 for every node"
-        agree(stiffness.comm.tompi4py(), split if rows % 3 else None)
         given = {BORE: self.bores} if isinstance(self.bores, Bore) else self.bores
         converted = {
             "stiffness": stiffness,
@@ -113,6 +195,9 @@ class Structure:
         }
         for name, value in converted.items():
             object.__setattr__(self, name, value)
+        for name, matrix in (("stiffness", self.stiffness), ("mass", self.mass)):
+            if matrix.size != (self.size, self.size):
+                raise StructureError(f"{name} has shape {matrix.size}, not {(self.size,) * 2}")
 
     @property
     def bore(self) -> Bore:
@@ -158,9 +243,7 @@ class Structure:
             pointers, columns, values = load.getValuesCSR()
             shape = len(pointers) - 1, load.size[1]
             blocks.append(sparse.csr_matrix((values, columns, pointers), shape=shape))
-        whole = sparse.hstack(blocks, format="csr")
-        block = RowBlock(whole.indptr, whole.indices, whole.data, (self.size, whole.shape[1]))
-        return assemble(block, self.comm, "bores")
+        return assemble(sparse.hstack(blocks, format="csr"), self.comm)
 
     @property
     def node_range(self) -> tuple[int, int]:

@@ -1,274 +1,95 @@
-"""The history of a run on disk: ``history.csv`` row by row, all of it in ``history.h5``.
+"""History and checkpoints of a run on disk.
 
-Both files are only ever appended to, and can be read at any moment, also after the writer
-was killed: rows of the CSV are whole lines, and HDF5 writes in its single-writer mode. A run
-that goes on repeats the steps since its last checkpoint; rows that are there already are the
-same to the last bit and are kept.
+``history.csv`` grows row by row. ``history.h5`` and the checkpoint are written now and then, each
+whole in place of the former one, so that both can be read at any moment, also after the writer was
+killed. A run that goes on begins after the step of its last checkpoint and repeats those since.
 
-What ``history.h5`` holds, and where, is in ``docs/results.md``.
+What ``history.h5`` holds, and where, is in ``docs/results.md``. A checkpoint is nested
+dictionaries of arrays and numbers in one sealed HDF5 file.
 """
 
 from __future__ import annotations
 
-import os
+import tomllib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import h5py
 import numpy as np
 
-from fenics_ehd import __version__
-from fenics_ehd.base.columns import DIMENSIONLESS
+from fenics_ehd.base.columns import Quantity, csv_line
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.sealed_file import named, open_hdf5, require_file, require_numbers
-from fenics_ehd.base.whole_file import BOOKKEEPING, naming, sync_path, whole_hdf5, write_whole
-from fenics_ehd.multibody.history_layout import beginning, path_of
-from fenics_ehd.results.csv_file import CSV_NAME, CsvFile, csv_line
+from fenics_ehd.base.files import (
+    SCENE_NAME,
+    SUMMARY,
+    naming,
+    read_json,
+    read_text,
+    write_whole,
+)
+from fenics_ehd.base.sealed_file import (
+    named,
+    open_hdf5,
+    open_sealed,
+    read_tree,
+    require_numbers,
+    save_tree,
+)
+from fenics_ehd.multibody.history import (
+    CSV_NAME,
+    FIELDS_NAME,
+    FORMAT_VERSION,
+    MIXED,
+    History,
+    fixed,
+    of_film,
+)
 
-#: Steps of the HDF5 datasets written at a time, unless a checkpoint asks for them before.
-FLUSH_EVERY = 50
 
-#: Rows of a chunk of these datasets.
-CHUNK = 64
-
-FIELDS_NAME = "history.h5"
-
-FORMAT = "fenics_ehd history"
-
-#: Version 1, of 0.1, had pressures by other names and no units.
-FORMAT_VERSION = 2
-
-#: How what is large is packed, once no rows come any more.
-PACKED: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-
-#: What is stored in single precision: 6e-8 of a pressure or a gap.
-SINGLE = ("pressure", "gap", "fluid_fraction")
-
-
-class HistoryWriter:
-    """Writes ``history.csv`` and ``history.h5`` while a run goes on.
-
-    The files are made with the first step, which says what they hold.
-
-    Parameters
-    ----------
-    directory
-        Of the run, see `fenics_ehd.results.run_folder`.
-    constants
-        Arrays stored once, by path.
-    attributes
-        Of groups and datasets by path, units among them; what has none is dimensionless.
-    groups
-        See `path_of`; asked at every step.
-    resumed
-        Rows of a former run to go on after; None: a new run.
-
-    Attributes
-    ----------
-    rows
-        Steps of the run so far.
+class CsvFile:
+    """Append-only rows, after as many of a former run.
 
     Raises
     ------
+    InputError
+        With the first row: the file is not that of the former run.
     OutputError
-        A file cannot be written; all rows before stay, and can be read.
+        It cannot be written; all rows before stay, and can be read.
     """
 
-    def __init__(
-        self,
-        directory: str | Path,
-        constants: Mapping[str, np.ndarray],
-        attributes: Mapping[str, Mapping[str, Any]] | None = None,
-        groups: Mapping[str, str] | None = None,
-        *,
-        resumed: int | None = None,
-    ):
-        self.directory = Path(directory)
-        self._constants = constants
-        self._attributes, self._groups = attributes or {}, {} if groups is None else groups
-        self._resumed = resumed
-        self.rows = resumed or 0
-        self._csv: CsvFile | None = None
-        self._file: h5py.File | None = None
-        # Rows that wait for the HDF5 file, by path, and how much room they need there.
-        self._waiting: dict[str, list[Any]] = {}
-        self._chunks = 0
+    def __init__(self, path: Path, rows: int):
+        self._path, self._rows = path, rows
+        self._file: FileIO | None = None
 
-    def add(self, row: Mapping[str, float], fields: Mapping[str, np.ndarray]) -> None:
-        """Append one accepted step: columns of the CSV, and fields by path."""
-        values: dict[str, Any] = {}
-        units: dict[str, str] = {}
-        for column, value in row.items():
-            path, units[path] = path_of(column, self._groups)
-            values[path] = value
-        values |= fields
-        if self._csv is None:
-            self._open(list(row), {path: np.shape(value) for path, value in values.items()}, units)
-        assert self._csv is not None
-        self._reserve()
-        self._csv.write(self.rows, [f"{value:.10g}" for value in row.values()])
-        for path, value in values.items():
-            self._waiting.setdefault(path, []).append(np.array(value))
-        self.rows += 1
-        if self.rows % FLUSH_EVERY == 0:
-            self._flush()
-
-    def _flush(self) -> None:
-        """Write the rows that wait."""
-        assert self._file is not None
-        for path, rows in self._waiting.items():
-            data, first = self._file[path], self.rows - len(rows)
-            if len(data) < self.rows:
-                data.resize(self.rows, axis=0)
-            data[first : self.rows] = rows
-        self._waiting = {}
-        self._file.flush()
-
-    def _reserve(self) -> None:
-        """Have the system keep room for the next rows: HDF5 crashes where it cannot write."""
-        assert self._file is not None
+    def write(self, row: Mapping[str, float]) -> None:
+        """The next row, by names of columns."""
+        if self._file is None:
+            self._file = self._begun(csv_line([*row]))
+        line = csv_line([f"{value:.10g}" for value in row.values()])
         with naming(self._path):
-            # Twice, as the former chunk may still be in memory.
-            end, room = self._file.id.get_filesize(), 2 * self._chunks + BOOKKEEPING
-            os.posix_fallocate(self._file.id.get_vfd_handle(), end, room)
+            while line:
+                line = line[self._file.write(line) :]
 
-    def sync(self) -> None:
-        """Put all rows on the disk itself."""
-        if self._csv is not None and self._file is not None:
-            self._reserve()
-            self._flush()
-            for path in (self.directory / CSV_NAME, self._path):
-                with naming(path):
-                    sync_path(path)
-
-    @property
-    def _path(self) -> Path:
-        return self.directory / FIELDS_NAME
-
-    def _open(
-        self, names: list[str], shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str]
-    ) -> None:
-        former = {
-            path: np.empty((0, *shape), np.float32 if _single(path) else float)
-            for path, shape in shapes.items()
-        }
-        if self._resumed is not None:
-            with opened_history(self.directory) as file:
-                former = {path: numbers(file[path]) for path in shapes}
-            short = min(len(values) for values in former.values())
-            if short < self.rows:
+    def _begun(self, header: bytes) -> FileIO:
+        """The file with its header and the rows before."""
+        lines = [header]
+        if self._rows:
+            lines = self._path.read_bytes().splitlines(keepends=True)[: 1 + self._rows]
+            # A killed writer may have left its last row unfinished.
+            if len(lines) <= self._rows or lines[0] != header or lines[-1][-1:] != b"\n":
                 raise InputError(
-                    f"{self._path}: holds {short} steps, its checkpoint {self.rows}: start anew"
+                    f"{self._path}: not the history of the run to go on with: start anew"
                 )
-        with naming(self.directory):
-            self.directory.mkdir(parents=True, exist_ok=True)
-        # A copy, as a killed writer leaves its file marked as open.
-        with whole_hdf5(self._path, "latest") as file:
-            for path, values in self._constants.items():
-                file[path] = values
-            for path, data in former.items():
-                chunks = (CHUNK, *(max(n, 1) for n in data.shape[1:]))
-                maximum = (None, *(n or None for n in data.shape[1:]))
-                data = file.create_dataset(path, data=data, maxshape=maximum, chunks=chunks)
-                self._chunks += data.dtype.itemsize * int(np.prod(chunks))
-            _describe(file, self._attributes, units)
-        self._csv = CsvFile(self.directory / CSV_NAME, names, self._resumed)
-        with naming(self._path):
-            self._file = h5py.File(self._path, "r+", libver="latest")
-        self._file.swmr_mode = True
-
-    def __enter__(self) -> HistoryWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._csv is not None:
-            self._csv.close()
-        if self._file is not None:
-            self._flush()
-            self._file.close()
-            # Once more, which returns the room that was kept, unless a reader has it open.
-            with suppress(OSError):
-                h5py.File(self._path, "r+", libver="latest").close()
-
-
-def _single(path: str) -> bool:
-    """Whether a dataset is stored in single precision."""
-    return path.rpartition("/")[2] in SINGLE
-
-
-def _describe(
-    file: h5py.File, attributes: Mapping[str, Mapping[str, Any]], units: Mapping[str, str]
-) -> None:
-    """Say what a file is, and the unit of every dataset."""
-    file.attrs.update(
-        format=_text(FORMAT), format_version=FORMAT_VERSION, fenics_ehd=_text(__version__)
-    )
-
-    def describe(path: str, item: Any) -> None:
-        given = attributes.get(path, {})
-        for name, value in given.items():
-            item.attrs[name] = _text(value) if isinstance(value, str | list) else value
-        if isinstance(item, h5py.Dataset) and "units" not in given:
-            item.attrs["units"] = _text(units.get(path, DIMENSIONLESS))
-
-    file.visititems(describe)
-
-
-def _text(value: str | list[str]) -> np.ndarray:
-    """Of fixed length: text of any length lies where HDF5 has no checksums, and crashes it."""
-    return np.char.encode(np.array(value, dtype=str), "utf-8")
-
-
-def keep_last_cycle(directory: str | Path, first: int, groups: Mapping[str, str]) -> None:
-    """Drop all rows of a periodic run's history but its last cycle, which gets one at its start.
-
-    What is left is packed: by a third, in 0.1 s (slider-crank, 108 steps of 1680 nodes).
-
-    Parameters
-    ----------
-    directory
-        Of the run.
-    first
-        Row of the cycle's first step.
-    groups
-        See `path_of`.
-    """
-    csv_path, path = (Path(directory) / name for name in (CSV_NAME, FIELDS_NAME))
-    header, *lines = csv_path.read_bytes().splitlines(keepends=True)
-    with opened_history(directory) as former, whole_hdf5(path, "latest") as file:
-        file.attrs.update(former.attrs)
-        kept: dict[str, np.ndarray] = {}
-
-        def keep(name: str, item: Any) -> None:
-            if not isinstance(item, h5py.Dataset):
-                file.create_group(name)
-            elif item.chunks:
-                kept[name] = item[first:]
-            else:
-                file[name] = item[()]
-
-        former.visititems(keep)
-        names = [name.decode() for name in former["state/coordinates"].attrs["names"]]
-        start = beginning(kept, names)
-        for name, rows in kept.items():
-            rows = np.concatenate([start[name][None], rows])
-            file.create_dataset(name, data=rows, **(PACKED if rows.ndim == 2 else {}))
-        former.visititems(lambda name, item: file[name].attrs.update(item.attrs))
-    columns = header.decode().strip().split(",")
-    row = csv_line([f"{start[path_of(own, groups)[0]]:.10g}" for own in columns])
-    write_whole(csv_path, b"".join([header, row, *lines[first:]]))
+        write_whole(self._path, b"".join(lines))
+        # Without a buffer, which would be written once more when there is no room for it.
+        return open(self._path, "ab", buffering=0)
 
 
 def _no_results(path: Path) -> str:
-    """What a missing file of a run means."""
+    """Explanation of a missing file of a run."""
     if path.parent.is_dir():
         return f"{path.parent}: not a results folder, it has no {path.name}"
     return f"{path.parent}: no such folder"
@@ -276,7 +97,7 @@ def _no_results(path: Path) -> str:
 
 @contextmanager
 def opened_history(directory: str | Path) -> Iterator[h5py.File]:
-    """``history.h5`` of a run, also of one that goes on or was killed.
+    """``history.h5`` of a run.
 
     Raises
     ------
@@ -287,7 +108,7 @@ def opened_history(directory: str | Path) -> Iterator[h5py.File]:
     path = Path(directory) / FIELDS_NAME
     if not path.exists():
         raise InputError(_no_results(path))
-    with named(InputError, f"{path}: not a history of a run"), _opened(path) as file:
+    with named(InputError, f"{path}: not a history of a run"), open_hdf5(path) as file:
         version = file.attrs.get("format_version", 1)
         if version != FORMAT_VERSION:
             raise InputError(
@@ -301,53 +122,141 @@ def opened_history(directory: str | Path) -> Iterator[h5py.File]:
         yield file
 
 
-def read_fields(directory: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Arrays of ``history.h5`` by path.
+CHECKPOINT = "checkpoint.h5"
+CHECKPOINT_FORMAT = "fenics_ehd checkpoint"
+CHECKPOINT_VERSION = 3
+
+
+def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
+    """Write a checkpoint aside, put it on the disk and rename it over the former one.
+
+    Parameters
+    ----------
+    path
+        File.
+    tree
+        Dictionaries of dictionaries, arrays, numbers and text.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written; the former one stays.
+    """
+    save_tree(path, tree, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
+
+
+def load_checkpoint(path: str | Path) -> dict[str, Any]:
+    """The tree of a checkpoint: arrays, and Python numbers and text in place of scalars.
 
     Raises
     ------
     InputError
-        See `opened_history`; or it lacks one of them.
+        There is no checkpoint, or the file is none, or it changed since it was written.
     """
-    with opened_history(directory) as file:
-        return {name: finite(file[name]) for name in names}
+    folder = Path(path).parent
+    if not Path(path).exists():
+        missing = "no such folder" if not folder.is_dir() else f"it has no {Path(path).name}"
+        raise InputError(f"{folder}: no checkpoint to go on from, {missing}")
+    with (
+        named(InputError, f"{path}: no checkpoint to go on from"),
+        open_sealed(
+            path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, remedy="run the scene anew"
+        ) as file,
+    ):
+        return read_tree(file)
 
 
-def _opened(path: Path) -> h5py.File:
-    """The file, as a reader beside a writer if it is of a run that goes on, or was killed.
+def load_history(directory: str | Path, *, films: bool = True) -> History:
+    """History of a run: complete, interrupted, failed, killed, or one that goes on.
 
-    Not without need: such a reader tries for minutes to read what is damaged.
-    """
-    require_file(path)
-    with open(path, "rb") as file:
-        # The superblock's consistency flags: open for writing.
-        marked = file.read(12)[11:] not in (b"", b"\0")
-    return open_hdf5(path, libver="latest", swmr=marked)
+    Parameters
+    ----------
+    directory
+        Of the run.
+    films
+        Whether to read pressures and gaps at all nodes, most of the file.
 
-
-def numbers(dataset: h5py.Dataset) -> np.ndarray:
-    """Its numbers.
+    Returns
+    -------
+    History
+        Steps up to the last checkpoint; of a periodic run that is complete its last cycle, of
+        another the last two.
 
     Raises
     ------
-    ValueError
-        It holds something else, or no rows.
+    InputError
+        The folder holds no run of at least one step, or files that are damaged or of another
+        version.
     """
-    require_numbers(dataset)
-    if not dataset.ndim:
-        raise ValueError(f"{dataset.name} holds no rows")
-    return np.array(dataset)
+    folder = Path(directory)
+    summary = _summary(folder)
+    with opened_history(folder) as file:
+        values = _read(file, films)
+        steps = {len(found) for path, found in values.items() if not fixed(path)}
+        if len(steps) > 1:
+            raise ValueError(f"its arrays have {min(steps)} to {max(steps)} steps")
+        if not max(steps):
+            raise ValueError("no steps")
+        state = file["state/coordinates"].attrs
+        names, units = (tuple(text.decode() for text in state[n]) for n in ("names", "units"))
+        return History(values, names, units, summary, _scene(folder))
 
 
-def finite(dataset: h5py.Dataset) -> np.ndarray:
-    """Its numbers, all of which must be ones.
+#: Its name in version 0.2.
+load_results = load_history
 
-    Raises
-    ------
-    ValueError
-        One is not.
-    """
-    values = numbers(dataset)
-    if not np.isfinite(values).all():
-        raise ValueError(f"{dataset.name} holds a value that is not finite")
+
+def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
+    """Every array of a history by path, columns in their order."""
+    order = [path.decode() for path in file.attrs.get("columns", ())]
+    values = {path: _quantity(path, file[path]) for path in order if path in file}
+
+    def read(path: str, item: Any) -> None:
+        wanted = path not in values and (films or not of_film(path))
+        if isinstance(item, h5py.Dataset) and wanted:
+            values[path] = _quantity(path, item)
+
+    file.visititems(read)
     return values
+
+
+def _quantity(path: str, data: h5py.Dataset) -> Quantity:
+    # Of quantities, one that was not computed is nan.
+    strict = path == "time" or path.startswith("state/") or of_film(path)
+    require_numbers(data)
+    if not (data.ndim or fixed(path)):
+        raise ValueError(f"{data.name} holds no rows")
+    values = np.array(data)
+    if strict and not np.isfinite(values).all():
+        raise ValueError(f"{data.name} holds a value that is not finite")
+    if values.dtype.kind == "f":
+        values = values.astype(float, copy=False)
+    units = data.attrs["units"]
+    return Quantity(values, units.decode() if isinstance(units, bytes) else MIXED)
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    """Summary of the folder, empty where there is none yet."""
+    path = folder / SUMMARY
+    if not path.exists():
+        return {}
+    with named(InputError, f"{path}: not a summary of a run"):
+        found = read_json(path)
+        if not isinstance(found, dict):
+            raise ValueError("not an object")
+        return _with_nan(found)
+
+
+def _with_nan(value: Any) -> Any:
+    """JSON has null for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {name: _with_nan(entry) for name, entry in value.items()}
+    return float("nan") if value is None else value
+
+
+def _scene(folder: Path) -> dict[str, Any]:
+    path = folder / SCENE_NAME
+    if not path.exists():
+        return {}
+    with named(InputError, f"{path}: not a scene"):
+        return tomllib.loads(read_text(path))

@@ -1,71 +1,224 @@
-"""What a run says of its mechanism's motion, at any instants."""
+"""A mechanism in the motion that a run recorded: bodies, gaps and loads at any of its instants."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, interp1d
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, interp1d
 
-from fenics_ehd.multibody.result import Result
+from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.multibody.body import Body, FlexibleBody, ground
+from fenics_ehd.multibody.error_shares import bore_loads
+from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.lubricated_joint import nearest_circle
+from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.results.history_file import FIELDS_NAME
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedMotion:
-    """Recorded steps, or instants between them.
+def between_steps(history: History, time: np.ndarray) -> History:
+    """A run at instants [s] within the recorded ones.
 
-    Attributes
-    ----------
-    time
-        Ascending, shape (t,) [s].
-    coordinates, rates
-        Of the mechanism, shape (t, n).
-    quasi_static
-        Amplitudes of the residual patterns of M4, shape (t, r) [Pa]; r = 0 for other methods.
-    pressures
-        At the film nodes of every lubricated joint by name, shape (t, k) [Pa].
+    Coordinates follow the cubics of values and rates, or joints would come apart between two steps;
+    all else follows cubics that do not overshoot, straight lines where a value is not known.
     """
+    clock = np.asarray(history.run.time)
 
-    time: np.ndarray
-    coordinates: np.ndarray
-    rates: np.ndarray
-    quasi_static: np.ndarray
-    pressures: Mapping[str, np.ndarray]
+    def between(values: np.ndarray) -> np.ndarray:
+        known = values.size and np.isfinite(values).all()
+        curve = PchipInterpolator(clock, values) if known else interp1d(clock, values, axis=0)
+        return curve(time)
 
-    @classmethod
-    def of(cls, result: Result) -> RecordedMotion:
-        """All steps of a run whose films were read, over the time since its start."""
-        return cls(
-            np.asarray(result.run.time),
-            result.coordinates,
-            result.rates,
-            result.quasi_static,
-            {name: np.asarray(joint.film.pressure) for name, joint in result.joints.items()},
-        )
-
-    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> RecordedMotion:
-        """Its values with their first axis changed."""
-        return RecordedMotion(
-            change(self.time),
-            change(self.coordinates),
-            change(self.rates),
-            change(self.quasi_static),
-            {name: change(values) for name, values in self.pressures.items()},
-        )
-
-    def at(self, time: np.ndarray) -> RecordedMotion:
-        """Instants [s] within the recorded ones.
-
-        Coordinates follow the cubics of values and rates, or joints would come apart between
-        two steps; all else follows straight lines.
-        """
-        cubics = CubicHermiteSpline(self.time, self.coordinates, self.rates)
-        straight = self.each(lambda values: interp1d(self.time, values, axis=0)(time))
-        return replace(straight, coordinates=cubics(time))
+    cubics = CubicHermiteSpline(clock, history.coordinates, history.rates)
+    return history.each(between).changed({"state/coordinates": cubics(time)})
 
 
 def nearest_steps(time: np.ndarray, count: int) -> np.ndarray:
     """At most `count` steps, spread as evenly as they lie, by their number."""
     wanted = np.linspace(time[0], time[-1], count)
     return np.unique(np.abs(time[:, None] - wanted).argmin(axis=0))
+
+
+class RecordedMotion:
+    """Bodies and films of a mechanism at recorded instants.
+
+    Parameters
+    ----------
+    mechanism
+        Of the run.
+    motion
+        Recorded steps of a run, or instants between them; with its films for what is of these.
+
+    Attributes
+    ----------
+    time
+        Since the run's start, shape (t,) [s].
+    bodies
+        By name, the ground too.
+    system
+        The mechanism's coordinates.
+
+    Raises
+    ------
+    InputError
+        The motion is not one of this mechanism.
+    """
+
+    def __init__(self, mechanism: Mechanism, motion: History):
+        self.motion, self.time = motion, np.asarray(motion.run.time)
+        self.bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
+        self.system = System(mechanism)
+        self._equations = StepEquations(self.system)
+        self._states = np.hstack([motion.coordinates, motion.quasi_static])
+        expected = {
+            "coordinates": (motion.coordinates, self.system.n),
+            "quasi_static": (motion.quasi_static, self._equations.responses.size),
+            **{
+                p.name: (motion.pressures[p.name], self.nodes(p))
+                for p in self.system.films
+                if p.name in motion.pressures
+            },
+        }
+        for name, (values, size) in expected.items():
+            if values.shape[1] != size:
+                raise InputError(
+                    f"{FIELDS_NAME}: {values.shape[1]} values of {name} a step where its scene "
+                    f"and bodies have {size}: it is of another run"
+                )
+
+    def coordinates(self, body: str) -> np.ndarray:
+        """Coordinates of one body, shape (t, n)."""
+        return self.motion.coordinates[:, self.system.bodies[body]]
+
+    def marker(self, body: str, point: str, coordinates: np.ndarray | None = None) -> np.ndarray:
+        """Position and angle of a point, or of the origin for an empty name, shape (t, 3).
+
+        Parameters
+        ----------
+        body, point
+            Which.
+        coordinates
+            In place of the body's own, shape (t, n).
+        """
+        rows = self.coordinates(body) if coordinates is None else coordinates
+        return np.array([self.bodies[body].marker(point, row).values[:3] for row in rows])
+
+    def part(self, body: str) -> ReducedBody:
+        """The part that a flexible body is."""
+        found = self.bodies[body]
+        assert isinstance(found, FlexibleBody)
+        return found.reduced
+
+    def elastic(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """Elastic coordinates of a flexible body and amplitudes of its residual patterns.
+
+        Returns
+        -------
+        coordinates, amplitudes : numpy.ndarray
+            shape (t, n), (t, r).
+        """
+        part, own = self.part(body), self.coordinates(body)
+        amplitudes = np.zeros((len(own), part.residual.rank if part.residual else 0))
+        responses = self._equations.responses
+        for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
+            if self.system.films[flexibility.films[0]].bore_body == body:
+                amplitudes = self._states[:, places]
+        return own[:, own.shape[1] - part.modes :], amplitudes
+
+    def in_equilibrium(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and amplitudes whose elastic forces balance the loads, shapes as `elastic`.
+
+        ``q + zeta q'`` and ``V p``: what damping carries is with them, ``y + zeta y' = V p``.
+        """
+        part, (coordinates, amplitudes) = self.part(body), self.elastic(body)
+        flexible = self.bodies[body]
+        assert isinstance(flexible, FlexibleBody)
+        rates = self.motion.rates[:, self.system.bodies[body]]
+        rates = rates[:, rates.shape[1] - part.modes :]
+        films, contacts = self.system.films, self._equations.contacts
+        for i, flexibility in enumerate(self._equations.responses.flexibilities):
+            own = [films[place] for place in flexibility.films]
+            if own[0].bore_body != body:
+                continue
+            pressures = np.hstack([self.motion.pressures[place.name] for place in own])
+            amplitudes = np.array([flexibility.amplitudes(p) for p in pressures])
+            gaps = [self.observed[p.name][:, : -self.nodes(p)] for p in own]
+            amplitudes += [contacts.amplitudes(i, gap) for gap in np.hstack(gaps)]
+        return coordinates + flexible.damping_time * rates, amplitudes
+
+    def loads(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of the films on a flexible body, and its turning.
+
+        Returns
+        -------
+        forces, speeds : numpy.ndarray
+            Of oil and asperities on the nodes of its bores, shape (t, m, 3) [N], where the film's
+            integrals put them; of its frame, shape (t,) [rad/s].
+
+        Raises
+        ------
+        SettingsError
+            Pressures reach a bore by a mortar.
+        """
+        part, joints = self.part(body), self._equations.contacts.joints
+        forces = np.zeros((len(self.time), len(part.bore_basis), 3))
+        for i, place in enumerate(self.system.films):
+            bore = place.film.bore
+            if place.bore_body != body or bore is None:
+                continue
+            if bore.projected is not None:
+                raise SettingsError(
+                    f"joints.{place.name}.transfer = 'mortar': forces on the bore are known of "
+                    "'conservative' alone"
+                )
+            pressing = place.film.film.pressure_areas @ self.motion.pressures[place.name].T
+            if bore.solid is not None:
+                pressing *= bore.solid.reshape(-1, 1)
+            if (joint := joints[i]) is not None:
+                gaps = self.observed[place.name][:, : -self.nodes(place)]
+                pressing += joint.area[:, None] * np.array([joint.touch(h)[1] for h in gaps]).T
+            own = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
+            forces[:, part.rows_of(place.bore).nodes] = own
+        angle, rates = self.bodies[body].angle, self.motion.rates[:, self.system.bodies[body]]
+        return forces, np.zeros(len(forces)) if angle is None else rates[:, angle]
+
+    @cached_property
+    def gaps(self) -> dict[str, np.ndarray]:
+        """Film thickness at the nodes of every film by joint, shape (t, k) [m]."""
+        films = self.system.films
+        return {p.name: self.observed[p.name][:, -self.nodes(p) :] for p in films}
+
+    @cached_property
+    def observed(self) -> dict[str, np.ndarray]:
+        """Film thickness at Gauss points, then nodes of every film."""
+        norm = StepNorm(self._equations)
+        rows = [norm.film_gaps(norm.observe(state)) for state in self._states]
+        names = [place.name for place in self.system.films]
+        return {name: np.array([gaps[i] for gaps in rows]) for i, name in enumerate(names)}
+
+    @cached_property
+    def orbits(self) -> dict[str, np.ndarray]:
+        """Eccentricity of the journal in the bore as it is, by joint, shape (t, 2) [m].
+
+        Deformed, turned as its body's frame, see `nearest_circle`; in a rigid one it is the
+        journal's own eccentricity.
+        """
+        return {
+            place.name: self.gaps[place.name] @ nearest_circle(place.film.film)[1:].T
+            for place in self.system.films
+        }
+
+    @staticmethod
+    def nodes(place: FilmPlace) -> int:
+        """Number of nodes of a film, behind whose Gauss points the gap is observed at them."""
+        return len(place.film.film.parameters.grid.node_positions)
+
+    def bore_pressure(self, body: str) -> np.ndarray:
+        """Pressures at all pressure nodes of a flexible body, bore by bore, shape (t, k) [Pa]."""
+        none = np.zeros(self.part(body).load_projection.shape[1])
+        films = [self.motion.pressures[place.name] for place in self.system.films]
+        steps = ([own[i] for own in films] for i in range(len(self.time)))
+        return np.array([bore_loads(self.system, step).get(body, none) for step in steps])

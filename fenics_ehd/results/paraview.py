@@ -1,22 +1,312 @@
-"""A ParaView series of a run: one file that opens all bodies and films over the time."""
+"""ParaView series of a run: bodies and films in space over the time.
+
+One file, ``run.pvd``, opens a multi-block file for each time, whose blocks are the bodies and the
+films of the mechanism: a flexible body with its whole part, displaced by what the run records of
+its elastic coordinates and residual patterns, any other as lines from its origin to its points, a
+film on its bore with pressure, gap and the share of oil in it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import meshio
 import numpy as np
+from scipy.spatial import cKDTree
 
-from fenics_ehd.base.folder import claim
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.result import Result
-from fenics_ehd.results.blocks import DISPLACEMENT, PRESSURE, Block, mechanism_blocks
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.files import claim
+from fenics_ehd.film.transfer import interpolation_matrix
+from fenics_ehd.multibody.body import Body, FlexibleBody
+from fenics_ehd.multibody.history import FilmResult, History
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint, bore_surface
+from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism
+from fenics_ehd.multibody.shaft import ShaftBody
+from fenics_ehd.reduction import BasisFile, ReducedBody, Structure
+from fenics_ehd.reduction.body import bore_fields
+from fenics_ehd.reduction.residual_flexibility import pattern_fields
 from fenics_ehd.results.motion import RecordedMotion, nearest_steps
-from fenics_ehd.results.part_fields import PartFields
-from fenics_ehd.results.replay import Replay
+
+#: meshio's names of quadratic cells, by their number of nodes.
+CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
+
+#: Largest difference of bore rows from the body's, relative to the largest of these.
+AGREEMENT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PartFields:
+    """The whole part on one rank, its displacement from what a run records.
+
+    Attributes
+    ----------
+    nodes
+        shape (p, 3) [m].
+    cells
+        In the order of VTK's quadratic hexahedron or tetrahedron, shape (c, 20 or 10).
+    basis
+        Displacements of unit elastic coordinates, shape (p, 3, n) [m].
+    patterns
+        Displacements of unit residual patterns (M4), shape (p, 3, r) [m/Pa]; r = 0 for others.
+    """
+
+    nodes: np.ndarray
+    cells: np.ndarray
+    basis: np.ndarray
+    patterns: np.ndarray
+
+    def displacement(self, coordinates: np.ndarray, quasi_static: np.ndarray) -> np.ndarray:
+        """Elastic displacement for coordinates (n,) and amplitudes (r,), shape (p, 3) [m]."""
+        return self.basis @ coordinates + self.patterns @ quasi_static
+
+
+def gather_part(structure: Structure, body: ReducedBody, columns: np.ndarray) -> PartFields | None:
+    """Collect nodes, cells and displacements of a distributed part on rank 0; None elsewhere.
+
+    Parameters
+    ----------
+    structure, body
+        The part and its reduction.
+    columns
+        The part-size basis, owned rows.
+
+    Raises
+    ------
+    SettingsError
+        The structure holds no elements.
+    VerificationError
+        From `pattern_fields`.
+    """
+    if structure.recovery is None:
+        raise SettingsError("the structure has no elements: displacement fields need them")
+    patterns = pattern_fields(structure, body, columns)
+    parts = structure.comm.gather(
+        (structure.coordinates, structure.recovery.cells, columns, patterns)
+    )
+    if parts is None:
+        return None
+    nodes, cells, *fields = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
+    basis, patterns = (f.reshape(len(nodes), 3, f.shape[1]) for f in fields)
+    return PartFields(nodes, cells, basis, patterns)
+
+
+def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
+    """A part by its basis on disk, None if that is not the basis of the body.
+
+    Residual patterns (M4) are not in such a file: they move the bores' nodes only.
+    """
+    nodes, moved = file.nodes, bore_fields(body)
+    distance, bore = cKDTree(nodes).query(body.places())
+    if distance.max() > 1e-9 or not len(file.cells) or file.modes != body.modes:
+        return None
+    basis = np.moveaxis(file.displacement(np.eye(file.modes)), 0, -1)
+    rows, found = body.bore_basis, basis[bore]
+    # A mode has no sign of its own: two reductions of one part may choose different ones.
+    signs = np.where(np.einsum("mcn,mcn->n", rows, found) < 0, -1.0, 1.0)
+    if np.abs(signs * found - rows).max(initial=0.0) > AGREEMENT * np.abs(rows).max(initial=0.0):
+        return None
+    fields = np.zeros((len(nodes), 3, moved.shape[2]))
+    fields[..., : body.modes] = signs * basis
+    fields[bore] = moved
+    return PartFields(nodes, file.cells, *np.split(fields, [body.modes], axis=2))
+
+
+def parts_of_bases(
+    bodies: Mapping[str, Body], bases: Sequence[str | Path]
+) -> dict[str, PartFields]:
+    """Whole parts of flexible bodies by name, from the files of their bases.
+
+    Raises
+    ------
+    SettingsError
+        A basis given is that of no body.
+    """
+    reduced = {n: body.reduced for n, body in bodies.items() if isinstance(body, FlexibleBody)}
+    parts: dict[str, PartFields] = {}
+    for path in bases:
+        with BasisFile(path) as file:
+            found = {name: part_of_basis(file, part) for name, part in reduced.items()}
+        fitting = {name: part for name, part in found.items() if part is not None}
+        if not fitting:
+            sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in reduced.items())
+            raise SettingsError(f"--basis {path}: not that of a flexible body ({sizes or 'none'})")
+        parts |= fitting
+    return parts
+
+
+#: Names of fields in a file, which ParaView shows at first.
+DISPLACEMENT, PRESSURE = "displacement_m", "pressure_Pa"
+
+#: meshio's names of a film's cells by family, with what takes their nodes to VTK's order.
+FILM_CELLS = {
+    "bilinear": ("quad", [0, 1, 3, 2]),
+    "serendipity": ("quad8", [0, 1, 3, 2, 4, 6, 7, 5]),
+    "lagrange": ("quad9", [0, 1, 3, 2, 4, 6, 7, 5, 8]),
+}
+
+#: Largest distance of a node of a part from a pressure node that it is, over the bore's radius.
+_SAME = 1e-4
+
+#: Points, elastic displacement, each (p, 3) [m], and other fields at an instant.
+View = tuple[np.ndarray, np.ndarray, Mapping[str, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """One thing that is drawn.
+
+    Attributes
+    ----------
+    group, name
+        ``bodies`` or ``films``, and of it.
+    kind, cells
+        meshio's name of its cells, and their nodes.
+    at
+        Of every instant by its number.
+    """
+
+    group: str
+    name: str
+    kind: str
+    cells: np.ndarray
+    at: Callable[[int], View]
+
+
+def mechanism_blocks(
+    replay: RecordedMotion, films: Mapping[str, FilmResult], parts: Mapping[str, PartFields]
+) -> list[Block]:
+    """All bodies and films of a mechanism at the instants of a replay.
+
+    Parameters
+    ----------
+    replay
+        Of it.
+    films
+        Of lubricated joints, at the same instants.
+    parts
+        Whole parts by body; any other is drawn as lines from its origin to its points.
+    """
+    bodies = [
+        part_block(replay, name, parts[name]) if name in parts else line_block(replay, name)
+        for name in replay.bodies
+    ]
+    return bodies + [film_block(replay, p, films[p.name]) for p in replay.system.films]
+
+
+def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
+    """A flexible body by the nodes of its part, with the films' pressure on its bores."""
+    body, poses = replay.part(name), replay.marker(name, "")
+    elastic, pressures = replay.elastic(name), replay.bore_pressure(name)
+    distance, nearest = cKDTree(body.places(of_pressures=True)).query(part.nodes)
+    on_bore = distance < _SAME * min(bore.radius for bore in body.bores.values())
+
+    def at(i: int) -> View:
+        turn, origin = frame(poses[i])
+        moved = part.displacement(*(values[i] for values in elastic))
+        pressure = np.where(on_bore, pressures[i][nearest], 0.0)
+        return origin + part.nodes @ turn.T, moved @ turn.T, {PRESSURE: pressure}
+
+    return Block("bodies", name, CELL_NAMES[part.cells.shape[1]], part.cells, at)
+
+
+def line_block(replay: RecordedMotion, name: str) -> Block:
+    """A body by lines from its origin to its points, or from one end of a shaft to the other."""
+    body, own = replay.bodies[name], replay.coordinates(name)
+    points = ["", *body.points()]
+    heights = np.zeros(len(points))
+    if isinstance(body, ShaftBody):
+        points = sorted(body.points(), key=lambda point: body.stations[point]) or [""]
+        heights = np.array([height_at(replay, name, point) for point in points])
+        pairs = np.column_stack([np.arange(len(points) - 1), np.arange(1, len(points))])
+    else:
+        pairs = np.array([(0, i) for i in range(1, len(points))])
+    # Coordinates that the films see are small motions, all others large ones.
+    resting = np.where(body.weights < 1.0, 0.0, own)
+    there, rest = (
+        np.stack([replay.marker(name, point, z)[:, :2] for point in points], axis=1)
+        for z in (own, resting)
+    )
+
+    def at(i: int) -> View:
+        moved = np.column_stack([there[i] - rest[i], np.zeros(len(points))])
+        return np.column_stack([rest[i], heights]), moved, {}
+
+    alone = len(pairs) == 0
+    cells = np.arange(len(points))[:, None] if alone else pairs
+    return Block("bodies", name, "vertex" if alone else "line", cells, at)
+
+
+def film_block(replay: RecordedMotion, place: FilmPlace, film: FilmResult) -> Block:
+    """A film on its bore, which moves and bends with its body."""
+    kind, order = FILM_CELLS[film.family]
+    angle, height = np.asarray(film.angle), np.asarray(film.height)
+    local = np.column_stack([film.radius * np.cos(angle), film.radius * np.sin(angle), height])
+    point = replay.system.bore_at_rest(place).partition(".")[2]
+    poses, bend = replay.marker(place.bore_body, point), np.zeros((len(local), 3, 0))
+    if place.bore:
+        bore, bend = _bending(replay, place, angle, height)
+        local[:, 2] += bore[2]
+        amplitudes = np.hstack(replay.elastic(place.bore_body))
+    else:
+        local[:, 2] += _journal_height(replay, place.joint)
+        amplitudes = np.zeros((len(poses), 0))
+
+    def at(i: int) -> View:
+        turn, origin = frame(poses[i])
+        fields = {PRESSURE: film.pressure[i], "gap_m": film.gap[i]}
+        if film.fluid_fraction is not None:
+            fields["fluid_fraction"] = film.fluid_fraction[i]
+        return origin + local @ turn.T, (bend @ amplitudes[i]) @ turn.T, fields
+
+    return Block("films", place.name, kind, film.cells[:, order], at)
+
+
+def _bending(
+    replay: RecordedMotion, place: FilmPlace, angle: np.ndarray, height: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (3,) [m] of a flexible body's bore, displacement at nodes of its film (p, 3, n)."""
+    part = replay.part(place.bore_body)
+    rows = part.rows_of(place.bore)
+    surface = bore_surface(rows.surface.coordinates, rows.surface.cells, rows.surface.family)
+    fields = bore_fields(part)[rows.nodes]
+    share = interpolation_matrix(surface, angle, height)
+    moved = share @ fields.reshape(len(fields), -1)
+    return rows.surface.centre, moved.reshape(len(angle), 3, -1)
+
+
+def _journal_height(replay: RecordedMotion, joint: LubricatedJoint) -> float:
+    """Height of a journal in a rigid bore along z: of a shaft, that of its point [m]."""
+    name, _, point = joint.journal.partition(".")
+    return height_at(replay, name, point)
+
+
+def height_at(replay: RecordedMotion, name: str, point: str) -> float:
+    """Height of a point of a body [m]: 0, but along a shaft from its first end.
+
+    A shaft in the bore of a flexible body is there at the height of that bore.
+    """
+    body = replay.bodies[name]
+    if not isinstance(body, ShaftBody):
+        return 0.0
+    length, start = body.rotor.beam.shaft.length, 0.0
+    for place in replay.system.films:
+        journal, _, station = place.joint.journal.partition(".")
+        if journal == name and place.bore:
+            centre = replay.part(place.bore_body).rows_of(place.bore).surface.centre
+            start = float(centre[2]) - length * body.stations[station]
+    return start + length * body.stations.get(point, 0.0)
+
+
+def frame(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and origin (3,) of a frame at ``(x, y, angle)``."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turn, np.array([pose[0], pose[1], 0.0])
+
 
 #: What ParaView opens, in the folder of a series.
 SERIES = "run.pvd"
@@ -24,7 +314,7 @@ SERIES = "run.pvd"
 
 def write_run(
     mechanism: Mechanism,
-    result: Result,
+    result: History,
     parts: Mapping[str, PartFields],
     directory: Path,
     frames: int,
@@ -49,7 +339,7 @@ def write_run(
     """
     chosen = nearest_steps(np.asarray(result.time), frames)
     shown = result.each(lambda values: values[chosen])
-    replay = Replay(mechanism, RecordedMotion.of(shown))
+    replay = RecordedMotion(mechanism, shown)
     films = {name: joint.film for name, joint in shown.joints.items()}
     return write_series(directory, shown.time, mechanism_blocks(replay, films, parts))
 

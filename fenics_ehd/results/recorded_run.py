@@ -1,158 +1,442 @@
-"""A run of a mechanism into a folder: history, checkpoints, a summary whatever happens."""
+"""A run into its folder: history, checkpoints, a summary whatever happens.
+
+One process at a time holds the folder of a run, and no complete result is given up before another
+one is complete. A run works in its folder, in place of a former one that is not complete. Beside a
+complete result it works in ``replacement`` there, whose files take the place of the others as soon
+as it is complete, too. Killed at any instant, the folder holds a run to go on with, or results, or
+both.
+
+A checkpoint is what a run carries from step to step and its history lacks: points of the
+integrator's formula, the search for a cycle, running integrals, times. The history is written
+before it, so that the step of a checkpoint is always in the history; a run that goes on drops the
+later ones, and takes bitwise the steps of one that was not interrupted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 from time import monotonic, perf_counter, process_time
+from types import TracebackType
 from typing import Any
 
+import click
 import numpy as np
+from mpi4py import MPI
 from tqdm import tqdm
 
+from fenics_ehd.analysis.error_budget import Estimator
 from fenics_ehd.base.errors import EhdError, InputError, OutputError, SolverError
-from fenics_ehd.base.interrupt import interrupt_between_steps
-from fenics_ehd.base.output import keeping_failed_film, write_summary
-from fenics_ehd.base.sealed_file import named, require_like
+from fenics_ehd.base.files import (
+    ACCURACY,
+    ERROR_BUDGET,
+    FAILED_FILM,
+    PICTURE_FORMATS,
+    PICTURES,
+    SCENE_NAME,
+    SUMMARY,
+    claim,
+    clear,
+    complete_result,
+    keeping_failed_film,
+    let_go,
+    listed,
+    locked,
+    require_writable,
+    to_json,
+    write_summary,
+    write_whole,
+)
+from fenics_ehd.base.processes import interrupt_between_steps
+from fenics_ehd.base.sealed_file import Stateful, named, rebuilt
 from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.newton import MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.recorder import Fixed, cycle_columns, cycle_figures
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.solver_state import MechanismStep, SolverState
+from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.tracking import Tracker
-from fenics_ehd.results.checkpoint import CHECKPOINT, save_checkpoint
-from fenics_ehd.results.history_file import HistoryWriter, keep_last_cycle
-from fenics_ehd.results.load import load_results
-from fenics_ehd.results.run_folder import clear_made
+from fenics_ehd.results.history_file import (
+    CHECKPOINT,
+    CSV_NAME,
+    FIELDS_NAME,
+    CsvFile,
+    load_checkpoint,
+    load_history,
+    save_checkpoint,
+)
+
+
+class _Unobserved:
+    """The error output; nobody has to be there, and a full disk may be behind it."""
+
+    def write(self, text: str) -> None:
+        """Write it, if possible."""
+        with suppress(OSError):
+            sys.stderr.write(text)
+
+    def flush(self) -> None:
+        """Likewise."""
+        with suppress(OSError):
+            sys.stderr.flush()
+
+
+def progress_bar(end: float) -> tqdm:
+    """Bar of the simulated time up to `end` [s]; seldom redrawn where nobody watches."""
+    return tqdm(
+        total=1e3 * end,
+        unit="ms",
+        file=_Unobserved(),
+        mininterval=0.2 if sys.stderr.isatty() else 10.0,
+        bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} [{elapsed}, "
+        "ends in {remaining}]",
+    )
+
+
+#: Stresses over the cycle, made of a run's result.
+STRESS = "stress.json"
+
+#: File of a flexible body beside the history of its run.
+BODY_FILE = "body-{}.h5"
+
+#: Series for ParaView; and a run that is to replace the complete result beside it.
+SERIES, REPLACEMENT = "vtk/", "replacement/"
+
+#: What a run consists of, beside its bodies. The history is there as soon as there is a step.
+RUN = (FIELDS_NAME, CSV_NAME, CHECKPOINT, SCENE_NAME, ACCURACY)
+
+#: What is made of a run that came to an end. The summary says that all else is there: it is the
+#: first to go and the last to come.
+MADE = (
+    SUMMARY,
+    ERROR_BUDGET,
+    FAILED_FILM,
+    SERIES,
+    *(f"{name}.{ending}" for name in PICTURES for ending in PICTURE_FORMATS),
+)
+
+
+def clear_made(directory: Path) -> None:
+    """Remove what was made of a run, stale as soon as it goes on."""
+    clear(directory, [name for name in listed(directory) if not _of_run(name)])
+
+
+def _of_run(name: str) -> bool:
+    """True of a file without which a run cannot go on."""
+    return name in RUN or name.startswith("body-")
+
+
+def require_no_result(directory: Path) -> None:
+    """Refuse a folder that holds a complete result.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
+    if complete_result(directory):
+        raise InputError(
+            f"{directory}: holds a complete result, choose another folder or --overwrite"
+        )
+
+
+def first_rank_folder(
+    directory: Path, overwrite: bool, bodies: Iterable[str]
+) -> RunFolder | AbstractContextManager[None]:
+    """`RunFolder` on the first rank, which writes; the others only refuse what it refuses."""
+    if MPI.COMM_WORLD.rank == 0:
+        return RunFolder(directory, bodies, overwrite=overwrite)
+    if not overwrite:
+        require_no_result(directory)
+    return nullcontext()
+
+
+class RunFolder:
+    """Holds the folder of one run while it works there.
+
+    Parameters
+    ----------
+    directory
+        Created when missing.
+    bodies
+        Names of flexible ones, whose files are to be there.
+    overwrite
+        A complete result there may be replaced, by another one.
+    resume
+        Go on with the run that was stopped there.
+
+    Attributes
+    ----------
+    path
+        Where the run works.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to, holds a complete result, nothing to go on with, or what is
+        not of a run.
+    InUseError
+        Another process works in it.
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        bodies: Iterable[str] = (),
+        *,
+        overwrite: bool = False,
+        resume: bool = False,
+    ):
+        self.directory = self.path = Path(directory)
+        if resume and not self.directory.is_dir():
+            raise InputError(f"{directory}: no checkpoint to go on from, no such folder")
+        require_writable(self.directory)
+        self._made = not self.directory.exists()
+        self.directory.mkdir(parents=True, exist_ok=True)
+        files = [BODY_FILE.format(name) for name in bodies]
+        replacement = self.directory / REPLACEMENT
+        self._lock = locked(self.directory)
+        try:
+            if complete_result(replacement):
+                self._replace(replacement)
+            if not (overwrite or resume):
+                require_no_result(self.directory)
+            claim(self.directory, (*MADE, *RUN, *files, REPLACEMENT))
+            if (replacement / CHECKPOINT).exists() if resume else complete_result(self.directory):
+                self.path = replacement
+                claim(self.path, (*MADE, *RUN, *files))
+        except BaseException:
+            self._release()
+            raise
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if self.path != self.directory and complete_result(self.path):
+                self._replace(self.path)
+                self.path = self.directory
+        except OSError as failure:
+            where = failure.filename2 or failure.filename or self.directory
+            raise OutputError(f"{where}: {failure.strerror}; results in {self.path}") from error
+        finally:
+            self._release()
+        self._explain(error)
+
+    def _replace(self, complete: Path) -> None:
+        """Have the files of a complete run take the place of a former one's, one by one."""
+        names = listed(complete)
+        claim(self.directory, (*names, REPLACEMENT))
+        claim(complete, names)
+        if (complete / FIELDS_NAME).exists():  # the first to move: none has
+            clear(self.directory, set(listed(self.directory)) - {REPLACEMENT})
+        for name in sorted(names, key=lambda name: (name == SUMMARY) - (name == FIELDS_NAME)):
+            if (complete / name).exists():
+                (complete / name).replace(self.directory / name)
+        clear(self.directory, [REPLACEMENT])
+
+    def _release(self) -> None:
+        """Leave nothing behind of a run that has no step, but the film that failed."""
+
+        def holds(name: str, *more: str) -> bool:
+            there = (CHECKPOINT, SUMMARY, *more)
+            return any((self.directory / name / file).exists() for file in there)
+
+        with suppress(OSError, InputError):
+            if not holds(REPLACEMENT, FAILED_FILM):
+                clear(self.directory, [REPLACEMENT])
+            if not holds("."):
+                clear(self.directory, [name for name in listed(self.directory) if _of_run(name)])
+            let_go(self.directory, folder=self._made)
+        self._lock.close()
+
+    def _explain(self, error: BaseException | None) -> None:
+        """Say where the files of a run are that ended early, and how to go on with it."""
+        lines = []
+        if self.path != self.directory and self.path.exists():
+            lines.append(f"{self.directory}: its complete result stays, this run is in {self.path}")
+        if isinstance(error, KeyboardInterrupt | OutputError) and (self.path / CHECKPOINT).exists():
+            lines.append(f"go on with: fenics-ehd run --resume {self.directory}")
+        with suppress(OSError):  # whoever was reading may be gone
+            for line in lines:
+                click.echo(line, err=True)
+
 
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
+
+#: Time between two of them over that which one takes.
+REST = 10.0
 
 #: What else a summary says of a complete run, whose history is in a folder.
 Judge = Callable[["RecordedRun", Path], Mapping[str, Any]]
 
 
-@dataclass
-class RecordedRun:
-    """A run with all that it carries from step to step.
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """A run that can go on.
 
     Attributes
     ----------
-    run, tracker
-        The integration and what it has shown.
-    end
-        Where it stops, if it is not periodic [s].
-    cycles
-        The search for the periodic solution, or None.
+    reduction_seconds, name, scene
+        Of the run that began: time of its reductions [s], name of its scene, and digests of what
+        it must go on with, by the names of files.
+    state
+        After its last step.
+    arrays
+        Names of the arrays of its history, a line each.
+    history
+        Up to that step, which has a file of its own.
+    """
+
+    reduction_seconds: float
+    name: str
+    scene: dict[str, str]
+    state: RecordedRun.State
+    arrays: str
+    history: History | None = None
+
+
+def load_run_state(folder: Path) -> Checkpoint:
+    """The checkpoint of a run, which its history must reach.
+
+    Raises
+    ------
+    InputError
+        See `load_checkpoint`; or there is no history, or the state of the checkpoint is not in it.
+    """
+    tree = load_checkpoint(folder / CHECKPOINT)
+    with named(InputError, f"{folder / CHECKPOINT}: no checkpoint to go on from"):
+        found = rebuilt(Checkpoint, tree)
+        history, state = load_history(folder), found.state.integrator
+        if missing := set(found.arrays.splitlines()) - set(history.values):
+            raise ValueError(f"the history lacks {min(missing)}: start anew")
+        # The history may be of a later step: the checkpoint is written after it.
+        rows = int(np.searchsorted(history.values["time"], state.time, side="right"))
+        row = history.coordinates[rows - 1]
+        if not rows or not np.array_equal(row, state.x[0][: len(row)]):
+            raise ValueError("it is not of a step of the history: start anew")
+    return replace(found, history=history.each(lambda values: values[:rows]))
+
+
+class RecordedRun(Simulation, Stateful):
+    """A simulation with all that a run into a folder carries from step to step.
+
+    Parameters
+    ----------
+    run, end, cycles
+        As of `Simulation`.
     multiplier
         Whether its largest multiplier is to be found, with more cycles.
+
+    Attributes
+    ----------
     margin
         What the summary has of that.
-    first_row
-        Of the history of the cycle under way.
     wall_time, processor_time
         So far [s].
     """
 
-    run: Run
-    tracker: Tracker
-    end: float
-    cycles: Cycles | None
-    multiplier: bool = False
-    margin: dict[str, Any] = field(default_factory=dict)
-    first_row: int = 0
-    wall_time: float = 0.0
-    processor_time: float = 0.0
+    @dataclass(frozen=True, eq=False)
+    class State:
+        """State that a run goes on from, beside its history."""
 
-    def __post_init__(self) -> None:
-        self._start = self.run.state
+        integrator: IntegratorState[SolverState]
+        tracker: Tracker.State
+        cycles: Cycles.State | None
+        wall_time: float
+        processor_time: float
+
+    def __init__(self, run: Run, end: float, cycles: Cycles | None, multiplier: bool = False):
+        super().__init__(run, end, cycles)
+        self.multiplier = multiplier
+        self.margin: dict[str, Any] = {}
+        self.wall_time = self.processor_time = 0.0
 
     @property
-    def began(self) -> IntegratorState[SolverState]:
-        """State at the start of the run, or of the cycle under way."""
-        return self._start if self.cycles is None else self.cycles.began
+    def integrator(self) -> IntegratorState[SolverState]:
+        """State of the integration."""
+        return self.run.state
 
-    def stored_state(self) -> dict[str, Any]:
-        """As nested dictionaries of arrays and numbers, for `load_state`."""
-        own = {name: getattr(self, name) for name in ("first_row", "wall_time", "processor_time")}
-        search = {} if self.cycles is None else self.cycles.stored_state()
-        return {
-            **self.run.stored_state(),
-            **self.tracker.stored_state(),
-            "recorded": own,
-            "cycles": search,
-        }
+    @integrator.setter
+    def integrator(self, state: IntegratorState[SolverState]) -> None:
+        self.run.state = state
 
-    def load_state(self, state: Mapping[str, Any]) -> None:
-        """Go on where another one was.
-
-        Raises
-        ------
-        InputError
-            The state is not of such a run.
-        """
-        with named(InputError, "the checkpoint's state"):
-            own = self.stored_state()
-            require_like(state, {name: own[name] for name in ("recorded", "cycles")})
-        self.run.load_state(state)
-        self.tracker.load_state(state)
-        if self.cycles is not None:
-            self.cycles.load_state(state["cycles"])
-        for name, value in state["recorded"].items():
-            setattr(self, name, value)
-
-    def steps(self, history: HistoryWriter) -> Iterator[MechanismStep]:
-        """Accepted steps, which the history then has."""
+    def written(self, table: CsvFile) -> Iterator[MechanismStep]:
+        """Accepted steps, which the history then has, on the disk too."""
         began, busy = perf_counter() - self.wall_time, process_time() - self.processor_time
-        for step in self.run.until(self.end) if self.cycles is None else self.cycles:
-            if self.tracker.begins(self.cycles):
-                self.first_row = history.rows
-            row, fields = self.tracker.add(step)
-            history.add(row | cycle_columns(self.cycles, step.time), fields)
+        for step, row in self.steps():
+            table.write(row)
             self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
             yield step
 
     def find_multiplier(self, between: Callable[[], None]) -> None:
-        """Of the periodic solution that was found, if it is wanted; `between` every two steps."""
+        """Find the multiplier of the periodic solution if wanted; `between` every two steps."""
         if self.multiplier and self.cycles is not None:
-            from fenics_ehd.multibody.multiplier import largest_multiplier
+            from fenics_ehd.analysis.multiplier import largest_multiplier
 
             try:
                 self.margin = largest_multiplier(self.run, self.cycles.period, between).figures()
             except SolverError as error:  # the solution stays
                 self.margin = {"multiplier_failure": str(error)}
 
-    def figures(self, columns: Mapping[str, np.ndarray] | None) -> dict[str, Any]:
-        """What ``summary.json`` has of it, with the columns of its history, if they can be read."""
-        answer = None if columns is None else self.tracker.answer(columns)
-        return self.tracker.figures(answer) | cycle_figures(self.cycles) | self.margin
+    def figures(self) -> dict[str, Any]:
+        """Entries of ``summary.json``."""
+        return super().figures() | self.margin
+
+    def estimate_errors(self, directory: Path) -> dict[str, Any]:
+        """Estimate the errors of a run that is complete, and leave them in its folder.
+
+        Returns
+        -------
+        dict
+            For ``summary.json``: processor time, Newton iterations, why what is not estimated is
+            not. The tracker has the budgets.
+        """
+        budget = Estimator(self).budget()
+        over_time = budget.over_time(self.began.time)
+        write_whole(directory / ERROR_BUDGET, to_json(over_time) + "\n")
+        self.tracker.worth = budget.joints
+        return {
+            "error_budget_notes": budget.notes,
+            "error_budget_iterations": budget.iterations,
+            "error_budget_processor_time_s": budget.seconds,
+        }
 
 
 class Checkpoints:
-    """Stores a run every so often, after its history, and where it ends.
+    """Stores a run and its history every so often, and where it ends.
 
     Parameters
     ----------
-    history
-        Of the run; it is put on the disk before each checkpoint, which counts its rows.
+    directory
+        Of the run.
     interval
-        Seconds between two checkpoints; the first one is due at once.
+        Seconds between two checkpoints, at least `REST` times what the last one took; the first
+        one is due at once.
     figures
-        RecordedRun along with each.
+        What each says of the run that began, see `Checkpoint`.
     """
 
-    def __init__(self, history: HistoryWriter, interval: float, figures: Mapping[str, Any]):
-        self._history, self._interval, self._figures = history, interval, figures
-        self._last = -inf
+    def __init__(self, directory: Path, interval: float, figures: Mapping[str, Any]):
+        self._directory, self._interval, self._figures = directory, interval, figures
+        self._next = -inf
         self._run: RecordedRun | None = None
 
     def follow(self, run: RecordedRun) -> None:
         """Account for a step whose row is in the history."""
         self._run, self._state = run, run.run.state
-        if monotonic() - self._last >= self._interval:
+        if monotonic() >= self._next:
             self._save(run)
 
     def __enter__(self) -> Checkpoints:
@@ -164,10 +448,12 @@ class Checkpoints:
             self._save(self._run)
 
     def _save(self, run: RecordedRun) -> None:
-        self._history.sync()
-        tree = {**self._figures, "rows": self._history.rows, "state": run.stored_state()}
-        save_checkpoint(self._history.directory / CHECKPOINT, tree)
-        self._last = monotonic()
+        began = monotonic()
+        history = run.tracker.history()
+        history.write(self._directory / FIELDS_NAME)
+        checkpoint = Checkpoint(state=run.state, arrays="\n".join(history.values), **self._figures)
+        save_checkpoint(self._directory / CHECKPOINT, vars(checkpoint))
+        self._next = monotonic() + max(self._interval, REST * (monotonic() - began))
 
 
 def record_run(
@@ -178,7 +464,7 @@ def record_run(
     *,
     interval: float,
     bar: tqdm,
-    former: Mapping[str, Any] | None = None,
+    former: Checkpoint | None = None,
     judge: Judge | None = None,
 ) -> dict[str, Any]:
     """Integrate to the end, or until the films repeat, and return the summary.
@@ -209,26 +495,29 @@ def record_run(
     SolverError
         See `Run.until` and `Cycles`.
     """
-    rows = None if former is None else int(former["rows"])
+    tracker = recorded.tracker
     if former is not None:
         require_same_scene(former, fingerprints, directory)
-        recorded.load_state(former["state"])
-        seconds = float(former["reduction_seconds"])
-        about = {**about, "reduction_time_s": seconds, "scene": former["name"]}
-    history = history_of(recorded, directory, rows)
+        recorded.state = former.state
+        if former.history is not None:
+            tracker.take(former.history)
+        about = {
+            **about,
+            "reduction_time_s": former.reduction_seconds,
+            "scene": former.name,
+        }
+    before = tracker.counts["steps"]
+    table = CsvFile(directory / CSV_NAME, before)
     stored = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
-    checkpoints = Checkpoints(history, interval, {**stored, "scene": fingerprints})
+    checkpoints = Checkpoints(directory, interval, {**stored, "scene": fingerprints})
 
     worth: dict[str, Any] = {}
 
     def leave(status: str) -> dict[str, Any]:
         times = {name: getattr(recorded, name) for name in ("wall_time", "processor_time")}
         seconds = {f"{name}_s": value for name, value in times.items()}
-        columns = None
-        with suppress(InputError):  # a failed run may not have a whole row
-            columns = load_results(directory, films=False).columns if history.rows else None
-        summary = {"status": status, **about, **recorded.figures(columns), **seconds, **worth}
-        if history.rows:
+        summary = {"status": status, **about, **recorded.figures(), **seconds, **worth}
+        if tracker.rows:
             write_summary(directory, summary)
         return summary
 
@@ -236,18 +525,17 @@ def record_run(
         with (
             keeping_failed_film(directory),
             bar,
-            history,
             interrupt_between_steps() as check,
             checkpoints,
         ):
-            for step in recorded.steps(history):
-                if history.rows - 1 == rows:
+            for step in recorded.written(table):
+                if before and tracker.counts["steps"] == before + 1:
                     clear_made(directory)
                 checkpoints.follow(recorded)
                 _show(bar, recorded, step)
                 check()
             recorded.find_multiplier(check)
-            status = recorded.tracker.verdict()
+            status = tracker.verdict()
         if judge is not None:
             worth |= judge(recorded, directory)
     except BaseException as error:
@@ -258,7 +546,7 @@ def record_run(
     if recorded.cycles is not None:
         # What is left is no run to go on with.
         (directory / CHECKPOINT).unlink()
-        keep_last_cycle(directory, recorded.first_row, recorded.tracker.groups)
+        replace(recorded.history(), told=summary).save(directory)
     return summary
 
 
@@ -282,16 +570,7 @@ def _show(bar: tqdm, recorded: RecordedRun, step: MechanismStep) -> None:
     bar.update(min(into, bar.total) - bar.n)
 
 
-def history_of(recorded: RecordedRun, directory: Path, resumed: int | None = None) -> HistoryWriter:
-    """Writer of a run's history, which goes on after `resumed` rows."""
-    fixed = Fixed.of(recorded.run.equations.system)
-    groups = recorded.tracker.groups
-    return HistoryWriter(directory, fixed.arrays, fixed.attributes(), groups, resumed=resumed)
-
-
-def require_same_scene(
-    former: Mapping[str, Any], scene: Mapping[str, str], directory: Path
-) -> None:
+def require_same_scene(former: Checkpoint, scene: Mapping[str, str], directory: Path) -> None:
     """Refuse to go on with other settings, tables or bodies.
 
     Raises
@@ -299,7 +578,7 @@ def require_same_scene(
     InputError
         Naming the file.
     """
-    stored = former["scene"]
+    stored = former.scene
     changed = [name for name in {**stored, **scene} if stored.get(name) != scene.get(name)]
     if changed:
         raise InputError(

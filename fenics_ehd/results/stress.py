@@ -11,18 +11,16 @@ import meshio
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.folder import claim
+from fenics_ehd.base.files import claim
 from fenics_ehd.fem.stress import (
     HalfRange,
     NodalStress,
-    deviatoric,
     largest_half_range,
     largest_principal,
 )
-from fenics_ehd.reduction import ReducedBody, Structure
-from fenics_ehd.reduction.completion import missing_fields
-from fenics_ehd.reduction.residual_flexibility import pattern_fields
-from fenics_ehd.results.part_fields import CELL_NAMES
+from fenics_ehd.reduction import ReducedBody, Structure, von_mises
+from fenics_ehd.reduction.residual_flexibility import missing_fields, pattern_fields
+from fenics_ehd.results.paraview import CELL_NAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +72,7 @@ def cycle_stress(
     columns
         The part-size basis T, shape (dofs, n).
     coordinates, amplitudes
-        Of the instants, shapes (t, n) and (t, r): see `Replay.in_equilibrium`.
+        Of the instants, shapes (t, n) and (t, r): see `RecordedMotion.in_equilibrium`.
     loads
         Forces and speeds, see `missing_fields`: what the basis misses of their answers is taken
         in place of the residual patterns. None: what the run's method has.
@@ -173,7 +171,7 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
             **{name: values[pair].tolist() for name, values in instants.items()},
             "half_range_Pa": found.half_range[node].tolist(),
             "mean_Pa": mean.tolist(),
-            "mean_von_mises_Pa": float(np.linalg.norm(deviatoric(mean))),
+            "mean_von_mises_Pa": float(von_mises(mean)),
             "mean_hydrostatic_Pa": float(mean[:3].mean()),
         },
         "largest_principal": {
@@ -190,7 +188,7 @@ def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
     found = stress.half_range
     data = {
         "half_range_von_mises_Pa": found.von_mises,
-        "mean_von_mises_Pa": np.linalg.norm(deviatoric(found.mean), axis=1),
+        "mean_von_mises_Pa": von_mises(found.mean),
         "mean_hydrostatic_Pa": found.mean[:, :3].mean(axis=1),
         "half_range_Pa": found.half_range,
         "mean_Pa": found.mean,

@@ -1,9 +1,18 @@
-"""``output.accuracy``: settings that meet it are chosen, run by run.
+"""Accuracy asked of a run: what takes the largest share of its error is refined, run by run.
 
 A pilot run comes first: on coarse films, with a tolerance that usually gives such errors. Its error
-budget (`fenics_ehd.multibody.error_budget`) tells whether it will do. If not, its errors and the
-laws by which they fall tell what will at the least time (`accuracy_choice`), and the next run is
-judged in the same way, so that a choice is corrected from better data.
+budget (`fenics_ehd.analysis.error_budget`) tells whether it will do. If not, the largest shares of
+the errors of every figure are brought down to one level, by the laws of their settings,
+
+    step size   tolerance^(k / (k + 1)),
+    film mesh   cells^-3 either way, of 4-node cells cells^-2: between the orders of a film's
+                solution and of what its nodes miss of a peak between them,
+    basis       1 / modes,
+    part mesh   cells^-2,
+    start       periodicity,
+
+at which all shares together leave a margin to the accuracy; and the next run is judged in the same
+way.
 
 What is chosen, unless ``output.accuracy_keeps`` names it: the tolerance of steps and of the
 periodicity, the cells of every film, the reduction of meshed parts that are not to be rigid, and,
@@ -12,30 +21,53 @@ with ``output.part_mesh_error``, cells of their meshes.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from math import ceil
+from math import ceil, inf, log10, prod, sqrt
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
 
-from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.base.output import ACCURACY, to_json, write_whole
+from fenics_ehd.base.errors import AccuracyError, InputError, SettingsError
+from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
-from fenics_ehd.base.text_file import read_json
-from fenics_ehd.scenes.accuracy_choice import rounded
+from fenics_ehd.multibody.error_shares import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
+from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
+from fenics_ehd.results.recorded_run import RecordedRun
 from fenics_ehd.scenes.films import planned_cells
-from fenics_ehd.scenes.given import changed
-from fenics_ehd.scenes.part_cells import counts, with_counts
-from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
-from fenics_ehd.scenes.scene_text import stored
+from fenics_ehd.scenes.part import counts, part_cells, with_counts
+from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints, meshed, stored
 
-#: Cells of a pilot's films around at an accuracy of 1 %, by element, and the order of what others
-#: take, between those of a film's solution and of what its nodes miss. Errors of films of 24 cells
-#: are 0.3 to 1.5 %, of 4-node ones of 48 cells 1.2 %.
-PILOT_AROUND, PILOT_ORDER = {"lagrange": 24, "serendipity": 24, "bilinear": 48}, 3.0
+if TYPE_CHECKING:
+    from fenics_ehd.multibody.mechanism import FilmPlace
+
+#: Least tolerance of a step, least periodicity, most film cells, vibration modes that a basis may
+#: have, and cells of a part's mesh around a bore.
+TIGHTEST, TIGHTEST_PERIODICITY, MOST_CELLS, MOST_MODES, MOST_CELLS_AROUND = 1e-8, 1e-7, 6400, 48, 60
+
+#: Share of the accuracy that all components together are aimed at, and what of its steps and films
+#: is left of a run that may not be trusted.
+AIM, HALF = 0.7, 0.5
+
+#: Beside shares that are kept others that are less of them are left alone.
+LITTLE = 0.2
+
+#: Rounding that makes no cell more.
+ROUNDING = 1e-6
+
+
+def rounded(value: float) -> float:
+    """Down to two digits, as people write numbers."""
+    digits = 10.0 ** (int(np.floor(log10(value))) - 1)
+    return float(f"{np.floor(value / digits * (1 + ROUNDING)) * digits:.1e}")
+
+
+#: Cells of a pilot's films around at an accuracy of 1 %, by element, and the order of their errors.
+#: Those of films of 24 cells are 0.3 to 1.5 %, of 4-node ones of 48 cells 1.2 %.
+PILOT_AROUND = {"lagrange": 24, "serendipity": 24, "bilinear": 48}
+FILM_ORDER = {"lagrange": 3.0, "serendipity": 3.0, "bilinear": 2.0}
 
 #: Fewest and most cells of a pilot's film around.
 FEWEST_AROUND, MOST_AROUND = 16, 48
@@ -81,7 +113,7 @@ class Search:
 
     @property
     def met(self) -> bool:
-        """Whether the last run meets the accuracy, and may be trusted."""
+        """True if the last run meets the accuracy, and may be trusted."""
         last = self.runs[-1]
         return bool(last["estimate"] <= self.asked and last["status"] == "complete")
 
@@ -151,14 +183,8 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
     return stored(changed(scene, chosen | none)), Search(asked, kept, chosen)
 
 
-def keeping(scene: Scene, keys: Sequence[str]) -> Scene:
-    """With more keys that stay as written."""
-    kept = [*scene.output.accuracy_keeps, *keys]
-    return changed(scene, {"output.accuracy_keeps": kept})
-
-
 def search_of(directory: Path) -> Search | None:
-    """Of the run in a folder."""
+    """Search that the run in a folder belongs to."""
     path = directory / ACCURACY
     if not path.exists():
         return None
@@ -219,8 +245,183 @@ def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
 def _pilot_cells(scene: Scene, name: str, asked: float) -> tuple[int, int]:
     """As the scene's own in shape, but coarse; with supplies, whose edges need cells, its own."""
     joint, (around, along) = scene.joints[name], planned_cells(scene, name)
-    most = 2 * ceil(0.5 * PILOT_AROUND[joint.element] * (0.01 / asked) ** (1.0 / PILOT_ORDER))
+    most = 2 * ceil(
+        0.5 * PILOT_AROUND[joint.element] * (0.01 / asked) ** (1.0 / FILM_ORDER["lagrange"])
+    )
     most = min(max(most, FEWEST_AROUND), MOST_AROUND)
     if around <= most or joint.grooves or joint.supply:
         return around, along
     return most, max(3, round(along * most / around))
+
+
+#: Runs after the pilot, at most.
+RUNS = 3
+
+#: By joint and quantity: component and error.
+Errors = Mapping[tuple[str, str], Mapping[str, float]]
+
+
+def account(
+    search: Search, scene: Scene, recorded: RecordedRun, worth: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Add a judged run to its search, which then wants other settings or is over.
+
+    Parameters
+    ----------
+    search, scene
+        Of the run.
+    recorded
+        The run, whose tracker has the budgets.
+    worth
+        What the summary has of its budget.
+
+    Returns
+    -------
+    dict
+        For ``summary.json``.
+
+    Raises
+    ------
+    AccuracyError
+        A component is not estimated.
+    """
+    errors = _errors(search, recorded, worth["error_budget_notes"])
+    budgets = recorded.tracker.worth
+    if search.runs and search.runs[-1]["chosen"] == search.chosen:
+        search.runs.pop()  # a complete run, taken up again
+    search.runs.append(
+        {
+            "chosen": dict(search.chosen),
+            "estimate": max(budgets[name][quantity]["known"] for name, quantity in errors),
+            "errors": {
+                key: max(own[key] for own in errors.values() if key in own)
+                for key in COMPONENTS
+                if any(key in own for own in errors.values())
+            },
+            "status": recorded.tracker.verdict(max(scene.output.error_limit, search.asked)),
+            "processor_time_s": recorded.processor_time + worth["error_budget_processor_time_s"],
+        }
+    )
+    warnings, why = list(scene.warnings), worth["error_budget_notes"].get("part_mesh")
+    if why is not None:
+        warnings.append(f"output.accuracy = {search.asked:g} is without the part mesh: {why}")
+    if search.met:
+        return {"accuracy": search.figures(), "status": "complete", "warnings": warnings}
+    if len(search.runs) <= RUNS:
+        values = _refined(search, scene, recorded, errors)
+        search.wanted = {k: v for k, v in values.items() if v != search.chosen.get(k)}
+    found = {"accuracy": search.figures(), "status": search.runs[-1]["status"]}
+    if not search.wanted:
+        found["warnings"] = [*warnings, _missed(search)]
+    return found
+
+
+def _errors(search: Search, recorded: RecordedRun, notes: Mapping[str, str]) -> Errors:
+    """Components that count."""
+    found: dict[tuple[str, str], dict[str, float]] = {}
+    for joint, budget in recorded.tracker.worth.items():
+        for quantity in QUANTITIES:
+            own = found[joint, quantity] = {}
+            for key in COMPONENTS:
+                value = budget[quantity][key]
+                if not isinstance(value, str):
+                    own[key] = value
+                elif key == "start" and value != NOT_APPLICABLE:
+                    own[key] = search.asked  # films that repeat by chance: once more
+                elif value != NOT_APPLICABLE and key != "part_mesh":
+                    raise AccuracyError(
+                        f"output.accuracy = {search.asked:g}: the error of joints.{joint} by "
+                        f"{key.replace('_', ' ')} is {value}: {notes.get(key, 'drop the key')}"
+                    )
+    return found
+
+
+def _refined(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -> dict[str, Any]:
+    """Values by key that bring the errors of every figure to the aim together, within limits."""
+    films = {place.name: place for place in recorded.run.equations.system.films}
+    trusted = search.runs[-1]["status"] == "complete"
+    free = set(choosable(scene)) - set(search.kept)
+    found: dict[str, tuple[float, str, FilmPlace]] = {}
+    for (joint, _), own in errors.items():
+        keys = {component: _setting(component, films[joint]) for component in own}
+        ours = {component: own[component] for component in own if keys[component] in free}
+        beyond = sum(own.values()) - sum(ours.values())
+        level = water_level(ours.values(), max(AIM * search.asked - beyond, LITTLE * beyond))
+        for component, error in ours.items():
+            share = min(1.0, level / error) if error else 1.0
+            if not trusted and component in ("step_size", "film_mesh"):
+                share = min(share, HALF)
+            former = found.get(keys[component], (1.0,))
+            if share < former[0]:
+                found[keys[component]] = share, component, films[joint]
+    values = search.chosen | {
+        key: _value(search, scene, recorded, *wanted) for key, wanted in found.items()
+    }
+    if {"time.periodicity", "time.tolerance"} <= set(values):
+        # The steps of a cycle are not those of the one before.
+        most = values["time.periodicity"] / NOISE
+        values["time.tolerance"] = min(values["time.tolerance"], most)
+    return values
+
+
+def water_level(errors: Collection[float], total: float) -> float:
+    """Limit that leaves errors a total together; infinite where they are less."""
+    for left, error in zip(range(len(errors), 0, -1), sorted(errors), strict=True):
+        if left * error > total:
+            return total / left
+        total -= error
+    return inf
+
+
+def _setting(component: str, place: FilmPlace) -> str:
+    """Key of what makes a component of the errors of a joint smaller."""
+    return {
+        "step_size": "time.tolerance",
+        "start": "time.periodicity",
+        "film_mesh": f"joints.{place.name}.cells",
+        "basis": f"bodies.{place.bore_body}.reduction",
+        "part_mesh": f"bodies.{place.bore_body}.geometry",
+    }[component]
+
+
+def _value(
+    search: Search,
+    scene: Scene,
+    recorded: RecordedRun,
+    share: float,
+    component: str,
+    place: FilmPlace,
+) -> Any:
+    """Value of its setting that leaves a share of a component, or is the last within limits."""
+    if component == "step_size":
+        order, own = recorded.run.control.order, scene.time.tolerance
+        return min(own, max(rounded(own * share ** ((order + 1.0) / order)), TIGHTEST))
+    if component == "start":
+        # Cycles differ by what their steps leave.
+        noise = NOISE * scene.time.tolerance if "time.tolerance" in search.kept else 0.0
+        own = scene.time.periodicity
+        return min(own, max(rounded(share * own), TIGHTEST_PERIODICITY, noise))
+    if component == "film_mesh":
+        grid = place.film.film.parameters.grid
+        most = max(1.0, sqrt(MOST_CELLS / prod(grid.cells)))
+        factor = min(share ** (-1.0 / FILM_ORDER[grid.family]), most)
+        return [ceil(factor * cells - ROUNDING) for cells in grid.cells]
+    part, chosen = scene.bodies[place.bore_body], search.chosen
+    if component == "basis":
+        modes = part.reduction.vibration_modes
+        modes = max(modes, min(ceil(modes / share - ROUNDING), MOST_MODES))
+        return {**chosen.get(_setting(component, place), {}), "vibration_modes": modes}
+    around = max((part.geometry[key] for key in counts(part) if "around" in key), default=1.0)
+    return part_cells(part, min(share ** (-1.0 / PART_ORDER), max(1.0, MOST_CELLS_AROUND / around)))
+
+
+def _missed(search: Search) -> str:
+    """The line that says so."""
+    run = search.runs[-1]
+    worst = max(run["errors"], key=run["errors"].__getitem__)
+    keys = [key for key in search.kept if f".{key}".endswith(f".{KEYS[worst]}")]
+    why = f"{', '.join(keys)} kept" if keys else f"after {len(search.runs)} runs or at a limit"
+    return (
+        f"output.accuracy = {search.asked:g} is not met: the estimate is {run['estimate']:.2g}, of "
+        f"which {worst.replace('_', ' ')} {run['errors'][worst]:.2g} ({why})"
+    )

@@ -1,50 +1,272 @@
-"""From a scene to its mechanism: everything is refused that can be, then parts are reduced."""
+"""From a scene to its mechanism: what can be refused is, then parts are reduced.
+
+Bodies that single entries of a scene stand for; drives and forces, their tables read.
+
+Assembly of a scene with its elastic parts rigid, to refuse at once what cannot move.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from math import radians
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import attrs
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.multibody.body import Body
-from fenics_ehd.multibody.forces import Force
-from fenics_ehd.multibody.joints import AngleOverTime, Speed
-from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import NONE
+from fenics_ehd.multibody.body import Body, FlexibleBody, PlanarBody, RigidBody, ground
+from fenics_ehd.multibody.forces import (
+    Force,
+    PointForce,
+    RotatingForce,
+    SpringDamper,
+    Table,
+    Torque,
+)
+from fenics_ehd.multibody.joints import AngleOverTime, Speed, SpeedTable
+from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.periodic import check_period
-from fenics_ehd.multibody.rigid_body import RigidBody
 from fenics_ehd.multibody.run import Steps
+from fenics_ehd.multibody.shaft import Disk, ModalRotor, ShaftBody, beam_plane
 from fenics_ehd.reduction import ReducedBody, load_body
-from fenics_ehd.scenes import loads, schema
-from fenics_ehd.scenes.elastic_part import ElasticPart, elastic_part
-from fenics_ehd.scenes.entries import flexible_body, ideal_joint, rough_pose, stiff_body
-from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.films import (
     build_film,
     check_fit,
+    joint_shapes,
     lubricated,
     reference_rate,
     stand_in_film,
+    supply_tables,
 )
-from fenics_ehd.scenes.part import ReducedPart, model_file
-from fenics_ehd.scenes.rough_pose import assembled_bodies
+from fenics_ehd.scenes.library import table_file
+from fenics_ehd.scenes.part import ElasticPart, ReducedPart, elastic_part, model_file
 from fenics_ehd.scenes.scene import Scene, flexible, meshed
-from fenics_ehd.scenes.shapes import joint_shapes
+from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table
+
+
+def rough_pose(settings: schema.MovingSettings) -> dict[str, Any]:
+    """Rough pose of a planar body."""
+    return {
+        "position": settings.position,
+        "orientation": radians(settings.angle),
+        "velocity": settings.velocity,
+        "speed": settings.speed,
+    }
+
+
+def stiff_body(key: str, settings: Any) -> Body:
+    """A body without elasticity, or a shaft."""
+    if isinstance(settings, schema.GroundSettings):
+        return ground(settings.points)
+    if isinstance(settings, schema.ShaftSettings):
+        return _shaft(key, settings)
+    start, points = rough_pose(settings), settings.points
+    if not isinstance(settings, schema.RigidSettings):
+        return RigidBody(0.0, named_points=points, **start)
+    return RigidBody(settings.mass, settings.inertia, points, settings.centre, **start)
+
+
+def flexible_body(
+    settings: schema.FlexibleSettings, reduced: ReducedBody, ideal: Body
+) -> FlexibleBody:
+    """A flexible body that starts where its rigid stand-in is."""
+    assert isinstance(ideal, RigidBody)
+    return FlexibleBody(
+        reduced,
+        settings.damping_time,
+        ideal.position,
+        ideal.orientation,
+        ideal.velocity,
+        ideal.speed,
+        settings.mass or None,
+        settings.inertia or None,
+        settings.centre if any(settings.centre) else None,
+    )
+
+
+def _shaft(key: str, settings: schema.ShaftSettings) -> ShaftBody:
+    available = 4 * (settings.elements + 1)
+    if settings.modes % 2 or settings.modes > available:
+        raise SettingsError(
+            f"{key}.modes = {settings.modes} must be even, half of them for either plane, and at "
+            f"most {available}, the degrees of freedom of elements = {settings.elements}"
+        )
+    for name, share in settings.points.items():
+        if not 0.0 <= share <= 1.0:
+            raise SettingsError(
+                f"{key}.points.{name} = {share:g} must be a share of the length, 0 to 1"
+            )
+    disks = [Disk(*disk) for disk in settings.disks]
+    for disk in disks:
+        inertias = (disk.mass, disk.polar_inertia, disk.diametral_inertia)
+        if not (0.0 <= disk.position <= 1.0 and min(inertias) >= 0.0):
+            raise SettingsError(
+                f"{key}.disks: position = {disk.position:g} must be a share of the length, 0 to "
+                f"1, and masses and inertias at least 0, not {min(inertias):g}"
+            )
+    polar = settings.polar_inertia + sum(disk.polar_inertia for disk in disks)
+    return ShaftBody(
+        ModalRotor.of(beam_plane(settings, disks), settings.modes // 2),
+        polar,
+        settings.damping_ratio,
+        settings.points,
+        settings.position,
+        radians(settings.angle),
+        settings.speed,
+    )
+
+
+def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
+    """Given angles over time by body."""
+    found: dict[str, AngleOverTime] = {}
+    for name, drive in scene.drives.items():
+        if not isinstance(drive, schema.SpeedSettings):
+            continue
+        start, key = radians(scene.bodies[name].angle), f"drives.{name}.table"
+        if drive.table == NONE:
+            found[name] = Speed(drive.speed, start)
+        elif drive.speed:
+            raise SettingsError(f"drives.{name}: give a speed or a table, one of them")
+        else:
+            unit = {"speed": {"rad_per_s": 1.0}}
+            found[name] = SpeedTable(
+                read_time_table(table_file(drive.table, key), key, unit), start
+            )
+    return found
+
+
+def forces(scene: Scene) -> dict[str, Force]:
+    """Forces by name, gravity left out, and torques of drives."""
+    found: dict[str, Force] = {}
+    for name, entry in scene.forces.items():
+        key = f"forces.{name}"
+        if isinstance(entry, RotatingForce | SpringDamper):
+            found[name] = entry
+        elif isinstance(entry, schema.ConstantForceSettings):
+            size = float(np.hypot(*entry.force))
+            found[name] = PointForce(entry.point, entry.force, _constant(size))
+        elif isinstance(entry, schema.TimeTableSettings):
+            file = table_file(entry.file, f"{key}.file")
+            x, y = read_load(file, entry.scale, entry.interpolation, entry.period, key)
+            found[f"{name}.x"] = PointForce(entry.point, (1.0, 0.0), x)
+            found[f"{name}.y"] = PointForce(entry.point, (0.0, 1.0), y)
+        elif isinstance(entry, schema.AngleTableSettings):
+            file = table_file(entry.file, f"{key}.file")
+            size_of = read_angle_table(file, f"{key}.file", {"force": {"N": 1.0}})
+            size_of = size_of.scaled(entry.scale)
+            found[name] = PointForce(entry.point, entry.direction, size_of, entry.angle_of)
+    for name, drive in scene.drives.items():
+        if isinstance(drive, schema.TorqueSettings):
+            torque, over_angle = _torque(drive, f"drives.{name}.table"), drive.over == "angle"
+            found[f"drive of {name}"] = Torque(name, torque, over_angle, drive.damping, drive.speed)
+    return found
+
+
+def _constant(size: float) -> Table:
+    return lambda _: (size, 0.0)
+
+
+def _torque(drive: schema.TorqueSettings, key: str) -> Table:
+    if drive.table == NONE:
+        return _constant(drive.torque)
+    read = read_angle_table if drive.over == "angle" else read_time_table
+    curve = read(table_file(drive.table, key), key, {"torque": {"Nm": 1.0}})
+    return curve.scaled(1.0, drive.torque)
+
+
+def gravity(scene: Scene) -> tuple[float, float]:
+    """Sum of all gravities [m/s^2]."""
+    given = [g.acceleration for g in scene.forces.values() if isinstance(g, schema.GravitySettings)]
+    x, y = np.sum([(0.0, 0.0), *given], axis=0)
+    return float(x), float(y)
+
+
+#: Places at which a driven mechanism is assembled between its start and its end, at least, and
+#: angle of the fastest drive between two [rad].
+PLACES, APART = 4, radians(10.0)
+
+
+def assembled_bodies(
+    mechanism: Mechanism, turning: Mapping[str, AngleOverTime], span: float
+) -> dict[str, Body]:
+    """Bodies of a rigid mechanism with positions and velocities that satisfy every joint.
+
+    Parameters
+    ----------
+    mechanism
+        Without elasticity.
+    turning
+        Angles that torques drive, with what they are at the start: they are kept where joints
+        leave them free.
+    span
+        End or period [s].
+
+    Raises
+    ------
+    SettingsError
+        The mechanism cannot be assembled, at the start or where its drives bring it, or something
+        moves freely without inertia.
+    """
+    system = System(mechanism)
+    z, rates = assemble(system)
+    check_inertia(system, z)
+    _check_way(system, z, span)
+    if turning:
+        pinned = System(replace(mechanism, drives={**mechanism.drives, **turning}))
+        try:
+            z, rates = assemble(pinned)
+        except SettingsError:
+            pass  # Joints or other drives hold them already.
+    found = {}
+    for name, body in mechanism.bodies.items():
+        places = system.bodies[name]
+        found[name] = _placed(body, z[places], rates[places])
+    return found
+
+
+def _check_way(system: System, z: np.ndarray, span: float) -> None:
+    """Refuse a mechanism that jams where its drives bring it, within a revolution."""
+    drives = system.mechanism.drives
+    speed = max((abs(drive(0.0)[1]) for drive in drives.values()), default=0.0)
+    if not speed:
+        return
+    within = min(span, 2 * np.pi / speed)
+    for time in np.linspace(0.0, within, max(PLACES, round(speed * within / APART)) + 1):
+        try:
+            z, _ = assemble(system, time, z)
+        except SettingsError as error:
+            turned = ", ".join(f"{n} {np.degrees(d(time)[0]):.0f}" for n, d in drives.items())
+            raise SettingsError(f"at angles of {turned} degrees: {error}") from None
+
+
+def _placed(body: Body, z: np.ndarray, rates: np.ndarray) -> Body:
+    """A body whose start is the given one."""
+    if isinstance(body, ShaftBody):
+        return replace(body, orientation=float(z[0]), speed=float(rates[0]))
+    if not isinstance(body, PlanarBody) or not body.size:
+        return body
+    (x, y, angle), (vx, vy, speed) = z[:3].tolist(), rates[:3].tolist()
+    return replace(  # type: ignore[type-var]
+        body, position=(x, y), orientation=angle, velocity=(vx, vy), speed=speed
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Built:
-    """What a scene stands for.
+class Machine:
+    """A machine that a scene stands for.
 
     Attributes
     ----------
     mechanism
         What moves.
-    parts
+    bodies
         Reduced bodies by body name, those of files too.
     reduced
         Those that were reduced here, with what displacement fields need.
@@ -54,31 +276,35 @@ class Built:
         One of them, the other None [s].
     steps
         How to step.
+    options
+        Keywords of `simulate`: all of this.
     """
 
     mechanism: Mechanism
-    parts: Mapping[str, ReducedBody]
+    bodies: Mapping[str, ReducedBody]
     reduced: Mapping[str, ReducedPart]
     seconds: float
     end: float | None
     period: float | None
     steps: Steps
+    options: Mapping[str, Any]
 
 
-def build_mechanism(
+def build(
     scene: Scene,
-    comm: MPI.Comm,
+    comm: MPI.Comm = MPI.COMM_SELF,
+    *,
     bodies: Mapping[str, ReducedBody] | None = None,
     announce: Callable[[Iterable[str]], None] | None = None,
-) -> Built:
-    """Put a scene together; collective.
+) -> Machine:
+    """Machine that a scene stands for, its parts meshed and reduced; collective.
 
     Parameters
     ----------
     scene
         As read.
     comm
-        Ranks that share the reductions; all of them get the mechanism.
+        Ranks that share the reductions, or this process alone; all of them get the mechanism.
     bodies
         Reduced bodies by body name that are there already: those of a run that goes on.
     announce
@@ -93,14 +319,15 @@ def build_mechanism(
         From meshes, files, bores and reductions.
     """
     start = perf_counter()
-    loads_of = loads.imposed_angles(scene), loads.forces(scene) | loads.torques(scene)
+    loads_of = imposed_angles(scene), forces(scene)
     stiff = {
         name: stiff_body(f"bodies.{name}", settings)
         for name, settings in scene.bodies.items()
         if not isinstance(settings, schema.FlexibleSettings)
     }
     if scene.time.periodic:
-        check_period(Mechanism(stiff, {}, *loads_of), scene.span, scene.time.periodicity)
+        rigid, periodicity = Mechanism(stiff, {}, *loads_of), scene.time.periodicity
+        check_period(rigid, scene.span, periodicity, supply_tables(scene))
     if announce is not None:
         announce(name for name in meshed(scene) if name not in (bodies or {}))
     parts = _parts(scene, comm, bodies or {})
@@ -126,14 +353,23 @@ def build_mechanism(
         film = build_film(scene, name, part_of, rate)
         shapes = joint_shapes(joint, name, film.parameters.grid.width)
         joints[name] = lubricated(joint, film, shapes)
-    return Built(
+    span: dict[str, Any] = {"end": scene.span}
+    if scene.time.periodic:
+        span = {
+            "period": scene.span,
+            "periodicity": scene.time.periodicity,
+            "cycles": scene.time.cycles,
+        }
+    steps = _steps(scene)
+    return Machine(
         Mechanism(placed, joints, ideal.drives, ideal.forces, ideal.gravity),
         found,
         reduced,
         seconds,
-        None if scene.time.periodic else scene.span,
-        scene.span if scene.time.periodic else None,
-        _steps(scene),
+        span.get("end"),
+        span.get("period"),
+        steps,
+        span | vars(steps),
     )
 
 
@@ -192,13 +428,13 @@ def _ideal(
     joints = {
         name: lubricated(attrs.evolve(joint, heat=None), stand_in_film(joint))
         if isinstance(joint, schema.LubricatedSettings)
-        else ideal_joint(joint)
+        else joint
         for name, joint in scene.joints.items()
     }
     turning = {
-        name: Speed(scene.bodies[name].speed, float(np.radians(scene.bodies[name].angle)))
+        name: Speed(scene.bodies[name].speed, radians(scene.bodies[name].angle))
         for name in scene.drives
         if name not in drives
     }
-    ideal = Mechanism(bodies, joints, drives, forces, loads.gravity(scene))
+    ideal = Mechanism(bodies, joints, drives, forces, gravity(scene))
     return replace(ideal, bodies=assembled_bodies(ideal, turning, scene.span))

@@ -1,39 +1,367 @@
-"""Films of a scene's lubricated joints."""
+"""Films of a scene's joints: rough surfaces, shapes, supplies.
+
+Rough surfaces of a scene's lubricated joints.
+
+Shapes of the bores and journals of a scene, and of a measured one from a CSV file.
+
+    # anything
+    angle_deg,height_m,deviation_m
+    0,-0.01,1.2e-6
+    0,0.01,1.0e-6
+    15,-0.01,...
+
+Every angle with every height, in any order; angles within one turn, perhaps a last one that is the
+first again.
+
+Supplies of a scene's films.
+
+Films of a scene's lubricated joints.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import radians
+from pathlib import Path
 
+import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.quantities import SMALLEST_RATIO, too_narrow
-from fenics_ehd.film import Film, FilmGrid, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.film.feed import Feed
-from fenics_ehd.film.feed_region import FeedHole
-from fenics_ehd.film.grid import aligned_grid
-from fenics_ehd.film.layout import film_grid
-from fenics_ehd.film.shape import Shape
-from fenics_ehd.film.supply import AxialGroove, Sides
+from fenics_ehd.base.fields import require_thin_film
+from fenics_ehd.film.film import Film
+from fenics_ehd.film.grid import FilmGrid, aligned_grid, film_grid, uniform_grid
+from fenics_ehd.film.kinematics import FEWEST_ANGLES, Lobes, Shape, ShapeTable, shape_of
+from fenics_ehd.film.lubricant import Lubricant
+from fenics_ehd.film.parameters import FilmParameters
+from fenics_ehd.film.rough_surfaces import RoughSurfaces
+from fenics_ehd.film.supply import (
+    AxialGroove,
+    Feed,
+    FeedGroove,
+    FeedHole,
+    FeedRegion,
+    Sides,
+    check_region,
+)
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
+from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.faces import BoreHole, bore_holes
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.contact import rough_surfaces
-from fenics_ehd.scenes.fields import FEWEST_CELLS
-from fenics_ehd.scenes.heat import joint_heat, joint_lubricant
-from fenics_ehd.scenes.scene import Scene, meshed
-from fenics_ehd.scenes.shapes import ROUND, joint_shapes
-from fenics_ehd.scenes.supplies import check_supply, feeds, holes_of, recesses
+from fenics_ehd.scenes.library import table_file
+from fenics_ehd.scenes.part_settings import ShapeSettings
+from fenics_ehd.scenes.scene import Scene, joint_lubricant, meshed
+from fenics_ehd.scenes.schema import (
+    FEWEST_CELLS,
+    NONE,
+    AxialGrooveSettings,
+    CircumferentialGrooveSettings,
+    HoleSettings,
+    SupplySettings,
+)
+from fenics_ehd.scenes.tables import (
+    Units,
+    read_columns,
+    read_time_table,
+    require_closed,
+)
+
+#: Young's modulus of a bore whose material nothing tells [Pa]: steel.
+STEEL = 210e9
+
+
+def rough_surfaces(scene: Scene, joint: schema.LubricatedSettings) -> RoughSurfaces | None:
+    """Surfaces of a joint, None for smooth ones."""
+    contact = joint.contact
+    if contact.asperity_radius:
+        contact = attrs.evolve(
+            contact,
+            asperity_product=contact.asperity_density * contact.asperity_radius * contact.roughness,
+            asperity_slenderness=contact.roughness / contact.asperity_radius,
+        )
+    journal = contact.journal_modulus, contact.journal_poissons_ratio
+    bore = contact.bore_modulus, contact.bore_poissons_ratio
+    if not contact.bore_modulus:
+        bore = _bore_material(scene, joint)
+    modulus = 1.0 / sum((1 - ratio**2) / own for own, ratio in (journal, bore))
+    return RoughSurfaces.of(contact, modulus)
+
+
+def _bore_material(scene: Scene, joint: schema.LubricatedSettings) -> tuple[float, float]:
+    """Young's modulus [Pa] and Poisson's ratio of a bore: its part's, or steel's."""
+    body = scene.bodies.get(joint.bore.partition(".")[0])
+    if isinstance(body, schema.FlexibleSettings) and body.model != NONE:
+        return body.material.youngs_modulus, body.material.poissons_ratio
+    return STEEL, 0.3
+
+
+#: Shapes of a bore and a journal that have none.
+ROUND: tuple[Shape | None, Shape | None] = (None, None)
+
+#: Units of a table's columns.
+_LENGTH: Mapping[str, float] = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+UNITS: Units = {"angle": {"deg": 1.0}, "height": _LENGTH, "deviation": _LENGTH}
+
+#: Part of the bearing's width that heights of a table may leave out at each end: its own rounding.
+UNCOVERED = 1e-3
+
+#: Widths that heights of a table may span, and clearances that a deviation may have: in another
+#: unit they are a thousand times as large.
+WIDEST, HIGHEST = 10.0, 30.0
+
+#: Digits of an angle [degrees], and of a height over the largest, in which rows of a table agree.
+DIGITS = 6
+
+
+def joint_shapes(
+    joint: schema.LubricatedSettings, name: str, width: float
+) -> tuple[Shape | None, Shape | None]:
+    """Shapes of bore and journal of a joint, None for a round one.
+
+    Parameters
+    ----------
+    joint, name
+        Which joint.
+    width
+        Of the bearing [m].
+
+    Raises
+    ------
+    SettingsError
+        Naming a key, or what is wrong with a table.
+    """
+    bore, journal = (
+        surface_shape(getattr(joint, key), f"joints.{name}.{key}.", width, joint.clearance)
+        for key in ("bore_shape", "journal_shape")
+    )
+    return bore, journal
+
+
+def surface_shape(
+    settings: ShapeSettings, path: str, width: float, clearance: float
+) -> Shape | None:
+    """Shape of one surface, None for a round one; `path` stands before its keys in messages."""
+    # Two lobes or more close the gap somewhere, wherever the journal is.
+    if settings.lobes > 1 and abs(settings.ovality) >= clearance:
+        raise SettingsError(
+            f"{path}ovality = {settings.ovality:g} m closes the gap: its size must be below "
+            f"the clearance of {clearance:g} m"
+        )
+    table = None
+    if settings.table != NONE:
+        table = read_shape_table(settings.table, f"{path}table", width, clearance)
+    return shape_of(
+        0.5 * width,
+        lobes=Lobes(settings.ovality, radians(settings.ovality_angle), settings.lobes),
+        barrel=settings.barrel,
+        taper=settings.taper,
+        misalignment=settings.misalignment,
+        table=table,
+    )
+
+
+def read_shape_table(path: str | Path, key: str, width: float, clearance: float) -> ShapeTable:
+    """Shape of a CSV file.
+
+    Parameters
+    ----------
+    path
+        The file; lines that start with ``#`` are comments.
+    key
+        Setting that names it, for messages.
+    width
+        Of the bearing [m], which the heights must cover; one height stands for all.
+    clearance
+        Of the bearing [m].
+
+    Raises
+    ------
+    SettingsError
+        Naming setting, file and what is wrong.
+    """
+    where = f"{key} {path}"
+    _, rows = read_columns(path, where, UNITS, FEWEST_ANGLES, ascending=False)
+    degrees, first = rows[:, 0].round(DIGITS), float(rows[:, 0].min())
+    largest = float(np.abs(rows[:, 1]).max()) or 1.0
+    heights = (rows[:, 1] / largest).round(DIGITS)
+    angles, i = np.unique(degrees, return_inverse=True)
+    levels, k = np.unique(heights, return_inverse=True)
+    values = np.full((len(angles), len(levels)), np.nan)
+    values[i, k] = rows[:, 2]
+    if len(rows) != values.size or np.isnan(values).any():
+        raise SettingsError(
+            f"{where}: {len(rows)} rows for {len(angles)} angles and {len(levels)} heights: every "
+            "angle needs every height, once"
+        )
+    span = float(angles[-1] - angles[0])
+    if abs(span - 360.0) < 10.0**-DIGITS:
+        if not np.array_equal(values[-1], values[0]):
+            raise SettingsError(f"{where}: deviations at {first + 360:g} and {first:g} deg differ")
+        angles, values = angles[:-1], values[:-1]
+    elif span > 360.0:
+        raise SettingsError(f"{where}: the angles span {span:g} deg, at most 360 are a turn")
+    levels = levels * largest
+    reach = (0.5 - UNCOVERED) * width
+    if len(levels) > 1 and not (levels[0] <= -reach and levels[-1] >= reach):
+        raise SettingsError(
+            f"{where}: heights from {levels[0]:g} to {levels[-1]:g} m must cover the bearing's "
+            f"width, {-0.5 * width:g} to {0.5 * width:g} m; one height alone stands for all"
+        )
+    for name, size, limit in (
+        ("height", 2 * float(np.abs(levels).max()), WIDEST * width),
+        ("deviation", float(np.abs(values).max()), HIGHEST * clearance),
+    ):
+        if size > limit:
+            raise SettingsError(
+                f"{where}: {name}s of {size:g} m, more than {limit:g} m: name the column by its "
+                f"unit, {name}_m, {name}_mm or {name}_um"
+            )
+    try:
+        return ShapeTable(np.radians(angles), levels, values)
+    except SettingsError as error:
+        raise SettingsError(f"{where}: {error}") from None
+
+
+def holes_of(bore: BoreSurface | None) -> list[BoreHole]:
+    """Holes in the mesh of a bore; a rigid one, or a mesh that is not known, has none."""
+    if bore is None or not bore.cells.size:
+        return []
+    return bore_holes(bore.coordinates, bore.cells, bore.family)
+
+
+def feeds(scene: Scene, name: str, holes: Sequence[BoreHole] = ()) -> tuple[Feed, ...]:
+    """Supplies of a lubricated joint.
+
+    Parameters
+    ----------
+    scene, name
+        Which joint.
+    holes
+        In the mesh of its bore.
+
+    Raises
+    ------
+    SettingsError
+        A pressure that is given twice, a table that cannot be used, or a hole that the mesh should
+        have and has not.
+    """
+    found = []
+    for own, settings in scene.joints[name].supply.items():
+        key = f"joints.{name}.supply.{own}"
+        found.append(
+            Feed(
+                own,
+                region(settings, key, holes),
+                _pressure(settings, key, periodic=scene.time.periodic),
+                settings.resistance,
+                settings.on == "journal",
+            )
+        )
+    return tuple(found)
+
+
+def supply_tables(scene: Scene) -> dict[str, Curve]:
+    """Pressures over the time of all supplies that have a table, by key.
+
+    Raises
+    ------
+    SettingsError
+        Of a pressure that is given twice, or a table that cannot be used.
+    """
+    found = {}
+    for name, joint in scene.joints_of(schema.LubricatedSettings):
+        for own, settings in joint.supply.items():
+            key = f"joints.{name}.supply.{own}"
+            pressure = _pressure(settings, key, periodic=scene.time.periodic)
+            if isinstance(pressure, Curve):
+                found[key] = pressure
+    return found
+
+
+def recesses(fed: Sequence[Feed], holes: Sequence[BoreHole]) -> tuple[FeedHole, ...]:
+    """Holes in the mesh of a bore that no supply is at: they are closed."""
+    at = [feed.region for feed in fed if not feed.on_journal]
+    places = [(r.angle, r.height) for r in at if isinstance(r, FeedHole)]
+    return tuple(
+        FeedHole(hole.angle, hole.height, hole.diameter)
+        for hole in holes
+        if not any(hole.contains(np.array([a]), np.array([z]))[0] for a, z in places)
+    )
+
+
+def check_supply(scene: Scene, name: str, grid: FilmGrid, holes: Sequence[BoreHole]) -> None:
+    """Refuse supplies, and holes in the mesh, that the film of a joint or its mesh cannot hold.
+
+    Raises
+    ------
+    SettingsError
+        Naming key, value and limit.
+    """
+    fed = feeds(scene, name, holes)
+    for feed in fed:
+        check_region(f"joints.{name}.supply.{feed.name}", feed.region, grid)
+    for hole in recesses(fed, holes):
+        told = f"at {np.degrees(hole.angle):.4g} degrees, z = {1e3 * hole.height:.4g} mm"
+        check_region(f"joints.{name}: the hole in the mesh of the bore {told},", hole, grid)
+
+
+def region(settings: SupplySettings, key: str, holes: Sequence[BoreHole]) -> FeedRegion:
+    """Place and shape."""
+    angle = radians(settings.angle)
+    if isinstance(settings, HoleSettings):
+        if not settings.diameter:
+            return _hole_in_mesh(settings, key, holes)
+        return FeedHole(angle, settings.height, settings.diameter)
+    assert isinstance(settings, (AxialGrooveSettings, CircumferentialGrooveSettings))
+    extent = radians(settings.extent)
+    width = settings.length if isinstance(settings, AxialGrooveSettings) else settings.width
+    return FeedGroove(angle, settings.height, extent, width)
+
+
+def _hole_in_mesh(settings: HoleSettings, key: str, holes: Sequence[BoreHole]) -> FeedHole:
+    """The hole in the mesh nearest to angle and height."""
+    if not holes or settings.on != "bore":
+        raise SettingsError(
+            f"{key}.diameter is missing [m]: only a flexible bore may have a hole in its mesh, and "
+            f"this {settings.on} has none"
+        )
+
+    def distance(hole: BoreHole) -> float:
+        turn = np.mod(hole.angle - radians(settings.angle) + np.pi, 2 * np.pi) - np.pi
+        return float(np.hypot(hole.radius * turn, hole.height - settings.height))
+
+    nearest = min(holes, key=distance)
+    return FeedHole(nearest.angle, nearest.height, nearest.diameter)
+
+
+def _pressure(settings: SupplySettings, key: str, *, periodic: bool) -> float | Curve:
+    """Constant, or a curve over the time, over and over where the scene is periodic."""
+    if settings.table == NONE:
+        return settings.pressure
+    if settings.pressure:
+        raise SettingsError(f"{key}: give a pressure or a table, one of them")
+    path = table_file(settings.table, f"{key}.table")
+    curve = read_time_table(path, f"{key}.table", {"pressure": {"Pa": 1.0, "bar": 1e5}})
+    values = np.array([curve(row)[0] for row in curve.curve.x])
+    if values.min() < 0.0:
+        raise SettingsError(
+            f"{key}.table {path}: a pressure of {values.min():g} Pa, it must be at least 0, that "
+            "at which the film cavitates"
+        )
+    if periodic:
+        ends = values[[0, -1]][:, None]
+        require_closed(f"{key}.table {path}", ends, "a periodic run needs a table that closes")
+    return replace(curve, periodic=periodic)
+
 
 #: Film cells around and along a bore that offers none.
 DEFAULT_CELLS = (20, 5)
 
 #: Largest difference of journal and bore, share of the bore's radius: the film has one radius.
 FIT = 0.01
-
-#: Largest clearance over bore radius; the film's equations neglect terms of that order.
-THIN_FILM = 0.05
 
 
 def reference_rate(scene: Scene) -> float:
@@ -71,7 +399,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
                     f"{value:g} m, within {100 * FIT:g} %: drop it or change the part, "
                     f"bodies.{joint.bore.partition('.')[0]}.geometry"
                 )
-    check_thin_film(joint.clearance, radius, f"{key}.clearance")
+    require_thin_film(joint.clearance, radius, f"{key}.clearance")
     joint_shapes(joint, name, width)
     if own is not None and joint.grooves and not joint.cells:
         raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
@@ -99,21 +427,6 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
             f"bodies.{body}.diameter = {shaft.diameter:g} m must be that of the bore "
             f"{joint.bore}, {2 * radius:g} m, within {100 * FIT:g} %"
         )
-
-
-def check_thin_film(clearance: float, radius: float, key: str) -> None:
-    """Refuse a clearance that is no small part of the bore's radius [m], or hardly any.
-
-    Raises
-    ------
-    SettingsError
-        Naming both.
-    """
-    both = f"{key} = {clearance:g} m must be {{}} of the bore radius {radius:g} m"
-    if not clearance < THIN_FILM * radius:
-        raise SettingsError(f"{both.format(f'below {THIN_FILM:g}')}: the film is taken as thin")
-    if too_narrow(clearance, radius):
-        raise SettingsError(f"{both.format(f'at least {SMALLEST_RATIO:g}')}: lengths are in metres")
 
 
 def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
@@ -185,7 +498,7 @@ def _film(
 ) -> Film:
     """Film on a mesh."""
     grooves = tuple(
-        AxialGroove(np.radians(angle), np.radians(width), pressure)
+        AxialGroove(radians(angle), radians(width), pressure)
         for angle, width, pressure in joint.grooves
     )
     edges = np.array([edge for groove in grooves for edge in groove.edges])
@@ -228,7 +541,7 @@ def lubricated(
         bore_shape=shapes[0],
         journal_shape=shapes[1],
         shear_rule=joint.shear_rule,
-        heat=joint_heat(joint),
+        heat=joint.heat,
         oil=ConservedContent(joint.initial_filling, joint.ambient == "oil")
         if joint.cavitation == "mass-conserving"
         else None,

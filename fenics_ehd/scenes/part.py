@@ -1,32 +1,68 @@
-"""An elastic part reduced as the settings say, and what it was made from."""
+"""Elastic parts of a scene: meshed or read, reduced, made again for a finer mesh.
+
+An elastic part reduced as the settings say, and what it was made from.
+
+Numbers of cells among the parameters of a part's model.
+
+An elastic part of a scene, meshed or read, then reduced.
+
+A flexible body of a run with its mesh and basis, which its folder does not hold, made again.
+
+What is said in place of a scene's parts: a body of a file, a method.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
+import attrs
 import numpy as np
+from mpi4py import MPI
+from scipy import sparse
 
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.fem.models import check_model, model_path
-from fenics_ehd.film.layout import match
+from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
+from fenics_ehd.base.fields import NONE
+from fenics_ehd.fem.models import check_model, is_program, model_path, stored_mesh_error
+from fenics_ehd.film.grid import film_grid, match
+from fenics_ehd.film.transfer import interpolation_matrix
+from fenics_ehd.multibody.lubricated_joint import bore_surface, sampling_grid
 from fenics_ehd.reduction import (
     ReducedBody,
     Reductor,
     Structure,
     craig_bampton,
     full_interface,
+    load_body,
     load_dependent,
     proper_orthogonal,
     residual_flexibility,
     rigid,
     two_step_craig_bampton,
 )
+from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.mesh_error import (
+    BETWEEN_NODES,
+    FINER,
+    MOST_REFINED,
+    ORDER,
+    SMOOTH,
+    Answers,
+    compliance_errors,
+    excess,
+    smooth_answers,
+)
+from fenics_ehd.reduction.residual_flexibility import basis_of
+from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part_settings import ELEMENTS, ReductionSettings
+from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
 
 #: Keys of [reduction] that each method reads.
 METHOD_KEYS = {
@@ -134,9 +170,9 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
             f"reduction.snapshots = {reduction.snapshots!r}: a run's pressures are those of one "
             f"bore, the part has {', '.join(structure.bores)}"
         )
-    from fenics_ehd.results.load import load_results
+    from fenics_ehd.results.history_file import load_history
 
-    joints = load_results(reduction.snapshots).joints
+    joints = load_history(reduction.snapshots).joints
     if len(joints) != 1:
         raise SettingsError(
             f"reduction.snapshots = {reduction.snapshots!r}: a run with one lubricated joint is "
@@ -159,19 +195,17 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
 def structure_provenance(
     part: schema.FlexibleSettings, model: Path, film_element: str
 ) -> dict[str, str]:
-    """What an assembled part depends on, as text by name."""
+    """Everything that an assembled part depends on, as text by name."""
     return {
         "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
         "element": part.element,
+        "clamped": part.clamped,
         # A mesh has the cells it has.
         **({"cells": part.cells} if model.suffix == ".geo" else {}),
-        "youngs_modulus": repr(part.material.youngs_modulus),
-        "poissons_ratio": repr(part.material.poissons_ratio),
-        "density": repr(part.material.density),
+        **{name: repr(value) for name, value in attrs.asdict(part.material).items()},
         "film_element": pressure_family(film_element),
         "bores": " ".join(part.bores),
         "points": " ".join(part.points),
-        "held_by": part.held_by,
         **{f"geometry.{name}": repr(float(v)) for name, v in sorted(part.geometry.items())},
     }
 
@@ -205,9 +239,11 @@ def require_provenance(
     SettingsError
         A key in the file differs from the body's.
     """
-    made = body.provenance
+    made = dict(body.provenance)
     if "model" not in made:
         return
+    if "held_by" in made:  # of version 0.2
+        made["clamped"] = made.pop("held_by")
     if "geometry" in written:
         written |= {name for name in {*asked, *made} if name.startswith("geometry.")}
     for name in sorted(written & {*asked, *made}):
@@ -216,3 +252,351 @@ def require_provenance(
                 f"the body was made with {name} = {made.get(name, 'default')}, {section} says "
                 f"{asked.get(name, 'default')}: reduce the part again or take the key out"
             )
+
+
+#: The models' cells around a bore are a multiple of this.
+AROUND = 10
+
+#: Of a factor, that makes no cell more.
+ROUNDING = 1e-9
+
+
+def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
+    """The settings of a part, numbers of cells that are its model's own written out; serial."""
+    from fenics_ehd.fem.gmsh_session import model_parameters  # Gmsh
+
+    path = model_file(settings, key)
+    own = model_parameters(path) if path.suffix == ".geo" else {}
+    whole = counts(attrs.evolve(settings, geometry=own))
+    return attrs.evolve(settings, geometry={k: own[k] for k in whole} | settings.geometry)
+
+
+def counts(settings: schema.FlexibleSettings) -> tuple[str, ...]:
+    """Parameters of a part's model that are numbers of its cells."""
+    return tuple(key for key in settings.geometry if "cells" in key or "layers" in key)
+
+
+def part_cells(settings: schema.FlexibleSettings, factor: float) -> dict[str, float]:
+    """Parameters of a part's model with so many times its cells."""
+    geometry = dict(settings.geometry)
+    for key in counts(settings):
+        step = AROUND if "around" in key else 1
+        geometry[key] = step * ceil(int(geometry[key]) * factor / step - ROUNDING)
+    return geometry
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticPart:
+    """An elastic part before its reduction.
+
+    Attributes
+    ----------
+    settings
+        Of the body.
+    source
+        The assembled structure, or the reduced body of a file.
+    film_element
+        Of the film in its first bore that has one.
+    """
+
+    settings: schema.FlexibleSettings
+    source: Structure | ReducedBody
+    film_element: str
+
+    def bore(self, name: str, key: str) -> BoreSurface:
+        """A bore.
+
+        Raises
+        ------
+        SettingsError
+            The body's file has none of this name, which a key asks for.
+        """
+        bores = self.source.bores
+        if name not in bores:
+            raise SettingsError(f"{key}: {self.settings.body} has the bores {', '.join(bores)}")
+        return bores[name]
+
+    def check_cells(self, name: str) -> None:
+        """Refuse a bore that offers no cells to a film without cells of its own.
+
+        Raises
+        ------
+        InterfaceMismatchError
+            See `film_grid`.
+        """
+        bore = self.source.bores[name]
+        if bore.pressure_family != "triangle":
+            film_grid(bore.pressure_coordinates)
+
+    @property
+    def held(self) -> bool:
+        """True for a part that does not move as a whole."""
+        if isinstance(self.source, ReducedBody):
+            return self.source.frame == "clamped"
+        return self.settings.clamped != NONE
+
+    def points(self) -> Mapping[str, tuple[float, float]]:
+        """Points by name, from the first bore's centre [m]; collective."""
+        if isinstance(self.source, ReducedBody):
+            found = {name: field[:2, 0] for name, field in self.source.points.items()}
+        else:
+            found = {name: _mean_place(self.source, name) for name in self.source.attachments}
+        found = {name: bore.centre[:2] for name, bore in self.source.bores.items()} | found
+        return {name: (float(x), float(y)) for name, (x, y) in found.items()}
+
+    def reduce(
+        self, reductor: Reductor | None = None, *, mesh_error: bool = False
+    ) -> ReducedPart | ReducedBody:
+        """The reduced part, that of a file as it is; collective.
+
+        Parameters
+        ----------
+        reductor
+            Of the structure, which serves other reductions of the part as well.
+        mesh_error
+            Whether the body is to know what its mesh misses, as far as the model allows.
+        """
+        source, settings = self.source, self.settings
+        if isinstance(source, ReducedBody):
+            return source
+        start = perf_counter()
+        reductor = reductor or Reductor(source, solver=settings.reduction.solver)
+        body = reduce_structure(reductor, settings.reduction)
+        columns = body.columns
+        assert columns is not None
+        if mesh_error:
+            with suppress(EhdError):  # whatever goes wrong with another mesh, this one is there
+                body = self._with_mesh_error(body, reductor)
+        made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
+        made |= reduction_provenance(settings.reduction)
+        body = replace(body, columns=None, provenance={**body.provenance, **made})
+        return ReducedPart(body, source, columns, perf_counter() - start)
+
+    def _with_mesh_error(self, body: ReducedBody, reductor: Reductor) -> ReducedBody:
+        settings, part = self.settings, reductor.structure
+        if settings.reduction.method == "rigid":  # it does not bend, on any mesh
+            loads = SMOOTH * len(part.bores) + 2 * len(part.attachments)
+            places = sum(len(sampling_grid(bore).nodes) for bore in part.bores.values())
+            return replace(body, mesh_flexibility=np.zeros((places, loads)))
+        model = model_file(settings, "body")
+        if model.suffix == ".msh":
+            error, moved = stored_mesh_error(model, tuple(part.bores), part.attachments)
+            moved /= settings.material.youngs_modulus
+        else:
+            other = self._other_mesh(part, with_counts(settings, "body"))
+            there = smooth_answers(StaticSolver(other, solver=settings.reduction.solver))
+            errors, moved = missed(part, smooth_answers(reductor.static), other, there)
+            error = max(errors.values())
+        accuracy = {**body.accuracy, "flexibility_mesh_error": error}
+        return replace(body, mesh_flexibility=moved, accuracy=accuracy)
+
+    def _other_mesh(self, part: Structure, counted: schema.FlexibleSettings) -> Structure:
+        """The part on a finer mesh if that is small enough and can be made, else a coarser one."""
+
+        def made(factor: float) -> Structure:
+            settings = attrs.evolve(counted, geometry=part_cells(counted, factor))
+            size = 1.0 if counts(counted) else 1.0 / factor
+            return _assembled("body", settings, self.film_element, part.comm, size)
+
+        if part.size <= MOST_REFINED:
+            with suppress(MeshError):  # a model has limits to its numbers of cells
+                return made(FINER)
+        return made(1.0 / FINER)
+
+
+def missed(
+    part: Structure, own: Answers, other: Structure, there: Answers
+) -> tuple[dict[str, float], np.ndarray]:
+    """Errors of a part's mesh by another mesh of the same part; collective.
+
+    Returns
+    -------
+    tuple
+        Errors of the flexibility, see `compliance_errors`, and `ReducedBody.mesh_flexibility`.
+
+    Raises
+    ------
+    StructureError
+        The meshes are too much alike.
+    """
+    share, between = (excess(part.size, other.size, order) for order in (ORDER, BETWEEN_NODES))
+    wanted = [sampling_grid(bore).node_positions for bore in part.bores.values()]
+    nodes = []
+    for bore in part.bores.values():
+        x, y, z = bore.coordinates.T
+        nodes.append(np.column_stack([np.arctan2(y, x), z]))
+    at_nodes = _read(part, _read(other, there.outward, nodes), wanted)
+    moved = share * (at_nodes - _read(part, own.outward, wanted))
+    moved += between * (_read(other, there.outward, wanted) - at_nodes)
+    missing = share * (there.compliance - own.compliance)
+    return compliance_errors(missing, own.compliance), moved
+
+
+def _read(part: Structure, outward: np.ndarray, wanted: Sequence[np.ndarray]) -> np.ndarray:
+    """Displacements at the nodes of all bores, read at angles and heights in each of them."""
+    found = []
+    for bore, places in zip(part.bores.values(), wanted, strict=True):
+        surface = bore_surface(bore.coordinates, bore.cells, bore.family)
+        found.append(interpolation_matrix(surface, *places.T))
+    return np.asarray(sparse.block_diag(found, format="csr") @ outward)
+
+
+def _mean_place(structure: Structure, name: str) -> np.ndarray:
+    """Mean position of a boundary point, shape (2,) [m]; collective."""
+    # The share of a unit force that a node takes is its weight in the mean position.
+    weights = structure.attachments[name][0].array.reshape(-1, 3)[:, 0]
+    return structure.comm.allreduce(weights @ structure.coordinates)[:2]
+
+
+def elastic_part(
+    settings: schema.FlexibleSettings, key: str, film_element: str, comm: MPI.Comm
+) -> ElasticPart:
+    """Mesh and assemble a part, or read its reduced body; collective.
+
+    Raises
+    ------
+    SettingsError, MeshError, BodyFileError
+        Naming what is wrong with its model or file.
+    """
+    if settings.body != NONE:
+        return ElasticPart(settings, load_body(settings.body), film_element)
+    return ElasticPart(settings, _assembled(key, settings, film_element, comm), film_element)
+
+
+def _assembled(
+    key: str,
+    settings: schema.FlexibleSettings,
+    film_element: str,
+    comm: MPI.Comm,
+    size: float = 1.0,
+) -> Structure:
+    # Gmsh and dolfinx are for scenes that mesh a part.
+    from fenics_ehd.fem.geometry import build_mesh
+    from fenics_ehd.fem.structure import assemble_structure
+
+    mesh = build_mesh(
+        model_file(settings, key),
+        settings.geometry,
+        comm=comm,
+        serendipity_geometry=settings.element == "serendipity",
+        cells=settings.cells,
+        bores=settings.bores,
+        size=size,
+    )
+    return assemble_structure(
+        mesh,
+        settings.material,
+        family=settings.element,
+        pressure_family=pressure_family(film_element),
+        bores=settings.bores,
+        attachments=settings.points,
+        clamped=None if settings.clamped == NONE else settings.clamped,
+    )
+
+
+def remade_part(
+    scene: Scene, name: str, body: ReducedBody, programs: Sequence[str | Path] = ()
+) -> ReducedPart:
+    """Mesh and reduce a body of a scene again, with the coordinates that a run recorded; serial.
+
+    Nothing is meshed unless settings and model are those that the body was made with.
+
+    Parameters
+    ----------
+    scene
+        Of the run.
+    name
+        Of a body with a model.
+    body
+        As the run has it.
+    programs
+        Models that may be run: the scene of a run's folder may be another person's.
+
+    Raises
+    ------
+    SettingsError, MeshError
+        Its model is gone, is not what it was, or is a program that is not among those.
+    VerificationError
+        From `basis_of`.
+    """
+    settings, key = scene.bodies[name], f"bodies.{name}"
+    # Coordinates do not depend on the estimate.
+    reduction = attrs.evolve(settings.reduction, estimate_error=False)
+    settings = attrs.evolve(settings, reduction=reduction)
+    element, model = scene.film_element(name), model_file(settings, key)
+    found = structure_provenance(settings, model, element) | reduction_provenance(reduction)
+    for made, value in found.items():
+        former = body.provenance.get(made, value)
+        if former != value:
+            raise SettingsError(
+                f"{key} was made with {made} = {former}, which is {value} now: put back what it "
+                "was, or run the scene anew"
+            )
+    if is_program(model) and not any(model.samefile(program) for program in programs):
+        raise SettingsError(
+            f"{key}.model = {settings.model!r} is a program, which the run's folder names: if you "
+            f"know it, have it run by --model {model}"
+        )
+    part = elastic_part(settings, key, element, MPI.COMM_SELF).reduce()
+    assert isinstance(part, ReducedPart)
+    return replace(part, body=body, columns=basis_of(body, part.body, part.columns))
+
+
+def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
+    """The scene with the reduced body of a file.
+
+    Parameters
+    ----------
+    scene
+        With one flexible body.
+    file
+        Made by ``fenics-ehd reduce``.
+    written
+        Tables as the user wrote them: what they say of the body must be so.
+
+    Raises
+    ------
+    SettingsError
+        There are several flexible bodies or none, or the file's was made otherwise than written.
+    BodyFileError
+        The file cannot be read.
+    """
+    names = flexible(scene)
+    if len(names) != 1:
+        raise SettingsError(
+            f"--body {file}: scene {scene.name} has {len(names)} flexible bodies, not one: "
+            "give body = FILE in [bodies.NAME]"
+        )
+    (name,) = names
+    settings = scene.bodies[name]
+    if settings.model != NONE:
+        model, element = model_file(settings, f"bodies.{name}"), scene.film_element(name)
+        asked = structure_provenance(settings, model, element)
+        asked |= reduction_provenance(settings.reduction)
+        own = renamed(written)[0].get("bodies", {}).get(name, {})
+        require_provenance(
+            load_body(file),
+            asked,
+            {*own, *own.get("material", {}), *own.get("reduction", {})},
+            f"bodies.{name}",
+        )
+    entry = {
+        k: v
+        for k, v in scene.tables["bodies"][name].items()
+        if k not in (*schema.MODEL_KEYS, "model")
+    }
+    return changed(scene, {f"bodies.{name}": {**entry, "body": str(file)}})
+
+
+def with_method(scene: Scene, method: str) -> Scene:
+    """The scene with another reduction method for every part that it meshes.
+
+    Raises
+    ------
+    SettingsError
+        There is none.
+    """
+    names = meshed(scene)
+    if not names:
+        raise SettingsError(f"--method {method}: scene {scene.name} has no model to reduce")
+    return changed(scene, {f"bodies.{name}.reduction.method": method for name in names})

@@ -1,16 +1,17 @@
-"""Settings of an elastic part's reduction, and what to choose from."""
+"""Settings of an elastic part's reduction, what to choose from, shapes of surfaces, output.
+
+Read by ``--help``: nothing else is imported.
+"""
 
 from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.base.fields import choice, count, flag, number, text
+from fenics_ehd.base.fields import NONE, choice, count, deviation, flag, names, number, pair, text
 
 ELEMENTS = ("serendipity", "lagrange")
-FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
 SOLVERS = ("auto", "direct", "iterative")
-TRANSFERS = ("conservative", "mortar")
 CELLS = ("hex", "tet")
 PRESSURE_SETS = ("pc1", "pc2", "pc2-long", "pc2-short", "journal")
 SELECTIONS = (
@@ -32,7 +33,7 @@ class ReductionSettings:
     residual_modes: int = count(31, "residual modes n_r (m3)")
     pressure_set: str = choice("pc2", PRESSURE_SETS, "unit pressures (34), shapes (35) (m3)")
     snapshots: str = text(
-        "none",
+        NONE,
         "folder of a former run: the main patterns of its pressures are kept, whatever "
         "pressure_set and selection say, or none (m3)",
     )
@@ -42,3 +43,51 @@ class ReductionSettings:
     )
     solver: str = choice("auto", SOLVERS, "of the static responses, by size or as named")
     estimate_error: bool = flag(True, "also solve for the bore flexibility the basis misses")
+
+
+@attrs.frozen
+class ShapeSettings:
+    """Deviations of the surface of a bore or a journal from the round one, + outward.
+
+    In the frame of its body, which a journal's shape turns with; what is given adds up.
+    """
+
+    ovality: float = deviation("amplitude of a wave around [m]")
+    ovality_angle: float = number(0.0, "where it is outermost, from the body's x axis [degrees]")
+    lobes: int = count(2, "waves in a turn", least=1, most=100)
+    barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
+    taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
+    misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)
+    table: str = text(NONE, "CSV file angle_deg,height_m,deviation_m of more, or none")
+
+
+@attrs.frozen
+class OutputSettings:
+    """Files that a run writes beside history and summary."""
+
+    plots: bool = flag(True, "curves as pictures")
+    error_budget: bool = flag(True, "whether the run says what its figures are worth")
+    error_limit: float = number(
+        0.2,
+        "largest estimated error of a peak pressure or thinnest film of a run that is complete; "
+        "above it the run is untrustworthy",
+        above=0,
+        example="0.1 for 10 %",
+    )
+    part_mesh_error: bool = flag(
+        True, "whether parts are meshed again, more finely, to know what their meshes are worth"
+    )
+    accuracy: float = number(
+        0.0,
+        "that estimated errors of peak pressures and thinnest films must meet: meshes, steps and "
+        "modes are chosen for it, 0: as written",
+        least=0,
+        below=0.5,
+        usual=(1e-3, 0.1),
+        example="0.01 for 1 %",
+    )
+    accuracy_keeps: tuple[str, ...] = names(
+        "keys that stay as written, of those that accuracy chooses: tolerance, joints.pin.cells"
+    )
+    paraview: bool = flag(False, "ParaView series of bodies and films")
+    frames: int = count(60, "of the series", least=2)

@@ -1,45 +1,103 @@
-"""A scene's run into a folder, with all that it takes to go on with it."""
+"""A scene's run into a folder, and runs until one meets the accuracy asked for.
+
+A scene's run into a folder, with all that it takes to go on with it.
+
+Runs of a scene, one after another, until one meets the accuracy that is asked for.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
+import attrs
 from tqdm import tqdm
 
-from fenics_ehd.base.folder import clear
-from fenics_ehd.base.output import versions, write_whole
-from fenics_ehd.multibody.orbit import Orbit
+from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, write_whole
+from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
-from fenics_ehd.results.error_budget import estimated
-from fenics_ehd.results.recorded_run import CHECKPOINT_EVERY, RecordedRun, record_run
-from fenics_ehd.results.run_folder import BODY_FILE, SCENE_NAME
-from fenics_ehd.scenes.accuracy import Search
-from fenics_ehd.scenes.accuracy_step import account
-from fenics_ehd.scenes.build import Built, build_mechanism
-from fenics_ehd.scenes.scene import Scene, flexible, lubricated_joints
-from fenics_ehd.scenes.scene_text import as_stored, csv_files, scene_text
+from fenics_ehd.results.history_file import CHECKPOINT, load_history
+from fenics_ehd.results.recorded_run import (
+    BODY_FILE,
+    CHECKPOINT_EVERY,
+    SCENE_NAME,
+    Checkpoint,
+    RecordedRun,
+    RunFolder,
+    load_run_state,
+    progress_bar,
+    record_run,
+)
+from fenics_ehd.scenes.accuracy import Search, account, begun, search_of
+from fenics_ehd.scenes.build import Machine, build
+from fenics_ehd.scenes.scene import (
+    Scene,
+    as_stored,
+    csv_files,
+    flexible,
+    lubricated_joints,
+    scene_text,
+    stored,
+)
+
+
+def run(
+    scene: Scene, folder: str | Path, *, resume: bool = False, overwrite: bool = False
+) -> History:
+    """Run a scene into a folder as ``fenics-ehd run`` does, without pictures; serial.
+
+    Parameters
+    ----------
+    scene
+        As read; a run that goes on has the one it began with.
+    folder
+        Made where it is missing.
+    resume
+        Go on with the run that was stopped there.
+    overwrite
+        A complete result there may be replaced.
+
+    Returns
+    -------
+    History
+        As `load_history` reads it from the folder; its summary has the status.
+
+    Raises
+    ------
+    InputError, InUseError
+        The folder cannot be used.
+    SettingsError, MeshError, BodyFileError, SolverError
+        Of the scene, its parts and the run.
+    """
+    directory = Path(folder)
+    if resume:
+        with RunFolder(directory, resume=True) as held:
+            if complete_result(held.path) is None or (held.path / CHECKPOINT).exists():
+                found, former = stored_scene(held.path), load_run_state(held.path)
+                run_accurately(*found, held.path, search_of(held.path), former=former)
+        return load_history(directory)
+    scene, search = begun(stored(scene))
+    with RunFolder(directory, flexible(scene), overwrite=overwrite) as held:
+        run_accurately(scene, build(scene), held.path, search)
+    return load_history(directory)
 
 
 def run_scene(
     scene: Scene,
-    built: Built,
+    built: Machine,
     directory: Path,
     bar: tqdm,
     *,
     interval: float = CHECKPOINT_EVERY,
-    former: Mapping[str, Any] | None = None,
+    former: Checkpoint | None = None,
     judged: bool = True,
     multiplier: bool = False,
     search: Search | None = None,
-    orbits: list[Orbit] | None = None,
 ) -> dict[str, Any]:
     """Integrate a scene, serially, and leave its results in a folder.
 
@@ -61,8 +119,6 @@ def run_scene(
         Whether the largest multiplier of a periodic solution is found, too.
     search
         For settings that meet an accuracy, which takes account of the run.
-    orbits
-        Of runs before it, of which it begins on the last; its own is added, if it is periodic.
 
     Returns
     -------
@@ -79,25 +135,15 @@ def run_scene(
         if search is not None:
             search.leave(directory)
         write_whole(directory / SCENE_NAME, scene_text(scene))
-        for name, body in built.parts.items():
+        for name, body in built.bodies.items():
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
     if judged and scene.output.error_budget and lubricated_joints(scene):
         judge = partial(_worth, scene=scene, search=search)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
-    last = orbits[-1] if orbits else None
-    entered = last.entered(run, built.parts) if last else None
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
-    recorded = RecordedRun(run, Tracker(run.equations, run.norm), scene.span, cycles, multiplier)
-    if cycles and last and entered is not None:
-        cycles.follow(last.cycles)
-        step, recorded.processor_time = entered
-        recorded.wall_time = recorded.processor_time
-        recorded.tracker.enter(step)
-    if cycles and orbits is not None:
-        orbits.append(Orbit(run, cycles, built.parts))
     return record_run(
-        recorded,
+        RecordedRun(run, scene.span, cycles, multiplier),
         directory,
         {
             "warnings": list(scene.warnings),
@@ -120,17 +166,17 @@ def _worth(
     scene: Scene,
     search: Search | None,
 ) -> dict[str, Any]:
-    """What the summary has of a run's budget, and of the search for an accuracy."""
-    found = estimated(recorded, directory)
+    """Part of the summary about a run's budget, and about the search for an accuracy."""
+    found = recorded.estimate_errors(directory)
     if search is not None:
         return found | account(search, scene, recorded, found)
     return found | {"status": recorded.tracker.verdict(scene.output.error_limit)}
 
 
-def _reductions(built: Built) -> dict[str, Any]:
+def _reductions(built: Machine) -> dict[str, Any]:
     """Method and number of modes of every flexible body; alone where there is one or none."""
     found = {
-        name: {"method": body.method, "modes": body.modes} for name, body in built.parts.items()
+        name: {"method": body.method, "modes": body.modes} for name, body in built.bodies.items()
     }
     alone = next(iter(found.values()), {"method": "rigid", "modes": 0})
     if len(found) > 1:
@@ -138,8 +184,10 @@ def _reductions(built: Built) -> dict[str, Any]:
     return {**alone, "bodies": found}
 
 
-def stored_scene(directory: Path) -> tuple[Scene, Built]:
-    """Scene and mechanism of a run from its folder; nothing is meshed or reduced.
+def stored_scene(directory: Path, *, forces: bool = True) -> tuple[Scene, Machine]:
+    """Scene and mechanism of a run from its folder, perhaps without what acts on it.
+
+    Nothing is meshed or reduced: a model, which is a program, is not run again.
 
     Raises
     ------
@@ -147,11 +195,13 @@ def stored_scene(directory: Path) -> tuple[Scene, Built]:
         Of its files.
     """
     scene = as_stored(directory / SCENE_NAME)
-    return scene, build_mechanism(scene, MPI.COMM_SELF, bodies=stored_bodies(scene, directory))
+    if not forces:
+        scene = attrs.evolve(scene, forces={})
+    return scene, build(scene, bodies=stored_bodies(scene, directory))
 
 
 def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
-    """Flexible bodies of a run from its folder; a model, which is a program, is not run again.
+    """Flexible bodies of a run from its folder.
 
     Raises
     ------
@@ -161,7 +211,7 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
     return {name: load_body(directory / BODY_FILE.format(name)) for name in flexible(scene)}
 
 
-def _fingerprints(scene: Scene, built: Built) -> dict[str, str]:
+def _fingerprints(scene: Scene, built: Machine) -> dict[str, str]:
     """Digests of scene, tables and bodies: a run goes on only with those it began with."""
     found = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
     for path in dict.fromkeys(csv_files(scene.tables)):
@@ -169,5 +219,66 @@ def _fingerprints(scene: Scene, built: Built) -> dict[str, str]:
         found.setdefault(path.name, hashlib.sha256()).update(path.read_bytes())
     digests = {name: digest.hexdigest() for name, digest in found.items()}
     return digests | {
-        BODY_FILE.format(name): body_digest(body) for name, body in built.parts.items()
+        BODY_FILE.format(name): body_digest(body) for name, body in built.bodies.items()
     }
+
+
+def run_accurately(
+    scene: Scene,
+    built: Machine,
+    directory: Path,
+    search: Search | None,
+    *,
+    interval: float = CHECKPOINT_EVERY,
+    former: Checkpoint | None = None,
+    multiplier: bool = False,
+    told: Callable[[Search], None] = lambda search: None,
+) -> tuple[Scene, Machine, dict[str, Any]]:
+    """Run a scene as `run_scene` does, and then others while its search wants them; serial.
+
+    Parameters
+    ----------
+    scene, built
+        Of the first run, see `fenics_ehd.scenes.accuracy.begun`.
+    directory, interval, former, multiplier
+        See `run_scene`; the folder has the last run.
+    search
+        None: there is one run.
+    told
+        Of a search that goes on.
+
+    Returns
+    -------
+    scene, built, summary
+        Of the last run.
+    """
+    while True:
+        # Whatever fails, the bar has ended when the error is told.
+        with progress_bar(scene.span) as shown:
+            summary = run_scene(
+                scene,
+                built,
+                directory,
+                shown,
+                interval=interval,
+                former=former,
+                multiplier=multiplier,
+                search=search,
+            )
+        if search is None:
+            return scene, built, summary
+        if not search.wanted:
+            search.leave(directory)
+            return scene, built, summary
+        told(search)
+        # Whoever finds the folder so, finds no result that is not that of its scene.
+        for name in (SUMMARY, CHECKPOINT):
+            (directory / name).unlink(missing_ok=True)
+        former, last = None, scene
+        scene = search.go_on(scene)
+        bodies = {
+            name: body
+            for name, body in built.bodies.items()
+            if scene.bodies[name] == last.bodies[name]
+        }
+        built = build(scene, bodies=bodies)

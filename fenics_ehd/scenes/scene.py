@@ -1,48 +1,84 @@
-"""A scene: what a scene file says, by name."""
+"""Scenes: read from a file, checked as a whole, written as text again.
+
+A scene: what a scene file says, by name.
+
+Heat of a scene's lubricated joints, and the oil at the temperature where it begins.
+
+What a scene may not say although every value is a possible one: names and times.
+
+A scene file: bodies, joints, drives and forces of one mechanism, read and checked.
+
+What needs no mesh is checked here: keys, kinds, values, and that every name is the name of
+something. `fenics_ehd.scenes.build` makes a mechanism of it.
+
+A scene as text again: every setting with its value and its meaning, files by their own paths.
+"""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from copy import deepcopy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import attrs
 import numpy as np
 
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import DENSITY, NONE, OilSettings, entries, section
+from fenics_ehd.base.settings import (
+    UnknownKeyError,
+    build,
+    key_hint,
+    read_toml,
+    setting_names,
+    to_toml,
+    unusual,
+)
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.fields import NONE
+from fenics_ehd.scenes.library import shipped_scene
+from fenics_ehd.scenes.part_settings import OutputSettings
+
+if TYPE_CHECKING:
+    from fenics_ehd.film.heat import Heat
+    from fenics_ehd.film.lubricant import Lubricant
+
 
 #: The frame at rest.
 GROUND = "ground"
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class Scene:
     """A scene as written and checked.
 
     Attributes
     ----------
-    name
-        File or shipped scene it was read from.
-    tables
-        As written.
     bodies, joints, drives, forces, lubricants
         Settings by name, classes of `fenics_ehd.scenes.schema`; drives by the body they turn.
     time, output
         See there.
+    name
+        File or shipped scene it was read from.
+    tables
+        As written.
     warnings
         Values that may be in another unit, one line each.
     """
 
-    name: str
-    tables: Mapping[str, Any]
-    bodies: Mapping[str, Any]
-    joints: Mapping[str, Any]
-    drives: Mapping[str, Any]
-    forces: Mapping[str, Any]
-    lubricants: Mapping[str, Any]
-    time: schema.TimeSettings
-    output: schema.OutputSettings
-    warnings: tuple[str, ...]
+    bodies: dict = entries(
+        "parts that move", schema.KINDS["bodies"], {GROUND: schema.GroundSettings}
+    )
+    joints: dict = entries("what connects points of two bodies", schema.KINDS["joints"])
+    drives: dict = entries("what turns a body, by its name", schema.KINDS["drives"])
+    forces: dict = entries("what acts on points of bodies", schema.KINDS["forces"])
+    lubricants: dict = entries("oils of lubricated joints", schema.KINDS["lubricants"])
+    time: schema.TimeSettings = section(schema.TimeSettings)
+    output: OutputSettings = section(OutputSettings)
+    name: str = ""
+    tables: Mapping[str, Any] = attrs.Factory(dict)
+    warnings: tuple[str, ...] = ()
 
     def joints_of(self, kind: type) -> Iterator[tuple[str, Any]]:
         """Names and settings of all joints of a class."""
@@ -97,3 +133,469 @@ def meshed(scene: Scene) -> tuple[str, ...]:
 def lubricated_joints(scene: Scene) -> tuple[str, ...]:
     """Names of the lubricated joints."""
     return tuple(name for name, _ in scene.joints_of(schema.LubricatedSettings))
+
+
+def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
+    """Oil of a joint; where its heat is balanced, at the supply's temperature."""
+    from fenics_ehd.film.lubricant import Lubricant, make_lubricant
+
+    if joint.lubricant == NONE:
+        return Lubricant(joint.viscosity)
+    settings = scene.lubricants[joint.lubricant]
+    return make_lubricant(settings if joint.heat is None else _supplied(settings, joint.heat))
+
+
+def _supplied(settings: OilSettings, heat: Heat) -> OilSettings:
+    return attrs.evolve(settings, temperature=heat.supply_temperature)
+
+
+def check_lubricants(scene: Scene) -> None:
+    """Refuse oils that cannot be made; one that is always balanced needs no temperature.
+
+    Raises
+    ------
+    SettingsError
+        Naming the oil.
+    """
+    from fenics_ehd.film.lubricant import make_lubricant
+
+    joints = [joint for _, joint in scene.joints_of(schema.LubricatedSettings)]
+    for name, settings in scene.lubricants.items():
+        heats = [joint.heat for joint in joints if joint.lubricant == name]
+        made = [_supplied(settings, heat) for heat in heats if heat and settings.graded]
+        if not made or None in heats:
+            made.append(settings)
+        try:
+            for own in made:
+                make_lubricant(own)
+        except SettingsError as error:
+            raise SettingsError(f"lubricants.{name}: {error}") from None
+
+
+def check_heat(scene: Scene, name: str) -> None:
+    """Refuse a balance without a cycle, or of an oil that is the same at every temperature.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key to change.
+    """
+    joint, key = scene.joints[name], f"joints.{name}.heat"
+    if joint.heat is None:
+        return
+    if not scene.time.periodic:
+        raise SettingsError(
+            f"{key}: heat is balanced over a cycle, and with time.periodic = false there is none: "
+            f"set it, or drop [{key}], the oil then at its lubricant's temperature"
+        )
+    if joint.lubricant == NONE or not scene.lubricants[joint.lubricant].graded:
+        oil = f"lubricants.{joint.lubricant}" if joint.lubricant != NONE else f"joints.{name}"
+        raise SettingsError(
+            f"{key}: the viscosity of {oil} does not depend on its temperature: name a lubricant "
+            "with a grade, or viscosity_40 and viscosity_100"
+        )
+
+
+#: Bodies that have a mass whatever is written.
+ELASTIC = (schema.FlexibleSettings, schema.ShaftSettings)
+
+#: Reynolds number up to which films of bearings are laminar: turbulence begins at about 1000 and is
+#: complete near 1600 (chapter 5.5 of Bearing Design in Machinery, opened at 1library.net).
+LAMINAR = 1000.0
+
+#: Keys that name points, by the settings class's field.
+POINT_KEYS = ("between", "line", "point", "journal", "bore")
+
+#: Combined roughness over the clearance above which there is no film between rough surfaces.
+ROUGHEST = 0.3
+
+
+def check_names(scene: Scene) -> None:
+    """Refuse names of what is not there, and a bore used twice."""
+    for name, body in scene.bodies.items():
+        if isinstance(body, schema.FlexibleSettings):
+            _check_source(scene, name, body)
+    for table in ("joints", "forces"):
+        for name, settings in getattr(scene, table).items():
+            bodies: dict[str, str] = {}
+            for key in POINT_KEYS:
+                value = getattr(settings, key, ())
+                for marker in (value,) if isinstance(value, str) else value:
+                    _check_point(scene, f"{table}.{name}.{key}", marker)
+                    other = bodies.setdefault(marker.partition(".")[0], marker)
+                    if other is not marker:
+                        raise SettingsError(
+                            f"{table}.{name}: {other} and {marker} are points of one body"
+                        )
+    for name, force in scene.forces.items():
+        if isinstance(force, schema.AngleTableSettings):
+            _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
+    for name in scene.drives:
+        _check_turning(scene, f"drives.{name}", name)
+    check_lubricants(scene)
+    bores: dict[str, str] = {}
+    for name, joint in scene.joints_of(schema.LubricatedSettings):
+        _check_film(scene, name, joint)
+        check_heat(scene, name)
+        if joint.bore in bores:
+            raise SettingsError(
+                f"joints.{name}.bore = {joint.bore!r} is the bore of joints.{bores[joint.bore]} "
+                "already: a bore holds one journal; give the second a point of its own"
+            )
+        bores[joint.bore] = name
+
+
+def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> None:
+    """Refuse a part of a model and a file, of neither, or keys of the other one."""
+    key = f"bodies.{name}"
+    if not body.bores or len(set(body.bores)) < len(body.bores):
+        raise SettingsError(f"{key}.bores = {list(body.bores)} must be names, each of them once")
+    if (body.model == NONE) == (body.body == NONE):
+        raise SettingsError(f"{key}: give a model or a body, one of them")
+    idle = [k for k in body.idle if k in scene.tables["bodies"][name]]
+    if idle:
+        raise SettingsError(
+            f"{key}.{', '.join(idle)} do nothing beside body = {body.body!r}, which was reduced "
+            "before: drop them, or give a model"
+        )
+
+
+def points_of(body: Any) -> tuple[str, ...] | None:
+    """Names of a body's points, None where only its file knows them."""
+    if isinstance(body, schema.FlexibleSettings):
+        return None if body.body != NONE else (*body.bores, *body.points)
+    return tuple(body.points)
+
+
+def _check_point(scene: Scene, key: str, marker: str) -> None:
+    name, dot, point = marker.partition(".")
+    if name != GROUND:
+        _body(scene, key, name)
+    known = points_of(scene.bodies.get(name, schema.GroundSettings()))
+    if dot and known is not None and point not in known:
+        has = f"its points: {', '.join(known)}" if known else "it has none but its origin"
+        raise SettingsError(f"{key} = {marker!r}: body {name} has no point {point!r}, {has}")
+
+
+def _body(scene: Scene, key: str, name: str) -> Any:
+    if name not in scene.bodies:
+        known = ", ".join(sorted({GROUND, *scene.bodies}))
+        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
+    return scene.bodies[name]
+
+
+def _check_turning(scene: Scene, key: str, name: str) -> None:
+    body = _body(scene, key, name)
+    if isinstance(body, schema.GroundSettings) or getattr(body, "clamped", NONE) != NONE:
+        raise SettingsError(f"{key}: body {name} cannot turn")
+
+
+def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
+    """Refuse an oil that is not there, and a rigid bore without a size."""
+    key = f"joints.{name}"
+    if (joint.lubricant == NONE) == (joint.viscosity == 0.0):
+        raise SettingsError(f"{key}: give a lubricant or a viscosity, one of them")
+    if joint.lubricant not in (NONE, *scene.lubricants):
+        known = ", ".join(scene.lubricants) or "none"
+        raise SettingsError(
+            f"{key}.lubricant = {joint.lubricant!r}: there is no [lubricants.{joint.lubricant}], "
+            f"there are: {known}"
+        )
+    _check_oil(scene, name, joint)
+    if not np.hypot(*joint.eccentricity) < 1.0:
+        raise SettingsError(
+            f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
+            "length must be below 1"
+        )
+    _check_contact(joint, key)
+    body, _, point = joint.bore.partition(".")
+    bored = scene.bodies.get(body)
+    if isinstance(bored, schema.ShaftSettings):
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: a shaft has no bore, only journals")
+    if isinstance(bored, schema.FlexibleSettings) and not point:
+        bores = ", ".join(f"{body}.{bore}" for bore in bored.bores)
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: the bores of {body} are {bores}")
+    for size in ("radius", "width"):
+        if not scene.elastic_bore(joint) and not getattr(joint, size):
+            raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
+
+
+def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
+    """Refuse what is no pair of rough surfaces.
+
+    Raises
+    ------
+    SettingsError
+        Keys of smooth surfaces, one of two that belong together, or surfaces too rough.
+    """
+    contact, key = joint.contact, f"{key}.contact"
+    if not contact.roughness:
+        if contact != schema.ContactSettings():
+            raise SettingsError(
+                f"{key}: journal_roughness and bore_roughness are 0: give one of them, or drop it"
+            )
+        return
+    if bool(contact.asperity_density) != bool(contact.asperity_radius):
+        raise SettingsError(f"{key}: asperity_density and asperity_radius belong together")
+    if not contact.roughness < ROUGHEST * joint.clearance:
+        raise SettingsError(
+            f"{key}: the combined roughness of {contact.roughness:g} m must be below {ROUGHEST:g} "
+            f"of the clearance, {joint.clearance:g} m"
+        )
+
+
+def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
+    """Refuse elements that cannot conserve oil, and settings of oil where it is not conserved."""
+    key = f"joints.{name}"
+    if joint.cavitation == "mass-conserving":
+        from fenics_ehd.film.oil_balance import require_monotone  # slow to import
+
+        require_monotone(joint.element, f"{key}.element")
+        body = joint.journal.partition(".")[0]
+        massless = type(scene.bodies.get(body)) is schema.MasslessSettings
+        if massless and joint.initial_filling < 1.0:
+            raise SettingsError(
+                f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
+                f"nothing holds the massless body {body}: it must be 1, or the body have a mass"
+            )
+        return
+    for idle in ("initial_filling", "ambient"):
+        if getattr(joint, idle) != getattr(attrs.fields(type(joint)), idle).default:
+            raise SettingsError(
+                f"{key}.{idle} does nothing under Reynolds' condition: set {key}.cavitation = "
+                "'mass-conserving'"
+            )
+
+
+def notices(scene: Scene) -> list[str]:
+    """Notices of values that a scene may have and hardly means, one line each."""
+    weights = [n for n, f in scene.forces.items() if isinstance(f, schema.GravitySettings)]
+    found = []
+    if len(weights) > 1:
+        x, y = np.sum([scene.forces[name].acceleration for name in weights], axis=0)
+        found.append(f"forces.{', forces.'.join(weights)}: all of them are gravity, and act with "
+                     f"their sum, [{x:g}, {y:g}] m/s2")  # fmt: skip
+    stiff = [b for b in scene.bodies.values() if isinstance(b, schema.MasslessSettings)]
+    plain = not any(isinstance(b, ELASTIC) for b in scene.bodies.values())
+    given = weights or any(isinstance(body, schema.RigidSettings) for body in stiff)
+    if plain and given and not any(getattr(body, "mass", 0.0) for body in stiff):
+        found.append("bodies: none has a mass, so that gravity and inertia do nothing")
+    for name, joint in scene.joints_of(schema.LubricatedSettings):
+        found += _turbulent(scene, name, joint)
+    return found
+
+
+def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> list[str]:
+    """A line where a film's Reynolds number, by speeds as written, is not that of laminar flow."""
+    oil, radius = scene.lubricants.get(joint.lubricant), joint.radius
+    if not radius and (elastic := scene.elastic_bore(joint)):
+        radius = float(scene.bodies[elastic[0]].geometry.get("bore_radius", 0.0))
+    journal, bore = (scene.speed_of(at.partition(".")[0]) for at in (joint.journal, joint.bore))
+    flow = (oil.density if oil else DENSITY) * abs(journal - bore) * radius * joint.clearance
+    number = flow / joint_lubricant(scene, joint).viscosity
+    if number <= LAMINAR:
+        return []
+    return [
+        f"joints.{name}: its film has a Reynolds number of {number:.4g}, and is laminar, as the "
+        f"equations take it, up to {LAMINAR:g}: see speed, clearance and viscosity"
+    ]
+
+
+def check_time(scene: Scene) -> None:
+    """Refuse a time that is given twice or not at all."""
+    time, key = scene.time, "time.period" if scene.time.periodic else "time.end"
+    given, other = (time.period, time.end) if time.periodic else (time.end, time.period)
+    if other:
+        raise SettingsError(f"time.periodic = {str(time.periodic).lower()}: give {key}")
+    if bool(given) == bool(time.revolutions):
+        raise SettingsError(f"give {key} or time.revolutions, one of them")
+    if time.revolutions:
+        _body(scene, "time.of", time.of)
+        if not scene.speed_of(time.of):
+            raise SettingsError(
+                f"time.of = {time.of!r}: its speed at the start is 0, so that revolutions say no "
+                f"time: give {key}"
+            )
+    share = time.largest_step * scene.span / (time.revolutions or 1.0)
+    for name, value in (("time.first_step", time.first_step), ("time.largest_step", share)):
+        if not time.smallest_step < value:
+            raise SettingsError(
+                f"time.smallest_step = {time.smallest_step:g} s must be below {name} = {value:g} s"
+            )
+
+
+#: Tables of a scene file.
+TABLES = (*schema.KINDS, "time", "output")
+
+#: Some of a scene file of version 0.1.
+OLD = {"mechanism", "bearing", "rod", "housing", "shaft", "journal", "film", "reduction"}
+
+#: What files of a scene end with.
+FILES = (".csv", ".h5", ".geo", ".msh")
+
+#: Keys of version 0.2 in every entry of a table, sections between, and their names of today.
+RENAMED = {
+    ("bodies", "held_by"): "clamped",
+    ("joints", "heat", "conducted"): "conducted_share",
+    ("joints", "heat", "mixing"): "outlet_weight",
+}
+
+
+def renamed(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Tables with today's names of keys that had others, and one line for each of these."""
+    found, lines = deepcopy(dict(tables)), []
+    for (table, *between, old), new in RENAMED.items():
+        own = found.get(table)
+        for name, entry in own.items() if isinstance(own, Mapping) else ():
+            for key in between:
+                entry = entry.get(key) if isinstance(entry, Mapping) else None
+            if isinstance(entry, dict) and old in entry and new not in entry:
+                entry[new] = entry.pop(old)
+                lines.append(f"{'.'.join((table, name, *between, old))} is now called {new}")
+    oils = found.get("lubricants")
+    for oil in oils.values() if isinstance(oils, Mapping) else ():
+        if isinstance(oil, dict) and oil.get("kind", "constant") == "constant":
+            oil["kind"] = "oil"  # the only kind, which had that name
+    return found, lines
+
+
+def beside(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables with every file that they name, relative to the scene's folder, by its own path."""
+    found: dict[str, Any] = {}
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            found[key] = beside(value, folder)
+        elif isinstance(value, str) and Path(value).suffix in FILES:
+            found[key] = str((folder / value).absolute())
+        else:
+            found[key] = value
+    return found
+
+
+def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
+    """Scene of a TOML file, of the package, or of tables as a TOML file has them.
+
+    Parameters
+    ----------
+    source
+        Path that ends in ``.toml``, whose files are found beside it; name of a shipped scene; or
+        tables, whose files are found in the working directory.
+    changes
+        Values in place of others, by full key: ``**{"time.tolerance": 1e-4}``.
+
+    Raises
+    ------
+    SettingsError
+        The file cannot be read, or naming the key that cannot be used.
+    """
+    if isinstance(source, Mapping):
+        scene = scene_of(beside(source, Path()), "scene")
+    elif Path(source).suffix != ".toml":
+        scene = scene_of(read_toml(shipped_scene(str(source))), str(source))
+    else:
+        scene = scene_of(beside(read_toml(source), Path(source).parent), str(source))
+    return changed(scene, changes) if changes else scene
+
+
+def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """A scene with values replaced, by their full keys, ``time.end`` or ``bodies.rod.mass``.
+
+    Files are relative to the working directory.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key that cannot be used.
+    """
+    tables = deepcopy(dict(scene.tables))
+    for key, value in values.items():
+        *path, last = key.split(".")
+        table = tables
+        for name in path:
+            table = table.setdefault(name, {})
+        table[last] = deepcopy(value)  # of the caller's tables nothing is changed below
+    return scene_of(beside(tables, Path()), scene.name)
+
+
+def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
+    """Scene of tables as a TOML file has them.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key that cannot be used.
+    """
+    tables, warnings = renamed(tables)
+    if "bodies" not in tables:
+        old = "scene" in tables or OLD & set(tables)
+        raise SettingsError(
+            f"{name}: {'a scene file of version 0.1' if old else 'no [bodies.NAME] tables'}; write "
+            "bodies, joints, drives and forces: 'fenics-ehd init slider-crank-paper' prints them "
+            "with every setting explained"
+        )
+    for key in tables:
+        if key not in TABLES:
+            raise SettingsError(f"unknown table [{key}]: {key_hint(TABLES, key)}")
+    try:
+        scene = attrs.evolve(build(Scene, tables), name=name, tables=tables)
+    except UnknownKeyError as error:
+        raise SettingsError(f"unknown key {error}{_hint(tables, str(error))}") from None
+    check_names(scene)
+    check_time(scene)
+    return attrs.evolve(scene, warnings=(*warnings, *unusual(scene), *notices(scene)))
+
+
+def _hint(tables: Mapping[str, Any], key: str) -> str:
+    """Hint at what an unknown key may stand for, which may be one of another kind or table."""
+    table, *entry = key.split(".")
+    path, name, kinds = f"{table}.", entry[-1], schema.KINDS.get(table, {})
+    settings = attrs.fields_dict(Scene)[table].metadata
+    if not kinds:
+        return f": {key_hint(setting_names(settings['section'], path), key)}"
+    kind = tables[table][entry[0]].get("kind", "")
+    path += f"{entry[0]}."
+    known = setting_names(kinds[kind] if kind else settings["named"][entry[0]], path)
+    having = [o for o, its in kinds.items() if name in setting_names(its)]
+    elsewhere = [
+        other
+        for other in setting_names(Scene)
+        if other.endswith(f".NAME.{name}") and not other.startswith(f"{table}.")
+    ]
+    of = f" of kind {kind!r}" if kind else ""
+    below = any(other.endswith(f".{name}") for other in known)
+    if having and not below:
+        return f"{of}: a key of kind {' or '.join(having)}"
+    if elsewhere and not below:
+        return f"{of}: did you mean {' or '.join(elsewhere)}?"
+    of_model = f"; a model's dimensions are keys of {path}geometry" * (kind == "flexible")
+    return f"{of}: {key_hint(known, key)}{of_model}"
+
+
+def as_stored(source: str | Path) -> Scene:
+    """A scene with the values that its text keeps: a run that goes on has no others.
+
+    Parameters
+    ----------
+    source
+        As for `read_scene`.
+    """
+    return attrs.evolve(stored(read_scene(source)), name=Path(source).stem)
+
+
+def stored(scene: Scene) -> Scene:
+    """A scene with the values that its text keeps."""
+    return scene_of(tomllib.loads(scene_text(scene)), scene.name)
+
+
+def csv_files(tables: Mapping[str, Any]) -> Iterator[Path]:
+    """Tables that a scene names and that are there."""
+    for value in tables.values():
+        if isinstance(value, Mapping):
+            yield from csv_files(value)
+        elif isinstance(value, str) and value.endswith(".csv") and Path(value).is_file():
+            yield Path(value)
+
+
+def scene_text(scene: Scene) -> str:
+    """TOML text, which `read_scene` reads back as the same scene."""
+    return to_toml(scene).lstrip("\n")

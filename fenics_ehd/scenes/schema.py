@@ -1,4 +1,15 @@
-"""What a scene file may say: bodies, joints, drives, forces, lubricants, time, output.
+"""Schema of scene files: bodies, joints, drives, forces, lubricants, supplies, output.
+
+Fields of a scene's settings beside those of `base.fields`: points, names, film cells.
+
+What a scene file may say of the supply of a film: regions of a bore or a journal.
+
+Angles are counted from the x axis of the body with the bore, or with the journal, positive from x
+to y; heights along the axis from the middle of the bore.
+
+Settings of an elastic part's reduction, and what to choose from.
+
+What a scene file may say: bodies, joints, drives, forces, lubricants, time, output.
 
 One settings class for every kind of entry; the docstrings and help texts are the reference.
 Angles are counted from the x axis, positive from x to y, and a body's angle is that of its own x
@@ -11,32 +22,157 @@ Longer than other modules: it is one list, in the order of the reference that is
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
+from typing import Any
 
 import attrs
 
-from fenics_ehd.base import quantities
+from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
+    CAVITATIONS,
+    FILM_ELEMENTS,
+    LARGEST_LENGTH,
+    NONE,
+    REQUIRED,
+    SHEAR_RULES,
+    Material,
+    OilSettings,
+    Roughness,
+    checked,
     choice,
     count,
+    entries,
     flag,
+    names,
     number,
     numbers,
     option,
+    pair,
+    place,
+    places,
+    radial_clearance,
     rows,
     section,
     text,
 )
-from fenics_ehd.base.oil import NO_TEMPERATURE, OilSettings
-from fenics_ehd.base.quantities import LARGEST_LENGTH, deviation, metres, radial_clearance
-from fenics_ehd.bearing.settings import SHEAR_RULES
-from fenics_ehd.scenes import part_settings
-from fenics_ehd.scenes.fields import NONE, REQUIRED, film_cells, names, pair, place, places
-from fenics_ehd.scenes.supply_settings import supplies
+from fenics_ehd.film.heat import Heat
+from fenics_ehd.multibody.forces import RotatingForce, SpringDamper
+from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
+from fenics_ehd.multibody.shaft import Shaft
+from fenics_ehd.scenes.part_settings import (
+    CELLS,
+    ELEMENTS,
+    ReductionSettings,
+    ShapeSettings,
+)
+
+#: Fewest film cells around and along. With 3 around the largest pressure is 12 % too low.
+FEWEST_CELLS = (8, 2)
+
+#: Film cells around times along that still fit into the memory of a usual machine.
+MOST_CELLS = 200_000
+
+
+def film_cells(help_text: str) -> Any:
+    """Cells of a film mesh around and along, or an empty list."""
+
+    def check(name: str, value: Any) -> None:
+        given = f"{name} = {list(value)!r}"
+        if value and (len(value) != 2 or any(type(n) is not int or n <= 0 for n in value)):
+            raise SettingsError(f"{given} must be two whole numbers above 0, or empty")
+        if any(n < fewest for n, fewest in zip(value, FEWEST_CELLS, strict=False)):
+            raise SettingsError(
+                f"{given} must be at least {list(FEWEST_CELLS)}: fewer are too coarse"
+            )
+        if value and value[0] * value[1] > MOST_CELLS:
+            raise SettingsError(
+                f"{given}: {value[0] * value[1]} cells, at most {MOST_CELLS} are allowed"
+            )
+
+    return checked(
+        (),
+        help_text,
+        check,
+        lambda value: tuple(value) if isinstance(value, (list, tuple)) else (value,),
+    )
+
+
+TRANSFERS = ("conservative", "mortar")
+SURFACES = ("bore", "journal")
+
+
+@attrs.frozen(kw_only=True)
+class SupplySettings:
+    """Oil under pressure at a region of the bore or of the journal."""
+
+    on: str = choice("bore", SURFACES, "the surface that it is in and turns with")
+    pressure: float = number(
+        0.0,
+        "of the supply, above that at which the film cavitates [Pa]",
+        least=0,
+        usual=(1e3, 1e9),
+        example="3e5 for 3 bar",
+    )
+    table: str = text(NONE, "in its place: CSV file time_s,pressure_Pa, or none")
+    resistance: float = number(
+        0.0,
+        "of the passage to the region, pressure over flow [Pa s/m3], 0: none",
+        least=0,
+        usual=(1e6, 1e16),
+        example="3e11 for 1 cm3/s at 3 bar",
+    )
+    angle: float = number(0.0, "of the middle, from the body's x axis [degrees]")
+    height: float = number(
+        0.0,
+        "of the middle, from that of the bore [m]",
+        above=-LARGEST_LENGTH,
+        below=LARGEST_LENGTH,
+    )
+
+
+@attrs.frozen(kw_only=True)
+class HoleSettings(SupplySettings):
+    """A round hole."""
+
+    diameter: float = number(
+        0.0, "[m]; 0: place and size of the hole in the mesh of a flexible bore, nearest to angle "
+        "and height", least=0, below=LARGEST_LENGTH,
+    )  # fmt: skip
+
+
+@attrs.frozen(kw_only=True)
+class AxialGrooveSettings(SupplySettings):
+    """A groove along the axis."""
+
+    length: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
+    extent: float = number(REQUIRED, "along the circumference [degrees]", above=0, below=360)
+
+
+@attrs.frozen(kw_only=True)
+class CircumferentialGrooveSettings(SupplySettings):
+    """A groove along the circumference."""
+
+    width: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
+    extent: float = number(
+        360.0, "along the circumference [degrees], 360: all around", above=0, below=360.0001
+    )
+
+
+SUPPLIES: Mapping[str, type] = {
+    "hole": HoleSettings,
+    "axial-groove": AxialGrooveSettings,
+    "circumferential-groove": CircumferentialGrooveSettings,
+}
+
+
+def supplies(help_text: str) -> dict[str, SupplySettings]:
+    """Field of supplies by name."""
+    found: dict[str, SupplySettings] = entries(help_text, SUPPLIES)
+    return found
+
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
-CAVITATIONS = ("reynolds", "mass-conserving")
 AMBIENTS = ("air", "oil")
 
 
@@ -49,7 +185,7 @@ class GroundSettings:
 
 @attrs.frozen
 class MovingSettings:
-    """Where a body's origin and angle are at the start, roughly: assembly closes the joints."""
+    """A body's origin and angle at the start, roughly: assembly closes the joints."""
 
     position: tuple[float, float] = place("origin at the start, roughly [m]")
     angle: float = number(0.0, "at the start, of the body's x axis from x, + from x to y [degrees]")
@@ -81,15 +217,8 @@ class RigidSettings(MasslessSettings):
     centre: tuple[float, float] = place("centre of mass in the body's frame [m]")
 
 
-@attrs.frozen
-class MaterialSettings:
-    """Of an elastic part."""
-
-    youngs_modulus: float = quantities.youngs_modulus(210e9)
-    poissons_ratio: float = number(
-        0.3, "[-]; quadratic elements lock above 0.49", above=-1, below=0.49
-    )
-    density: float = quantities.density(7850.0)
+#: Keys of a flexible body that only its mesh and reduction read.
+MODEL_KEYS = ("points", "clamped", "cells", "element", "material", "geometry", "reduction")
 
 
 @attrs.frozen
@@ -103,11 +232,11 @@ class FlexibleSettings(MovingSettings):
     body: str = text(NONE, "HDF5 file of the reduced part, in place of a model")
     bores: tuple[str, ...] = names("surfaces that films bend, the first one's axis is z", ("bore",))
     points: tuple[str, ...] = names("surfaces of the model whose mean places are points")
-    held_by: str = text(NONE, "surface of the model that does not move, or none")
+    clamped: str = text(NONE, "surface of the model that does not move, or none")
     cells: str = choice(
-        "hex", part_settings.CELLS, "of a model that can give either: hexahedra, 10-node tetrahedra"
+        "hex", CELLS, "of a model that can give either: hexahedra, 10-node tetrahedra"
     )
-    element: str = choice("serendipity", part_settings.ELEMENTS, "of hexahedra, 20- or 27-node")
+    element: str = choice("serendipity", ELEMENTS, "of hexahedra, 20- or 27-node")
     damping_time: float = number(
         0.0, "zeta of D = zeta K [s]", least=0, usual=(1e-12, 0.1), example="1e-3 for 1 ms"
     )
@@ -118,32 +247,26 @@ class FlexibleSettings(MovingSettings):
     centre: tuple[float, float] = place(
         "centre of mass from the bore in place of the model's [m], [0, 0]: the model's"
     )
-    material: MaterialSettings = section(MaterialSettings)
+    material: Material = section(Material)
     geometry: dict = numbers("parameters of the Gmsh model by name, lengths in [m]")
-    reduction: part_settings.ReductionSettings = section(part_settings.ReductionSettings)
+    reduction: ReductionSettings = section(ReductionSettings)
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Keys that do nothing beside the file of a reduced part."""
+        return () if self.body == NONE else MODEL_KEYS
 
 
 @attrs.frozen
-class ShaftSettings:
+class ShaftSettings(Shaft):
     """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
 
+    density: float = quantities.density(7850.0)
     position: tuple[float, float] = place("of the undeformed axis [m]")
     angle: float = number(0.0, "at the start [degrees]")
     speed: float = quantities.speed(0.0, "at the start, where no drive gives it [rad/s]")
-    length: float = metres(1.0, "[m]", below=100)
-    diameter: float = metres(0.045, "[m]", below=2 * LARGEST_LENGTH)
-    youngs_modulus: float = quantities.youngs_modulus(210e9)
-    density: float = quantities.density(7850.0)
-    elements: int = count(20, "beam elements, of equal length", least=1)
     modes: int = count(20, "modes kept, half of them in either plane: an even number", least=2)
     damping_ratio: float = number(1e-3, "zeta of every mode [-]", least=0, below=1)
-    support_stiffness: float = number(
-        1.58e8,
-        "of a spring at either end [N/m], 0: carried by its bearings alone",
-        least=0,
-        usual=(1e4, 1e13),
-        example="1e8 for 100 N/um",
-    )
     disks: tuple[tuple[float, ...], ...] = rows(
         ("position", "mass", "polar_inertia", "diametral_inertia"),
         "rigid disks [share of the length, kg, kg m2 about the axis, kg m2 about a diameter]",
@@ -153,48 +276,13 @@ class ShaftSettings:
 
 
 @attrs.frozen(kw_only=True)
-class RevoluteSettings:
-    """Two points that stay together and turn freely."""
-
-    between: tuple[str, ...] = names("the points, ground.hook or crank (its origin)", REQUIRED,
-                                     count=2)  # fmt: skip
-
-
-@attrs.frozen(kw_only=True)
-class FixedSettings(RevoluteSettings):
-    """Two points that stay together and do not turn."""
-
-    angle: float = number(0.0, "of the second body ahead of the first [degrees]")
-
-
-@attrs.frozen(kw_only=True)
-class SliderSettings:
-    """A point on a line of another body."""
-
-    line: str = text(REQUIRED, "point through which the line goes, fixed to its body")
-    point: str = text(REQUIRED, "point that stays on the line")
-    direction: tuple[float, float] = pair("of the line in the frame of its body", (1.0, 0.0))
-    hold_rotation: bool = flag(True, "whether the bodies keep their relative angle")
-    angle: float = number(0.0, "held, of the point's body ahead of the line's [degrees]")
-
-
-@attrs.frozen
-class ContactSettings:
+class ContactSettings(Roughness):
     """Rough surfaces of a journal and its bore, which may touch; smooth without a roughness."""
 
-    journal_roughness: float = quantities.roughness("of the journal, rms [m], 0: smooth")
-    bore_roughness: float = quantities.roughness("of the bore, rms [m], 0: smooth")
-    asperity_product: float = number(
-        0.04, "asperities per area x their radius x combined roughness [-]", above=0, below=1
-    )
-    asperity_slenderness: float = number(
-        1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1
-    )
     asperity_density: float = number(
         0.0, "per area, with asperity_radius in place of both [1/m2], 0: not given", least=0
     )
     asperity_radius: float = number(0.0, "of their tips [m], 0: not given", least=0, below=1e-2)
-    summit_offset: float = quantities.summit_offset()
     journal_modulus: float = quantities.youngs_modulus(210e9)
     journal_poissons_ratio: float = number(0.3, "[-]", above=-1, below=0.5)
     bore_modulus: float = number(
@@ -207,51 +295,6 @@ class ContactSettings:
     )
     bore_poissons_ratio: float = number(
         0.3, "[-], where bore_modulus is given", above=-1, below=0.5
-    )
-    boundary_friction: float = number(
-        0.1, "coefficient of friction of asperities that touch [-], with friction", least=0, below=5
-    )
-    flow_factors: bool = flag(
-        True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"
-    )
-
-
-@attrs.frozen
-class ShapeSettings:
-    """How far the surface of a bore or a journal lies outside the round one, + outward.
-
-    In the frame of its body, which a journal's shape turns with; what is given adds up.
-    """
-
-    ovality: float = deviation("amplitude of a wave around [m]")
-    ovality_angle: float = number(0.0, "where it is outermost, from the body's x axis [degrees]")
-    lobes: int = count(2, "waves in a turn", least=1, most=100)
-    barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
-    taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
-    misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)
-    table: str = text(NONE, "CSV file angle_deg,height_m,deviation_m of more, or none")
-
-
-@attrs.frozen(kw_only=True)
-class HeatSettings:
-    """Balance of a film's heat over a cycle; needs time.periodic and an oil by grade or like it."""
-
-    supply_temperature: float = number(
-        REQUIRED,
-        "of the oil that comes in [C]",
-        above=NO_TEMPERATURE,
-        below=1000,
-        usual=(1, 200),
-        example="80 for 353 K",
-    )
-    conducted: float = number(
-        0.0, "share of the dissipated power that journal and bore conduct away", least=0, below=1
-    )
-    mixing: float = number(
-        0.5, "where the effective temperature lies between supply, 0, and outlet, 1", above=0
-    )
-    tolerance: float = number(
-        0.1, "largest difference of the effective temperature from its balance [K]", above=0
     )
 
 
@@ -278,12 +321,8 @@ class LubricatedSettings:
     cells: tuple[int, ...] = film_cells(
         "film cells around and along, [40, 10]; empty: a flexible bore's own, 20 x 5 of a rigid"
     )
-    element: str = choice(
-        "lagrange", part_settings.FILM_ELEMENTS, "9-node (lagrange), 8-node or bilinear"
-    )
-    transfer: str = choice(
-        "conservative", part_settings.TRANSFERS, "of pressures to a bore with another mesh"
-    )
+    element: str = choice("lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node or bilinear")
+    transfer: str = choice("conservative", TRANSFERS, "of pressures to a bore with another mesh")
     ambient_pressure: float = number(
         0.0,
         "at both sides, above that at which the film cavitates [Pa]",
@@ -302,7 +341,7 @@ class LubricatedSettings:
         "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
     )  # fmt: skip
     initial_filling: float = number(
-        1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0
+        1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0, most=1
     )
     ambient: str = choice(
         "air", AMBIENTS,
@@ -325,7 +364,7 @@ class LubricatedSettings:
     contact: ContactSettings = section(ContactSettings)
     bore_shape: ShapeSettings = section(ShapeSettings)
     journal_shape: ShapeSettings = section(ShapeSettings)
-    heat: HeatSettings | None = option(HeatSettings)
+    heat: Heat | None = option(Heat)
 
 
 @attrs.frozen(kw_only=True)
@@ -352,7 +391,7 @@ class ConstantForceSettings:
     """A force that stays the same in the frame at rest."""
 
     point: str = text(REQUIRED, "where it acts, piston or rod.pin")
-    force: tuple[float, float] = pair("[N]", REQUIRED)
+    force: tuple[float, float] = pair("[N]", REQUIRED, zero=False)
 
 
 @attrs.frozen(kw_only=True)
@@ -376,29 +415,10 @@ class AngleTableSettings:
     file: str = text(REQUIRED, "CSV file angle_deg,force_N over 360 or 720 degrees, or "
                      "a shipped table: gas-force")  # fmt: skip
     angle_of: str = text(REQUIRED, "body whose angle the table is over, from x, + from x to y")
-    direction: tuple[float, float] = pair("of a positive force, in the frame at rest", (-1.0, 0.0))
-    scale: float = number(1.0, "factor on the forces", above=0, below=1e9)
-
-
-@attrs.frozen(kw_only=True)
-class RotatingSettings:
-    """A force that turns at constant speed, along x at time zero."""
-
-    point: str = text(REQUIRED, "where it acts, shaft.disk")
-    amplitude: float = number(
-        REQUIRED, "[N]", above=0, usual=(1e-3, 1e8), example="3600 for 3.6 kN"
+    direction: tuple[float, float] = pair(
+        "of a positive force, in the frame at rest", (-1.0, 0.0), zero=False
     )
-    speed: float = quantities.speed(REQUIRED, "[rad/s]")
-    ramp: float = number(0.0, "time over which it grows [s], 0: there from the start", least=0)
-
-
-@attrs.frozen(kw_only=True)
-class SpringDamperSettings:
-    """A spring and a damper between two points, the same in all directions of the plane."""
-
-    between: tuple[str, ...] = names("the points", REQUIRED, count=2)
-    stiffness: float = number(0.0, "[N/m]", least=0, below=1e18)
-    damping: float = number(0.0, "[N s/m]", least=0, below=1e18)
+    scale: float = number(1.0, "factor on the forces", above=0, below=1e9)
 
 
 @attrs.frozen
@@ -410,7 +430,7 @@ class GravitySettings:
 
 @attrs.frozen
 class TimeSettings:
-    """How long, and in which steps."""
+    """Duration of a run, and its steps."""
 
     end: float = number(0.0, "[s]; 0: as revolutions say", least=0)
     revolutions: float = number(
@@ -441,62 +461,28 @@ class TimeSettings:
     )  # fmt: skip
 
 
-@attrs.frozen
-class OutputSettings:
-    """What a run writes beside history and summary."""
-
-    plots: bool = flag(True, "curves as pictures")
-    error_budget: bool = flag(True, "whether the run says what its figures are worth")
-    error_limit: float = number(
-        0.2,
-        "largest estimated error of a peak pressure or thinnest film of a run that is complete; "
-        "above it the run is untrustworthy",
-        above=0,
-        example="0.1 for 10 %",
-    )
-    part_mesh_error: bool = flag(
-        True, "whether parts are meshed again, more finely, to know what their meshes are worth"
-    )
-    accuracy: float = number(
-        0.0,
-        "that estimated errors of peak pressures and thinnest films must meet: meshes, steps and "
-        "modes are chosen for it, 0: as written",
-        least=0,
-        below=0.5,
-        usual=(1e-3, 0.1),
-        example="0.01 for 1 %",
-    )
-    accuracy_keeps: tuple[str, ...] = names(
-        "keys that stay as written, of those that accuracy chooses: tolerance, joints.pin.cells"
-    )
-    paraview: bool = flag(False, "ParaView series of bodies and films")
-    frames: int = count(60, "of the series", least=2)
-
-
 #: Class of an entry by its table and kind.
-KINDS: Mapping[str, Mapping[str, type]] = MappingProxyType(
-    {
-        "bodies": {
-            "rigid": RigidSettings,
-            "flexible": FlexibleSettings,
-            "shaft": ShaftSettings,
-            "massless": MasslessSettings,
-        },
-        "joints": {
-            "revolute": RevoluteSettings,
-            "fixed": FixedSettings,
-            "slider": SliderSettings,
-            "lubricated": LubricatedSettings,
-        },
-        "drives": {"speed": SpeedSettings, "torque": TorqueSettings},
-        "forces": {
-            "constant": ConstantForceSettings,
-            "time-table": TimeTableSettings,
-            "angle-table": AngleTableSettings,
-            "rotating": RotatingSettings,
-            "spring-damper": SpringDamperSettings,
-            "gravity": GravitySettings,
-        },
-        "lubricants": {"oil": OilSettings},
-    }
-)
+KINDS: Mapping[str, Mapping[str, type]] = {
+    "bodies": {
+        "rigid": RigidSettings,
+        "flexible": FlexibleSettings,
+        "shaft": ShaftSettings,
+        "massless": MasslessSettings,
+    },
+    "joints": {
+        "revolute": Revolute,
+        "fixed": Fixed,
+        "slider": Slider,
+        "lubricated": LubricatedSettings,
+    },
+    "drives": {"speed": SpeedSettings, "torque": TorqueSettings},
+    "forces": {
+        "constant": ConstantForceSettings,
+        "time-table": TimeTableSettings,
+        "angle-table": AngleTableSettings,
+        "rotating": RotatingForce,
+        "spring-damper": SpringDamper,
+        "gravity": GravitySettings,
+    },
+    "lubricants": {"oil": OilSettings},
+}

@@ -1,20 +1,186 @@
-"""Errors of a study's runs, once the runs that they are relative to are complete."""
+"""A study run, and its runs compared: differences of curves, their files and tables.
+
+A run is compared at its own steps: its curves of extremes have kinks between them, where the
+extreme moves from one place to the next, that no interpolation meets. The other run, with many
+more steps, is interpolated point by point before its extremes are taken. Of periodic runs the
+last cycles are compared as functions of the time in the cycle.
+
+Bodies come first, then the runs, the reference before the others. ``study.json`` tells what was
+studied, with which programs, on which machine; ``errors-AGAINST.npz`` beside a run how its errors
+change over time, ``reference.json`` how good the run is that all are measured against;
+``table.csv`` has a row for every run, joint, group.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import io
+import os
+import platform
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
-from fenics_ehd.base.errors import EhdError
-from fenics_ehd.scenes.scene import Scene
-from fenics_ehd.study.curves import Errors, Reference, StoredRun
-from fenics_ehd.study.errors_file import errors_path, write_errors
-from fenics_ehd.study.folder import StudyFolder
-from fenics_ehd.study.outcome import Outcome, failed
+import numpy as np
+from scipy.integrate import trapezoid
+
+from fenics_ehd import __version__
+from fenics_ehd.base.columns import TIME, joint_prefix
+from fenics_ehd.base.errors import EhdError, InputError
+from fenics_ehd.base.files import claim, clear, read_json, versions, write_whole
+from fenics_ehd.base.processes import interrupt_kept
+from fenics_ehd.multibody.history import History
+from fenics_ehd.reduction.load_dependent import RANK_TOLERANCE
+from fenics_ehd.results.history_file import load_history
+from fenics_ehd.results.motion import RecordedMotion, between_steps
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.part import METHOD_KEYS
+from fenics_ehd.scenes.run import stored_bodies
+from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints
+from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
+from fenics_ehd.study.pool import CaseTask, Outcome, ProcessPool, RunsFolder, failed, run_cases
 
-T = TypeVar("T")
+#: Differences of the curves of peak pressure and minimum film thickness of two runs: the largest,
+#: over the largest peak, or relative; and the root mean square over time, over that of the curve.
+ERRORS = ("pressure_max", "pressure_l2", "film_max", "film_l2")
+
+#: Largest difference of the gap anywhere in the bearing [m].
+GAP = "gap"
+
+#: `ERRORS` and `GAP` of two runs by joint.
+Errors = Mapping[str, Mapping[str, float]]
+
+
+class StoredRun:
+    """Curves and coordinates of a run on disk.
+
+    Parameters
+    ----------
+    directory, scene
+        Folder of its results, and what was run.
+    start
+        Time from which on errors count [s].
+    films
+        Whether pressures at all nodes are needed: of one that others are compared with.
+
+    Raises
+    ------
+    InputError
+        A file is missing or damaged, or there is hardly a step after the start.
+    """
+
+    def __init__(self, directory: Path, scene: Scene, start: float, *, films: bool = False):
+        self.directory, self.scene = directory, scene
+        self.result = load_history(directory, films=films)
+        self.times = np.asarray(self.result.time)
+        self.joints = lubricated_joints(scene)
+        self.counted = self.times >= start
+        if np.count_nonzero(self.counted) < 2:
+            raise InputError(f"{directory}: fewer than two steps after {start:g} s")
+
+    def estimates(self) -> dict[str, float]:
+        """Largest error of the gap that the run itself estimates, while errors count [m]."""
+        joints = self.result.joints
+        return {
+            joint: float(joints[joint].basis_error_estimate[self.counted].max(initial=0.0))
+            for joint in self.joints
+            if "basis_error_estimate" in joints[joint]
+        }
+
+    def gaps(self, motion: History, films: Scene) -> dict[str, np.ndarray]:
+        """Gap by joint [m], shape (steps, points), in a motion, where films of a scene are."""
+        meshes: dict[str, Any] = {}
+        for name in self.joints:
+            joint, key = films.joints[name], f"joints.{name}"
+            meshes |= {f"{key}.cells": list(joint.cells), f"{key}.element": joint.element}
+        scene = changed(self.scene, meshes)
+        bodies = stored_bodies(scene, self.directory)
+        built = build(scene, bodies=bodies)
+        return RecordedMotion(built.mechanism, motion).observed
+
+    def differences(
+        self, run: StoredRun
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
+        """Differences of a run at its own steps, while errors count, from this one.
+
+        Returns
+        -------
+        curves
+            What `read_errors` reads.
+        errors
+            See `Errors`.
+        """
+        known = (run.times >= self.times[0]) & (run.times <= self.times[-1])
+        inside = known & run.counted
+        times = run.times[inside]
+        # Times of a cycle that repeats itself are those since its start.
+        exact = between_steps(self.result, times + (self.result.run.time[0] - self.times[0]))
+        right = self.gaps(exact, self.scene)
+        ours = run.gaps(run.result.each(lambda values: values[inside]), self.scene)
+        curves, errors = {TIME: times}, {}
+        for joint in self.joints:
+            own, prefix = run.result.joints[joint], joint_prefix(joint, self.joints)
+            peak = self.result.joints[joint].max_pressure[self.counted].max()
+            nodal = np.asarray(exact.joints[joint].film.pressure)
+            pairs = {
+                "pressure": (own.max_pressure[inside], nodal.max(axis=1)),
+                "film": (own.min_film_thickness[inside], right[joint].min(axis=1)),
+            }
+            errors[joint] = {GAP: float(np.abs(ours[joint] - right[joint]).max())}
+            for name, (values, true) in pairs.items():
+                off = (values - true) / (peak if name == "pressure" else true)
+                curves[f"{prefix}{name}_error"] = off
+                errors[joint][f"{name}_max"] = float(np.abs(off).max())
+                errors[joint][f"{name}_l2"] = _mean(times, values - true) / _mean(times, true)
+        return curves, errors
+
+
+def _mean(times: np.ndarray, values: np.ndarray) -> float:
+    """Root mean square over time."""
+    return float(np.sqrt(trapezoid(values**2, times) / (times[-1] - times[0])))
+
+
+def errors_path(directory: Path, against: str) -> Path:
+    """File beside a run's history with its errors relative to another run."""
+    return directory / f"errors-{against}.npz"
+
+
+def write_errors(path: Path, curves: Mapping[str, np.ndarray]) -> None:
+    """Write errors at the run's own steps, whole or not at all; the same ones, the same file."""
+    content = io.BytesIO()
+    np.savez(content, **curves)
+    claim(path.parent, [path.name])
+    write_whole(path, content.getbuffer())
+
+
+def read_errors(path: Path) -> dict[str, np.ndarray]:
+    """Times [s], and relative errors of peak pressure and minimum film thickness then, signed.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it cannot be read.
+    """
+    try:
+        with np.load(path) as file:
+            return {name: file[name] for name in file.files}
+    except Exception as error:  # a damaged archive raises what its parts happen to meet
+        raise InputError(f"{path}: not the errors of a run ({error})") from None
+
+
+#: Beside the files of an ordinary run: what came of it, and of which settings.
+OUTCOME = "outcome.json"
+
+#: What makes a folder a study, and what study and report leave there beside reduced bodies.
+STUDY = "study.json"
+MADE = ("table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/", STUDY)
+
+#: Share of the simulated time that the last step of a complete run may lack.
+ROUND_OFF = 1e-9
+
 
 #: The reference's own errors that limit a comparison with runs on its own film mesh.
 LIMITING = ("step", "basis")
@@ -23,119 +189,388 @@ LIMITING = ("step", "basis")
 DAMAGE = (EhdError, KeyError, ValueError)
 
 
-class Comparison:
-    """Compares runs of a study and remembers what it found.
-
-    A run whose files turn out unusable has failed from then on, here and on the disk: it ends
-    nothing, and is run again by the next call of the program.
+class StudyFolder(RunsFolder):
+    """Folder of one study, its runs compared, what was found kept.
 
     Parameters
     ----------
-    study, folder
-        The study and its results.
+    directory
+        Created when missing.
+    study
+        What it is for.
+    overwrite
+        Forget all runs, tables and the report; reduced bodies are named by what they are and stay.
+
+    Attributes
+    ----------
+    outcomes, runs
+        Of the runs that ended, and those of them that are complete, by name.
+
+    Raises
+    ------
+    InputError
+        It cannot be written to, or holds the study of another scene.
+    InUseError
+        Another process works in it.
     """
 
-    def __init__(self, study: Study, folder: StudyFolder):
-        self._study, self._folder = study, folder
-        self._outcomes: dict[str, Outcome] = {}
-        self._references: dict[str, Reference] = {}
-        self._errors: dict[tuple[str, str], Mapping[str, Errors]] = {}
-        self._estimates: dict[str, Mapping[str, float]] = {}
+    def __init__(self, directory: str | Path, study: Study, *, overwrite: bool = False):
+        self.study = study
+        super().__init__(directory, MADE, study.cases, overwrite=overwrite)
 
-    def add(self, name: str, outcome: Outcome) -> None:
-        """Account for a run that ended."""
-        self._outcomes[name] = outcome
+    def _begin(self) -> None:
+        """Refuse the study of another scene."""
+        if (self.path / STUDY).exists():
+            self.require_same(STUDY, {"scene": self.study.scene.name}, ["scene"])
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was found of the runs, and remove what is kept of their errors."""
+        self.outcomes: dict[str, Outcome] = {}
+        self.runs: dict[str, StoredRun] = {}
+        self._references: dict[str, StoredRun] = {}
+        self._errors: dict[tuple[str, str], Errors] = {}
+        for name in self.study.cases:
+            found = [path.name for path in self.run(name).glob(errors_path(Path(), "*").name)]
+            clear(self.run(name), found)
 
     def outcome(self, name: str) -> Outcome | None:
-        """What came of a run, None before it ended."""
-        return self._outcomes.get(name)
+        """Outcome of a run; None: it did not run, with other settings or version, or is damaged.
 
-    def complete(self, name: str) -> bool:
-        """Whether a run ended well."""
-        outcome = self._outcomes.get(name)
-        return outcome is not None and outcome.complete
-
-    def compare(self, check: Callable[[], None] = lambda: None) -> None:
-        """Find all errors that can be found so far: which runs are unusable is known afterwards.
-
-        Parameters
-        ----------
-        check
-            Called between two runs; may raise `KeyboardInterrupt`.
+        The files of a run that is complete must be there, all its steps in them.
         """
-        for row in self._study.rows:
-            check()
-            self.estimates(row.run)
-            for against in filter(None, (row.against, row.own)):
-                self.errors(row.run, against)
+        try:
+            found = read_json(self.run(name) / OUTCOME)
+            outcome = Outcome(found["status"], found["figures"])
+            known = found["identity"] == self.study.cases[name].identity
+            if known and (not outcome.complete or self._whole(name)):
+                return outcome
+        except (OSError, ValueError, KeyError, TypeError, InputError):
+            pass
+        return None
 
-    def errors(self, run: str, against: str) -> Mapping[str, Errors] | None:
-        """Of a run relative to another, by joint; None: one is not complete, or they are one."""
-        if run == against or not (self.complete(run) and self.complete(against)):
+    def _whole(self, name: str) -> bool:
+        """True where the files of a complete run can be read and reach its end."""
+        scene = self.study.cases[name].scene
+        stored_bodies(scene, self.run(name))
+        run = self._read(name, films=True)
+        return bool(abs(run.times[-1] - scene.span) <= ROUND_OFF * scene.span)
+
+    def store(self, name: str, outcome: Outcome) -> None:
+        """Leave in a run's folder what came of it."""
+        claim(self.run(name), [OUTCOME])
+        about = {"identity": self.study.cases[name].identity}
+        self.write(f"runs/{name}/{OUTCOME}", about | asdict(outcome))
+
+    def add(self, name: str, outcome: Outcome) -> None:
+        """Account for a run that ended; one whose files are unusable has failed.
+
+        It ends nothing, and is run again by the next call of the program.
+        """
+        if outcome.complete:
+            try:
+                self.runs[name] = self._read(name)
+            except DAMAGE as error:
+                outcome = failed(error)
+                self.store(name, outcome)
+        self.outcomes[name] = outcome
+
+    def _read(self, name: str, *, films: bool = False) -> StoredRun:
+        scene, start = self.study.cases[name].scene, self.study.start
+        return StoredRun(self.run(name), scene, start, films=films)
+
+    def status(self, name: str) -> str:
+        """Status of a run, or that it has not run."""
+        return self.outcomes[name].status if name in self.outcomes else "not run"
+
+    def errors(self, run: str, against: str) -> Errors | None:
+        """Errors of a run relative to another; None: one is incomplete or missing, or they are one.
+
+        They are kept in a file as well.
+        """
+        if run == against or not {run, against} <= self.runs.keys():
             return None
         if (run, against) not in self._errors:
             if against not in self._references:
-                made = self._unless_damaged(against, lambda: Reference(*self._files(against)))
-                if made is None:
-                    return None
-                self._references[against] = made
-            found = self._unless_damaged(run, lambda: self._compared(run, against))
-            if found is None:
-                return None
+                self._references[against] = self._read(against, films=True)
+            curves, found = self._references[against].differences(self.runs[run])
+            write_errors(errors_path(self.run(run), against), curves)
             self._errors[run, against] = found
         return self._errors[run, against]
 
-    def _compared(self, run: str, against: str) -> Mapping[str, Errors]:
-        """Errors by joint, kept in a file as well."""
-        curves = StoredRun(*self._files(run))
-        times, found = self._references[against].differences(curves)
-        write_errors(errors_path(self._folder.run(run), against), times, found)
-        return {joint: differences.errors for joint, differences in found.items()}
-
-    def _files(self, name: str) -> tuple[Path, Scene, float]:
-        return self._folder.run(name), self._study.cases[name].scene, self._study.start
-
-    def estimates(self, run: str) -> Mapping[str, float]:
-        """Largest errors of gaps that a complete run estimates itself, by joint [m]."""
-        if run not in self._estimates and self.complete(run):
-            found = self._unless_damaged(run, lambda: StoredRun(*self._files(run)).estimates())
-            self._estimates[run] = found or {}
-        return self._estimates.get(run, {})
-
-    def _unless_damaged(self, name: str, make: Callable[[], T]) -> T | None:
-        """What is made of a run's files; None: they are unusable, and the run has failed."""
-        try:
-            return make()
-        except DAMAGE as error:
-            self._outcomes[name] = failed(error)
-            self._folder.forget_errors(name)
-            self._folder.store(name, self._outcomes[name])
-            return None
-
     def why_not(self, run: str, against: str) -> str:
         """Why two runs cannot be compared."""
-        for name in (run, against):
-            if not self.complete(name):
-                outcome = self.outcome(name)
-                return f"{name}: {outcome.status if outcome else 'not run'}"
-        return ""
+        missing = (name for name in (run, against) if name not in self.runs)
+        return next((f"{name}: {self.status(name)}" for name in missing), "")
 
-    def own_error(self, kind: str) -> Mapping[str, Errors] | None:
-        """One of the reference's own errors, by joint."""
-        return self.errors(self._study.checks[kind].run, REFERENCE)
+    def own_error(self, kind: str) -> Errors | None:
+        """One of the reference's own errors."""
+        return self.errors(self.study.checks[kind].run, REFERENCE)
 
     def floor(self, row: Row, joint: str) -> tuple[float | None, float | None]:
         """Errors of pressure and film below which this row's mean nothing; None: unknown.
 
-        On the film mesh of the reference its step and basis error; on other meshes the error of
-        the last mesh but the finest one.
+        On the film mesh of the reference the larger known one of its step and basis error; on
+        other meshes the error of the last mesh but the finest one.
         """
         if row.against == REFERENCE:
             own = [self.own_error(kind) for kind in LIMITING]
         else:
-            last = [r.run for r in self._study.rows if r.against == row.against and row.against]
+            last = [r.run for r in self.study.rows if r.against == row.against and row.against]
             own = [self.errors(last[-1], row.against)] if last else []
         known = [errors[joint] for errors in own if errors is not None]
-        if not known or len(known) < len(own):
+        if not known:
             return None, None
-        return max(e.pressure_max for e in known), max(e.film_max for e in known)
+        return max(e["pressure_max"] for e in known), max(e["film_max"] for e in known)
+
+
+#: Why static columns are left out.
+DROPPED = f"they depend on the others to {RANK_TOLERANCE:g} of the largest strain energy"
+
+#: By how much more cells, in both directions, a film mesh shows the error of another one.
+FINER = 1.2
+
+
+def describe_reference(folder: StudyFolder) -> dict[str, Any]:
+    """Method, basis, steps and own errors of the reference; these are the largest of all joints.
+
+    Parameters
+    ----------
+    folder
+        The study and its errors so far.
+    """
+    case, outcome = folder.study.cases[REFERENCE], folder.outcomes.get(REFERENCE)
+    settings = next(iter(case.bodies.values())).settings.reduction
+    found: dict[str, Any] = {
+        "run": REFERENCE,
+        "method": settings.method,
+        "status": folder.status(REFERENCE),
+        "tolerance": case.scene.time.tolerance,
+        "order": case.scene.time.order,
+        "start": folder.study.start,
+    }
+    if outcome is not None and outcome.complete:
+        cells = outcome.figures["film_cells"]
+        found["film_cells"] = cells if len(cells) > 1 else next(iter(cells.values()))
+        names = ("coordinates", "pressure_columns", "dropped_columns")
+        found |= {name: outcome.figures[name] for name in names}
+        found["dropped_because"] = DROPPED if found["dropped_columns"] else ""
+    return found | {kind: _own_error(folder, kind) for kind in ("step", "film", "basis")}
+
+
+def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
+    check, errors = folder.study.checks[kind], folder.own_error(kind)
+    if errors is None:
+        return dict.fromkeys(ERRORS) | {"why": folder.why_not(check.run, REFERENCE)}
+    if kind == "film" and (coarse := _too_coarse(folder)):
+        return dict.fromkeys(ERRORS) | {"why": coarse}
+    joints = {joint: {name: own[name] for name in ERRORS} for joint, own in errors.items()}
+    largest = {name: max(own[name] for own in joints.values()) for name in ERRORS}
+    about = {"run": check.run, "against": REFERENCE, "how": check.meaning}
+    return largest | about | ({"joints": joints} if len(joints) > 1 else {})
+
+
+def _too_coarse(folder: StudyFolder) -> str:
+    """Why a mesh shows nothing of the films' error; empty: it does."""
+    check = folder.study.checks["film"].run
+    fine, own = (folder.outcomes[run].figures["film_cells"] for run in (check, REFERENCE))
+    for joint in folder.study.joints:
+        numbers = zip(fine[joint].split("x"), own[joint].split("x"), strict=True)
+        if not all(int(more) >= FINER * int(few) for more, few in numbers):
+            return (
+                f"{check}: the film of {joint}, {fine[joint]} cells, is not finer than {own[joint]}"
+            )
+    return ""
+
+
+#: Columns of settings, of errors, and of figures of the run.
+ABOUT = (
+    "run",
+    "group",
+    "joint",
+    "method",
+    "pressure_set",
+    "selection",
+    "vibration_modes",
+    "residual_modes",
+    "interior_modes",
+    "film_cells",
+    "tolerance",
+    "order",
+    "status",
+    "coordinates",
+)
+ERROR_COLUMNS = ("pressure_error_max", "pressure_error_l2", "film_error_max", "film_error_l2")
+FLOORS = ("pressure_floor", "film_floor")
+STEPS = ("steps", "rejected_steps", "newton_iterations")
+EXTREMES = ("max_pressure_Pa", "min_film_thickness_m")
+FIGURES = ("coordinates", "offline_s", "highest_frequency_Hz", *STEPS, *EXTREMES)
+OWN = tuple(f"own_{name}" for name in ERROR_COLUMNS)
+
+COLUMNS = (
+    *ABOUT,
+    *ERROR_COLUMNS,
+    *FLOORS,
+    "offline_s",
+    "online_s",
+    *STEPS,
+    "highest_frequency_Hz",
+    "estimated_gap_error_m",
+    "true_gap_error_m",
+    *EXTREMES,
+    "against",
+    *OWN,
+    "residual_truncation",
+    "body",
+    "online_wall_s",
+)
+
+
+def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
+    """One row; what is not known is None, of a run that has not ended all but its settings."""
+    outcome = folder.outcomes.get(row.run)
+    values: dict[str, Any] = dict.fromkeys(COLUMNS)
+    values |= {"run": row.run, "group": row.group, "joint": joint, "against": row.against or None}
+    values |= _settings(folder.study.cases[row.run], joint)
+    values["status"] = folder.status(row.run)
+    if outcome is None or not outcome.complete:
+        return values
+    figures = {**outcome.figures, **outcome.figures.get("joints", {}).get(joint, {})}
+    values |= {name: figures[name] for name in FIGURES}
+    values |= {
+        "film_cells": figures["film_cells"][joint],
+        "online_s": figures["processor_time_s"],
+        "online_wall_s": figures["wall_time_s"],
+        "estimated_gap_error_m": folder.runs[row.run].estimates().get(joint),
+    }
+    for names, other in ((ERROR_COLUMNS, row.against), (OWN, row.own)):
+        if (errors := folder.errors(row.run, other)) is not None:
+            values |= {
+                column: errors[joint][name] for column, name in zip(names, ERRORS, strict=True)
+            }
+    if (errors := folder.errors(row.run, row.against)) is not None:
+        values["true_gap_error_m"] = errors[joint][GAP]
+    values |= zip(FLOORS, folder.floor(row, joint), strict=True)
+    return {name: finite(value) for name, value in values.items()}
+
+
+def _settings(case: Case, joint: str) -> dict[str, Any]:
+    """Columns that the settings alone fill; of a reduction what the method reads."""
+    reduction = next(iter(case.bodies.values())).settings.reduction
+    time, cells = case.scene.time, case.scene.joints[joint].cells
+    values = {"method": reduction.method, "tolerance": time.tolerance, "order": time.order}
+    for name in METHOD_KEYS[reduction.method]:
+        values["vibration_modes" if name == "modes" else name] = getattr(reduction, name)
+    values.pop("snapshots", None)
+    if cells:
+        values["film_cells"] = "x".join(map(str, cells))
+    return values | {"body": " ".join(body.name for body in case.bodies.values())}
+
+
+#: What the times of the table are.
+CLOCK = "processor time of one core with one thread, compilation left out"
+
+
+def describe_study(study: Study) -> dict[str, object]:
+    """Scene, settings, versions and machine."""
+    with interrupt_kept():  # Gmsh may be imported for its version
+        found = versions(installed=True)
+    return {
+        "scene": study.scene.name,
+        "joints": list(study.joints),
+        "quick": study.quick,
+        "version": __version__,
+        "machine": machine(),
+        "clock": CLOCK,
+        "start": study.start,
+        "runs": len(study.cases),
+        "versions": found,
+        "settings": dict(study.scene.tables),
+    }
+
+
+def call(workers: int, runs: int) -> dict[str, object]:
+    """One call of the program: when, how many runs it had to make, how many at a time."""
+    date = datetime.now(UTC).strftime("%Y-%m-%d")
+    return {"date": date, "version": __version__, "workers": workers, "runs": runs}
+
+
+def former_calls(path: Path) -> list[dict[str, object]]:
+    """Calls that an earlier ``study.json`` tells of, some of whose runs may have stayed."""
+    try:
+        return list(read_json(path)["calls"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+
+
+def machine() -> dict[str, object]:
+    """Processor, cores that this process may use, memory [GB] and operating system."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    return {
+        "cpu": _processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "memory_GB": round(memory, 1),
+        "os": platform.platform(),
+    }
+
+
+def _processor() -> str:
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.machine()
+
+
+def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
+    """Run what is missing and write ``study.json``, ``reference.json`` and ``table.csv``.
+
+    A run that fails is a row with its reason and ends nothing; so does one whose files cannot be
+    compared. The table has a row for every run from the beginning, and is written again whenever
+    one ends.
+
+    Parameters
+    ----------
+    folder
+        Of the study.
+    pool
+        Workers.
+
+    Returns
+    -------
+    list of dict
+        Rows of the table.
+    """
+    study = folder.study
+    folder.forget()
+    tasks = []
+    for name, case in study.cases.items():
+        outcome = folder.outcome(name)
+        if outcome is not None and outcome.complete:
+            folder.add(name, outcome)
+        else:
+            tasks.append(CaseTask(case, folder.bodies, folder.run(name)))
+    # Those with the shortest steps take longest.
+    tasks.sort(key=lambda task: (task.case.name != REFERENCE, task.case.scene.time.tolerance))
+    calls = former_calls(folder.path / "study.json")
+    if tasks:
+        calls.append(call(pool.width, len(tasks)))
+    folder.write("study.json", describe_study(study) | {"calls": calls})
+    write_tables(folder)
+
+    def ended(case: Case, outcome: Outcome) -> None:
+        folder.store(case.name, outcome)
+        folder.add(case.name, outcome)
+        write_tables(folder)
+
+    run_cases(tasks, folder.bodies, pool, ended, len(study.cases) - len(tasks))
+    return write_tables(folder)
+
+
+def write_tables(folder: StudyFolder) -> list[dict[str, Any]]:
+    """Tables of all runs, as far as they ended."""
+    study = folder.study
+    found = [table_row(row, joint, folder) for row in study.rows for joint in study.joints]
+    write_table(folder.path / "table.csv", COLUMNS, found)
+    folder.write("reference.json", describe_reference(folder))
+    return found

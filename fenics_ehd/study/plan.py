@@ -1,17 +1,244 @@
-"""The runs of a study, what each of them is compared with, and where it stands in the table."""
+"""Plan of a study: variants, scope, and what each run is compared with.
+
+A variant is a name, and the settings in which it differs from the scene. The scope has methods and
+numbers of modes, tolerances, film meshes, the reference.
+
+Numbers of modes are about those of Krinner and Rixen, sections 4.2 and 5.2, for their machines, and
+some more: M1 and M2 get as many modes as M3 has vibration and residual modes together.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.scenes.scene import Scene, lubricated_joints, meshed
-from fenics_ehd.scenes.scene_text import as_stored
-from fenics_ehd.study.case import Case, checksum, identity, make_case
-from fenics_ehd.study.keys import with_values
-from fenics_ehd.study.scope import Scope, usual_scope
-from fenics_ehd.study.variants import FILM, Variant, film, steps, values_in
+from fenics_ehd.base.fields import NONE
+from fenics_ehd.scenes.films import planned_cells
+from fenics_ehd.scenes.scene import Scene, as_stored, lubricated_joints, meshed
+from fenics_ehd.scenes.schema import FEWEST_CELLS
+from fenics_ehd.study.cases import Case, make_case, with_values
+
+#: Stands for the cells of every film, as many times the scene's own in both directions.
+FILM = "film"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Settings under a name that is a file name as well.
+
+    `values` are by full key, by ``reduction.KEY`` for all parts that are reduced alike, and by
+    `FILM` for all films.
+    """
+
+    name: str
+    values: Mapping[str, Any]
+
+    def but(self, suffix: str, values: Mapping[str, Any]) -> Variant:
+        """With more settings, and the suffix behind its name."""
+        return Variant(f"{self.name}-{suffix}", {**self.values, **values})
+
+
+def m1(modes: int) -> Variant:
+    """Craig-Bampton with so many fixed-boundary modes."""
+    return _reduction(f"m1-{modes}", method="m1", modes=modes)
+
+
+def m2(modes: int) -> Variant:
+    """Two Craig-Bampton steps with so many modes in the end."""
+    return _reduction(f"m2-{modes}", method="m2", modes=modes)
+
+
+def m3(pressure_set: str, selection: str, modes: int) -> Variant:
+    """Load-dependent reduction with so many residual modes."""
+    return _reduction(
+        f"m3-{pressure_set}-{selection}-{modes}",
+        method="m3",
+        pressure_set=pressure_set,
+        snapshots=NONE,
+        selection=selection,
+        residual_modes=modes,
+    )
+
+
+def m4(vibration_modes: int, truncation: float = 1e-4) -> Variant:
+    """Residual-flexibility completion, its patterns cut off at a relative displacement."""
+    return _reduction(
+        f"m4-{vibration_modes}-{truncation:.0e}",
+        method="m4",
+        vibration_modes=vibration_modes,
+        residual_truncation=truncation,
+    )
+
+
+def full(vibration_modes: int) -> Variant:
+    """Every column of ``P_c1`` (34)."""
+    return _reduction(f"full-{vibration_modes}", method="full", vibration_modes=vibration_modes)
+
+
+def rigid() -> Variant:
+    """No elasticity."""
+    return _reduction("rigid", method="rigid")
+
+
+def _reduction(name: str, **values: Any) -> Variant:
+    return Variant(name, {f"reduction.{key}": value for key, value in values.items()})
+
+
+def steps(tolerance: float) -> dict[str, Any]:
+    """Settings of the time integration."""
+    return {"time.tolerance": tolerance}
+
+
+def film(factor: float) -> dict[str, Any]:
+    """Settings of the film meshes: so many times the cells in both directions."""
+    return {FILM: factor}
+
+
+def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of a variant by full key."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        if key.startswith("reduction."):
+            found |= {f"bodies.{name}.{key}": value for name in meshed(scene)}
+        elif key == FILM:
+            joints = lubricated_joints(scene)
+            found |= {f"joints.{joint}.cells": _times(scene, joint, value) for joint in joints}
+        else:
+            found[key] = value
+    return found
+
+
+def _times(scene: Scene, joint: str, factor: float) -> list[int]:
+    """Cells of a film multiplied; those of the scene itself stay as they are written."""
+    if factor == 1.0:
+        return list(scene.joints[joint].cells)
+    own = planned_cells(scene, joint)
+    return [
+        max(int(factor * cells + 0.5), least)
+        for cells, least in zip(own, FEWEST_CELLS, strict=True)
+    ]
+
+
+#: Of residual modes, in the sense of (31)-(32): the most flexible, the slowest, to the letter.
+SELECTIONS = ("largest-eigenvalue", "lowest-frequency", "smallest-eigenvalue")
+
+#: Numbers of residual modes, as many times the scene's own.
+SIZES = (0.5, 1, 2, 4)
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Runs of a study.
+
+    Attributes
+    ----------
+    methods
+        Judged as the scene integrates them.
+    tolerances, stepped
+        Step tolerances, and what is run with each of them.
+    films, meshed
+        Factors on the cells of every film, finest last, and what is run with each of them.
+    finest_steps
+        Against which runs at the tolerances are measured: the same bodies, their steps very fine.
+    reference, reference_steps
+        What all are measured against, the full interface, and its steps.
+    step_check, film_check
+        Settings that replace those of the reference for its own step and film error.
+        Without a `step_check` the other steps of `basis_check` show the sum of both errors.
+    basis_check
+        The reference's parts with another basis, and its settings.
+    loose
+        What else is run with the first of the tolerances: errors as large as those of these methods
+        need no finer steps.
+    settings
+        Replace those of the scene.
+    """
+
+    methods: tuple[Variant, ...]
+    tolerances: tuple[float, ...]
+    stepped: tuple[Variant, ...]
+    films: tuple[float, ...]
+    meshed: tuple[Variant, ...]
+    finest_steps: Mapping[str, Any]
+    reference: Variant
+    reference_steps: Mapping[str, Any]
+    step_check: Mapping[str, Any] | None
+    film_check: Mapping[str, Any]
+    basis_check: tuple[Variant, Mapping[str, Any]]
+    loose: tuple[Variant, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def usual_scope(scene: Scene, *, quick: bool) -> Scope:
+    """The scope of any scene: its own number of vibration modes, its own M3, its tolerance.
+
+    With several parts these are those of the first one.
+    """
+    reduction = scene.bodies[meshed(scene)[0]].reduction
+    n = reduction.vibration_modes
+    selection = reduction.selection if reduction.selection in SELECTIONS else SELECTIONS[1]
+    usual = m3(reduction.pressure_set, selection, reduction.residual_modes)
+
+    def size(factor: float) -> int:
+        return 1 + round(factor * (reduction.residual_modes - 1))
+
+    def times(factor: float) -> float:
+        return float(f"{factor * scene.time.tolerance:.6g}")
+
+    shared: dict[str, Any] = {
+        "stepped": (usual, m4(n)),
+        "meshed": (usual,),
+        "reference": full(max(20, n + 10)),
+        "reference_steps": steps(times(0.01)),
+        "basis_check": (full(n), steps(times(0.1))),
+    }
+    if quick:
+        return Scope(
+            methods=(
+                *(method(n + size(factor)) for method in (m1, m2) for factor in (1, 2)),
+                m3("pc1", "largest-eigenvalue", size(1)),
+                m3("pc2", "largest-eigenvalue", size(1)),
+                m3("pc2", "smallest-eigenvalue", size(1)),
+                m3("pc2", "lowest-frequency", size(0.5)),
+                usual,
+                m4(n, 1e-2),
+                m4(n),
+            ),
+            tolerances=tuple(map(times, (30, 10, 1))),
+            films=(0.5, 1, 1.5),
+            finest_steps=steps(times(0.01)),
+            step_check=None,
+            film_check=film(1.5) | steps(times(10)),
+            **shared,
+        )
+    return Scope(
+        methods=(
+            *(m1(n + size(factor)) for factor in SIZES),
+            # Some more than four times as many as M3 needs for one per cent.
+            *(m2(n + size(factor)) for factor in (*SIZES, 5, 8)),
+            *(m3("pc1", way, size(factor)) for way in SELECTIONS for factor in SIZES),
+            *(m3("pc2", way, size(factor)) for way in SELECTIONS for factor in SIZES[:-1]),
+            m3("journal", "largest-eigenvalue", size(0.5)),
+            m3("journal", "largest-eigenvalue", size(1)),
+            usual,
+            m4(n, 1e-2),
+            m4(n, 1e-3),
+            m4(n),
+            m4(2),
+            m4(20),
+            rigid(),
+        ),
+        tolerances=tuple(map(times, (30, 10, 1, 0.1, 0.01))),
+        loose=(m1(n + size(1)), m2(n + size(1))),
+        films=(0.5, 1, 1.5, 2, 3),
+        finest_steps=steps(times(0.001)),
+        step_check=steps(times(0.1)),
+        film_check=film(2) | steps(times(1)),
+        **shared,
+    )
+
 
 #: Name of the run that all methods are measured against.
 REFERENCE = "reference"
@@ -67,8 +294,6 @@ class Study:
         Time from which on errors count [s].
     cases
         By name; the reference is `REFERENCE`.
-    identities
-        Checksums of all that their results depend on, by name.
     rows
         Of the table.
     checks
@@ -79,7 +304,6 @@ class Study:
     quick: bool
     start: float
     cases: Mapping[str, Case]
-    identities: Mapping[str, str]
     rows: tuple[Row, ...]
     checks: Mapping[str, Check]
 
@@ -89,28 +313,9 @@ class Study:
         return lubricated_joints(self.scene)
 
 
-class _Cases:
-    """Cases by name, each of them once."""
-
-    def __init__(self, scene: Scene):
-        self._scene = scene
-        self._names: dict[str, str] = {}
-        self.found: dict[str, Case] = {}
-
-    def add(self, variant: Variant) -> str:
-        """Add a case, unless there is one of these settings; returns its name."""
-        case = make_case(variant.name, self._scene, values_in(self._scene, variant.values))
-        same = checksum(identity(case.scene) | {n: b.name for n, b in case.bodies.items()})
-        if same not in self._names:
-            assert variant.name not in self.found, f"two runs are called {variant.name}"
-            self.found[variant.name] = case
-            self._names[same] = variant.name
-        return self._names[same]
-
-    @property
-    def identities(self) -> dict[str, str]:
-        """Checksums by name."""
-        return {name: same for same, name in self._names.items()}
+#: Adds the case of a variant to those of a study, unless there is one of these settings, and
+#: returns its name.
+Add = Callable[[Variant], str]
 
 
 def make_study(
@@ -151,18 +356,25 @@ def make_study(
     if start is None:
         start = 0.0 if scene.time.periodic else START * scene.span
     _require_long_enough(scene, start)
-    cases = _Cases(scene)
-    cases.add(Variant(REFERENCE, {**scope.reference.values, **scope.reference_steps}))
+    cases: dict[str, Case] = {}
+
+    def add(variant: Variant) -> str:
+        case = make_case(variant.name, scene, values_in(scene, variant.values))
+        return cases.setdefault(case.identity, case).name
+
+    add(Variant(REFERENCE, {**scope.reference.values, **scope.reference_steps}))
     rows = [
-        *(Row(cases.add(variant), METHODS, REFERENCE) for variant in scope.methods),
-        *_tolerance_rows(cases, scope, scene.time.tolerance),
-        *_film_rows(cases, scope),
+        *(Row(add(variant), METHODS, REFERENCE) for variant in scope.methods),
+        *_tolerance_rows(add, scope, scene.time.tolerance),
+        *_film_rows(add, scope),
     ]
-    checks = _checks(cases, scope)
+    checks = _checks(add, scope)
     others = dict.fromkeys(check.run for check in checks.values())
     own = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others)]
     unique = tuple(dict.fromkeys([*own, *rows]))
-    return Study(scene, quick, start, cases.found, cases.identities, unique, checks)
+    by_name = {case.name: case for case in cases.values()}
+    assert len(by_name) == len(cases), "two runs of a scope have one name"
+    return Study(scene, quick, start, by_name, unique, checks)
 
 
 def _require_long_enough(scene: Scene, start: float) -> None:
@@ -175,16 +387,16 @@ def _require_long_enough(scene: Scene, start: float) -> None:
         )
 
 
-def _tolerance_rows(cases: _Cases, scope: Scope, usual: float) -> list[Row]:
+def _tolerance_rows(add: Add, scope: Scope, usual: float) -> list[Row]:
     rows = []
     for variant in scope.stepped:
-        own = cases.add(variant.but("finest", scope.finest_steps))
+        own = add(variant.but("finest", scope.finest_steps))
         for tolerance in scope.tolerances:
-            run = cases.add(_stepped(variant, tolerance, usual))
+            run = add(_stepped(variant, tolerance, usual))
             rows.append(Row(run, TOLERANCE, REFERENCE, own if run != own else ""))
         rows.append(Row(own, TOLERANCE, REFERENCE))
     for variant in scope.loose:
-        run = cases.add(_stepped(variant, scope.tolerances[0], usual))
+        run = add(_stepped(variant, scope.tolerances[0], usual))
         rows.append(Row(run, TOLERANCE, REFERENCE))
     return rows
 
@@ -195,10 +407,10 @@ def _stepped(variant: Variant, tolerance: float, usual: float) -> Variant:
     return variant.but(f"tol-{tolerance:.0e}", steps(tolerance))
 
 
-def _film_rows(cases: _Cases, scope: Scope) -> list[Row]:
+def _film_rows(add: Add, scope: Scope) -> list[Row]:
     rows = []
     for variant in scope.meshed:
-        runs = [cases.add(_meshed(variant, factor)) for factor in scope.films]
+        runs = [add(_meshed(variant, factor)) for factor in scope.films]
         rows += [Row(run, FILMS, runs[-1]) for run in runs[:-1]]
         rows += [Row(run, FILMS, "") for run in runs[-1:]]
     return rows
@@ -208,7 +420,7 @@ def _meshed(variant: Variant, factor: float) -> Variant:
     return variant if factor == 1.0 else variant.but(f"film-{factor:g}", film(factor))
 
 
-def _checks(cases: _Cases, scope: Scope) -> dict[str, Check]:
+def _checks(add: Add, scope: Scope) -> dict[str, Check]:
     basis, other = scope.basis_check
     changed = {
         "film": (scope.reference, scope.film_check),
@@ -219,7 +431,7 @@ def _checks(cases: _Cases, scope: Scope) -> dict[str, Check]:
     checks = {}
     for kind, (variant, values) in changed.items():
         merged = {**variant.values, **scope.reference_steps, **values}
-        run = cases.add(Variant(f"{REFERENCE}-{kind}", merged))
+        run = add(Variant(f"{REFERENCE}-{kind}", merged))
         words = (f"{'film cells times' if k == FILM else f'{k} ='} {v}" for k, v in values.items())
         checks[kind] = Check(run, f"with {', '.join(words)}")
     return {"step": checks["basis"]} | checks

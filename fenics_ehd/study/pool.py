@@ -1,26 +1,83 @@
-"""Workers: processes that take one task each."""
+"""Many runs: their folder, a pool of processes, bodies made once, then the runs.
+
+Errors come back from a process as text in one line: they may not survive the way themselves, and a
+film that failed carries its arrays. A process that dies costs its own task only.
+
+What a body took is in its provenance: of a part's first body mesh and matrices are included, a
+later one adds little where it finds factors, modes and responses of those before it.
+"""
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
+import sys
+import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from math import inf
+from pathlib import Path
+from time import perf_counter, process_time
 from typing import Any, TypeVar
 
 from mpi4py import MPI
+from tqdm import tqdm
 
-from fenics_ehd.base.errors import EhdError, SettingsError
-from fenics_ehd.study.worker_process import begin_worker
+from fenics_ehd.base.errors import BodyFileError, EhdError, InputError, SettingsError
+from fenics_ehd.base.files import (
+    claim,
+    clear,
+    let_go,
+    locked,
+    new_part,
+    read_json,
+    require_writable,
+    to_json,
+    write_whole,
+)
+from fenics_ehd.base.processes import interrupt_between_steps
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.reduction import ReducedBody, Reductor, Structure, load_body, save_body
+from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.part import ReducedPart, elastic_part
+from fenics_ehd.scenes.run import run_scene
+from fenics_ehd.scenes.scene import flexible
+from fenics_ehd.study.cases import Case, NeededBody
+
+#: What mpirun, or MPI itself in a process on its own, puts into the environment. A process that
+#: inherits it takes itself for that rank.
+LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "ORTE_")
+
+
+def begin_worker() -> None:
+    """Set up a process of the pool: alone for MPI, one thread for the BLAS, no longer-lived."""
+    for name in list(os.environ):
+        if name.startswith(LAUNCHER):
+            del os.environ[name]
+    # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
+    os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    logging.disable(logging.INFO)  # the build log of forms
+    # Its usual one is shared by processes, and lost by one that is killed.
+    tqdm.set_lock(threading.RLock())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End when the parent is killed, for whose tasks a pool's processes wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
+
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -31,6 +88,32 @@ POLL = 0.2
 
 class WorkerDiedError(EhdError):
     """The process of a worker ended in the middle of its work."""
+
+
+#: Status of a run whose figures can be trusted.
+COMPLETE = "complete"
+
+
+class FailedCasesError(EhdError):
+    """Some cases failed; the rows of all others are complete."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """``"complete"`` or what went wrong, and the figures of a run that came to its end."""
+
+    status: str
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        """True where its figures can be trusted."""
+        return self.status == COMPLETE
+
+
+def failed(error: BaseException) -> Outcome:
+    """Outcome of an error: its name and message."""
+    return Outcome("failed: " + " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split()))
 
 
 def open_pool(workers: int | None) -> ProcessPool:
@@ -53,10 +136,8 @@ def outcomes(
     function: Callable[[T], R],
     tasks: Iterable[T],
     check: Callable[[], None],
-) -> Iterator[tuple[T, R | WorkerDiedError]]:
-    """Results of tasks as they end.
-
-    A process that dies, for want of memory say, costs its own task only.
+) -> Iterator[tuple[T, R | Outcome]]:
+    """Results of tasks as they end; of one whose process died, for want of memory say, why.
 
     Parameters
     ----------
@@ -80,12 +161,13 @@ def outcomes(
         for future in ended:
             task = running.pop(future)
             if isinstance(future.exception(), BrokenExecutor):
-                yield task, WorkerDiedError("its process ended, for want of memory perhaps")
+                died = WorkerDiedError("its process ended, for want of memory perhaps")
+                yield task, failed(died)
             else:
                 yield task, future.result()
 
 
-class ProcessPool:
+class ProcessPool(AbstractContextManager["ProcessPool"]):
     """Processes of this machine, each started with its first task in an executor of its own.
 
     An executor takes all of its processes with it when one dies. They are spawned: MPI and PETSc
@@ -113,9 +195,6 @@ class ProcessPool:
         self._last[place] = future
         return future
 
-    def __enter__(self) -> ProcessPool:
-        return self
-
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
             # PETSc answers a mere termination with a page of advice.
@@ -136,3 +215,310 @@ def _interrupt_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, former)
+
+
+#: Entries of a body's provenance: what it took, by the clock and of the processor.
+SECONDS, PROCESSOR_SECONDS = "reduction_time_s", "reduction_processor_time_s"
+
+
+@dataclass(frozen=True)
+class PartTask:
+    """Bodies of one part to reduce, and the folder for their files."""
+
+    bodies: tuple[NeededBody, ...]
+    directory: Path
+
+
+def body_path(directory: Path, body: NeededBody) -> Path:
+    """File of a reduced body in the folder of all of them."""
+    return directory / f"{body.name}.h5"
+
+
+def reduce_missing(
+    cases: Iterable[Case], directory: Path, pool: ProcessPool, check: Callable[[], None]
+) -> Mapping[str, Outcome]:
+    """Reduce what cases need and is not there, or cannot be read; those that failed, by name."""
+    needed = {body.name: body for case in cases for body in case.bodies.values()}
+    parts: dict[str, list[NeededBody]] = {}
+    for body in needed.values():
+        if not _there(body_path(directory, body)):
+            parts.setdefault(body.part, []).append(body)
+    tasks = [PartTask(tuple(in_turn(bodies)), directory) for bodies in parts.values()]
+    failures: dict[str, Outcome] = {}
+    for task, answer in outcomes(pool, reduce_part_bodies, tasks, check):
+        if isinstance(answer, Outcome):
+            lost = (b for b in task.bodies if not _there(body_path(directory, b)))
+            failures |= {body.name: answer for body in lost}
+        else:
+            failures |= answer
+    return failures
+
+
+def in_turn(bodies: Iterable[NeededBody]) -> Sequence[NeededBody]:
+    """Reductions that share most beside each other, the largest first: see `Reductor`."""
+
+    def order(body: NeededBody) -> Any:
+        r = body.settings.reduction
+        return r.method, r.pressure_set, -r.vibration_modes, -r.modes, -r.residual_modes
+
+    return sorted(bodies, key=order)
+
+
+def _there(path: Path) -> bool:
+    try:
+        load_body(path)
+    except BodyFileError:
+        return False
+    return True
+
+
+def reduce_part_bodies(task: PartTask) -> dict[str, Outcome]:
+    """Reduce bodies of one part on this process alone and save them; those that failed."""
+    clocks = perf_counter(), process_time()
+    first = task.bodies[0]
+    try:
+        part = elastic_part(first.settings, first.key, first.film_element, MPI.COMM_SELF)
+        assert isinstance(part.source, Structure)
+        reductor = Reductor(part.source, solver=first.settings.reduction.solver)
+    except Exception as error:
+        return {body.name: failed(error) for body in task.bodies}
+    failures = {}
+    task.directory.mkdir(parents=True, exist_ok=True)
+    for body in task.bodies:
+        try:
+            made = replace(part, settings=body.settings).reduce(reductor=reductor)
+            assert isinstance(made, ReducedPart)
+            seconds = perf_counter() - clocks[0], process_time() - clocks[1]
+            taken = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, seconds), strict=True))
+            kept = replace(made.body, provenance={**made.body.provenance, **taken})
+            save_body(kept, body_path(task.directory, body))
+        except Exception as error:
+            failures[body.name] = failed(error)
+        clocks = perf_counter(), process_time()
+    return failures
+
+
+def part_figures(bodies: Collection[ReducedBody]) -> dict[str, float]:
+    """Figures of the bodies of a run, all together.
+
+    Returns
+    -------
+    dict
+        ``coordinates``, ``highest_frequency_Hz``, ``offline_s`` (processor time that they added),
+        ``pressure_columns`` and ``dropped_columns`` of what depends on the others.
+    """
+    return {
+        "coordinates": sum(body.modes for body in bodies),
+        "highest_frequency_Hz": max(
+            (float(body.frequencies.max(initial=0.0)) for body in bodies), default=0.0
+        ),
+        "offline_s": sum(float(body.provenance[PROCESSOR_SECONDS]) for body in bodies),
+        "pressure_columns": sum(
+            len(bore.pressure_coordinates) for body in bodies for bore in body.bores.values()
+        ),
+        "dropped_columns": sum(int(body.accuracy.get("static_dropped", 0)) for body in bodies),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class CaseTask:
+    """A case to run, the folders of the bodies and for its results, and whether these stay."""
+
+    case: Case
+    bodies: Path
+    directory: Path
+    keep: bool = True
+
+
+class OtherFolderError(InputError):
+    """A folder holds another study or sweep, or what this program did not write."""
+
+    def __init__(self, path: Path, reason: str):
+        super().__init__(
+            f"{path}: of another study or sweep ({reason}): choose another folder or --overwrite"
+        )
+
+
+class RunsFolder(ExitStack):
+    """Folder of many runs, ``runs/NAME`` each, and their bodies, held by one process at a time.
+
+    Parameters
+    ----------
+    directory
+        Created when missing.
+    made
+        What is kept there beside reduced bodies, which are named by what they are and stay.
+    runs
+        Names of the runs.
+    overwrite
+        Begin anew, whatever was made there.
+
+    Raises
+    ------
+    InputError
+        It cannot be written to, or holds files of others under these names.
+    InUseError
+        Another process works in it.
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        made: Sequence[str],
+        runs: Iterable[str],
+        *,
+        overwrite: bool = False,
+    ):
+        super().__init__()
+        self.path = Path(directory)
+        require_writable(self.path)
+        self.path.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as held:
+            held.enter_context(locked(self.path))
+            claim(self.path, (*made, "bodies/"))
+            if overwrite:
+                clear(self.path, made)
+            claim(self.path / "runs", [f"{name}/" for name in runs])
+            self._begin()
+            self.push(held.pop_all())
+
+    def _begin(self) -> None:
+        """Look at what is there."""
+
+    def require_same(self, name: str, ours: Mapping[str, Any], keys: Iterable[str] = ()) -> None:
+        """Refuse what was made of something else, as a JSON file says.
+
+        Parameters
+        ----------
+        name
+            Of the file.
+        ours
+            What it is to say.
+        keys
+            Of what; all unless given.
+        """
+        path = self.path / name
+        try:
+            theirs = dict(read_json(path))
+        except (OSError, ValueError, TypeError):
+            raise OtherFolderError(path, "it is missing or unreadable") from None
+        for key in keys or sorted({*ours, *theirs}):
+            if ours.get(key) != theirs.get(key):
+                reason = f"{key} = {theirs.get(key)} there, {ours.get(key)} here"
+                raise OtherFolderError(path, reason)
+
+    @property
+    def bodies(self) -> Path:
+        """Folder of the reduced bodies."""
+        return self.path / "bodies"
+
+    def run(self, name: str) -> Path:
+        """Folder of a run."""
+        return self.path / "runs" / name
+
+    def write(self, name: str, values: Mapping[str, Any]) -> None:
+        """Write a JSON file, whole or not at all."""
+        write_whole(self.path / name, to_json(values) + "\n")
+
+
+def run_cases(
+    tasks: Sequence[CaseTask],
+    bodies: Path,
+    pool: ProcessPool,
+    ended: Callable[[Case, Outcome], None],
+    done: int = 0,
+) -> None:
+    """Run cases as ``fenics-ehd run`` does, those whose body fails first; Ctrl-C between two.
+
+    Parameters
+    ----------
+    tasks
+        In the order in which they begin.
+    bodies
+        Folder of the bodies that all of them need.
+    pool
+        Workers.
+    ended
+        Told of every case.
+    done
+        Number of cases that need not run, for the bar.
+    """
+    with (
+        tqdm(
+            total=done + len(tasks),
+            initial=done,
+            unit="case",
+            file=sys.stderr,
+            mininterval=0.2 if sys.stderr.isatty() else 10.0,
+        ) as bar,
+        interrupt_between_steps() as check,
+    ):
+        failures = reduce_missing((task.case for task in tasks), bodies, pool, check)
+        ready, failed_cases = [], 0
+
+        def told(case: Case, outcome: Outcome) -> None:
+            nonlocal failed_cases
+            ended(case, outcome)
+            failed_cases += not outcome.complete
+            bar.set_postfix_str(f"{failed_cases} failed", refresh=False)
+            bar.update()
+
+        for task in tasks:
+            lost = [failures[b.name] for b in task.case.bodies.values() if b.name in failures]
+            if lost:
+                told(task.case, lost[0])
+            else:
+                ready.append(task)
+        for task, answer in outcomes(pool, run_case, ready, check):
+            told(task.case, answer)
+
+
+def run_case(task: CaseTask) -> Outcome:
+    """Run a case anew into its folder; what ends it early is its status.
+
+    Its figures are those of its summary, of its bodies, and the cells of its films by joint.
+    """
+    try:
+        summary = _run(task)
+    except Exception as error:
+        return failed(error)
+    finally:
+        if not task.keep:
+            clear(task.directory)
+            let_go(task.directory)
+    return Outcome(str(summary["status"]), summary)
+
+
+def _run(task: CaseTask) -> dict[str, Any]:
+    clear(task.directory)
+    scene = task.case.scene
+    files = {name: body_path(task.bodies, body) for name, body in task.case.bodies.items()}
+    bodies = {name: load_body(path) for name, path in files.items()}
+    built = build(scene, bodies=bodies)
+    seconds = sum(float(body.provenance[SECONDS]) for body in bodies.values())
+    bar = tqdm(total=1e3 * scene.span, disable=True)
+    with RunFolder(task.directory, flexible(scene)) as folder:
+        try:
+            own = replace(built, seconds=seconds)
+            # A study compares its runs with one another.
+            summary = run_scene(scene, own, folder.path, bar, interval=inf, judged=False)
+        finally:
+            for name, path in files.items():
+                _share(path, folder.path / BODY_FILE.format(name))
+    return summary | part_figures(bodies.values()) | {"film_cells": _film_cells(built.mechanism)}
+
+
+def _film_cells(mechanism: Mechanism) -> dict[str, str]:
+    """Cells around and along of the film in every lubricated joint, ``"20x5"``."""
+    films = {n: j.film for n, j in mechanism.joints.items() if isinstance(j, LubricatedJoint)}
+    grids = {name: film.parameters.grid for name, film in films.items()}
+    return {n: f"{len(grid.angles) - 1}x{len(grid.heights) - 1}" for n, grid in grids.items()}
+
+
+def _share(file: Path, copy: Path) -> None:
+    """Have a copy share the file's place on the disk: many runs have a body in common."""
+    with suppress(OSError):  # a file system without links: the copy stays
+        link = new_part(copy)
+        link.unlink()
+        os.link(file, link)
+        link.replace(copy)

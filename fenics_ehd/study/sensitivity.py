@@ -1,45 +1,36 @@
-"""Derivatives of what a scene answers along its numbers, by the way that each of them has."""
+"""Derivatives of what a scene answers along its numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
 from time import process_time
 
-import attrs
 import numpy as np
-from mpi4py import MPI
 
-from fenics_ehd.base.errors import SensitivityError, SettingsError
-from fenics_ehd.base.fields import unit_of
-from fenics_ehd.base.oil import NO_TEMPERATURE
-from fenics_ehd.base.units import SCALES
-from fenics_ehd.multibody.cycle_derivative import curves_of
-from fenics_ehd.multibody.cycle_record import CycleRecord
-from fenics_ehd.multibody.held_run import recorded_again
-from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.sensitivity import (
-    AMOUNT,
-    Derivatives,
+from fenics_ehd.analysis.sensitivity import (
     Figure,
     Number,
+    Record,
     check_periods,
+    derivatives,
     figure_of,
+    first_columns,
+    followed,
+    settled,
 )
+from fenics_ehd.base.errors import EhdError, SensitivityError, SettingsError
+from fenics_ehd.base.fields import NO_TEMPERATURE, SCALES, unit_of
+from fenics_ehd.base.settings import walk
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.run import Run
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.build import build_mechanism
-from fenics_ehd.scenes.given import changed
-from fenics_ehd.scenes.scene import Scene
-from fenics_ehd.study.keys import resolve_key, scene_values
-
-#: How a derivative was found.
-THROUGH, DIFFERENCES = "through the steps", "differences in the same steps"
-
-#: Change of a number in differences, over its scale.
-STEP = 0.01
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.scene import Scene, changed
+from fenics_ehd.study.cases import resolve_key, scene_values
 
 #: Keys of an elastic body that no mesh and no reduction reads.
 MOVING = ("damping_time", "position", "angle", "velocity", "speed")
@@ -73,7 +64,7 @@ class Along:
 
     @property
     def relative(self) -> bool:
-        """Whether a share of it means something: zero is not a matter of a scale, as 0 C is."""
+        """True where a share of it means something: zero is not a matter of a scale, as 0 C is."""
         return self.unit not in SCALES
 
     def change(self, scene: Scene, share: float) -> Scene:
@@ -96,14 +87,13 @@ class SceneSensitivity:
         What was asked for, and its value.
     numbers
         Along which.
-    derivatives, methods
-        By figure and key, and by key how they were found.
-    reach
-        By key, of derivatives through the steps: share of the number that changes a film somewhere
-        by a tenth.
-    sweeps, seconds
-        Times that the steps were gone through; processor time of the run, of derivatives through
-        the steps, of differences [s].
+    derivatives, finer
+        By figure and key, on the films as they are and on finer ones; where there are none, the
+        latter has nothing.
+    reduced
+        Keys along which a body was reduced anew.
+    seconds
+        Processor time of the run and of the derivatives [s].
     record
         Of the scene's run.
     """
@@ -112,11 +102,10 @@ class SceneSensitivity:
     values: Mapping[Figure, float]
     numbers: Sequence[Along]
     derivatives: Mapping[tuple[Figure, str], float]
-    methods: Mapping[str, str]
-    reach: Mapping[str, float]
-    sweeps: int
+    finer: Mapping[tuple[Figure, str], float]
+    reduced: Sequence[str]
     seconds: Mapping[str, float]
-    record: CycleRecord
+    record: Record
 
     def elasticity(self, figure: Figure, number: Along) -> float | None:
         """``d ln q / d ln p``; None where one of them is 0, or the number a temperature."""
@@ -137,62 +126,51 @@ def number_of(scene: Scene, name: str) -> Along:
         It has no derivative: a word, a whole number, a switch, a setting of the run, or 0.
     """
     stem, _, last = name.rpartition(".")
-    component = COMPONENTS.index(last) if last in COMPONENTS else None
     try:
-        key = resolve_key(scene, name)
-        component = None
+        key, component = resolve_key(scene, name), None
     except SettingsError:
-        if component is None:
+        if last not in COMPONENTS:
             raise
-        key = resolve_key(scene, stem)
+        key, component = resolve_key(scene, stem), COMPONENTS.index(last)
     value = scene_values(scene)[0][key]
     if key.partition(".")[0] in ("time", "output"):
         raise SensitivityError(
             f"{key} says how the scene is run, not what it is of: ask along numbers of bodies, "
             "joints, drives, forces or lubricants"
         )
-    pair = isinstance(value, (tuple, list)) and len(value) == len(COMPONENTS)
-    if pair and all(isinstance(own, float) for own in value):
-        if component is None:
-            raise SensitivityError(f"{key} = {list(value)} is a pair: ask along {key}.x or {key}.y")
-        scale = float(np.hypot(*value))
-        own = f"{key}.{COMPONENTS[component]}", float(value[component])
-    elif isinstance(value, float) and component is None:
-        scale, own = abs(value), (key, value)
-    else:
+    pair = isinstance(value, tuple | list) and len(value) == len(COMPONENTS)
+    numbers = list(value) if pair else [value]
+    small = all(isinstance(number, float) for number in numbers)
+    if pair and small and component is None:
+        raise SensitivityError(f"{key} = {numbers} is a pair: ask along {key}.x or {key}.y")
+    if not small or pair != (component is not None):
         raise SensitivityError(
             f"{key} = {value!r} is no number that changes a little: there is no derivative along it"
         )
-    unit = _unit(scene, key)
+    scale, unit = float(np.linalg.norm(numbers)), _unit(scene, key)
     if not scale or (unit in SCALES and value == NO_TEMPERATURE):
         raise SensitivityError(
             f"{key} = {value!r} stands for what is off or not given, and says no size of a "
             "small change: give it another value"
         )
-    return Along(own[0], own[1], scale, key, component, unit)
+    full = key if component is None else f"{key}.{last}"
+    return Along(full, numbers[component or 0], scale, key, component, unit)
 
 
 def _unit(scene: Scene, key: str) -> str:
-    """Of a setting; empty of a ratio."""
-    table, name, *rest = key.split(".")
-    owner, told = getattr(scene, table)[name], ""
-    for part in rest:
-        if isinstance(owner, Mapping):
-            owner = owner[part]
-        else:
-            told = attrs.fields_dict(type(owner))[part].metadata.get("help", "")
-            owner = getattr(owner, part)
-    return unit_of(told)
+    """Unit of a setting, or of all in its table; empty of a ratio."""
+    told = {name: field.metadata.get("help", "") for name, field, _ in walk(scene)}
+    return unit_of(told.get(key) or told.get(key.rpartition(".")[0], ""))
 
 
-def goes_through(scene: Scene, number: Along) -> bool:
-    """Whether a number leaves every reduced body as it is."""
+def reduced_anew(scene: Scene, number: Along) -> str:
+    """The elastic body that a number changes the reduction of; none: empty."""
     table, _, rest = number.setting.partition(".")
-    if table != "bodies":
-        return True
     name, _, setting = rest.partition(".")
+    if table != "bodies" or setting in MOVING:
+        return ""
     elastic = isinstance(scene.bodies[name], (schema.FlexibleSettings, schema.ShaftSettings))
-    return not elastic or setting in MOVING
+    return name if elastic else ""
 
 
 def scene_sensitivity(
@@ -201,6 +179,7 @@ def scene_sensitivity(
     to: Sequence[str],
     *,
     bodies: Mapping[str, ReducedBody] | None = None,
+    finer: bool = False,
 ) -> SceneSensitivity:
     """Run a scene, and find derivatives of its figures; serial.
 
@@ -214,6 +193,8 @@ def scene_sensitivity(
         Keys.
     bodies
         Reduced bodies of the scene that are there already.
+    finer
+        Whether they are found on finer films, too.
 
     Raises
     ------
@@ -222,107 +203,41 @@ def scene_sensitivity(
     SolverError
         From runs and derivatives.
     """
-    numbers = [number_of(scene, name) for name in dict.fromkeys(to)]
-    seconds: dict[str, float] = {}
+    asked = [number_of(scene, name) for name in dict.fromkeys(to)]
     clock = process_time()
-    first, bodies = _run(scene, bodies, steps=1)
-    curves = curves_of(first)
-    figures = [figure_of(name, curves) for name in dict.fromkeys(of)]
-    ways = []
-    for number in numbers:
-        if goes_through(scene, number):
-            there = number.change(scene, AMOUNT)
-            built = build_mechanism(there, MPI.COMM_SELF, bodies=bodies)
-            span = there.span / scene.span
-            ways.append(Number(number.key, number.value, number.scale, built.mechanism, span))
-    check_periods(first.run.equations.system.mechanism, first.period, ways)
-    record, _ = _run(scene, bodies)
-    if record.period is not None:
-        # In its own steps, until what is left of the way there is nothing beside a derivative.
-        record = recorded_again(record, _begin(scene, bodies)[0], 1.0, alike=True)
-    seconds["run"] = process_time() - clock
-    clock = process_time()
-    derivatives = Derivatives(record, ways)
-    found = derivatives.of(figures)
-    seconds["through the steps"] = process_time() - clock
-    through = {way.name for way in ways} - {*derivatives.refused}
-    slopes: dict[tuple[Figure, str], float] = {}
-    clock = process_time()
-    for number in numbers:
-        if number.key in through:
-            own = {figure: found.derivatives[figure][number.key] for figure in figures}
-        else:
-            own = differences(scene, number, figures, record=record)
-        slopes |= {(figure, number.key): slope for figure, slope in own.items()}
-    seconds["differences"] = process_time() - clock
-    methods = {n.key: THROUGH if n.key in through else DIFFERENCES for n in numbers}
-    return SceneSensitivity(
-        figures,
-        found.values,
-        numbers,
-        slopes,
-        methods,
-        derivatives.reach,
-        derivatives.sweeps,
-        seconds,
-        record,
-    )
-
-
-def differences(
-    scene: Scene,
-    number: Along,
-    figures: Sequence[Figure],
-    share: float = STEP,
-    bodies: Mapping[str, ReducedBody] | None = None,
-    record: CycleRecord | None = None,
-) -> dict[Figure, float]:
-    """Derivatives of figures by two whole runs, the number on either side.
-
-    Parameters
-    ----------
-    scene, number, figures
-        Of which, along which, what.
-    share
-        Change over the number's scale.
-    bodies
-        Reduced bodies that the number leaves as they are; None: all are reduced anew.
-    record
-        Of the scene's run, whose steps both take; None: each chooses its own, and figures have the
-        noise of that, some of the tolerance.
-    """
-    ends = []
-    for sign in (1, -1):
-        there = number.change(scene, sign * share)
-        if record is None:
-            found = _run(there, bodies)[0]
-        else:
-            run, _ = _begin(there, bodies)
-            span = there.span / scene.span
-            found = recorded_again(record, run, span, alike=bodies is not None)
-        curves = curves_of(found)
-        ends.append([figure.value(found, curves) for figure in figures])
-    return {
-        figure: (above - below) / (2 * share * number.scale)
-        for figure, above, below in zip(figures, *ends, strict=True)
-    }
-
-
-def _begin(
-    scene: Scene, bodies: Mapping[str, ReducedBody] | None
-) -> tuple[Run, Mapping[str, ReducedBody]]:
-    """A scene's run at its start, and its reduced bodies."""
-    built = build_mechanism(scene, MPI.COMM_SELF, bodies=bodies)
-    return Run(built.mechanism, built.steps, scene.span), built.parts
-
-
-def _run(
-    scene: Scene, bodies: Mapping[str, ReducedBody] | None, steps: int | None = None
-) -> tuple[CycleRecord, Mapping[str, ReducedBody]]:
-    """The record of a scene's run, or of its first steps, and its reduced bodies."""
-    (run, parts), time = _begin(scene, bodies), scene.time
+    built = build(scene, bodies=bodies)
+    known = first_columns(Run(built.mechanism, built.steps, scene.span), scene.span)
+    figures = [figure_of(name, known) for name in dict.fromkeys(of)]
+    numbers = [mechanism_number(scene, along, built.bodies) for along in asked]
+    period = scene.span if scene.time.periodic else None
+    check_periods(built.mechanism, period, [number for number in numbers if number.alike])
+    run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
-    record = CycleRecord(run, cycles)
-    for _ in islice(record.follow(run.until(scene.span) if cycles is None else cycles), steps):
-        pass
-    return record, parts
+    record = settled(followed(run, scene.span, cycles))
+    seconds = {"run": process_time() - clock}
+    clock = process_time()
+    slopes: dict[tuple[Figure, str], float] = {}
+    fine: dict[tuple[Figure, str], float] = {}
+    for number in numbers:
+        own = derivatives(record, number, figures)
+        slopes |= {(figure, number.name): slope for figure, slope in own.items()}
+        if finer:
+            with suppress(EhdError):  # there is no finer film, or no cycle on it
+                own = derivatives(record, number, figures, finer=True)
+                fine |= {(figure, number.name): slope for figure, slope in own.items()}
+    seconds["derivatives"] = process_time() - clock
+    values = {figure: figure.value(record) for figure in figures}
+    reduced = [number.name for number in numbers if not number.alike]
+    return SceneSensitivity(figures, values, asked, slopes, fine, reduced, seconds, record)
+
+
+def mechanism_number(scene: Scene, along: Along, parts: Mapping[str, ReducedBody]) -> Number:
+    """Maker of the scene's mechanism with a number changed, of bodies that it leaves alone."""
+    touched = reduced_anew(scene, along)
+    kept = {name: body for name, body in parts.items() if name != touched}
+
+    def make(share: float) -> tuple[Mechanism, float]:
+        there = along.change(scene, share)
+        return build(there, bodies=kept).mechanism, there.span / scene.span
+
+    return Number(along.key, along.scale, make, not touched)

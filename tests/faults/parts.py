@@ -10,7 +10,7 @@ from cases import Case
 from mpi4py import MPI
 from world import World, command
 
-from fenics_ehd.base.silence import printing_kept
+from fenics_ehd.base.processes import printing_kept
 from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.gmsh_session import gmsh, session
 from fenics_ehd.fem.models import model_path

@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from fenics_ehd.bearing.operating_point import BearingResult, solve_bearing
-from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.analysis.bearing import BearingResult, solve_bearing
+from fenics_ehd.analysis.bearing_settings import BearingSettings
 
 from .sketch import BORE, FILM, LOAD, SHAFT, arrow, dot, label, paper, point, turn
 
@@ -55,9 +55,9 @@ def draw_attitude() -> Figure:
 def _pressure(axes: Axes, result: BearingResult) -> None:
     """Mid-width pressure as arrows' envelope outside the bore."""
     angle = np.linspace(-np.pi, np.pi, 721)
-    grid = result.bearing.film.parameters.grid
-    at = grid.interpolation(angle - result.operation.angle, 0 * angle)
-    pressure = np.maximum(at @ result.operation.state.pressure, 0.0)
+    grid = result.film.parameters.grid
+    at = grid.interpolation(angle - result.angle, 0 * angle)
+    pressure = np.maximum(at @ result.state.pressure, 0.0)
     outside = 1 + HEIGHT * pressure / pressure.max()
     places = np.radians(seen(np.degrees(angle)))
     direction = np.stack([np.cos(places), np.sin(places)])

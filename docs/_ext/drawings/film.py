@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from fenics_ehd.bearing.operating_point import solve_bearing
-from fenics_ehd.bearing.settings import BearingSettings
+from fenics_ehd.analysis.bearing import solve_bearing
+from fenics_ehd.analysis.bearing_settings import BearingSettings
 
 from .sketch import BORE, FILM, arrow, label, paper
 
@@ -17,12 +17,12 @@ WIDTH = 1.7
 def draw_film() -> Figure:
     """Pressure over circumference and width, boundaries and directions."""
     result = solve_bearing(BearingSettings(), eccentricity=0.7)
-    grid = result.bearing.film.parameters.grid
+    grid = result.film.parameters.grid
     angle = np.linspace(0, 2 * np.pi, 361)
     height = np.linspace(grid.heights[0], grid.heights[-1], 61)
     a, z = np.meshgrid(angle, height)
-    at = grid.interpolation((a - result.operation.angle).ravel(), z.ravel())
-    pressure = np.maximum(at @ result.operation.state.pressure, 0).reshape(a.shape)
+    at = grid.interpolation((a - result.angle).ravel(), z.ravel())
+    pressure = np.maximum(at @ result.state.pressure, 0).reshape(a.shape)
     figure, axes = paper(9.0, 3.9)
     scaled = height / (height[-1] - height[0]) * WIDTH
     levels = np.linspace(0.001, 1, 9) * pressure.max()

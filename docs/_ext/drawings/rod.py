@@ -5,12 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from fenics_ehd.multibody.assembly import assemble
+from fenics_ehd.multibody.body import RigidBody
 from fenics_ehd.multibody.joints import Revolute, Slider, Speed
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.rigid_body import RigidBody
-from fenics_ehd.multibody.system import System
-from fenics_ehd.scenes.scene_file import read_scene
+from fenics_ehd.multibody.mechanism import Mechanism, System, assemble
+from fenics_ehd.scenes.scene import read_scene
 
 from .sketch import BORE, FILM, LOAD, SHAFT, arrow, dot, frame, label, paper, point, turn
 
@@ -31,9 +29,9 @@ def rod_motion() -> float:
             "piston": RigidBody(1.0, 1.0, position=(CRANK + ROD, 0.0)),
         },
         {
-            "main": Revolute("ground", "crank"),
-            "big_end": Revolute("crank.pin", "rod"),
-            "gudgeon": Revolute("rod.pin", "piston"),
+            "main": Revolute(("ground", "crank")),
+            "big_end": Revolute(("crank.pin", "rod")),
+            "gudgeon": Revolute(("rod.pin", "piston")),
             "cylinder": Slider("ground", "piston"),
         },
         {"crank": Speed(1.0, start)},

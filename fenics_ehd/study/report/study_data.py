@@ -1,4 +1,4 @@
-"""What a study left in its folder, as its report reads it: rows, histories, errors over time."""
+"""Data of a study as its report reads them, as far as the study got: rows, histories, errors."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ import numpy as np
 
 from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.results.load import load_results
-from fenics_ehd.study.errors_file import errors_path, read_errors
+from fenics_ehd.base.files import read_json
+from fenics_ehd.base.sealed_file import named
+from fenics_ehd.multibody.history import FilmResult
+from fenics_ehd.results.history_file import load_history
+from fenics_ehd.study.cases import read_table
+from fenics_ehd.study.compare import COLUMNS, LIMITING, errors_path, read_errors
+from fenics_ehd.study.plan import REFERENCE
 
 #: Norms of the error of a curve: largest over time, root mean square over time.
 NORMS = {"max": "largest", "l2": "L2"}
-
-#: Errors of the reference below which those of runs on its film mesh mean nothing.
-LIMITING = ("step", "basis")
-
-#: Run that every other one is compared with.
-REFERENCE_RUN = "reference"
 
 History = Mapping[str, np.ndarray]
 
@@ -35,12 +34,13 @@ class Quantity:
     key: str
     title: str
     column: str
-    factor: float
-    unit: str
+    label: str
 
 
-PRESSURE = Quantity("pressure", "peak pressure", "max_pressure_Pa", 1e-6, "MPa")
-FILM = Quantity("film", "minimum film thickness", "min_film_thickness_m", 1e6, "µm")
+PRESSURE = Quantity("pressure", "peak pressure", "max_pressure_Pa", "peak pressure [MPa]")
+FILM = Quantity(
+    "film", "minimum film thickness", "min_film_thickness_m", "minimum film thickness [µm]"
+)
 QUANTITIES = (PRESSURE, FILM)
 
 
@@ -63,25 +63,25 @@ class StudyRow:
 
     @property
     def complete(self) -> bool:
-        """Whether its figures count."""
+        """True where its figures count."""
         return bool(self["status"] == "complete")
 
-    def error(self, quantity: Quantity, norm: str = "max") -> float:
-        """Relative error of a curve against the reference, as measured."""
-        return float(self[f"{quantity.key}_error_{norm}"])
+    def error(self, quantity: Quantity) -> float:
+        """Largest relative error of a curve against the reference, as measured."""
+        return float(self[f"{quantity.key}_error_max"])
 
-    def floor(self, quantity: Quantity, norm: str = "max") -> float:
+    def floor(self, quantity: Quantity) -> float:
         """Error of the reference itself, as far as it is known, else 0."""
-        value = float(self[f"{quantity.key}_floor" + ("_l2" if norm == "l2" else "")])
+        value = float(self[f"{quantity.key}_floor"])
         return value if math.isfinite(value) else 0.0
 
-    def visible_error(self, quantity: Quantity, norm: str = "max") -> float:
+    def visible_error(self, quantity: Quantity) -> float:
         """Error that may be shown: none below the reference's own."""
-        return max(self.error(quantity, norm), self.floor(quantity, norm))
+        return max(self.error(quantity), self.floor(quantity))
 
-    def bounded(self, quantity: Quantity, norm: str = "max") -> bool:
-        """Whether only a bound of the error is known, the reference's own."""
-        return self.error(quantity, norm) < self.floor(quantity, norm)
+    def bounded(self, quantity: Quantity) -> bool:
+        """True where only a bound of the error is known, the reference's own."""
+        return self.error(quantity) < self.floor(quantity)
 
     @property
     def worst_error(self) -> float:
@@ -90,7 +90,7 @@ class StudyRow:
 
     @property
     def measured(self) -> bool:
-        """Whether it came to its end and was compared with a reference."""
+        """True where it came to its end and was compared with a reference."""
         return self.complete and all(math.isfinite(self.error(q)) for q in QUANTITIES)
 
 
@@ -123,7 +123,7 @@ class StudyData:
     @property
     def start(self) -> float:
         """Time from which on errors count, of a periodic study in its cycle [s]."""
-        return float(self.info.get("start", 0.0))
+        return float(self.info["start"])
 
     def worst_error(self, run: str) -> float:
         """The largest error of both curves in any joint, nan where it was not compared."""
@@ -137,7 +137,7 @@ class StudyData:
 
 @dataclass(frozen=True, eq=False)
 class JointData:
-    """What a study tells of one lubricated joint.
+    """One lubricated joint in a study.
 
     Attributes
     ----------
@@ -176,13 +176,18 @@ class JointData:
         value = entry.get("joints", {}).get(self.name, entry).get(f"{quantity.key}_{norm}")
         return math.nan if value is None else float(value)
 
+    def limit(self, quantity: Quantity, norm: str = "max") -> float:
+        """Error of the reference's steps and basis, the larger known one, else 0."""
+        own = [self.own_error(kind, quantity, norm) for kind in LIMITING]
+        return max(filter(math.isfinite, own), default=0.0)
+
     def history(self, run: str) -> History | None:
         """Columns of a run's history under their plain names, None when it left none.
 
         ``time_s`` is that within the cycle where the run is periodic.
         """
         try:
-            result = load_results(self.study.folder(run), films=False)
+            result = load_history(self.study.folder(run), films=False)
         except InputError:
             return None
         return result.joints[self.name].columns | {"time_s": np.asarray(result.time)}
@@ -190,17 +195,51 @@ class JointData:
     def errors_over_time(self, run: str) -> History | None:
         """``time_s`` and signed ``pressure_error``, ``film_error`` of a run, None without any."""
         try:
-            found = read_errors(errors_path(self.study.folder(run), REFERENCE_RUN))
+            found = read_errors(errors_path(self.study.folder(run), REFERENCE))
         except InputError:
             return None
         prefix = joint_prefix(self.name, self.study.info["joints"])
         own = {k.removeprefix(prefix): v for k, v in found.items() if k.startswith(prefix)}
         return own | {"time_s": found["time_s"]}
 
-    def pressures(self, run: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Film nodes, angle [rad] and height [m], and pressures [Pa], shape (steps, nodes)."""
+    def film(self, run: str) -> FilmResult | None:
+        """Film of a run, None when it left none."""
         try:
-            film = load_results(self.study.folder(run)).joints[self.name].film
+            return load_history(self.study.folder(run)).joints[self.name].film
         except InputError:
             return None
-        return np.column_stack([film.angle, film.height]), np.asarray(film.pressure)
+
+
+#: Columns of the table that hold text; the others hold numbers.
+TEXTS = ("run", "group", "joint", "method", "pressure_set", "selection", "film_cells", "status",
+         "against", "body")  # fmt: skip
+
+
+def read_study(directory: str | Path) -> StudyData:
+    """Read a study's folder.
+
+    Raises
+    ------
+    InputError
+        The folder holds no study, or a file of it cannot be read.
+    """
+    folder = Path(directory)
+    info, reference, table = (
+        folder / name for name in ("study.json", "reference.json", "table.csv")
+    )
+    if not info.is_file():
+        raise InputError(f"{folder}: not a study, study.json is missing: run fenics-ehd study")
+    with named(InputError, f"{info}: cannot be read"):
+        about = dict(read_json(info))
+        about |= {key: about[key] for key in ("scene", "joints", "runs", "start")}
+    with named(InputError, f"{reference}: cannot be read"):
+        found = dict(read_json(reference)) if reference.is_file() else {}
+    with named(InputError, f"{table}: not the table of a study"):
+        cells = read_table(table, COLUMNS) if table.is_file() else []
+        rows = tuple(StudyRow(_row(row)) for row in cells)
+    return StudyData(folder, about, found, rows)
+
+
+def _row(cells: Mapping[str, str]) -> dict[str, Any]:
+    """Text or a number by column; nan where a cell is empty."""
+    return {name: cells[name] if name in TEXTS else float(cells[name] or "nan") for name in COLUMNS}

@@ -1,24 +1,223 @@
-"""The report of a study: from its folder to pages and figures in the same folder."""
+"""Pages of a report, HTML and Markdown, with its tables and figures, written.
+
+One self-contained HTML page and the same in Markdown, in the folder of the study.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+import re
+from base64 import b64encode
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fenics_ehd.base.folder import claim
-from fenics_ehd.base.output import require_writable, write_whole
-from fenics_ehd.plotting.picture import SETTINGS, in_formats, plt, save
-from fenics_ehd.study.report.accuracy import draw_estimates, draw_film_meshes, draw_tolerances
-from fenics_ehd.study.report.cost import COORDINATES, ONLINE, draw_cost
-from fenics_ehd.study.report.curves import alike, draw_errors, draw_methods
-from fenics_ehd.study.report.losses import draw_friction
-from fenics_ehd.study.report.mode_shapes import best_bodies, draw_mode_shapes
-from fenics_ehd.study.report.pressure_map import draw_pressure
-from fenics_ehd.study.report.reading import read_study
-from fenics_ehd.study.report.render import render
-from fenics_ehd.study.report.study_data import StudyData
+from fenics_ehd.base.files import claim, require_writable, write_whole
+from fenics_ehd.plotting.picture import SETTINGS, factor_of, in_formats, plt, save
+from fenics_ehd.study.compare import LIMITING
+from fenics_ehd.study.report.figures import (
+    COLOURS,
+    COORDINATES,
+    ONLINE,
+    alike,
+    best_bodies,
+    draw_cost,
+    draw_errors,
+    draw_estimates,
+    draw_film_meshes,
+    draw_methods,
+    draw_mode_shapes,
+    draw_pressure,
+    draw_tolerances,
+    family,
+)
+from fenics_ehd.study.report.study_data import (
+    NORMS,
+    QUANTITIES,
+    JointData,
+    Quantity,
+    StudyData,
+    StudyRow,
+    read_study,
+)
+
+#: Errors that the table of costs asks for.
+LIMITS = (0.1, 0.05, 0.02, 0.01, 0.005)
+
+#: What can be wrong with a reference, and how it is named.
+REFERENCE_ERRORS = {"step": "step size", "film": "film mesh", "basis": "basis"}
+
+#: Figures in the table of all runs: column, head, format.
+RUN_FIGURES = (
+    ("offline_s", "reduction [s]", ".1f"),
+    ("online_s", "integration [s]", ".2f"),
+    ("steps", "steps", "g"),
+    ("newton_iterations", "Newton iterations", "g"),
+    ("highest_frequency_Hz", "highest frequency [kHz]", ".3g"),
+    ("estimated_gap_error_m", "estimate [µm]", ".3g"),
+    ("true_gap_error_m", "true gap error [µm]", ".3g"),
+)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes
+    ----------
+    heads, rows
+        Cells are text.
+    words
+        Number of leading columns that hold words; the others hold figures and are set right.
+    """
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    words: int = 1
+
+
+def percent(value: float) -> str:
+    """A share with two digits that mean something."""
+    if not math.isfinite(value):
+        return "?"
+    return f"{100 * value:.0f} %" if abs(value) >= 0.995 else f"{100 * value:.2g} %"
+
+
+def bounded(row: StudyRow, quantity: Quantity) -> str:
+    """The largest error; where the reference's own is larger, that one as an upper limit."""
+    return "≤ " * row.bounded(quantity) + percent(row.visible_error(quantity))
+
+
+def cost_table(joint: JointData) -> Table:
+    """Fastest run of each method within given errors of both curves."""
+    runs = {method: joint.measured("methods", "tolerance", method=method) for method in COLOURS}
+    runs = {method: rows for method, rows in runs.items() if rows}
+    table = [
+        (percent(limit), *(_fastest(rows, limit) for rows in runs.values())) for limit in LIMITS
+    ]
+    return Table(
+        ("largest error of both curves", *map(str.upper, runs)), tuple(table), 1 + len(runs)
+    )
+
+
+def _fastest(rows: list[StudyRow], limit: float) -> str:
+    good = [row for row in rows if row.worst_error <= limit]
+    if not good:
+        return f"none, best {percent(min(row.worst_error for row in rows))}"
+    row = min(good, key=lambda row: row["online_s"])
+    words = [family(row)[3:].strip(), f"{row['coordinates']:.0f} coordinates"]
+    told = ", ".join([*filter(None, words), f"tolerance {row['tolerance']:g}"])
+    return f"{row['online_s']:.1f} s: {told}"
+
+
+def run_table(study: StudyData) -> Table:
+    """Every run of the study with its figures; the failed ones with their reason."""
+    errors = (f"{quantity.key} error" for quantity in QUANTITIES)
+    heads = ("run", "joint", "method", "tolerance", "coordinates", *errors,
+             *(head for _, head, _ in RUN_FIGURES))  # fmt: skip
+    return Table(heads, tuple(_run_cells(row, len(heads)) for row in study.rows), words=3)
+
+
+def _run_cells(row: StudyRow, length: int) -> tuple[str, ...]:
+    about = (row["run"], row["joint"], family(row), _figure(row["tolerance"]))
+    if not row.complete:
+        return (*about, row["status"], *[""] * (length - 5))
+    errors = (bounded(row, quantity) if row.measured else "" for quantity in QUANTITIES)
+    figures = (_figure(factor_of(head) * row[column], form) for column, head, form in RUN_FIGURES)
+    return (*about, _figure(row["coordinates"]), *errors, *figures)
+
+
+def _figure(value: float, form: str = "g") -> str:
+    return format(value, form) if math.isfinite(value) else ""
+
+
+def unknown_floors(study: StudyData) -> list[str]:
+    """Which of the reference's own errors that limit a comparison were not taken, in words."""
+    return [
+        REFERENCE_ERRORS[kind]
+        for kind in LIMITING
+        if any(math.isnan(joint.own_error(kind, q)) for joint in study.joints for q in QUANTITIES)
+    ]
+
+
+def film_mesh_errors(joint: JointData) -> list[str]:
+    """The error of the film mesh in both curves, none where it was not taken."""
+    shared = [joint.own_error("film", quantity) for quantity in QUANTITIES]
+    return [] if any(map(math.isnan, shared)) else [*map(percent, shared)]
+
+
+def reference_table(study: StudyData) -> Table:
+    """The reference's own errors."""
+    norms = [(quantity, norm) for quantity in QUANTITIES for norm in NORMS]
+    rows = []
+    for kind, words in REFERENCE_ERRORS.items():
+        entry = study.reference.get(kind) or {}
+        for joint in study.joints if entry else ():
+            figures = [joint.own_error(kind, *each) for each in norms]
+            known = any(map(math.isfinite, figures))
+            how = entry.get("how", "") if known else f"not taken: {entry.get('why')}"
+            cells = map(percent, figures) if known else [""] * len(norms)
+            rows.append((words, joint.name, str(how), *cells))
+    heads = (f"{quantity.title}, {NORMS[norm]}" for quantity, norm in norms)
+    return Table(("error of the reference", "joint", "measured by", *heads), tuple(rows), words=3)
+
+
+#: What the template takes from here, by name.
+TABLES: dict[str, Any] = {
+    "cost_table": cost_table,
+    "run_table": run_table,
+    "reference_table": reference_table,
+    "unknown_floors": unknown_floors,
+    "film_mesh_errors": film_mesh_errors,
+    "REFERENCE_ERRORS": REFERENCE_ERRORS,
+}
+
+
+def render(form: str, figures: Path, **content: Any) -> str:
+    """The page, which ``templates/report.jinja`` words.
+
+    Parameters
+    ----------
+    form
+        ``"html"``, a page without any other file, or ``"md"``, with links to PNG files.
+    figures
+        Folder of the figures.
+    content
+        What the template speaks of.
+    """
+    environment = Environment(
+        loader=PackageLoader("fenics_ehd.study.report", "templates"),
+        autoescape=True,
+        finalize=None if form == "html" else _of_markdown,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {
+        "base64": lambda name: b64encode((figures / f"{name}.svg").read_bytes()).decode(),
+        "json": lambda values: (str if form == "html" else Markup)(
+            json.dumps(values, indent=2, ensure_ascii=False)
+        ),
+        "cell": lambda text: text.replace("|", "\\|").replace("\n", " "),
+    }
+    template = environment.get_template("report.jinja")
+    text = template.render(form=f"{form}.jinja", folder=figures.name, **TABLES, **content)
+    return re.sub(r"\n{3,}", "\n\n", text.strip()) + "\n"
+
+
+def _of_markdown(value: Any) -> Any:
+    """Text of a name or a message without what Markdown takes for HTML or a link."""
+    if isinstance(value, Markup):
+        return value
+    return Markup(str(value).replace("&", "&amp;").replace("<", "&lt;").replace("](", "]\\("))
+
 
 #: Pages, the first one without need of another file, and the folder of the figures.
 PAGES, FIGURES = ("report.html", "report.md"), "figures"
@@ -66,11 +265,9 @@ def write_report(directory: str | Path) -> Path:
 def _figures(study: StudyData) -> Iterator[tuple[str, Figure | None]]:
     """Figures by the stem of their files, None in the place of one without anything to show."""
     yield "error_against_time", draw_cost(study.joints, ONLINE)
-    yield "mean_error_against_time", draw_cost(study.joints, ONLINE, "l2")
     yield "error_against_modes", draw_cost(study.joints, COORDINATES)
     yield "curves", draw_methods(study, alike(study))
     yield "errors_over_time", draw_errors(study, alike(study))
-    yield "friction_torque", draw_friction(study)
     yield "error_against_tolerance", draw_tolerances(study.joints)
     yield "error_against_film_mesh", draw_film_meshes(study.joints)
     yield "estimate_against_truth", draw_estimates(study.joints)

@@ -1,0 +1,1 @@
+"""A run once more: replays, error budgets, sensitivities, multipliers."""

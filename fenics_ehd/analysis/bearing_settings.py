@@ -1,0 +1,182 @@
+"""Settings of one rigid bearing; the defaults are those of the paper's Table 1."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import attrs
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import (
+    CAVITATIONS,
+    FILM_ELEMENTS,
+    NO_TEMPERATURE,
+    SHEAR_RULES,
+    OilSettings,
+    Roughness,
+    as_tuple,
+    choice,
+    count,
+    flag,
+    metres,
+    number,
+    pair,
+    radial_clearance,
+    require_thin_film,
+)
+
+if TYPE_CHECKING:  # slow to import, and --help does without
+    from fenics_ehd.film.kinematics import Shape
+    from fenics_ehd.film.supply import AxialGroove
+
+#: Of the paper's oil, where nothing is said of another [Pa s].
+VISCOSITY = 0.01
+
+#: Effective temperature of the oil between supply and outlet, as practice takes it.
+MIXING = 0.5
+
+#: Cells of a mesh that still solves in minutes.
+MOST_CELLS = 100_000
+
+#: Of a supply [Pa]: more than any part of steel bears.
+MOST_PRESSURE = 1e12
+
+
+@attrs.frozen
+class BearingSettings(OilSettings, Roughness):
+    """A bearing, its oil and how its shaft moves.
+
+    Directions refer to the load: x along it, y a quarter turn on in the direction of
+    rotation, z along the axis so that the shaft turns in the positive sense about it.
+    """
+
+    radius: float = metres(0.0225, "R of the bore [m]")
+    clearance: float = radial_clearance(17e-6)
+    width: float = metres(0.022, "B of the bearing [m]")
+    viscosity: float = number(VISCOSITY, "dynamic viscosity of the oil [Pa s]", above=0)
+    speed: float = number(500.0, "of the shaft [rad/s]")
+    bore_speed: float = number(0.0, "of the bore [rad/s], the load standing still")
+    tilt: tuple[float, float] = pair("of the shaft about x and y [rad]")
+    squeeze: tuple[float, float] = pair("velocity of the shaft's centre, x and y [m/s]")
+    cells_around: int = count(64, "cells along the circumference", 3)
+    cells_along: int = count(12, "cells along the axis", 1)
+    element: str = choice("lagrange", FILM_ELEMENTS, "9-node, 8-node or 4-node")
+    grooves: tuple[AxialGroove, ...] = attrs.field(default=(), converter=as_tuple)
+    line_at_max_film: bool = flag(
+        False,
+        "p = 0 along the maximum film, as the classical tables have it; for coefficients that line "
+        "stays where it is when the shaft moves, as a groove does",
+    )
+    ambient: float = number(
+        0.0, "pressure at the sides above that of cavitation [Pa]", least=0, below=MOST_PRESSURE
+    )
+    cavitation: str = choice(
+        "reynolds",
+        CAVITATIONS,
+        "condition; mass-conserving: that of Jakobsson, Floberg and Olsson, needs a supply",
+    )
+    shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
+    supply_temperature: float = number(
+        NO_TEMPERATURE,
+        f"of the oil that comes in [C], from which its own follows; {NO_TEMPERATURE:g}: not given",
+        least=NO_TEMPERATURE,
+        below=1000,
+    )
+    conducted: float = number(
+        0.0,
+        "share of the dissipated power that shaft and bore conduct away, with supply_temperature",
+        least=0,
+        below=1,
+    )
+    mixing: float = number(
+        MIXING,
+        "where the effective temperature lies between supply, 0, and outlet, 1",
+        above=0,
+        most=1,
+    )
+    contact_modulus: float = number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0)
+    #: Of the bore, angles from the load line; None: round.
+    bore_shape: Shape | None = None
+
+    @property
+    def heated(self) -> bool:
+        """True where the temperature of the oil follows from the balance of its heat."""
+        return self.supply_temperature > NO_TEMPERATURE
+
+    def __attrs_post_init__(self) -> None:
+        if self.cells_around * self.cells_along > MOST_CELLS:
+            raise SettingsError(
+                f"cells = {self.cells_around}x{self.cells_along}: at most {MOST_CELLS} are allowed"
+            )
+        require_thin_film(self.clearance, self.radius, "clearance")
+        # At this slope one end touches when the middle is centred.
+        limit = 2 * self.clearance / self.width
+        if not math.hypot(*self.tilt) < limit:
+            raise SettingsError(
+                f"tilt = {math.hypot(*self.tilt):g} rad closes the gap: it must be below "
+                f"2 clearance / width = {limit:.4g} rad"
+            )
+        if self.graded and self.viscosity != VISCOSITY:
+            raise SettingsError(
+                f"viscosity = {self.viscosity:g} Pa s: give a viscosity, a grade, or viscosity_40 "
+                "and viscosity_100, one of them"
+            )
+        if not self.heated and (self.conducted or self.mixing != MIXING):
+            raise SettingsError("conducted and mixing do nothing without supply_temperature")
+        if self.cavitation == "mass-conserving":
+            self._check_mass_conserving()
+        if self.grooves and self.line_at_max_film:
+            raise SettingsError(
+                "grooves and line_at_max_film exclude each other: the line belongs to the plain "
+                "bearing of the classical tables"
+            )
+        if self.bore_shape is not None and not self.bore_shape.round:
+            self._check_shape()
+        if self.grooves and self.speed and self.bore_speed:
+            raise SettingsError(
+                f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "
+                "or bore must"
+            )
+        # A film at rest but for the squeeze only resists: it cannot push the shaft along.
+        still = not (self.speed or self.bore_speed or any(g.pressure for g in self.grooves))
+        if still and any(self.squeeze) and not self.squeeze[0] > 0:
+            raise SettingsError(
+                f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s at speed 0: the shaft "
+                "must move along the load, the first must be above 0"
+            )
+
+    def _check_shape(self) -> None:
+        """A bore that is not round stands still, and its thickest film is not where one thinks."""
+        if self.line_at_max_film:
+            raise SettingsError(
+                "bore_shape and line_at_max_film exclude each other: the line belongs to the plain "
+                "bearing of the classical tables"
+            )
+        if self.bore_speed:
+            raise SettingsError(
+                f"bore_speed = {self.bore_speed:g} rad/s with a bore_shape that is not the same "
+                "all around: it stands still, so the bore must"
+            )
+
+    def _check_mass_conserving(self) -> None:
+        """Refuse a film that keeps account of its oil without a supply, or not at rest."""
+        if self.element != "bilinear":
+            raise SettingsError(
+                f"element = {self.element!r}: cavitation = 'mass-conserving' needs 'bilinear'"
+            )
+        if not (self.ambient or self.grooves) or self.line_at_max_film:
+            raise SettingsError(
+                "cavitation = 'mass-conserving' needs a supply, a groove or an ambient pressure "
+                "above 0: without one the bearing runs dry"
+            )
+        if any(self.squeeze):
+            raise SettingsError(
+                f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s: cavitation = "
+                "'mass-conserving' gives the steady film of a shaft at rest in the bearing"
+            )
+
+    @property
+    def direction(self) -> int:
+        """1 or -1: sense of rotation of the shaft, or of the bore when the shaft stands."""
+        return -1 if (self.speed or self.bore_speed) < 0 else 1

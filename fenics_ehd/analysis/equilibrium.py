@@ -1,0 +1,256 @@
+"""Mechanisms at rest: equilibrium under constant loads, and small motions about it.
+
+A mechanism is in equilibrium when its step equations hold with velocities that do not change and
+coordinates that do not follow them: an implicit step of infinite length, shift zero. Shafts turn,
+journals rest in their bores or move as they are told at the start, every film's pressure balances
+its load. Where a bore turns, the eccentricity in its frame turns back.
+
+The same equations with shift s, linearised there, answer a generalised force f on the motions that
+the joints allow, spanned by the columns of Z, by ``Z^T dz = C(s) f``:
+
+    C(s)^-1 = s^2 M + s D + K,
+
+mass, damping and stiffness with all films condensed: exact derivatives of the discrete equations,
+active sets held.
+
+A rigid rotor of mass M on ``M x'' + b x' + k x = 0``, stiffness and damping those of its bearing,
+is about to whirl when a solution ``exp(i nu t)`` exists,
+
+    M nu^2 = kappa = (k_xx b_yy + k_yy b_xx - k_xy b_yx - k_yx b_xy) / (b_xx + b_yy)
+                   = tr k - tr (k b) / tr b
+    nu^2 = det (k - kappa) / det b
+
+It is stable for masses below ``kappa / nu^2``, and at every mass when there is no such nu
+(``nu^2 <= 0``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from fenics_ehd.base.errors import SettingsError, SolverError
+from fenics_ehd.multibody.bdf import ImplicitStep, Step
+from fenics_ehd.multibody.mechanism import Instant, Mechanism, System, assemble
+from fenics_ehd.multibody.newton import CoupledState, CoupledSteps, SolverState
+from fenics_ehd.multibody.quantities import JointPlaces, JointStep
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.step_norm import StepNorm
+
+#: Of the last update: gaps relative, coordinates as the step control has them.
+TOLERANCE = 1e-10
+
+#: Weight of coordinates whose velocities are given, beside eccentricities, which follow.
+GIVEN = 1e-12
+
+#: Shift over the largest rate of a film: of a film that keeps account of its oil, which forgets no
+#: start without it, and of the one that tells damping.
+STEADY, SLOW = 1e-10, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A mechanism at rest.
+
+    Attributes
+    ----------
+    system
+        Where its coordinates are.
+    x, rate
+        State of the integration, coordinates z first, and its rate.
+    state
+        Films and forces.
+    iterations
+        Of Newton's method.
+    solver
+        At the solution.
+    """
+
+    system: System
+    x: np.ndarray
+    rate: np.ndarray
+    state: CoupledState
+    iterations: int
+    solver: CoupledSteps
+
+    @property
+    def z(self) -> np.ndarray:
+        """Coordinates, shape (n,)."""
+        return self.x[: self.system.n]
+
+    def joints(self) -> dict[str, JointStep]:
+        """Lubricated joints by name, as the quantities of a history read them."""
+        norm, system, still = StepNorm(self.solver.equations), self.system, np.zeros_like(self.x)
+        observed = norm.observe(self.x)
+        step = Step(0.0, self.x, self.rate, still, observed, self.state, self.iterations)
+        each = zip(system.films, self.state.integrals, norm.film_gaps(observed), strict=True)
+        return {
+            place.name: JointStep(JointPlaces(system, place), step, own, gap)
+            for place, own, gap in each
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Small motions ``z = Z q`` about an equilibrium, ``M q'' + D q' + K q = Z^T f``.
+
+    Attributes
+    ----------
+    basis
+        Z, shape (n, k): motions that the joints allow.
+    mass, damping, stiffness
+        Shape (k, k).
+    """
+
+    basis: np.ndarray
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+
+    def along(self, places: np.ndarray) -> Linearisation:
+        """The same in k of the coordinates z, which must tell all motions apart."""
+        turn = np.linalg.inv(self.basis[places])
+        parts = (turn.T @ part @ turn for part in (self.mass, self.damping, self.stiffness))
+        return Linearisation(self.basis @ turn, *parts)
+
+    @property
+    def roots(self) -> np.ndarray:
+        """Eigenvalues [1/s]: stable where no real part is positive. M must not be singular."""
+        unit, zero = np.eye(len(self.mass)), np.zeros_like(self.mass)
+        motion = np.block([[zero, unit], [-self.stiffness, -self.damping]])
+        found: np.ndarray = linalg.eigvals(motion, linalg.block_diag(unit, self.mass))
+        return found
+
+
+def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equilibrium:
+    """Equilibrium of a mechanism under its loads at time zero.
+
+    Parameters
+    ----------
+    mechanism
+        Its rough pose and rates at the start are assembled; the search begins there, and the rates
+        stay.
+    tolerance
+        On the last update, relative to the gaps.
+
+    Raises
+    ------
+    SettingsError
+        The mechanism cannot be assembled.
+    SolverError
+        None was found from there.
+    """
+    system = System(mechanism)
+    # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
+    system.weights = np.full(system.n, GIVEN)
+    for place in system.films:
+        system.weights[place.xi[: place.film.own]] = 1.0
+    z, rates = assemble(system)
+    solver = CoupledSteps(system)
+    norm = StepNorm(solver.equations)
+    x = np.concatenate([z, solver.equations.resting(z)])
+    observed = norm.observe(x)
+    shift = STEADY * _rate(system) if solver.equations.oils else 0.0
+    moving = np.concatenate([rates, np.zeros(len(x) - len(z))])
+    past = moving - shift * x, -shift * moving
+    step = ImplicitStep(0.0, shift, *past, x, x, (observed, observed), tolerance)
+    attempt = solver(norm, step, _start(solver.equations, z, rates))
+    if attempt.solved is None:
+        assert attempt.cause is not None
+        raise attempt.cause
+    solved = attempt.solved
+    return Equilibrium(system, solved.x, solved.rate, solved.solution, attempt.iterations, solver)
+
+
+def _rate(system: System) -> float:
+    """Largest reference rate of a film [rad/s]."""
+    return max((place.film.film.parameters.rate for place in system.films), default=1.0)
+
+
+def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
+    """Pressures under Reynolds' condition of films between rigid surfaces, as a first guess."""
+    values = np.zeros(len(equations.lower))
+    for film, own in zip(equations.films, equations.places, strict=True):
+        place, xi = film.place, film.place.xi
+        gap = place.film.gap(z[xi], rates[xi], place.ahead(rates), place.ahead(z))
+        try:
+            values[own] = film.values(film.film.solve(gap).pressure)
+        except SolverError:
+            return None
+    return None if equations.oils else SolverState(np.zeros(1), values[None], 0)
+
+
+def linearise(found: Equilibrium | Mechanism) -> Linearisation:
+    """Small motions of a mechanism about an equilibrium.
+
+    Parameters
+    ----------
+    found
+        The equilibrium, or the mechanism whose equilibrium is meant.
+
+    Raises
+    ------
+    SettingsError
+        A film keeps account of its oil: what it answers depends on the frequency. Or a motion
+        meets no stiffness: a shaft that turns freely.
+    """
+    if isinstance(found, Mechanism):
+        found = equilibrium(found)
+    system, solver = found.system, found.solver
+    if solver.equations.oils:
+        raise SettingsError(
+            "cavitation = 'mass-conserving': stiffness and damping of a film that keeps account of "
+            "its oil depend on the frequency; take 'reynolds'"
+        )
+    basis = linalg.null_space(Instant(system, 0.0, found.z).jacobian)
+    mass = basis.T @ found.state.motion.derivatives().acceleration @ basis
+    slow = SLOW * _rate(system)
+    still, moving = (
+        np.linalg.inv(basis.T @ solver.answers(found.x, found.rate, shift, basis))
+        for shift in (0.0, slow)
+    )
+    return Linearisation(basis, mass, (moving - still) / slow - slow * mass, still)
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicCoefficients:
+    """Linear dynamics of a shaft in its bearing.
+
+    Attributes
+    ----------
+    stiffness
+        k, shape (2, 2) [N/m].
+    damping
+        b, shape (2, 2) [N s/m].
+    critical_mass
+        M at the threshold [kg], None when every mass is stable; 0 when none is.
+    whirl_ratio
+        nu over the speed of the shaft there [-]; None without threshold.
+    threshold
+        ``omega sqrt(c M / W)``: the speed ``omega_th sqrt(c / g)`` at which a rotor whose
+        weight is the load becomes unstable [-], read at this Sommerfeld number;
+        None when it never does.
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+    critical_mass: float | None
+    whirl_ratio: float | None
+    threshold: float | None
+
+
+def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:
+    """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor; None when always stable."""
+    # Scaled, or the products of small ones vanish.
+    sizes = float(np.abs(stiffness).max()), float(np.abs(damping).max())
+    k, b = stiffness / sizes[0], damping / sizes[1]
+    kappa = np.trace(k) - np.trace(k @ b) / np.trace(b)
+    square = np.linalg.det(k - kappa * np.eye(2)) / np.linalg.det(b)
+    if kappa <= 0:
+        return 0.0, None
+    if square <= 0:
+        return None, None
+    rate = sizes[0] / sizes[1]
+    return float(kappa / square * sizes[1] / rate), float(np.sqrt(square) * rate)

@@ -1,0 +1,189 @@
+"""Largest Floquet multiplier of a periodic solution: how a small change is left after a cycle.
+
+The map from a cycle's start to its end is linear for small changes, and its eigenvalues are the
+multipliers: the solution is stable if all lie within the unit circle, and one of size r leaves r of
+a change after a cycle. Arnoldi's method finds the largest from a few cycles with moved starts
+(Saad, Numerical Methods for Large Eigenvalue Problems, chapter 6). All of them take the very steps
+of one cycle, so that what differs between two ends is not the step control's choice but the change.
+
+Temperatures that are balanced over cycles stay as they are; the phase of a machine without an
+imposed speed is one of its changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_ehd.analysis.replay import Replay, RunState, recorded, solved_run
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.mechanism import assemble
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.tabulated import extrapolation_weights
+
+#: Change of the start, relative to the gaps: large against Newton's tolerance, and the error that
+#: the curvature of the map leaves is of its size.
+SIZE, NEWTON = 1e-3, 1e-8
+
+#: Cycles with moved starts, at most, and the residual of the largest Ritz value to stop at.
+MOST, RESIDUAL = 12, 5e-3
+
+#: A multiplier below which a change is lost in Newton's tolerance.
+LEAST = 1e-4
+
+
+@dataclass(frozen=True)
+class Multiplier:
+    """The largest multiplier.
+
+    Attributes
+    ----------
+    value
+        Complex; of a pair the one with positive imaginary part.
+    residual
+        By how much one cycle misses it.
+    cycles
+        That it took.
+    """
+
+    value: complex
+    residual: float
+    cycles: int
+
+    def figures(self) -> dict[str, float]:
+        """Entries of ``summary.json``."""
+        return {
+            "largest_multiplier": abs(self.value),
+            "largest_multiplier_angle_deg": float(np.degrees(np.angle(self.value))),
+            "largest_multiplier_residual": self.residual,
+            "multiplier_cycles": self.cycles,
+        }
+
+
+def largest_multiplier(
+    run: Run, period: float, between: Callable[[], object] = lambda: None
+) -> Multiplier:
+    """Largest multiplier of the periodic solution that a run is on; the run stays where it is.
+
+    Parameters
+    ----------
+    run
+        At the end of a cycle.
+    period
+        [s].
+    between
+        Called between two steps.
+
+    Raises
+    ------
+    StepSizeError
+        A cycle with a moved start does not go through the steps of the one without.
+    """
+    cycle = _Cycle(run, period, between)
+    basis = [cycle.first()]
+    hessenberg = np.zeros((MOST + 1, MOST))
+    for j in range(MOST):
+        image = cycle.after(basis[j])
+        for i, vector in enumerate(basis):
+            hessenberg[i, j] = cycle.product(vector, image)
+            image = image - hessenberg[i, j] * vector
+        left = hessenberg[j + 1, j] = np.sqrt(cycle.product(image, image))
+        values, vectors = np.linalg.eig(hessenberg[: j + 1, : j + 1])
+        largest = int(np.argmax(np.abs(values) + 1e-9 * values.imag))
+        value = complex(values[largest])
+        residual = float(left * abs(vectors[-1, largest]))
+        if residual <= RESIDUAL * max(abs(value), LEAST) or left <= LEAST:
+            break
+        basis.append(image / left)
+    return Multiplier(value, residual, cycle.count)
+
+
+def multiplier(history: History) -> Multiplier:
+    """Largest multiplier of the periodic solution of `simulate`.
+
+    Raises
+    ------
+    InputError
+        The history was read from a folder, or is none of a periodic solution.
+    """
+    solved = solved_run(history)
+    if solved.cycles is None:
+        raise InputError("multiplier needs a periodic solution: simulate(mechanism, period=...)")
+    return largest_multiplier(solved.run, solved.cycles.period)
+
+
+class _Cycle:
+    """The map of a cycle for changes of the integrator's past points, shape (2, points, n).
+
+    The first axis has x and its rate.
+    """
+
+    def __init__(self, run: Run, period: float, between: Callable[[], object]):
+        self._run, self._between, self.count = run, between, 0
+        self._start: RunState = run.state
+        self._period = period
+        try:
+            self._course = recorded(run, self._start.time + period, look=lambda step: between())
+        finally:
+            run.state = self._start
+        gaps = run.norm.gaps(self._start.observed[0])
+        self._scales = run.norm.lengths(gaps) * np.sqrt(len(gaps))
+        self._clearance = min(film.film.clearance for film in run.equations.system.films)
+        self._end = self._through(self._start)
+        self.count += 1
+
+    def _through(self, start: RunState) -> RunState:
+        self.count += 1
+        replay = Replay(self._run, self._course, NEWTON)
+        replay.state = start
+        for _ in replay.until(start.time + self._period):
+            self._between()
+        return replay.state
+
+    def first(self) -> np.ndarray:
+        """A change of all coordinates that keeps joints closed, of size 1."""
+        system, start = self._run.equations.system, self._start
+        measure = np.abs(system.error_measure).max(axis=0, initial=0.0)
+        lengths = np.full(system.n, self._clearance)
+        reach = 1.0 / measure[measure > 0.0].min(initial=1.0)
+        np.divide(self._clearance / reach, measure, out=lengths, where=measure > 0.0)
+        # Any numbers, the same ones every time.
+        rough = SIZE * lengths * np.cos(1.0 + 2.0 * np.arange(system.n))
+        z, v = start.x[0][: system.n], start.rate[0][: system.n]
+        moved = assemble(system, start.time, z + rough, v)
+        kept = assemble(system, start.time, z, v)
+        change = np.zeros((2, len(start.times), start.x.shape[1]))
+        for own, after, before in zip(change, moved, kept, strict=True):
+            own[:, : system.n] = after - before
+        past = start.times - start.time
+        change[0, :, : system.n] += np.multiply.outer(past, change[1, 0, : system.n])
+        return change / np.sqrt(self.product(change, change))
+
+    def product(self, one: np.ndarray, other: np.ndarray) -> float:
+        """Relative changes of gaps, and of coordinates, at the newest points of a change."""
+        return float(self._measured(one) @ self._measured(other))
+
+    def _measured(self, change: np.ndarray) -> np.ndarray:
+        norm, newest = self._run.norm, self._start.x[0]
+        count, parts = len(self._scales), []
+        for values, time in zip(change[:, 0], (1.0, self._period / (2 * np.pi)), strict=True):
+            observed = norm.observe(newest + values) - norm.observe(newest)
+            gaps = observed[:count] / self._scales
+            parts += [time * gaps, time * observed[count:] / self._clearance]
+        return np.concatenate(parts)
+
+    def after(self, change: np.ndarray) -> np.ndarray:
+        """A change at the end of the cycle."""
+        run, start = self._run, self._start
+        x, rate = start.x + SIZE * change[0], start.rate + SIZE * change[1]
+        observed = np.array([run.norm.observe(point) for point in x])
+        run.equations.keep_within(x, run.norm.film_gaps(observed[0]))
+        end = self._through(replace(start, x=x, rate=rate, observed=observed))
+        left = np.stack([end.x - self._end.x, end.rate - self._end.rate]) / SIZE
+        # The next cycle begins with points at other distances than those that this one ended with.
+        known = end.times - end.time
+        weights = extrapolation_weights(known, (start.times - start.time)[:, None])
+        return np.einsum("kp,dkn->dpn", weights, left)

@@ -1,1 +1,0 @@
-"""One rigid bearing by itself: operating point, forces, flows and linear coefficients."""

@@ -1,0 +1,208 @@
+"""``fenics-ehd plot``, ``animate``, ``paraview`` and ``stress``: pictures and fields of a run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from fenics_ehd.base.files import PICTURES, claim, require_writable
+from fenics_ehd.cli.options import FILE, FOLDER, answer, flag, json_option, output_option
+
+
+@click.command()
+@click.argument("directories", nargs=-1, required=True, type=FOLDER)
+@click.option("--joint", "joints", multiple=True, help="Lubricated joint [default: all].")
+@click.option(
+    "--quantity",
+    "quantities",
+    multiple=True,
+    help=f"What to draw: {', '.join(PICTURES)} [default: all that the runs have].",
+)
+@flag("--difference", "Draw the second of two runs less the first.")
+@output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")
+def plot(
+    directories: tuple[str, ...],
+    joints: tuple[str, ...],
+    quantities: tuple[str, ...],
+    difference: bool,
+    target: str | None,
+) -> None:
+    """Draw the last cycle of the joints of one or more runs, several in one picture.
+
+    Prints the names of the pictures, PNG and SVG. Those of several runs have names of their own,
+    NAME-comparison or NAME-difference.
+    """
+    from fenics_ehd.plotting.pictures import Pictures
+
+    runs = {Path(d).name or str(d): Path(d) for d in directories}
+    if len(runs) < len(directories):
+        runs = {str(d): Path(d) for d in directories}
+    folder = Path(target or directories[0])
+    require_writable(folder)
+    pictures = Pictures(runs, joints, difference=difference)
+    pictures.require(quantities)
+    for name in quantities or pictures.names:
+        for path in pictures.draw(name, folder):
+            click.echo(path)
+
+
+#: File name where none is given.
+DEFAULT_NAME = "animation.gif"
+
+
+@click.command()
+@click.argument("directory", type=FOLDER)
+@output_option(
+    "target",
+    f"File, .gif or .mp4 (which needs ffmpeg) [default: DIRECTORY/{DEFAULT_NAME}].",
+    folder=False,
+)
+@click.option(
+    "--joint", help="Lubricated joint whose film is drawn [default: that of the highest pressure]."
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(min=2),
+    default=80,
+    show_default=True,
+    help="Instants, at equal times over the run.",
+)
+@click.option(
+    "--fps",
+    "rate",
+    type=click.IntRange(min=1, max=50),
+    default=20,
+    show_default=True,
+    help="Frames a second.",
+)
+@click.option(
+    "--scale",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Enlargement of displacements and clearances [default: so that both are seen].",
+)
+@click.option(
+    "--basis",
+    "bases",
+    multiple=True,
+    type=FILE,
+    help="Basis of a whole flexible body, made by 'reduce --basis' [default: its bore, a ring].",
+)
+def animate(
+    directory: str,
+    target: str | None,
+    joint: str | None,
+    frames: int,
+    rate: int,
+    scale: float | None,
+    bases: tuple[str, ...],
+) -> None:
+    """Show a run: its bodies and joints, the film of one joint, curves.
+
+    DIRECTORY holds a run, also one that was stopped or still goes on; of a periodic run, its last
+    cycle. Nothing is meshed for it.
+    """
+    from tqdm import tqdm
+
+    from fenics_ehd.plotting.animation import draw_run, require_animation_format, save_animation
+
+    path = Path(target or Path(directory) / DEFAULT_NAME)
+    require_animation_format(path)
+    figure, show, hints = draw_run(Path(directory), joint, frames, scale, bases)
+    if target is None:
+        claim(path.parent, [DEFAULT_NAME])
+    for hint in hints:
+        click.echo(hint, err=True)
+    with tqdm(total=frames, unit="frame", file=sys.stderr, mininterval=0.5) as bar:
+        save_animation(figure, show, frames, path, rate, bar.update)
+    click.echo(path)
+
+
+@click.command()
+@click.argument("directory", type=FOLDER)
+@output_option("target", "Folder for the series [default: DIRECTORY/vtk].")
+@click.option(
+    "--frames",
+    type=click.IntRange(min=1),
+    default=60,
+    show_default=True,
+    help="At most how many recorded steps.",
+)
+@click.option(
+    "--basis",
+    "bases",
+    multiple=True,
+    type=FILE,
+    help="Basis of a whole flexible body, made by 'reduce --basis' [default: lines].",
+)
+def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, ...]) -> None:
+    """Write run.pvd, one file for ParaView: bodies and films of a run as they move.
+
+    DIRECTORY holds a run, also one that was stopped or still goes on. Nothing is meshed for it.
+    """
+    from fenics_ehd.plotting.shown import recorded
+    from fenics_ehd.results.history_file import load_history
+    from fenics_ehd.results.paraview import parts_of_bases, write_run
+    from fenics_ehd.results.recorded_run import SERIES
+
+    folder = Path(target or Path(directory) / "vtk")
+    require_writable(folder)
+    if target is None:
+        claim(Path(directory), [SERIES])
+    result = load_history(directory).last_cycle()
+    run = recorded(directory, result)
+    parts = parts_of_bases(run.bodies, bases)
+    click.echo(write_run(run.system.mechanism, result, parts, folder, frames))
+
+
+@click.command()
+@click.argument("directory", type=FOLDER)
+@click.option(
+    "--body", "chosen", multiple=True, help="Flexible body [default: all of them]. Repeatable."
+)
+@click.option(
+    "--damping/--no-damping",
+    default=True,
+    show_default=True,
+    help="Whether stress is that which balances the loads, or that of the deformation alone, "
+    "without what the material's damping carries.",
+)
+@flag(
+    "--complete",
+    "Add the static answer that the basis misses of the films' pressures and of turning: for "
+    "m1, m2 and m3, which know a part of it.",
+)
+@click.option(
+    "--model",
+    "programs",
+    multiple=True,
+    type=click.Path(exists=True, dir_okay=False),
+    help="A .geo model of the run, a program, which may be run. Repeatable.",
+)
+@json_option
+def stress(
+    directory: str,
+    chosen: tuple[str, ...],
+    damping: bool,
+    complete: bool,
+    programs: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Stresses of flexible bodies over the last cycle of a run.
+
+    DIRECTORY holds a complete run. Parts are meshed and reduced again. Written there are
+    stress.json and vtk/BODY_stress.vtu: the largest von Mises stress of a half-range of the stress
+    tensor over all pairs of instants, its mean, the largest principal stress.
+    """
+    from mpi4py import MPI
+
+    from fenics_ehd.cli.stress import cycle_stresses, report
+
+    if MPI.COMM_WORLD.rank:  # one does it all
+        return
+    if complete and not damping:
+        raise click.UsageError("--complete is in balance with the loads: drop --no-damping")
+    folder = Path(directory)
+    found = cycle_stresses(folder, chosen, damping, complete, programs)
+    answer(found, report(found, folder), as_json)

@@ -1,0 +1,303 @@
+"""Weak form of the Reynolds equation (1) over one flux law, in UFL.
+
+Dimensionless: ``P = p / p_s`` with ``p_s = 12 eta Omega (R / c)^2``, gap ``H = h / c``, time in
+units of ``1 / Omega``, lengths in units of the bore radius ``R``. With the flux and the source
+
+    f = k grad P - rho H V e_phi,     s = d(rho H) / dt,     k = rho H^3 / eta
+
+the weak form on the flat mesh of the unwrapped bore, v of the pressure's space, is
+
+    r(v) = int f . grad v + s v
+
+`flow_law` says what eta, rho, H, V and k are: it stands once, for the symbols of the weak form and
+for arrays, from which losses, friction and heat are evaluated. Derivatives are UFL's: along the
+pressure, and along the gap's data, functions of the quadrature space. That along the mean velocity
+needs none: it is ``-rho H`` times the slope of v.
+
+Between rough surfaces (`fenics_ehd.film.flow_factors`) H is the average gap ``h_T``, and with flow
+factors ``k = rho (sigma / c)^3 (h / sigma)^3 phi_p / eta`` and ``V + (U / 2) sigma w phi_s / h_T``
+stand for k and V.
+
+The source is written ``rho (a dH/dt + b H) + H g``: a = 1, b = 0 for density that is steady; b the
+shift and g the history of a time integration formula for one that is not; a = 0 and b one over the
+step for the content of a gap at the end of a step. Supplies add ``(H^3 q + t) P``, conductances of
+the film's own kind and of passages, and take ``H^3 q_s + t_s``, these times the pressures of the
+supplies.
+
+Numbers are constants of the form: only another combination of laws is another form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+import ufl
+
+from fenics_ehd.base import compat
+from fenics_ehd.fem.elements import quadratic_element
+from fenics_ehd.film import flow_factors
+from fenics_ehd.film.assembly import GAUSS_POINTS
+from fenics_ehd.film.lubricant import Constant, Cross, Functions, PressureLaw
+from fenics_ehd.film.parameters import FilmParameters
+
+#: Degree that the Gauss points integrate exactly.
+DEGREE = 2 * GAUSS_POINTS - 1
+
+SYMBOLS = Functions(ufl.exp, ufl.erf, ufl.conditional)
+
+GAP = ("thickness", "thickness_rate", "mean_velocity", "sliding_velocity")
+FIELDS = ("viscosity_field", "density_field")
+SUPPLIES = ("film_conductance", "film_supply", "passage_conductance", "passage_supply")
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Element and combination of laws that a film's forms are compiled for.
+
+    Attributes
+    ----------
+    family
+        See `FilmGrid`.
+    viscosity, density, thinning
+        Classes of the oil's laws; the last None for one that does not thin.
+    rough, flow_factors, dragging
+        Between rough surfaces: the average gap; Patir and Cheng's flow; one surface the rougher.
+    fields
+        Whether viscosity or density depend on the place.
+    supplies
+        Whether oil is conducted into the film.
+    """
+
+    family: str
+    viscosity: type[PressureLaw]
+    density: type[PressureLaw]
+    thinning: type[Cross] | None = None
+    rough: bool = False
+    flow_factors: bool = False
+    dragging: bool = False
+    fields: bool = False
+    supplies: bool = False
+
+    @classmethod
+    def of(cls, p: FilmParameters) -> Laws:
+        """Laws of one film."""
+        oil, surfaces = p.lubricant, p.surfaces
+        return cls(
+            p.grid.family,
+            type(oil.viscosity_law),
+            type(oil.density_law),
+            None if oil.shear_law is None else type(oil.shear_law),
+            surfaces is not None,
+            surfaces is not None and surfaces.flow_factors,
+            surfaces is not None and surfaces.dragging,
+            bool(oil.viscosity_field or oil.density_field or p.recesses),
+            bool(p.feeds),
+        )
+
+    @property
+    def values(self) -> tuple[str, ...]:
+        """Names of all values at the Gauss points."""
+        history = () if issubclass(self.density, Constant) else ("history",)
+        fields = FIELDS if self.fields else ()
+        return GAP + fields + (SUPPLIES if self.supplies else ()) + history
+
+    @property
+    def sliding(self) -> bool:
+        """True of laws in which anything follows the sliding velocity."""
+        return self.thinning is not None or self.dragging
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of a form, or the constants that stand for them.
+
+    Attributes
+    ----------
+    squeeze, storage
+        a and b of the source.
+    rate_shift
+        ``d h' / d h`` [1/s] in the derivative along the thickness.
+    level
+        Of ``rho H V``, taken off it: what is the same everywhere flows nowhere, but for round-off,
+        which would choose the full nodes of a centred journal.
+    clearance, speed, rate, pressure_scale
+        c [m], ``Omega R`` [m/s], Omega [1/s] and p_s [Pa].
+    viscosity, density
+        Of the oil at ambient pressure, over those that make the equation dimensionless.
+    viscosity_law, density_law, shear_law
+        See `PressureLaw.numbers`.
+    surfaces
+        sigma [m] and w, and what continues the mobility, see `flow_factors.mobility`.
+    """
+
+    squeeze: Any
+    storage: Any
+    rate_shift: Any
+    level: Any
+    clearance: Any
+    speed: Any
+    rate: Any
+    pressure_scale: Any
+    viscosity: Any
+    density: Any
+    viscosity_law: tuple
+    density_law: tuple
+    shear_law: tuple
+    surfaces: tuple
+
+    @cached_property
+    def flat(self) -> np.ndarray:
+        """All numbers in one array: `squeeze`, `storage`, `rate_shift` and `level` first."""
+        return np.hstack([getattr(self, own.name) for own in fields(self)]).astype(float)
+
+    @property
+    def layout(self) -> tuple[int | None, ...]:
+        """Number of values in every attribute, None for one that is no tuple."""
+        values = [getattr(self, own.name) for own in fields(self)]
+        return tuple(len(value) if isinstance(value, tuple) else None for value in values)
+
+    @classmethod
+    def spread(cls, layout: Sequence[int | None], constants: Iterable[Any]) -> Numbers:
+        """Constants in the order of `flat`."""
+        left = iter(constants)
+        return cls(*(next(left) if n is None else tuple(islice(left, n)) for n in layout))
+
+
+class Flow(NamedTuple):
+    """Oil in a gap, dimensionless: expressions, or arrays (cells, points).
+
+    Attributes
+    ----------
+    viscosity, density
+        eta and rho.
+    conductance
+        k.
+    thickness, slope
+        H, and ``dh_T / dh`` of rough surfaces.
+    velocity
+        V.
+    """
+
+    viscosity: Any
+    density: Any
+    conductance: Any
+    thickness: Any
+    slope: Any
+    velocity: Any
+
+
+def _oil_pressure(n: Numbers, pressure: Any, f: Functions) -> Any:
+    """Pressure [Pa] of the oil's laws; shape functions undershoot between nodes, laws do not."""
+    return n.pressure_scale * f.where(pressure >= 0.0, pressure, 0.0)
+
+
+def oil_density(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Functions) -> Any:
+    """Density of the oil at a dimensionless pressure, dimensionless."""
+    p = _oil_pressure(n, pressure, f)
+    density = n.density * laws.density.ratio(f, p, *n.density_law)
+    return density * q["density_field"] if laws.fields else density
+
+
+def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Functions) -> Flow:
+    """Flow at a dimensionless pressure through a gap whose data are `q`."""
+    p, density = _oil_pressure(n, pressure, f), oil_density(laws, n, q, pressure, f)
+    viscosity = n.viscosity * laws.viscosity.ratio(f, p, *n.viscosity_law)
+    if laws.fields:
+        viscosity = viscosity * q["viscosity_field"]
+    thickness, slope = q["thickness"] / n.clearance, 1.0
+    velocity, sliding = q["mean_velocity"], q["sliding_velocity"]
+    mobility = thickness * thickness * thickness
+    if laws.rough:
+        sigma, weight, *continuation = n.surfaces
+        ratio, unit = q["thickness"] / sigma, sigma / n.clearance
+        average, slope = flow_factors.mean_gap(ratio, f)
+        thickness = unit * average
+        mobility = thickness * thickness * thickness
+        if laws.flow_factors:
+            mobility = unit * unit * unit * flow_factors.mobility(ratio, average, continuation, f)
+        if laws.dragging:
+            drag = 0.5 * weight * flow_factors.shear_factor(ratio, f) / average
+            velocity = velocity + sliding * drag
+    if laws.thinning is not None:
+        speed = f.where(sliding < 0.0, -sliding, sliding)
+        rate = speed / (n.clearance * thickness)
+        viscosity = viscosity * laws.thinning.ratio(f, rate, *n.shear_law)
+    conductance = density * mobility / viscosity
+    return Flow(viscosity, density, conductance, thickness, slope, velocity / n.speed)
+
+
+def pressure_element(family: str) -> Any:
+    """Element of the pressure on the flat mesh."""
+    if family == "serendipity":
+        return compat.plane(quadratic_element(family, "quadrilateral"))
+    return compat.plane_element(1 if family == "bilinear" else 2)
+
+
+def gauss_element() -> Any:
+    """Element of values at the Gauss points."""
+    return compat.quadrature_element(DEGREE)
+
+
+class WeakForm:
+    """Residual and its derivatives, of no mesh.
+
+    Parameters
+    ----------
+    laws
+        Which ones.
+    layout
+        Of their numbers, see `Numbers.layout`.
+
+    Attributes
+    ----------
+    laws
+        Those.
+    coefficients
+        Symbols of the nodal pressure and of `Laws.values`, by name.
+    forms
+        ``"residual"``; ``"pressure"``, its derivative along the pressure; and those along
+        thickness and sliding velocity, transposed: a row for every Gauss point.
+    """
+
+    def __init__(self, laws: Laws, layout: Sequence[int | None]):
+        self.laws, domain = laws, compat.plane_domain()
+        gauss = ufl.FunctionSpace(domain, gauss_element())
+        nodes = ufl.FunctionSpace(domain, pressure_element(laws.family))
+        count = sum(1 if n is None else n for n in layout)
+        constant = ufl.Constant(domain, shape=(count,))
+        n = Numbers.spread(layout, [constant[i] for i in range(count)])
+        q = {name: compat.Coefficient(gauss) for name in laws.values}
+        pressure = compat.Coefficient(nodes)
+        self.coefficients = {"pressure": pressure, **q}
+        u, v, w = ufl.TrialFunction(nodes), ufl.TestFunction(nodes), ufl.TrialFunction(gauss)
+        dx = ufl.dx(domain, metadata={"quadrature_degree": DEGREE, "quadrature_rule": "default"})
+        residual = self._integrand(laws, n, q, pressure, v) * dx
+        thickness, rate = (ufl.derivative(residual, q[name], w) for name in GAP[:2])
+        self.forms = {
+            "residual": residual,
+            "pressure": ufl.derivative(residual, pressure, u),
+            "thickness": ufl.adjoint(thickness + n.rate_shift * rate),
+        }
+        if laws.sliding:
+            sliding = ufl.derivative(residual, q["sliding_velocity"], w)
+            self.forms["sliding_velocity"] = ufl.adjoint(sliding)
+
+    @staticmethod
+    def _integrand(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, v: Any) -> Any:
+        flow = flow_law(laws, n, q, pressure, SYMBOLS)
+        dragged = flow.density * flow.thickness * flow.velocity - n.level
+        around = flow.conductance * pressure.dx(0) - dragged
+        growth = n.squeeze * flow.slope * q["thickness_rate"] / (n.clearance * n.rate)
+        source = flow.density * (growth + n.storage * flow.thickness)
+        if "history" in q:
+            source += flow.thickness * q["history"]
+        if laws.supplies:
+            cube = flow.thickness * flow.thickness * flow.thickness
+            source += (cube * q["film_conductance"] + q["passage_conductance"]) * pressure
+            source -= cube * q["film_supply"] + q["passage_supply"]
+        return around * v.dx(0) + flow.conductance * pressure.dx(1) * v.dx(1) + source * v

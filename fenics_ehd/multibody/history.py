@@ -1,0 +1,530 @@
+"""The history of a run: what its accepted steps left, in memory and on the disk the same.
+
+Everything that a run records is an array over its steps, by path: ``time``, ``run/QUANTITY``,
+``bodies/NAME/QUANTITY``, ``joints/NAME/QUANTITY``, ``joints/NAME/film/FIELD`` and ``state/FIELD``.
+Meshes of films, ``joints/NAME/film/angle``, ``height`` and ``cells``, do not change. A column is
+what ``history.csv`` has: of a joint, a body or the run, one number a step, its name with its unit.
+
+A cycle that repeats itself has a row at its start, too: as it ends, a period and whole turns
+before.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from fenics_ehd import __version__
+from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, csv_line, with_unit
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.files import naming, whole_hdf5, write_summary, write_whole
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+
+#: Share of a period that a whole cycle may lack: rounding.
+WHOLE = 1e-6
+
+
+def last_whole_cycle(numbers: np.ndarray, time: np.ndarray) -> slice:
+    """Steps of the last whole cycle of a search, of one that has none all of them.
+
+    Parameters
+    ----------
+    numbers, time
+        Of the cycle at every step, and the time since its start, shape (steps,).
+    """
+    first = int(np.searchsorted(numbers, numbers[-1]))
+    if not first or time[-1] >= (1.0 - WHOLE) * time[first - 1]:
+        return slice(first, None)
+    return slice(int(np.searchsorted(numbers, numbers[-1] - 1)), first)
+
+
+@dataclass(frozen=True, eq=False)
+class Quantities(Mapping[str, Quantity]):
+    """Quantities over the steps of a run, each of shape (steps,), by name or as attributes.
+
+    Parameters
+    ----------
+    quantities
+        By name, ``max_pressure``.
+    """
+
+    quantities: Mapping[str, Quantity]
+
+    def __getitem__(self, name: str) -> Quantity:
+        return self.quantities[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.quantities)
+
+    def __len__(self) -> int:
+        return len(self.quantities)
+
+    def __getattr__(self, name: str) -> Quantity:
+        found = self.__dict__.get("quantities", {})
+        if name not in found:
+            raise AttributeError(f"no {name!r} here, only {', '.join(found) or 'nothing'}")
+        return found[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.quantities]
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Plain arrays by names with units, ``max_pressure_Pa``."""
+        return {with_unit(name, v.units): np.asarray(v) for name, v in self.items()}
+
+    def _pair(self, name: str) -> Quantity:
+        """Components along x and y, shape (steps, 2)."""
+        x, y = self[f"{name}_x"], self[f"{name}_y"]
+        return Quantity(np.column_stack([x, y]), x.units)
+
+
+#: Families of cells by their number of nodes.
+FAMILIES = {4: "bilinear", 8: "serendipity", 9: "lagrange"}
+
+
+@dataclass(frozen=True, eq=False)
+class FilmResult:
+    """The film of a joint at its own nodes.
+
+    Attributes
+    ----------
+    angle, height
+        Of the nodes on the bore, in its frame, shape (nodes,) [rad], [m].
+    cells
+        Nodes of every cell: its corners (at the first angle and height, at the second angle, at
+        the second height, at both), then edges and centre where `family` has them, shape (c, v).
+    radius, clearance
+        Of the bore [m].
+    pressure, gap
+        shape (steps, nodes) [Pa], [m].
+    fluid_fraction
+        Likewise where oil is conserved, else None.
+    """
+
+    angle: Quantity
+    height: Quantity
+    cells: np.ndarray
+    radius: float
+    clearance: float
+    pressure: Quantity
+    gap: Quantity
+    fluid_fraction: Quantity | None = None
+
+    @property
+    def family(self) -> str:
+        """``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node)."""
+        return FAMILIES[self.cells.shape[1]]
+
+
+@dataclass(frozen=True, eq=False)
+class JointResult(Quantities):
+    """A lubricated joint over the steps of a run.
+
+    It has ``max_pressure``, ``min_film_thickness``, ``max_pressure_angle``, and what its models
+    add: ``friction_torque``.
+
+    Attributes
+    ----------
+    nodal
+        Its film, None where it was not read.
+    """
+
+    nodal: FilmResult | None = None
+
+    @property
+    def film(self) -> FilmResult:
+        """Pressure and gap at every node of the film.
+
+        Raises
+        ------
+        InputError
+            They were not read.
+        """
+        if self.nodal is None:
+            raise InputError("the films were not read: load_history(DIR, films=True)")
+        return self.nodal
+
+    @property
+    def eccentricity(self) -> Quantity:
+        """Eccentricity in the undeformed bore's frame, shape (steps, 2) [m]."""
+        return self._pair("eccentricity")
+
+    @property
+    def force(self) -> Quantity:
+        """Force of the film on the journal in the frame at rest, shape (steps, 2) [N]."""
+        return self._pair("force")
+
+
+@dataclass(frozen=True, eq=False)
+class BodyResult(Quantities):
+    """A body over the steps of a run.
+
+    It has ``x``, ``y`` and ``angle`` of its frame and ``speed``, its angular one, as far as it can
+    move that way.
+
+    Attributes
+    ----------
+    coordinates, rates
+        Of the frame, then of the elastic modes, shape (steps, n).
+    """
+
+    coordinates: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    rates: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+#: Names and version of the files, and of the layout of ``history.h5``.
+FIELDS_NAME, CSV_NAME = "history.h5", "history.csv"
+FORMAT, FORMAT_VERSION = "fenics_ehd history", 3
+
+#: Units of fields by the last part of their path; the state has one for each coordinate.
+FIELD_UNITS = {
+    "pressure": "Pa",
+    "gap": "m",
+    "fluid_fraction": DIMENSIONLESS,
+    "quasi_static": "Pa",
+    "angle": "rad",
+    "height": "m",
+    "radius": "m",
+    "clearance": "m",
+    "cells": DIMENSIONLESS,
+}
+
+#: How paths begin of what has one number a step, unless it is of the nodes of a film.
+COLUMNS = ("run/", "bodies/", "joints/")
+
+#: What a film has once.
+MESH = ("angle", "height", "cells", "radius", "clearance")
+
+#: In place of one unit where every column has its own, in the attribute ``units`` of the file.
+MIXED = "mixed"
+
+#: How what is large is packed, once no rows come any more.
+PACKED: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+def of_film(path: str) -> bool:
+    """True of the path of a film's nodal field, ``joints/NAME/film/pressure``."""
+    return path.count("/") == 3
+
+
+def column_name(path: str, joints: Sized) -> str:
+    """Name in ``history.csv`` of a column by its path in a history, its unit at the end or not.
+
+    Parameters
+    ----------
+    path
+        ``joints/big_end/force_x_N``, ``run/step_s``, ``time_s``.
+    joints
+        Lubricated ones; columns of the only one do without its name.
+    """
+    group, _, name = path.partition("/")
+    if group == "joints" and len(joints) == 1:
+        return name.partition("/")[2]
+    return (name or group).replace("/", ".", 1)
+
+
+def fixed(path: str) -> bool:
+    """True of the path of a film's mesh, which does not change from step to step."""
+    return of_film(path) and path.rpartition("/")[2] in MESH
+
+
+def is_column(path: str) -> bool:
+    """True of the path of a column, one number a step."""
+    return path == "time" or (path.startswith(COLUMNS) and not of_film(path))
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """A run.
+
+    Attributes
+    ----------
+    values
+        Arrays by path, their first axis the step.
+    coordinate_names, coordinate_units
+        Of the mechanism's coordinates: ``bodies/rod/x``, ``bodies/rod/mode_1``.
+    told
+        As in ``summary.json``; nothing of a run that goes on or was killed.
+    scene
+        Tables of the scene file as the run read it; nothing of a mechanism made in Python.
+    solved
+        What `simulate` leaves for `replay`, `error_budget`, `multiplier` and `sensitivity`, see
+        `fenics_ehd.multibody.simulation.Simulation`; None of a run that was read.
+    """
+
+    values: Mapping[str, Quantity]
+    coordinate_names: tuple[str, ...] = ()
+    coordinate_units: tuple[str, ...] = ()
+    told: Mapping[str, Any] = field(default_factory=dict)
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    solved: Any = None
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.values["time"])
+
+    @cached_property
+    def _paths(self) -> dict[str, str]:
+        """Paths of what has one number a step, by name: ``big_end.max_pressure``."""
+        return {column_name(path, "  "): path for path in self.values if is_column(path)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what has one number a step: ``big_end.max_pressure``, ``rod.angle``."""
+        return tuple(self._paths)
+
+    def __getitem__(self, name: str) -> Quantity:
+        """One of `names` over the steps, shape (steps,)."""
+        return self.values[self._paths[name]]
+
+    def units(self, name: str) -> str:
+        """Unit of one of `names`."""
+        return self[name].units
+
+    def _group(self, path: str) -> dict[str, Quantity]:
+        """Quantities in a group itself, by name."""
+        pairs = [(own.rpartition("/"), v) for own, v in self.values.items()]
+        return {name: v for (group, _, name), v in pairs if group == path}
+
+    @staticmethod
+    def _owners(kind: str, paths: Iterable[str]) -> list[str]:
+        """Names of joints or bodies."""
+        parts = [path.split("/") for path in paths]
+        return list(dict.fromkeys(path[1] for path in parts if path[0] == kind))
+
+    @cached_property
+    def run(self) -> Quantities:
+        """Energies, works, steps: what is of no body or joint."""
+        return Quantities({"time": self.values["time"]} | self._group("run"))
+
+    @cached_property
+    def joints(self) -> dict[str, JointResult]:
+        """Lubricated joints by name."""
+        return {
+            name: JointResult(self._group(f"joints/{name}"), self._film(name))
+            for name in self._owners("joints", self.values)
+        }
+
+    def _film(self, joint: str) -> FilmResult | None:
+        fields: dict[str, Any] = self._group(f"joints/{joint}/film")
+        if not fields:
+            return None
+        sizes = {name: float(fields[name]) for name in ("radius", "clearance")}
+        return FilmResult(**(fields | sizes))
+
+    @cached_property
+    def bodies(self) -> dict[str, BodyResult]:
+        """By name, those that can move."""
+        owners = np.array([name.rpartition("/")[0] for name in self.coordinate_names])
+        found = {}
+        for name in self._owners("bodies", [*self.values, *self.coordinate_names]):
+            own = owners == f"bodies/{name}"
+            parts = self.coordinates[:, own], self.rates[:, own]
+            found[name] = BodyResult(self._group(f"bodies/{name}"), *parts)
+        return found
+
+    @property
+    def time(self) -> Quantity:
+        """Times of the accepted steps, shape (steps,) [s]; within a cycle since its start."""
+        numbers = self.values.get("run/cycle")
+        one = numbers is not None and len(numbers) and numbers[0] == numbers[-1]
+        return self.values["run/cycle_time" if one else "time"]
+
+    @property
+    def coordinates(self) -> np.ndarray:
+        """Coordinates of the mechanism, shape (steps, n)."""
+        return np.asarray(self.values["state/coordinates"])
+
+    @property
+    def rates(self) -> np.ndarray:
+        """Theirs, shape (steps, n)."""
+        return np.asarray(self.values["state/rates"])
+
+    @property
+    def quasi_static(self) -> np.ndarray:
+        """Amplitudes of the residual patterns of M4, shape (steps, r) [Pa]; r = 0 without."""
+        return np.asarray(self.values.get("state/quasi_static", np.zeros((len(self), 0))))
+
+    @property
+    def pressures(self) -> dict[str, np.ndarray]:
+        """At the nodes of every film that was read, by joint, shape (steps, nodes) [Pa]."""
+        parts = [(path.split("/"), v) for path, v in self.values.items()]
+        return {path[1]: np.asarray(v) for path, v in parts if path[2:] == ["film", "pressure"]}
+
+    def summary(self) -> Mapping[str, Any]:
+        """The content of ``summary.json``; nothing of a run that goes on or was killed."""
+        return self.told
+
+    @property
+    def status(self) -> str:
+        """``"complete"``, or why the figures cannot be trusted, or that there are none."""
+        return str(self.told.get("status", "no summary: the run goes on or was killed"))
+
+    @property
+    def figures(self) -> Mapping[str, Mapping[str, Any]]:
+        """Extremes and means of every lubricated joint, by its name, as in the summary."""
+        if "joint" in self.told:
+            return {self.told["joint"]: self.told}
+        return self.told.get("joints", {})
+
+    @property
+    def cycles(self) -> int:
+        """Number of cycles of a periodic run, else 0."""
+        return int(self.told.get("cycles", 0))
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """All but films and modes by the names that ``history.csv`` has, units at their end."""
+        own = [path for path in self.values if is_column(path)]
+        joints = self._owners("joints", own)
+        return {
+            with_unit(column_name(path, joints), self.values[path].units): np.asarray(
+                self.values[path]
+            )
+            for path in own
+        }
+
+    def to_dataframe(self) -> DataFrame:
+        """`columns` as a table of pandas over the time, its index ``time_s``.
+
+        Raises
+        ------
+        InputError
+            Pandas is not installed.
+        """
+        pandas = _wanted("pandas", "to_dataframe")
+        columns = {name: v for name, v in self.columns.items() if name != "time_s"}
+        return pandas.DataFrame(columns, index=pandas.Index(np.asarray(self.time), name="time_s"))
+
+    def to_xarray(self) -> Dataset:
+        """All of `names` as a dataset of xarray over the time, their units as attributes.
+
+        Raises
+        ------
+        InputError
+            Xarray is not installed.
+        """
+        xarray = _wanted("xarray", "to_xarray")
+        columns = {name: self[name] for name in self.names} | {"time": self.time}
+        return xarray.Dataset(
+            {name: ("time", np.asarray(v), {"units": v.units}) for name, v in columns.items()}
+        )
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
+        """The same with the first axis of all that it has of steps changed: some of them, say."""
+        return self.changed({path: change(v) for path, v in self.values.items() if not fixed(path)})
+
+    def changed(self, arrays: Mapping[str, np.ndarray]) -> Self:
+        """The same with other arrays by path, in the units of those that they replace."""
+        own = {path: Quantity(values, self.values[path].units) for path, values in arrays.items()}
+        return replace(self, values={**self.values, **own})
+
+    def last_cycle(self) -> History:
+        """The last whole cycle of a periodic run that was stopped, from its start on.
+
+        All of any other run, and of one that was stopped in its first cycle.
+        """
+        if not (len(self) and "cycle" in self.run):
+            return self
+        rows = last_whole_cycle(*(np.asarray(self.run[key]) for key in ("cycle", "cycle_time")))
+        return self.each(lambda values: values[rows])
+
+    def with_start(self) -> History:
+        """A cycle that repeats itself with a row at its start."""
+        turning = np.array([name.endswith("/angle") for name in self.coordinate_names], bool)
+        turns = {path: 2 * np.pi for path in self.values if re.fullmatch("bodies/.*/angle", path)}
+        turns |= {"run/crank_angle": 360.0, "state/coordinates": 2 * np.pi}
+        clock = np.asarray(self.values["run/cycle_time"])
+        found = {}
+        for path, v in self.values.items():
+            if fixed(path):
+                continue
+            start = np.array(v[-1])
+            if path in turns:
+                whole = turns[path] * np.round((v[-1] - v[0]) / turns[path])
+                start -= whole * turning if path == "state/coordinates" else whole
+            elif path == "time":
+                start -= clock[-1]
+            elif path.endswith("_work") or path in ("run/energy_defect", "run/cycle_time"):
+                start = np.zeros_like(start)
+            found[path] = np.concatenate([start[None], v])
+        return self.changed(found)
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``history.h5``, ``history.csv`` and ``summary.json``, each whole or not at all.
+
+        Parameters
+        ----------
+        folder
+            Made when missing.
+
+        Raises
+        ------
+        OutputError
+            A file cannot be written.
+        """
+        folder = Path(folder)
+        with naming(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        self.write(folder / FIELDS_NAME, PACKED)
+        columns = self.columns
+        rows = np.column_stack([*columns.values()])
+        lines = [csv_line([*columns]), *(csv_line([f"{x:.10g}" for x in row]) for row in rows)]
+        write_whole(folder / CSV_NAME, b"".join(lines))
+        if self.told:
+            write_summary(folder, self.told)
+
+    def write(self, path: Path, packing: Mapping[str, Any] | None = None) -> None:
+        """Write all but the summary as ``history.h5``, fields packed if so wanted.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written; a former file stays.
+        """
+        with whole_hdf5(path, "latest") as file:
+            file.attrs["format"], file.attrs["format_version"] = _text(FORMAT), FORMAT_VERSION
+            file.attrs["fenics_ehd"] = _text(__version__)
+            file.attrs["columns"] = _text([name for name in self.values if is_column(name)])
+            for name, v in self.values.items():
+                how = packing if packing and v.ndim == 2 and not fixed(name) else {}
+                data = file.create_dataset(name, data=np.asarray(v), **how)
+                data.attrs["units"] = _text(v.units)
+            for name, over in (("state/coordinates", ""), ("state/rates", "/s")):
+                units = [f"{unit}{over}" for unit in self.coordinate_units]
+                file[name].attrs["names"] = _text([*self.coordinate_names])
+                file[name].attrs["units"] = _text(units)
+
+
+def _wanted(package: str, method: str) -> Any:
+    """A package that a method takes and nothing else does.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    try:
+        return import_module(package)
+    except ImportError:
+        raise InputError(
+            f"{method} needs {package}, which is not installed (python3-{package} on Debian): "
+            "install it, or take columns, a dictionary of arrays"
+        ) from None
+
+
+def _text(value: str | list[str]) -> np.ndarray:
+    """Text of fixed length: of any length it lies where HDF5 has no checksums, and crashes it."""
+    return np.char.encode(np.array(value, dtype=str), "utf-8")

@@ -1,0 +1,627 @@
+"""Quantities of a lubricated joint at an accepted step: one function each, with its unit.
+
+All that a history, a summary, a picture or a derivative says of a joint at a step is made here, by
+functions that `quantity` registers. Their order is that of the columns; a quantity of which a
+summary has the mean over a run, or a cycle, says so. What a joint's models do not have is not made.
+
+Angles are those of the bore's frame, from its x axis, positive from x to y, in -180..180 degrees:
+what is at rest in the bore, a groove say, keeps its angle. Heights count from mid-width.
+
+The film acts at the journal's centre on both bodies, with a force F on the journal and torques
+about that point that are opposite: of the oil's shear, and of the pressure on a journal that is
+not round. About the bore's own axis, where a bearing's friction is measured on its housing, the
+torque differs by the couple of the eccentric force,
+
+    T_bore = T - (e x F)_z,
+
+T braking the journal, T_bore dragging the bore along: called the other way round, the bodies
+exchange them. The bodies put into the film
+
+    P = -int p dh/dt dA - Q . xi' - T_shear Omega,
+
+by squeezing it and by shear, and oil enters under pressure with P_s. Both leave as heat: the
+discrete Reynolds equation tested with its own pressure says
+
+    P + P_s = int h^3 / (12 eta) |grad p|^2 + theta eta U^2 / h dA
+
+at every instant, to what Newton's method leaves; with 8-node elements, whose complementarity is
+not that of pressure and flux at a node (11), to the discretisation.
+
+Wear grows, by whatever law, with ``int p_c |U| dt``: the contact pressure times the distance slid.
+It is summed at every Gauss point of the bore, over the run or the cycle, by the trapezoidal rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from fenics_ehd.base.columns import with_unit
+from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.film.film import OilState
+from fenics_ehd.film.flow import under_pressure
+from fenics_ehd.film.flow_factors import PUBLISHED
+from fenics_ehd.multibody.body import ANGLE
+from fenics_ehd.multibody.contact import JointContact
+from fenics_ehd.multibody.lubricated_joint import nearest_circle
+from fenics_ehd.multibody.mechanism import FilmPlace, System
+from fenics_ehd.multibody.newton import MechanismStep
+from fenics_ehd.multibody.step_equations import FilmIntegrals, StepEquations
+
+#: Values that differ by less than this share are equal: of the two mirrored places of a film
+#: without misalignment the upper one is told, not the one that round-off chose.
+EQUAL = 1e-9
+
+
+class JointPlaces:
+    """Places at which the film of a lubricated joint is observed.
+
+    Parameters
+    ----------
+    system, place
+        Which.
+    """
+
+    def __init__(self, system: System, place: FilmPlace):
+        self.place, self._system = place, system
+        self.nodes = place.film.film.parameters.grid.node_positions
+
+    @cached_property
+    def observed(self) -> np.ndarray:
+        """Angle [rad] and height [m] of Gauss points, then of nodes, shape (k, 2)."""
+        points = self.place.film.film.points
+        inside = np.column_stack([points.angle.ravel(), points.height.ravel()])
+        return np.vstack([inside, self.nodes])
+
+    @cached_property
+    def circle(self) -> np.ndarray | None:
+        """Journal's place, of gaps at nodes, in a bore that is not round and rigid."""
+        film = self.place.film
+        return None if film.bore is None and film.shape is None else nearest_circle(film.film)[1:]
+
+    @cached_property
+    def turned(self) -> float:
+        """Angle by which a bore is mounted that cannot turn [rad]."""
+        place, bodies = self.place, self._system.mechanism.bodies
+        body = bodies.get(place.bore_body)
+        if place.bore_angle is not None or body is None:
+            return 0.0
+        return float(body.marker("", body.start).values[ANGLE])
+
+
+@dataclass(frozen=True, eq=False)
+class JointStep:
+    """A lubricated joint at an accepted step.
+
+    Attributes
+    ----------
+    places, step
+        Of which joint, and the step.
+    own
+        The film's integrals.
+    gap
+        Film thickness where it is observed, at Gauss points, then at nodes [m].
+    """
+
+    places: JointPlaces
+    step: MechanismStep
+    own: FilmIntegrals
+    gap: np.ndarray
+
+    @property
+    def place(self) -> FilmPlace:
+        """Which joint."""
+        return self.places.place
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """At the nodes [Pa]."""
+        return self.own.state.pressure
+
+    @property
+    def force(self) -> np.ndarray:
+        """On the journal, in the frame at rest [N]."""
+        return self.step.solution.motion.multipliers[self.place.rows]
+
+    @cached_property
+    def towards(self) -> float:
+        """Direction of the journal's load on the bore, in the bore's frame [rad]."""
+        # The joint's own force is the one on the journal.
+        load = np.arctan2(-self.force[1], -self.force[0])
+        return float(load - self.place.angles(self.step.x)[1] - self.places.turned)
+
+    @cached_property
+    def journal(self) -> np.ndarray:
+        """Centre of the journal in the bore as it is, shape (2,) [m]."""
+        if self.places.circle is None:
+            return self.step.x[self.place.xi[:2]]
+        return self.places.circle @ self.gap[-len(self.places.nodes) :]
+
+    @cached_property
+    def thinnest(self) -> tuple[float, float]:
+        """Angle [rad] and height [m] of the thinnest film."""
+        return upper_most(self.places.observed, self.gap)
+
+    @cached_property
+    def load(self) -> np.ndarray:
+        """Load of pressure, shear and contact on the journal along its eccentricity [N]."""
+        found, state = self.own.friction, self.own.state
+        load = self.place.film.load[:2] @ state.pressure + found.on_xi[:2]
+        if self.own.contact is None:
+            return load
+        return load + self.own.contact.forces(self.own.touch, state.gap)[:2]
+
+    @cached_property
+    def braking(self) -> float:
+        """Torque that brakes the journal about its own axis [N m]."""
+        # What else brakes the journal belongs here.
+        torque = -self.own.friction.torque
+        shape, place = self.place.film.shape, self.place
+        if shape is not None:
+            turned = shape.turned(place.ahead(self.step.x), place.ahead(self.step.rate))
+            torque -= 0.0 if turned is None else float(turned.torque @ self.pressure)
+        if self.own.contact is not None:
+            torque += self.own.contact.braking(self.own.touch, self.own.state.gap)
+        return torque
+
+    @cached_property
+    def dragging(self) -> float:
+        """Torque that drags the bore along about its own axis [N m]."""
+        e = self.step.x[self.place.xi[:2]]
+        return self.braking - float(e[0] * self.load[1] - e[1] * self.load[0])
+
+    @cached_property
+    def speeds(self) -> tuple[float, float]:
+        """Angular speeds of journal and bore in the frame at rest [rad/s]."""
+        return self.place.angles(self.step.rate)
+
+
+T = TypeVar("T")
+
+Value = Callable[[JointStep], float]
+Condition = Callable[[JointStep], bool]
+
+
+@dataclass(frozen=True)
+class Output:
+    """A quantity of a lubricated joint.
+
+    Attributes
+    ----------
+    column, meaning
+        Its name with its unit, and what it is.
+    value, where
+        Made of a joint at a step, and which joints have it.
+    mean
+        Whether a summary has its mean.
+    """
+
+    column: str
+    meaning: str
+    value: Value
+    where: Condition
+    mean: bool
+
+
+def everywhere(_: JointStep) -> bool:
+    """Every joint."""
+    return True
+
+
+def with_friction(joint: JointStep) -> bool:
+    """Joints whose shear is computed."""
+    return joint.place.film.friction
+
+
+def with_contact(joint: JointStep) -> bool:
+    """Joints between rough surfaces."""
+    return joint.own.contact is not None
+
+
+def with_oil(joint: JointStep) -> bool:
+    """Joints that keep account of their oil."""
+    return isinstance(joint.own.state, OilState)
+
+
+#: All of them, in the order of the columns.
+OUTPUTS: list[Output] = []
+
+
+def quantity(
+    name: str,
+    unit: str,
+    where: Condition = everywhere,
+    *,
+    mean: bool = False,
+) -> Callable[[Value], Value]:
+    """Register a function of a joint at a step; its docstring is its meaning.
+
+    Parameters
+    ----------
+    name, unit
+        Of its column, where an underscore joins them.
+    where, mean
+        See `Output`.
+    """
+
+    def register(value: Value) -> Value:
+        meaning = (value.__doc__ or "").rstrip(".")
+        OUTPUTS.append(Output(with_unit(name, unit), meaning, value, where, mean))
+        return value
+
+    return register
+
+
+def joint_row(joint: JointStep) -> dict[str, float]:
+    """Columns of a joint with its models' quantities."""
+    row: dict[str, float] = {}
+    for output in OUTPUTS:
+        if output.where(joint):
+            if output.value is side_flow:
+                row |= feed_flows(joint)
+            row[output.column] = float(output.value(joint))
+    return row
+
+
+def averaged(row: Mapping[str, T]) -> dict[str, T]:
+    """Columns of which a summary has the mean."""
+    means = {output.column for output in OUTPUTS if output.mean} | {FLOW}
+    return {column: value for column, value in row.items() if column.rpartition(".")[2] in means}
+
+
+#: Column of what a supply lets in, behind its name.
+FLOW = "flow_m3_per_s"
+
+
+def feed_flows(joint: JointStep) -> dict[str, float]:
+    """Flows that the supplies let in, by column."""
+    flows = joint.own.flows.balance.feeds
+    return {f"{name}.{FLOW}": flow for name, flow in flows.items()}
+
+
+@quantity("max_pressure", "Pa")
+def max_pressure(joint: JointStep) -> float:
+    """Largest pressure at a node."""
+    return joint.pressure.max()
+
+
+@quantity("min_film_thickness", "m")
+def min_film_thickness(joint: JointStep) -> float:
+    """Least film thickness at nodes and Gauss points; between rough surfaces nominal."""
+    return joint.gap.min()
+
+
+@quantity("max_pressure_angle", "deg")
+def max_pressure_angle(joint: JointStep) -> float:
+    """Angle of the place of the largest pressure."""
+    return in_degrees(joint.places.nodes[np.argmax(joint.pressure), 0])
+
+
+@quantity("eccentricity_x", "m")
+def eccentricity_x(joint: JointStep) -> float:
+    """Displacement of the journal in the undeformed bore's frame, along x."""
+    return joint.step.x[joint.place.xi[0]]
+
+
+@quantity("eccentricity_y", "m")
+def eccentricity_y(joint: JointStep) -> float:
+    """Displacement of the journal in the undeformed bore's frame, along y."""
+    return joint.step.x[joint.place.xi[1]]
+
+
+@quantity("force_x", "N")
+def force_x(joint: JointStep) -> float:
+    """Force of the film on the journal along x, in the frame at rest."""
+    return joint.force[0]
+
+
+@quantity("force_y", "N")
+def force_y(joint: JointStep) -> float:
+    """Force of the film on the journal along y, in the frame at rest."""
+    return joint.force[1]
+
+
+@quantity("force", "N")
+def force(joint: JointStep) -> float:
+    """Size of that force."""
+    return np.hypot(joint.force[0], joint.force[1])
+
+
+@quantity("force_angle", "deg")
+def force_angle(joint: JointStep) -> float:
+    """Direction in which the journal presses on the bore."""
+    return in_degrees(joint.towards)
+
+
+@quantity("eccentricity_in_bore_x", "m")
+def eccentricity_in_bore_x(joint: JointStep) -> float:
+    """Displacement of the journal in the bore as it is, deformed and shaped, along x."""
+    return joint.journal[0]
+
+
+@quantity("eccentricity_in_bore_y", "m")
+def eccentricity_in_bore_y(joint: JointStep) -> float:
+    """Displacement of the journal in the bore as it is, deformed and shaped, along y."""
+    return joint.journal[1]
+
+
+@quantity("eccentricity_ratio", "1")
+def eccentricity_ratio(joint: JointStep) -> float:
+    """Size of that displacement over the clearance."""
+    return np.hypot(*joint.journal) / joint.place.film.clearance
+
+
+@quantity("attitude_angle", "deg")
+def attitude_angle(joint: JointStep) -> float:
+    """Angle from the load to the journal's displacement in the bore as it is."""
+    return in_degrees(np.arctan2(joint.journal[1], joint.journal[0]) - joint.towards)
+
+
+@quantity("max_pressure_height", "m")
+def max_pressure_height(joint: JointStep) -> float:
+    """Height of the place of the largest pressure."""
+    return upper_most(joint.places.nodes, -joint.pressure)[1]
+
+
+@quantity("min_film_angle", "deg")
+def min_film_angle(joint: JointStep) -> float:
+    """Angle of the place where the film is thinnest."""
+    return in_degrees(joint.thinnest[0])
+
+
+@quantity("min_film_height", "m")
+def min_film_height(joint: JointStep) -> float:
+    """Height of the place where the film is thinnest."""
+    return joint.thinnest[1]
+
+
+@quantity("max_contact_pressure", "Pa", with_contact)
+def max_contact_pressure(joint: JointStep) -> float:
+    """Largest contact pressure at a Gauss point."""
+    return joint.own.touch.pressure.max()
+
+
+@quantity("friction_torque", "N m", with_friction, mean=True)
+def friction_torque(joint: JointStep) -> float:
+    """Torque T that brakes the journal about its own axis."""
+    return joint.braking
+
+
+@quantity("bore_friction_torque", "N m", with_friction, mean=True)
+def bore_friction_torque(joint: JointStep) -> float:
+    """Torque T_bore that drags the bore along about its own axis."""
+    return joint.dragging
+
+
+@quantity("friction_power", "W", with_friction, mean=True)
+def friction_power(joint: JointStep) -> float:
+    """Power lost in the film, whatever the bodies are called."""
+    return joint.own.dissipated
+
+
+@quantity("journal_friction_power", "W", with_friction, mean=True)
+def journal_friction_power(joint: JointStep) -> float:
+    """Power put in by the journal that turns about its own axis in the frame at rest."""
+    return joint.braking * joint.speeds[0]
+
+
+@quantity("bore_friction_power", "W", with_friction, mean=True)
+def bore_friction_power(joint: JointStep) -> float:
+    """Power put in by the bore that turns about its own axis in the frame at rest."""
+    return -joint.dragging * joint.speeds[1]
+
+
+@quantity("film_power", "W", with_friction, mean=True)
+def film_power(joint: JointStep) -> float:
+    """Power P put in by the bodies, the squeezing of the film included."""
+    place, state, rate, found = joint.place, joint.own.state, joint.step.rate, joint.own.friction
+    opening = place.film.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
+    squeezed = -float(state.pressure @ opening)
+    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.ahead(rate)
+    return squeezed + sheared + joint.own.rubbed
+
+
+@quantity(
+    "dissipated_power",
+    "W",
+    lambda joint: with_friction(joint) or joint.place.joint.heat is not None,
+    mean=True,
+)
+def dissipated_power(joint: JointStep) -> float:
+    """Power that the film turns into heat."""
+    return joint.own.dissipated
+
+
+@quantity(
+    "supply_power",
+    "W",
+    lambda joint: with_friction(joint) and under_pressure(joint.place.film.film),
+    mean=True,
+)
+def supply_power(joint: JointStep) -> float:
+    """Power P_s of oil that enters under pressure."""
+    return joint.own.flows.work
+
+
+@quantity("contact_force", "N", with_contact, mean=True)
+def contact_force(joint: JointStep) -> float:
+    """Normal force of the contact."""
+    assert joint.own.contact is not None
+    return joint.own.contact.area @ joint.own.touch.pressure
+
+
+@quantity("contact_share", "1", with_contact, mean=True)
+def contact_share(joint: JointStep) -> float:
+    """Share of the contact in all normal force."""
+    film, touching = joint.place.film.film, contact_force(joint)
+    pressed = film.parameters.grid.radius**2 * film.assembly.area
+    positive = np.maximum(film.assembly.at_points(joint.pressure)[0], 0.0)
+    return touching / (touching + float(np.sum(pressed * positive))) if touching else 0.0
+
+
+def _share_of_bore(joint: JointStep, at_points: np.ndarray) -> float:
+    """Mean over the bore of what is known at Gauss points."""
+    assert joint.own.contact is not None
+    film = joint.place.film.film
+    whole = film.parameters.grid.radius**2 * film.assembly.area.sum()
+    return joint.own.contact.area @ at_points / whole
+
+
+@quantity("contact_area_share", "1", with_contact, mean=True)
+def contact_area_share(joint: JointStep) -> float:
+    """Share of the bore in true contact."""
+    assert joint.own.contact is not None
+    surfaces = joint.own.contact.surfaces
+    return _share_of_bore(joint, surfaces.contact_share(joint.own.state.gap.thickness.ravel()))
+
+
+@quantity("unpublished_share", "1", with_contact, mean=True)
+def unpublished_share(joint: JointStep) -> float:
+    """Share of the bore where surfaces are nearer than flow factors are published for."""
+    assert joint.own.contact is not None
+    least = PUBLISHED * joint.own.contact.surfaces.roughness
+    return _share_of_bore(joint, joint.own.state.gap.thickness.ravel() < least)
+
+
+@quantity(
+    "contact_power",
+    "W",
+    lambda joint: joint.own.contact is not None and bool(joint.own.contact.friction),
+    mean=True,
+)
+def contact_power(joint: JointStep) -> float:
+    """Power that touching asperities lose."""
+    return joint.own.rubbed
+
+
+@quantity("oil_content", "m3", with_oil, mean=True)
+def oil_content(joint: JointStep) -> float:
+    """Oil in the film, as volume."""
+    assert isinstance(joint.own.state, OilState)
+    return joint.own.state.content.sum()
+
+
+@quantity(
+    "side_flow",
+    "m3/s",
+    lambda joint: with_oil(joint) or bool(joint.place.film.film.parameters.feeds),
+    mean=True,
+)
+def side_flow(joint: JointStep) -> float:
+    """Flow out of both sides."""
+    return joint.own.flows.balance.side
+
+
+@quantity("leaving_flow", "m3/s", lambda joint: joint.place.joint.heat is not None, mean=True)
+def leaving_flow(joint: JointStep) -> float:
+    """Oil that leaves and carries heat away."""
+    return joint.own.flows.leaving
+
+
+@quantity(
+    "supply_flow",
+    "m3/s",
+    lambda joint: with_oil(joint) and bool(joint.place.film.film.parameters.regions),
+    mean=True,
+)
+def supply_flow(joint: JointStep) -> float:
+    """Flow in through grooves and holes of given pressure."""
+    return joint.own.flows.balance.supply
+
+
+def upper_most(places: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Angle [rad] and height [m] of the least value, the upper of equal ones.
+
+    Parameters
+    ----------
+    places, values
+        shape (k, 2), (k,).
+    """
+    least = values.min()
+    equal = np.flatnonzero(values <= least + EQUAL * abs(least))
+    angle, height = places[equal[np.argmax(places[equal, 1])]]
+    return float(angle), float(height)
+
+
+def in_degrees(angle: float) -> float:
+    """In -180 up to 180, of an angle [rad]."""
+    return float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi))
+
+
+class ContactRecord(Stateful):
+    """Contact of one joint over a run, or over its last cycle.
+
+    Attributes
+    ----------
+    contact
+        The joint's.
+    slid
+        ``int p_c |U| dt`` at the Gauss points, shape (g,) [Pa m].
+    """
+
+    @dataclass(frozen=True)
+    class State:
+        """Slid distance so far, and the last step."""
+
+        time: float
+        last: np.ndarray
+        slid: np.ndarray
+
+    def __init__(self, contact: JointContact, place: FilmPlace):
+        self.contact = contact
+        self._points = place.film.film.points
+        self.time = np.nan
+        self.last = np.zeros(len(contact.area))
+        self.slid = np.zeros(len(contact.area))
+
+    @classmethod
+    def of_all(cls, equations: StepEquations) -> dict[str, ContactRecord]:
+        """Records of every joint with rough surfaces, by its name."""
+        joints = zip(equations.system.films, equations.contacts.joints, strict=True)
+        return {place.name: cls(own, place) for place, own in joints if own is not None}
+
+    def restart(self) -> None:
+        """Forget what was, but for the last step."""
+        self.slid = np.zeros(len(self.contact.area))
+
+    def add(self, time: float, film: FilmIntegrals) -> None:
+        """Account for a step at a time [s]."""
+        now = film.touch.pressure * np.abs(film.state.gap.sliding_velocity.ravel())
+        if np.isfinite(self.time):
+            self.slid = self.slid + 0.5 * (time - self.time) * (self.last + now)
+        self.time, self.last = time, now
+
+    def figures(self) -> dict[str, float]:
+        """Entries of ``summary.json``."""
+        worst = int(np.argmax(self.slid))
+        return {
+            "contact_sliding_Pa_m": float(self.slid[worst]),
+            "contact_sliding_angle_deg": in_degrees(self._points.angle.ravel()[worst]),
+            "contact_sliding_height_m": float(self._points.height.ravel()[worst]),
+        }
+
+
+#: Column of the content.
+CONTENT = "oil_content_m3"
+
+
+def oil_balance(start: float, end: float, totals: Mapping[str, float]) -> dict[str, float]:
+    """Entries of ``summary.json`` for a joint that keeps account of its oil.
+
+    The defect is that of the content at start and end [m^3] against the integrals `totals` of the
+    flows, over what there was and came in: the error of time in both, for no step loses oil.
+    """
+    # Of all supplies; without any of given pressure there is no such column.
+    fed = sum(flow for name, flow in totals.items() if name.endswith(f".{FLOW}"))
+    supplied = totals.get("supply_flow_m3_per_s", fed)
+    held = max(start, end) + abs(supplied)
+    lost = abs(end - start - (supplied - totals["side_flow_m3_per_s"]))
+    return {
+        "oil_content_at_start_m3": start,
+        "oil_content_at_end_m3": end,
+        "oil_balance_defect": lost / held if held else 0.0,
+    }

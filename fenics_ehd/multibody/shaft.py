@@ -1,0 +1,435 @@
+"""Elastic shafts: Bernoulli beams with disks, by their modes at rest, turning at any speed.
+
+Finite elements of a round shaft after Bernoulli and Euler.
+
+A node has four degrees of freedom: the deflections u, v along x and y and the slopes u', v'
+along the shaft. A round shaft has the same matrices in both planes, so that one plane is
+assembled, with two degrees of freedom a node, and the planes are coupled by the gyroscopic
+matrix G alone. At the angular speed Omega about z
+
+    M u'' + Omega G v' + K u = f_x,      M v'' - Omega G u' + K v = f_y
+
+(dashes here: time). G is twice the rotary inertia of the shaft, whose polar inertia is twice
+the diametral one, and the polar inertia of the disks.
+
+An elastic rotor by its modes at rest.
+
+The modes of one plane of bending, mass-normalised, serve both planes: coordinates are
+``(a, b)`` with the deflections ``u = Phi a`` along x and ``v = Phi b`` along y.
+
+An elastic shaft with disks, by its modes at rest, turning at any speed.
+
+The modes of one plane of bending, mass-normalised, serve both planes: coordinates are the angle
+theta about the axis and ``(a, b)`` with the deflections ``u = Phi a`` along x and ``v = Phi b``
+along y. With ``C = Phi^T G Phi`` and the polar inertia J,
+
+    a'' + 2 zeta Omega_r a' + theta' C b' + theta'' C b / 2 + Omega_r^2 a = Phi^T f_x
+    b'' + 2 zeta Omega_r b' - theta' C a' - theta'' C a / 2 + Omega_r^2 b = Phi^T f_y
+    J theta'' + (a'' . C b - b'' . C a) / 2 = torque
+
+follow from the kinetic energy
+``(|a'|^2 + |b'|^2 + J theta'^2 + theta' (a' . C b - b' . C a)) / 2``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+import attrs
+import numpy as np
+from scipy.linalg import eigh
+
+from fenics_ehd.base import fields
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import LARGEST_LENGTH, count, metres, number
+from fenics_ehd.multibody.body import (
+    ELASTIC_SHARE,
+    FINE_WEIGHT,
+    Balance,
+    Derivatives,
+    Energies,
+    Marker,
+)
+
+
+@attrs.frozen
+class Shaft:
+    """Uniform round shaft on two springs, the same in all directions."""
+
+    length: float = metres(1.0, "[m]", below=100)
+    diameter: float = metres(0.045, "[m]", below=2 * LARGEST_LENGTH)
+    youngs_modulus: float = fields.youngs_modulus(210e9)
+    density: float = number(7850.0, "[kg/m3]; next to none: a shaft without mass", above=0)
+    support_stiffness: float = number(
+        1.58e8,
+        "of a spring at either end [N/m], 0: carried by its bearings alone",
+        least=0,
+        usual=(1e4, 1e13),
+        example="1e8 for 100 N/um",
+    )
+    elements: int = count(20, "beam elements, of equal length", least=1)
+
+    @property
+    def area(self) -> float:
+        """Cross section [m^2]."""
+        return np.pi / 4 * self.diameter**2
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area about a diameter [m^4]."""
+        return np.pi / 64 * self.diameter**4
+
+    @property
+    def mass(self) -> float:
+        """[kg]."""
+        return self.density * self.area * self.length
+
+    @property
+    def bending(self) -> float:
+        """About the square of its first free bending frequency [rad^2/s^2]."""
+        flexural = self.youngs_modulus * self.second_moment
+        return 500.0 * flexural / (self.density * self.area * self.length**4)
+
+    @property
+    def polar_inertia(self) -> float:
+        """About the axis [kg m^2]."""
+        return 2 * self.density * self.second_moment * self.length
+
+
+@dataclass(frozen=True)
+class Disk:
+    """Rigid disk fixed to the shaft.
+
+    Attributes
+    ----------
+    position
+        Share of the shaft's length.
+    mass
+        [kg].
+    polar_inertia, diametral_inertia
+        About the shaft's axis and about a diameter [kg m^2].
+    """
+
+    position: float
+    mass: float
+    polar_inertia: float
+    diametral_inertia: float
+
+
+@dataclass(frozen=True, eq=False)
+class BeamPlane:
+    """Matrices of one plane of bending.
+
+    Degrees of freedom are ``2 * node`` (deflection) and ``2 * node + 1`` (slope).
+
+    Attributes
+    ----------
+    shaft
+        What was discretised.
+    stiffness, mass, gyroscopic
+        K, M and G, symmetric, shape (d, d), d = 2 (elements + 1).
+    """
+
+    shaft: Shaft
+    stiffness: np.ndarray
+    mass: np.ndarray
+    gyroscopic: np.ndarray
+
+    def point(self, position: float) -> np.ndarray:
+        """Deflection and slope at a share of the length, shape (2, d).
+
+        Read the other way, the generalised forces of a unit force and a unit moment there.
+        """
+        n = self.shaft.elements
+        element = min(int(position * n), n - 1)
+        size = self.shaft.length / n
+        rows = np.zeros((2, 2 * (n + 1)))
+        rows[:, 2 * element : 2 * element + 4] = _hermite(position * n - element, size)
+        return rows
+
+
+def beam_plane(shaft: Shaft, disks: Sequence[Disk] = ()) -> BeamPlane:
+    """Assemble one plane: consistent mass with rotary inertia, gyroscopic matrix, end springs."""
+    n = shaft.elements
+    size = shaft.length / n
+    bending, translation, rotation = _element(size)
+    rotary = shaft.density * shaft.second_moment * rotation
+    stiffness, mass, gyroscopic = (np.zeros((2 * n + 2, 2 * n + 2)) for _ in range(3))
+    for e in range(n):
+        place = slice(2 * e, 2 * e + 4)
+        stiffness[place, place] += shaft.youngs_modulus * shaft.second_moment * bending
+        mass[place, place] += shaft.density * shaft.area * translation + rotary
+        gyroscopic[place, place] += 2 * rotary
+    for end in (0, 2 * n):
+        stiffness[end, end] += shaft.support_stiffness
+    beam = BeamPlane(shaft, stiffness, mass, gyroscopic)
+    for disk in disks:
+        deflection, slope = beam.point(disk.position)
+        mass += disk.mass * np.outer(deflection, deflection)
+        mass += disk.diametral_inertia * np.outer(slope, slope)
+        gyroscopic += disk.polar_inertia * np.outer(slope, slope)
+    return beam
+
+
+def _element(h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Integrals of N'' N'', N N and N' N' over an element of length h, shape (4, 4) each."""
+    bending = np.array(
+        [
+            [12, 6 * h, -12, 6 * h],
+            [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+            [-12, -6 * h, 12, -6 * h],
+            [6 * h, 2 * h**2, -6 * h, 4 * h**2],
+        ]
+    )
+    translation = np.array(
+        [
+            [156, 22 * h, 54, -13 * h],
+            [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+            [54, 13 * h, 156, -22 * h],
+            [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
+        ]
+    )
+    rotation = np.array(
+        [
+            [36, 3 * h, -36, 3 * h],
+            [3 * h, 4 * h**2, -3 * h, -(h**2)],
+            [-36, -3 * h, 36, -3 * h],
+            [3 * h, -(h**2), -3 * h, 4 * h**2],
+        ]
+    )
+    return bending / h**3, translation * h / 420, rotation / (30 * h)
+
+
+def _hermite(s: float, h: float) -> np.ndarray:
+    """Cubic shape functions of an element of length h and their slopes, s from 0 to 1: (2, 4)."""
+    values = [
+        1 - 3 * s**2 + 2 * s**3,
+        h * (s - 2 * s**2 + s**3),
+        3 * s**2 - 2 * s**3,
+        h * (s**3 - s**2),
+    ]
+    slopes = [
+        6 * (s**2 - s) / h,
+        1 - 4 * s + 3 * s**2,
+        6 * (s - s**2) / h,
+        3 * s**2 - 2 * s,
+    ]
+    return np.array([values, slopes])
+
+
+#: Share of its first bending frequency's square below which a shaft's mode is one of the whole.
+FREE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ModalRotor:
+    """Rotor in the coordinates ``(a, b)``, m of each.
+
+    Attributes
+    ----------
+    beam
+        The plane it was reduced from.
+    shapes
+        Phi, shape (d, m).
+    angular
+        Angular frequencies of the rotor at rest, its bearing empty, shape (m,) [rad/s].
+    """
+
+    beam: BeamPlane
+    shapes: np.ndarray
+    angular: np.ndarray
+
+    @classmethod
+    def of(cls, beam: BeamPlane, modes: int) -> ModalRotor:
+        """Keep the lowest `modes` of each plane."""
+        # Ascending in 1 / omega^2, the lowest modes are the largest eigenvalues: exact to
+        # round-off however high the highest are. A shaft without supports moves as a whole too,
+        # at no frequency, and 1 / (omega^2 + shift) is there as well.
+        d, shift = len(beam.mass), 0.0 if beam.shaft.support_stiffness else beam.shaft.bending
+        raised = beam.stiffness + shift * beam.mass
+        values, shapes = eigh(beam.mass, raised, subset_by_index=(d - modes, d - 1))
+        squares = 1.0 / values[::-1]
+        angular = np.sqrt(np.where(squares - shift > FREE * shift, squares - shift, 0.0))
+        return cls(beam, shapes[:, ::-1] * np.sqrt(squares), angular)
+
+    def motion(self, position: float) -> np.ndarray:
+        """Deflections and tilt ``(u, v, psi_x, psi_y)`` at a share of the length, shape (4, 2 m).
+
+        Small rotations about x and y: ``psi_x = -dv/dz`` and ``psi_y = du/dz``. Read the other
+        way, the generalised forces of unit forces and moments there.
+        """
+        deflection, slope = (
+            np.kron(np.eye(2), row) for row in self.beam.point(position) @ self.shapes
+        )
+        return np.vstack([deflection, -slope[1], slope[0]])
+
+
+@dataclass(frozen=True, eq=False)
+class ShaftBody:
+    """A `Body`; its markers tilt.
+
+    Attributes
+    ----------
+    rotor
+        Shaft and disks in modes.
+    polar_inertia
+        Of shaft and disks about the axis [kg m^2].
+    damping_ratio
+        zeta of every mode.
+    stations
+        Points by name: share of the length.
+    position
+        Of the undeformed axis in the plane [m].
+    orientation, speed
+        Angle and angular speed at the start where nothing else gives them [rad], [rad/s].
+    """
+
+    rotor: ModalRotor
+    polar_inertia: float
+    damping_ratio: float = 0.0
+    stations: Mapping[str, float] = field(default_factory=dict)
+    position: tuple[float, float] = (0.0, 0.0)
+    orientation: float = 0.0
+    speed: float = 0.0
+    angle = 0
+
+    def __post_init__(self) -> None:
+        for name, share in self.stations.items():
+            if not 0.0 <= share <= 1.0:
+                raise SettingsError(
+                    f"point {name} = {share:g} of the shaft must be a share, 0 to 1"
+                )
+
+    @property
+    def _modes(self) -> int:
+        return len(self.rotor.angular)
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates: the angle and the modes of both planes."""
+        return 1 + 2 * self._modes
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Share of the multipliers: 1 of the angle, `FINE_WEIGHT` of the modes."""
+        return np.concatenate([[1.0], np.full(2 * self._modes, FINE_WEIGHT)])
+
+    @cached_property
+    def mobility(self) -> np.ndarray:
+        """Readiness in assembly: a free shaft moves whole, any other bends with least energy."""
+        return np.concatenate([[1.0], 1.0 / np.maximum(self._angular, 1.0)])
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """Coordinates at the start, undeformed."""
+        return np.concatenate([[self.orientation], np.zeros(2 * self._modes)])
+
+    @cached_property
+    def start_rates(self) -> np.ndarray:
+        """Rates at the start."""
+        return np.concatenate([[self.speed], np.zeros(2 * self._modes)])
+
+    @property
+    def least_damping(self) -> float:
+        """Damping ratio of every mode."""
+        return self.damping_ratio
+
+    @property
+    def reach(self) -> float:
+        """Length of the shaft [m]."""
+        return self.rotor.beam.shaft.length
+
+    def points(self) -> tuple[str, ...]:
+        """Names of the stations."""
+        return tuple(self.stations)
+
+    @cached_property
+    def _shapes(self) -> dict[str, np.ndarray]:
+        """Shapes of every marker, shape (5, n)."""
+        shapes = {"": np.zeros((5, self.size))}
+        for name, share in self.stations.items():
+            motion = self.rotor.motion(share)
+            shape = shapes[name] = np.zeros((5, self.size))
+            shape[:2, 1:], shape[3:, 1:] = motion[:2], motion[2:]
+        for shape in shapes.values():
+            shape[2, 0] = 1.0
+        return shapes
+
+    def marker(self, point: str, coordinates: np.ndarray) -> Marker:
+        """Marker of a station, see `Body`; the origin is the undeformed axis."""
+        shape = self._shapes[point]
+        values = shape @ coordinates
+        values[:2] += self.position
+        return Marker(values, shape)
+
+    @cached_property
+    def _gyroscopic(self) -> np.ndarray:
+        """``[[0, C], [-C, 0]]``, antisymmetric."""
+        coupling = self.rotor.shapes.T @ self.rotor.beam.gyroscopic @ self.rotor.shapes
+        return np.kron(np.array([[0.0, 1.0], [-1.0, 0.0]]), coupling)
+
+    @cached_property
+    def _angular(self) -> np.ndarray:
+        return np.concatenate([self.rotor.angular, self.rotor.angular])
+
+    @cached_property
+    def _moved(self) -> tuple[np.ndarray, float]:
+        """Nodal forces that accelerate the whole along one axis by 1, and the total mass [kg]."""
+        beam = self.rotor.beam
+        whole = np.zeros(len(beam.mass))
+        whole[::2] = 1.0
+        return beam.mass @ whole, float(whole @ beam.mass @ whole)
+
+    @cached_property
+    def _carried(self) -> np.ndarray:
+        """Generalised mass of unit accelerations of the frame at rest, shape (2 modes, 2)."""
+        return np.kron(np.eye(2), (self.rotor.shapes.T @ self._moved[0])[:, None])
+
+    def balance(
+        self,
+        coordinates: np.ndarray,
+        rates: np.ndarray,
+        accelerations: np.ndarray,
+        *,
+        lift: np.ndarray,
+    ) -> Balance:
+        """Inertia, gyroscopic, stiffness and damping forces, see `Body`."""
+        q, q_rate, q_acceleration = coordinates[1:], rates[1:], accelerations[1:]
+        turned = self._gyroscopic @ (rates[0] * q_rate + 0.5 * accelerations[0] * q)
+        damping = 2 * self.damping_ratio * self._angular * q_rate
+        on_q = q_acceleration + turned + damping + self._angular**2 * q + self._carried @ lift
+        on_angle = self.polar_inertia * accelerations[0]
+        on_angle += 0.5 * q_acceleration @ (self._gyroscopic @ q)
+        derivatives = partial(self._derivatives, coordinates, rates, accelerations)
+        return Balance(np.concatenate([[on_angle], on_q]), derivatives)
+
+    def _derivatives(
+        self, coordinates: np.ndarray, rates: np.ndarray, accelerations: np.ndarray
+    ) -> Derivatives:
+        g, n = self._gyroscopic, self.size
+        position, by_rate, by_acceleration = (np.zeros((n, n)) for _ in range(3))
+        position[1:, 1:] = np.diag(self._angular**2) + 0.5 * accelerations[0] * g
+        position[0, 1:] = 0.5 * accelerations[1:] @ g
+        by_rate[1:, 1:] = np.diag(2 * self.damping_ratio * self._angular) + rates[0] * g
+        by_rate[1:, 0] = g @ rates[1:]
+        by_acceleration[1:, 1:] = np.eye(n - 1)
+        by_acceleration[0, 1:] = by_acceleration[1:, 0] = 0.5 * g @ coordinates[1:]
+        by_acceleration[0, 0] = self.polar_inertia
+        return Derivatives(position, by_rate, by_acceleration)
+
+    def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
+        """Kinetic and strain energy, and the power that damping takes."""
+        q, q_rate = coordinates[1:], rates[1:]
+        turning = self.polar_inertia * rates[0] + q_rate @ (self._gyroscopic @ q)
+        return Energies(
+            float(0.5 * (q_rate @ q_rate + rates[0] * turning)),
+            float(0.5 * np.sum((self._angular * q) ** 2)),
+            float(2 * self.damping_ratio * self._angular @ q_rate**2),
+        )
+
+    def error_measure(self) -> np.ndarray:
+        """Measure of errors: angle in rad, deflections in their mass norm."""
+        scale = ELASTIC_SHARE * self.reach * np.sqrt(self._moved[1])
+        return np.diag(np.concatenate([[1.0], np.full(2 * self._modes, 1.0 / scale)]))

@@ -1,0 +1,292 @@
+"""Bodies of an animation: what shows of them, and where, small motions enlarged.
+
+A flexible body is seen along the bore's axis: its front by the whole part's basis, or rings for
+its bores.
+
+What is small, elastic motion and clearance, is drawn ``scale`` times as large; the large motion
+is drawn as it is. Of a flexible body's motion, that which carries its bore and its points as a
+whole is not enlarged: they would leave the bodies they are joined to. Along a rod, that is its
+chord.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.body import bore_fields
+from fenics_ehd.results.motion import RecordedMotion
+from fenics_ehd.results.paraview import PartFields
+
+#: Nodes around each face of VTK's quadratic cells, by their number of nodes; outward normals.
+_FACES = {
+    20: [
+        [0, 11, 3, 10, 2, 9, 1, 8],
+        [4, 12, 5, 13, 6, 14, 7, 15],
+        [0, 8, 1, 17, 5, 12, 4, 16],
+        [1, 9, 2, 18, 6, 13, 5, 17],
+        [2, 10, 3, 19, 7, 14, 6, 18],
+        [3, 11, 0, 16, 4, 15, 7, 19],
+    ],
+    10: [
+        [0, 6, 2, 5, 1, 4],
+        [0, 4, 1, 8, 3, 7],
+        [1, 5, 2, 9, 3, 8],
+        [2, 6, 0, 7, 3, 9],
+    ],
+}
+
+#: Cosine to the axis of the flattest face that still counts as turned to the viewer.
+FACING = 0.1
+
+STEEL, EDGE, GHOST = "#c9d3dc", "#8594a3", "0.45"
+
+
+def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Faces on the surface that look along +z, the farthest first.
+
+    Parameters
+    ----------
+    nodes
+        shape (p, 3) [m].
+    cells
+        Quadratic hexahedra or tetrahedra in VTK's order, shape (c, 20 or 10).
+
+    Returns
+    -------
+    numpy.ndarray
+        Nodes around each face, corners and edge midpoints in turn, shape (f, 8 or 6).
+    """
+    faces = cells[:, np.array(_FACES[cells.shape[1]])].reshape(-1, len(_FACES[cells.shape[1]][0]))
+    # An inner face belongs to two cells.
+    _, first, counts = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    outside = faces[first[counts == 1]]
+    corners = nodes[outside[:, ::2]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    cosine = normal[:, 2] / np.linalg.norm(normal, axis=1)
+    front = outside[cosine > FACING]
+    return front[np.argsort(nodes[front, 2].mean(axis=1), kind="stable")]
+
+
+def outline(faces: np.ndarray) -> np.ndarray:
+    """Edges that only one of the faces has, as three nodes each, shape (e, 3)."""
+    following = np.roll(faces, -2, axis=1)
+    edges = np.stack([faces[:, ::2], faces[:, 1::2], following[:, ::2]], axis=2).reshape(-1, 3)
+    ends = np.sort(edges[:, ::2], axis=1)
+    _, first, counts = np.unique(ends, axis=0, return_index=True, return_counts=True)
+    return edges[first[counts == 1]]
+
+
+#: Outer radius of the ring that stands for a part whose basis is not at hand, over the bore's.
+RING = 1.42
+
+
+@dataclass(frozen=True, eq=False)
+class PartShape:
+    """Nodes that show, and their displacement from what a run records.
+
+    Attributes
+    ----------
+    nodes
+        shape (p, 3) [m].
+    faces
+        Nodes around each face that shows, shape (f, v).
+    fields
+        In-plane displacements of unit elastic coordinates, then of residual patterns, shape
+        (p, 2, n + r).
+    mesh
+        Whether the faces are a finite-element mesh, whose lines are worth drawing, not rings that
+        stand for a part.
+    """
+
+    nodes: np.ndarray
+    faces: np.ndarray
+    fields: np.ndarray
+    mesh: bool = True
+
+    @cached_property
+    def edges(self) -> np.ndarray:
+        """Edges that only one face has: `outline`."""
+        return outline(self.faces)
+
+
+def shape_of_part(part: PartFields) -> PartShape:
+    """Front of a whole part."""
+    faces = front_faces(part.nodes, part.cells)
+    shown, local = np.unique(faces, return_inverse=True)
+    fields = np.concatenate([part.basis[shown, :2], part.patterns[shown, :2]], axis=2)
+    return PartShape(part.nodes[shown], local.reshape(faces.shape), fields)
+
+
+def shape_of_bores(body: ReducedBody) -> PartShape:
+    """A ring around every bore, moved by the bore's edge."""
+    nodes: list[np.ndarray] = []
+    faces, fields, first = [], [], 0
+    for rows in body.each_bore():
+        x = rows.surface.coordinates
+        edge = np.flatnonzero(x[:, 2] > x[:, 2].max() - 1e-6 * rows.surface.radius)
+        edge = edge[np.argsort(np.arctan2(x[edge, 1], x[edge, 0]), kind="stable")]
+        outer = len(edge)
+        i = first + np.arange(outer)
+        j, first = np.roll(i, -1), first + 2 * outer
+        faces.append(np.column_stack([i, i + outer, i + outer, j + outer, j + outer, j, j, i]))
+        nodes.append(rows.surface.centre + np.vstack([x[edge], x[edge] * [RING, RING, 1.0]]))
+        fields += 2 * [bore_fields(body)[rows.nodes][edge, :2]]
+    return PartShape(np.vstack(nodes), np.vstack(faces), np.vstack(fields), False)
+
+
+#: Clearance as drawn over the bore's radius, and largest displacement as drawn over the part's
+#: extent, that an automatic scale may reach.
+DRAWN_CLEARANCE, DRAWN_DISPLACEMENT = 0.18, 0.08
+
+
+@dataclass(frozen=True, eq=False)
+class BodyView:
+    """A body as drawn.
+
+    Attributes
+    ----------
+    name
+        Of it.
+    pose
+        Of its frame, position and angle, shape (t, 3) [m], [rad].
+    points
+        By name, its origin empty, shape (t, 2) [m].
+    held
+        Whether it is a part of the ground.
+    shape, local
+        What shows of a flexible body, and its nodes as drawn in the body's frame, displacements
+        enlarged, shape (t, p, 2) [m].
+    """
+
+    name: str
+    pose: np.ndarray
+    points: Mapping[str, np.ndarray]
+    held: bool
+    shape: PartShape | None = None
+    local: np.ndarray | tuple[()] = ()
+
+    def place(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Origin (2,) and rotation (2, 2) of its frame."""
+        return self.pose[frame, :2], rotation(self.pose[frame, 2])
+
+
+def draw_part(axes: Axes, body: BodyView, frame: int, place: tuple[np.ndarray, np.ndarray]) -> None:
+    """A flexible body at one instant, its undeformed outline dashed.
+
+    Parameters
+    ----------
+    axes
+        Where.
+    body, frame
+        What, and its instant.
+    place
+        Origin (2,) [m] and rotation (2, 2) of its frame there.
+    """
+    shape, (origin, turn) = body.shape, place
+    assert shape is not None
+    nodes, rest = (origin + x @ turn.T for x in (body.local[frame], shape.nodes[:, :2]))
+    mesh = {"edgecolors": EDGE if shape.mesh else "none", "linewidths": 0.35}
+    dashed = {"colors": GHOST, "linewidths": 0.7, "linestyles": "--"}
+    for drawn in (
+        PolyCollection(nodes[shape.faces], facecolors=STEEL, zorder=3, **mesh),
+        LineCollection(nodes[shape.edges], colors="0.2", linewidths=0.9, zorder=3.1),
+        LineCollection(rest[shape.edges], zorder=3.2, **dashed),
+    ):
+        axes.add_collection(drawn, autolim=False)
+
+
+def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale: float) -> BodyView:
+    """A body at the instants of a replay; `shape` is that of a flexible one."""
+    body, own = replay.bodies[name], replay.coordinates(name)
+    pose = replay.marker(name, "")
+    carried, local = np.zeros((len(pose), 3)), ()
+    if shape is not None:
+        moved, carried = part_motion(replay, name, shape)
+        rest = shape.nodes[:, :2]
+        local = rest + scale * moved - (scale - 1) * rigid_motion(rest, carried)
+    # Coordinates that the films see are small motions, all others large ones.
+    resting = np.where(body.weights < 1.0, 0.0, own)
+    turns = np.array([rotation(angle) for angle in pose[:, 2]])
+    points = {}
+    for point in ("", *body.points()):
+        there, rest = (replay.marker(name, point, z)[:, :2] for z in (own, resting))
+        place = (rest[0] - pose[0, :2]) @ turns[0]
+        kept = np.einsum("tij,tj->ti", turns, rigid_motion(place[None], carried)[:, 0])
+        points[point] = there + (scale - 1) * (there - rest - kept)
+    return BodyView(name, pose, points, body.angle is None, shape, local)
+
+
+def part_motion(
+    replay: RecordedMotion, name: str, shape: PartShape
+) -> tuple[np.ndarray, np.ndarray]:
+    """Elastic motion of a flexible body in its frame.
+
+    Returns
+    -------
+    moved : numpy.ndarray
+        Displacement of what shows, shape (t, p, 2) [m].
+    carried : numpy.ndarray
+        What of it moves bore and points as a whole, along x, y, and about the bore's centre,
+        shape (t, 3) [m], [rad]; zero of a held body.
+    """
+    values, part = np.hstack(replay.elastic(name)), replay.part(name)
+    fields = carried_fields(part) * float(part.frame != "clamped")
+    return np.moveaxis(shape.fields @ values.T, -1, 0), values @ fields.T
+
+
+def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> float:
+    """Enlargement at which clearances and displacements are seen, a round number of at least 1."""
+    largest = []
+    for place in replay.system.films:
+        film = place.film.film.parameters
+        largest.append(DRAWN_CLEARANCE * film.grid.radius / film.clearance)
+    for name, shape in shapes.items():
+        moved, carried = part_motion(replay, name, shape)
+        rest = shape.nodes[:, :2]
+        furthest = np.abs(moved - rigid_motion(rest, carried)).max()
+        extent = DRAWN_DISPLACEMENT * np.ptp(rest, axis=0).max()
+        largest.append(float(extent / max(furthest, 1e-3 * extent)))
+    return round_scale(min(largest, default=1.0))
+
+
+def round_scale(largest: float) -> float:
+    """The number with one digit that comes next below another one, at least 1."""
+    power = 10.0 ** np.floor(np.log10(largest))
+    return float(max(1.0, power * np.floor(largest / power * (1 + 1e-9))))
+
+
+def carried_fields(part: ReducedBody) -> np.ndarray:
+    """Translation and rotation of bores and points as a whole, by elastic motion.
+
+    Returns
+    -------
+    numpy.ndarray
+        Along x, y, and about the bore's centre, of unit elastic coordinates and amplitudes of
+        residual patterns, shape (3, n + r).
+    """
+    moved = bore_fields(part)[:, :2]
+    still = np.zeros((2, moved.shape[2] - part.modes))
+    places = [bore.centre[:2] for bore in part.bores.values()]
+    fields = [moved[bore.nodes].mean(axis=0) for bore in part.each_bore()]
+    for name, point in part.points.items():
+        if name not in part.bores:
+            places.append(point[:2, 0])
+            fields.append(np.hstack([point[:2, 3:], still]))
+    unit = rigid_motion(np.array(places), np.eye(3))
+    return np.linalg.lstsq(unit.reshape(3, -1).T, np.vstack(fields), rcond=None)[0]
+
+
+def rigid_motion(places: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Small rigid motions (t, 3) at places (p, 2), shape (t, p, 2)."""
+    about = np.stack([-places[:, 1], places[:, 0]], axis=1)
+    return motion[:, None, :2] + motion[:, None, 2:] * about

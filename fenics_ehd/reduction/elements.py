@@ -1,0 +1,266 @@
+"""Shape functions and Gauss rules of surface and solid cells, in numpy alone.
+
+The nodes of a surface cell come in the package's order: corners, edge midpoints, centre,
+each group as dolfinx numbers it. In the reference coordinates (s, t),
+
+    quadrilateral  corners (0,0) (1,0) (0,1) (1,1)      2 - 7 - 3
+                   edges   (.5,0) (0,.5) (1,.5) (.5,1)  5   8   6
+                   centre  (.5,.5)                      0 - 4 - 1
+
+    triangle       corners (0,0) (1,0) (0,1)            2
+                   edges   (.5,.5) (0,.5) (.5,0)        4   3
+                                                        0 - 5 - 1
+
+Most programs number corners and edges *around* the cell instead; `package_order` finds
+the order in the geometry.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenics_ehd.base.errors import StructureError
+
+if TYPE_CHECKING:
+    from scipy import sparse
+
+#: Ends of the edges of a cell, by its dimension and number of corners.
+_EDGES = {
+    (2, 4): [(0, 1), (0, 2), (1, 3), (2, 3)],
+    (2, 3): [(1, 2), (0, 2), (0, 1)],
+    (3, 4): [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)],
+    (3, 8): [
+        *((0, 1), (1, 2), (2, 3), (0, 3), (4, 5), (5, 6)),
+        *((6, 7), (4, 7), (0, 4), (1, 5), (2, 6), (3, 7)),
+    ],
+}
+
+#: Corners of the reference cells.
+_SQUARE = [(0, 0), (1, 0), (0, 1), (1, 1)]
+_TRIANGLE = [(0, 0), (1, 0), (0, 1)]
+_TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+_CUBE = [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+
+#: Orders of four corners that differ in which are opposite, the first and the last here: ours,
+#: that around the cell, the third.
+_OPPOSITE = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1))
+
+#: Relative difference below which the order given is kept.
+_TIE = 1e-6
+
+
+#: Monomials of degree 2 that a cell may leave out of those of degree 2 in each variable.
+_SPANNED = {
+    "lagrange": lambda e, degree: True,
+    # Superlinear degree: of the variables that enter at least squared.
+    "serendipity": lambda e, degree: sum(k for k in e if k > 1) <= degree,
+    "simplex": lambda e, degree: sum(e) <= degree,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NodalElement:
+    """Nodal element on a cell of d dimensions, the unit square or cube or a corner of it.
+
+    Attributes
+    ----------
+    nodes
+        Reference nodes, the corners first, shape (k, d).
+    exponents
+        Monomials ``s^a t^b ...`` that the shape functions span, shape (k, d).
+    corners
+        Number of corners.
+    """
+
+    nodes: np.ndarray
+    exponents: np.ndarray
+    corners: int
+
+    @classmethod
+    def of(cls, nodes: Any, family: str, degree: int) -> NodalElement:
+        """With the monomials of a family: ``"lagrange"``, ``"serendipity"`` or ``"simplex"``."""
+        nodes = np.asarray(nodes, dtype=float)
+        dimension = nodes.shape[1]
+        every = itertools.product(range(degree + 1), repeat=dimension)
+        exponents = np.array([e for e in every if _SPANNED[family](e, degree)])
+        return cls(nodes, exponents, dimension + 1 if family == "simplex" else 2**dimension)
+
+    @property
+    def degree(self) -> int:
+        """Total polynomial degree."""
+        return int(self.exponents.sum(axis=1).max())
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Corners at the ends of each edge, shape (edges, 2)."""
+        return np.array(_EDGES[self.nodes.shape[1], self.corners])
+
+    def rule(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points, shape (q, d), and weights, shape (q,), of a rule on the reference cell.
+
+        `count` Gauss points a direction: exact to degree ``2 count - 1`` in each variable on
+        square and cube, ``2 count - d`` in all together on triangle and tetrahedron.
+        """
+        dimension = self.nodes.shape[1]
+        x, w = np.polynomial.legendre.leggauss(count)
+        points, weights = (
+            np.array(list(itertools.product(0.5 * a, repeat=dimension))) for a in (x + 1, w)
+        )
+        weights = weights.prod(axis=1)
+        if self.corners == dimension + 1:
+            # The cube with sides collapsed to edges and a point.
+            for axis in range(1, dimension):
+                left = 1 - points[:, axis]
+                points[:, :axis] *= left[:, None]
+                weights = weights * left**axis
+        return points, weights
+
+    def tabulate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shape functions and their derivatives.
+
+        Parameters
+        ----------
+        points
+            Reference points, shape (q, d).
+
+        Returns
+        -------
+        values : numpy.ndarray
+            shape (q, k).
+        derivatives : numpy.ndarray
+            With respect to each coordinate, shape (d, q, k).
+        """
+        slopes = [
+            2 * self.exponents[:, d] * self._monomials(points, unit) @ self._nodal
+            for d, unit in enumerate(np.eye(self.nodes.shape[1], dtype=int))
+        ]
+        return self.shapes(points), np.array(slopes)
+
+    def shapes(self, points: np.ndarray) -> np.ndarray:
+        """Shape functions at reference points (q, d), shape (q, k)."""
+        return self._monomials(points) @ self._nodal
+
+    @cached_property
+    def _nodal(self) -> np.ndarray:
+        """Shape functions by their monomials, shape (k, k)."""
+        return np.linalg.inv(self._monomials(self.nodes))
+
+    def _monomials(self, points: np.ndarray, less: np.ndarray | int = 0) -> np.ndarray:
+        """Monomials of exponents less some, about the middle of the cube, shape (q, k)."""
+        powers = np.maximum(self.exponents - less, 0)
+        return np.prod((2 * np.asarray(points)[:, None, :] - 1) ** powers, axis=2)
+
+
+def _quadratic(corners: list, edges: list, *others: tuple) -> np.ndarray:
+    """Corners, middles of edges, and other nodes."""
+    ends = np.array(corners, dtype=float)
+    return np.vstack([ends, ends[np.array(edges)].mean(axis=1), *others])
+
+
+#: Cells of surfaces by name: 4, 8 and 9 nodes on the quadrilateral, 3 and 6 on the triangle.
+ELEMENTS = {
+    "bilinear": NodalElement.of(_SQUARE, "lagrange", 1),
+    "serendipity": NodalElement.of(_quadratic(_SQUARE, _EDGES[2, 4]), "serendipity", 2),
+    "lagrange": NodalElement.of(_quadratic(_SQUARE, _EDGES[2, 4], (0.5, 0.5)), "lagrange", 2),
+    "linear triangle": NodalElement.of(_TRIANGLE, "simplex", 1),
+    "triangle": NodalElement.of(_quadratic(_TRIANGLE, _EDGES[2, 3]), "simplex", 2),
+}
+
+#: Solid cells of 10 and 20 nodes, corners, then middles of edges, in the order of VTK, Abaqus and
+#: CalculiX.
+SOLIDS = {
+    "tet": NodalElement.of(_quadratic(_TETRAHEDRON, _EDGES[3, 4]), "simplex", 2),
+    "hex": NodalElement.of(_quadratic(_CUBE, _EDGES[3, 8]), "serendipity", 2),
+}
+
+
+def summed(
+    blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
+) -> sparse.csr_matrix:
+    """Sparse matrix of cells' blocks, whose row and column numbers are broadcast to them."""
+    from scipy import sparse
+
+    places = tuple(np.broadcast_to(a, blocks.shape).ravel() for a in (rows, columns))
+    return sparse.coo_matrix((blocks.ravel(), places), shape=shape).tocsr()
+
+
+def surface_element(name: str, cells: np.ndarray) -> NodalElement:
+    """The element of a name, for cells of shape (c, k).
+
+    Raises
+    ------
+    StructureError
+        There is no such element, or its cells have another number of nodes.
+    """
+    if name not in ELEMENTS:
+        raise StructureError(f"element {name!r} is not one of {', '.join(ELEMENTS)}")
+    size = len(ELEMENTS[name].nodes)
+    if cells.ndim != 2 or cells.shape[1] != size or not len(cells):
+        raise StructureError(f"faces of shape {cells.shape}, {name} needs (faces, {size})")
+    return ELEMENTS[name]
+
+
+def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.ndarray:
+    """Faces numbered in any order, in that of this package.
+
+    The order is found in the geometry, face by face. Opposite corners: of the three ways to pair
+    four corners, that of the diagonals is the longest, as in a convex quadrilateral the diagonals
+    together are longer than two opposite sides. The other nodes: those pairings with middles of
+    edges and the centre whose squared distances have the smallest sum. Corners come first, or
+    every other one (corner, middle, corner, ...), whichever puts middles where they belong.
+
+    Parameters
+    ----------
+    positions
+        Of the nodes of each face, where it is nearly flat, shape (c, k, d).
+    faces
+        Node numbers, shape (c, k).
+    element
+        A key of `ELEMENTS`.
+
+    Returns
+    -------
+    numpy.ndarray
+        The same numbers, shape (c, k); faces in order already are what they were.
+    """
+    corners = surface_element(element, faces).corners
+    size = faces.shape[1]
+    order, costs = _placed(positions, corners)
+    if size > corners:
+        turn = np.arange(2 * corners).reshape(corners, 2).T.ravel()
+        turn = np.r_[turn, np.arange(2 * corners, size)]
+        other, less = _placed(positions[:, turn], corners)
+        order = np.where((less < (1 - _TIE) * costs)[:, None], turn[other], order)
+    return np.take_along_axis(faces, order, axis=1)
+
+
+def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
+    """Order of nodes (c, k) whose corners come first, and the squared distances that remain."""
+    first = _corner_order(x[:, :corners])
+    targets = np.take_along_axis(x, first[:, :, None], axis=1)
+    middles = targets[:, np.array(_EDGES[2, corners])].mean(axis=2)
+    targets = np.concatenate([middles, targets.mean(axis=1)[:, None]], axis=1)
+    others = x[:, corners:]
+    count = others.shape[1]
+    squares = ((targets[:, :count, None] - others[:, None]) ** 2).sum(axis=3)
+    ways = np.array(list(itertools.permutations(range(count))), dtype=np.int64)
+    costs = squares[:, np.arange(count), ways].sum(axis=2)
+    costs[:, 0] *= 1 - _TIE
+    best = np.argmin(costs, axis=1)
+    return np.hstack([first, corners + ways[best]]), costs[np.arange(len(x)), best]
+
+
+def _corner_order(x: np.ndarray) -> np.ndarray:
+    """Order of corners (c, 3 or 4), of four so that the first and the last are opposite."""
+    if x.shape[1] == 3:
+        return np.tile(np.arange(3), (len(x), 1))
+    orders = np.array(_OPPOSITE)
+    ends = x[:, orders]
+    lengths = np.linalg.norm(ends[:, :, :2] - ends[:, :, :1:-1], axis=3).sum(axis=2)
+    lengths[:, 0] *= 1 + _TIE
+    return orders[np.argmax(lengths, axis=1)]

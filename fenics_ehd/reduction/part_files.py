@@ -1,0 +1,440 @@
+"""Parts and their bases in HDF5 files, written and read by row ranges.
+
+A basis holds displacements and stresses of modal coordinates. A structure is a whole part, to
+travel between programs; no rank ever holds a whole matrix of it. Its keys:
+
+    /                       attributes format = "fenics_ehd structure", format_version = 2
+    /stiffness, /mass       K [N/m] and M [kg] in CSR form: datasets data, indices and
+                            indptr, attribute shape = (3 n, 3 n); both triangles
+    /coordinates            positions of the nodes, shape (n, 3) [m]
+    /attachments/NAME       a boundary point: the load vectors of unit forces along x, y, z
+                            as columns of a CSR matrix of shape (3 n, 3); or datasets nodes
+                            and weights, shape (k,)
+    /bores                  attribute names: of the bores, the first with its centre in the origin
+    /bores/NAME             attributes radius, width [m], and family, pressure_family where known
+    /bores/NAME/centre      shape (3,) [m]
+    /bores/NAME/nodes       node numbers from 0, shape (m,)
+    /bores/NAME/coordinates, /bores/NAME/pressure_coordinates
+                            from the bore's centre, shapes (m, 3) and (p, 3) [m]
+    /bores/NAME/load        J [m2], CSR as above, shape (3 n, p)
+    /bores/NAME/cells, /bores/NAME/pressure_cells, /bores/NAME/reference
+                            optional, as in `Bore`
+
+What `save_structure` writes is sealed (`fenics_ehd.base.sealed_file`), and refused once it changed;
+other programs' files need no seal.
+
+Degrees of freedom are ``3 * node + component``, nodes in the order of the rows, which is
+that of the ranks when several wrote the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, suppress
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
+from fenics_ehd.base.files import BOOKKEEPING, new_part, require_room
+from fenics_ehd.base.sealed_file import HEAD, named, open_hdf5, open_sealed, seal, values
+from fenics_ehd.reduction.bore import Bore
+from fenics_ehd.reduction.matrices import (
+    before,
+    even_range,
+    together,
+)
+from fenics_ehd.reduction.structure import PointWeights, Structure
+
+FORMAT = "fenics_ehd structure"
+FORMAT_VERSION = 2
+
+#: Members of a bore's group, the matrix `load` apart.
+_BORE = [field.name for field in fields(Bore) if field.name != "load"]
+
+
+class Rows(NamedTuple):
+    """Rows of a rank that are made block by block.
+
+    Attributes
+    ----------
+    shape
+        Of all of them.
+    blocks
+        Some rows each.
+    """
+
+    shape: tuple[int, ...]
+    blocks: Iterable[np.ndarray]
+
+
+def save_by_ranks(
+    path: Path,
+    comm: MPI.Comm,
+    begin: Callable[[h5py.File], None],
+    tables: Mapping[str, np.ndarray | Rows],
+) -> None:
+    """Write a sealed file of rows that the ranks hold; collective, rank after rank.
+
+    Parameters
+    ----------
+    path
+        The same on every rank; replaced only once the new file is whole.
+    comm
+        Ranks that write to it.
+    begin
+        Called on the first rank with the empty file.
+    tables
+        Datasets by name, this rank's rows; float64 where they come in blocks.
+
+    Raises
+    ------
+    StructureError
+        On every rank what any rank could not do; a former file stays then.
+    """
+    rows = {n: a if isinstance(a, Rows) else Rows(a.shape, [a]) for n, a in tables.items()}
+    counts = comm.allgather({name: own.shape[0] for name, own in rows.items()})
+    label = f"file {path} cannot be written"
+
+    def on_first(act: Callable[[], Any]) -> Any:
+        return together(comm, label, lambda: None if comm.rank else act())
+
+    def write_first() -> None:
+        shapes = {n: (sum(c[n] for c in counts), *own.shape[1:]) for n, own in rows.items()}
+        require_room(partial, BOOKKEEPING + sum(8 * int(np.prod(s)) for s in shapes.values()))
+        with h5py.File(partial, "w", userblock_size=HEAD) as file:
+            begin(file)
+            for name, shape in shapes.items():
+                file.create_dataset(name, shape, getattr(tables[name], "dtype", float))
+
+    def write_own() -> None:
+        with h5py.File(partial, "r+") as file:
+            for name, own in rows.items():
+                place = sum(count[name] for count in counts[: comm.rank])
+                for block in own.blocks:
+                    file[name][place : place + len(block)] = block
+                    place += len(block)
+
+    partial = comm.bcast(on_first(lambda: new_part(path)))
+    try:
+        on_first(write_first)
+        for turn in range(comm.size):
+            together(comm, label, write_own if turn == comm.rank else lambda: None)
+        on_first(lambda: seal(partial, path))
+    except BaseException:
+        if not comm.rank:
+            with suppress(OSError):
+                partial.unlink()
+        raise
+
+
+def save_structure(structure: Structure, path: str | Path) -> None:
+    """Write a part; an existing file is replaced only once the new one is whole.
+
+    Collective, rank after rank. Elements for drawing (`Structure.recovery`) are left out.
+
+    Raises
+    ------
+    StructureError
+        The file cannot be written, or a boundary point's name holds a slash.
+    """
+    from scipy import sparse
+
+    for name in (*structure.attachments, *structure.bores):
+        if not name or "/" in name or name == ".":
+            raise StructureError(f"name {name!r}: a file needs one without a slash")
+    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
+    matrices |= {f"bores/{name}/load": bore.load for name, bore in structure.bores.items()}
+    shapes = {name: matrix.size for name, matrix in matrices.items()}
+    blocks = {name: matrix.getValuesCSR() for name, matrix in matrices.items()}
+    for name, three in structure.attachments.items():
+        columns = sparse.csr_matrix(np.column_stack([v.array for v in three]))
+        shapes[f"attachments/{name}"] = structure.size, 3
+        blocks[f"attachments/{name}"] = columns.indptr, columns.indices, columns.data
+
+    def begin(file: h5py.File) -> None:
+        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
+        # Their order is that of the columns of a basis.
+        file.create_group("attachments", track_order=True)
+        file.create_group("bores").attrs["names"] = list(structure.bores)
+        for name, shape in shapes.items():
+            file.create_group(name).attrs["shape"] = shape
+        for name, bore in structure.bores.items():
+            group = file["bores"][name]
+            for key in _BORE:
+                value = getattr(bore, key)
+                if value is not None:
+                    (group if isinstance(value, np.ndarray) else group.attrs)[key] = value
+
+    tables = {"coordinates": structure.coordinates}
+    for name, csr in blocks.items():
+        tables |= _csr_tables(name, structure.comm, *csr)
+    save_by_ranks(Path(path), structure.comm, begin, tables)
+
+
+def _csr_tables(
+    name: str, comm: MPI.Comm, indptr: np.ndarray, indices: np.ndarray, data: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Datasets of a matrix of which every rank has some rows."""
+    # The end of every row; the first rank also writes where the first one begins.
+    ends = indptr[min(comm.rank, 1) :].astype(np.int64) + before(len(data), comm)
+    return {f"{name}/data": data, f"{name}/indices": indices, f"{name}/indptr": ends}
+
+
+def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structure:
+    """Read a part written by `save_structure` or by another program; on any number of ranks.
+
+    Parameters
+    ----------
+    path
+        The file, keys as above.
+    comm
+        Ranks that share the nodes evenly.
+
+    Raises
+    ------
+    StructureError
+        The file cannot be read, or does not hold a part of this format.
+    """
+    contents: dict[str, Any] = together(comm, f"structure file {path}", lambda: _read(path, comm))
+    return Structure(f"{path}:/stiffness", f"{path}:/mass", **contents, comm=comm)
+
+
+def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
+    """Everything but the large matrices; of the coordinates this rank's."""
+    with _opened(path, comm) as file:
+        nodes = len(file["coordinates"])
+        names = file["bores"].attrs["names"] if "bores" in file else ()
+        attachments = {
+            name: PointWeights(values(group["nodes"]), values(group["weights"]))
+            if "nodes" in group
+            else f"{path}:/attachments/{name}"
+            for name, group in file.get("attachments", {}).items()
+        }
+        return {
+            "coordinates": values(file["coordinates"], slice(*even_range(nodes, comm))),
+            "attachments": attachments,
+            "bores": {str(name): _bore(path, name, file["bores"][name]) for name in names},
+        }
+
+
+def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
+    """The file; one rank reads all of it, for the digest."""
+    if comm.rank:
+        return open_hdf5(path)
+    return open_sealed(path, FORMAT, FORMAT_VERSION, remedy="write it again", foreign=True)
+
+
+def _bore(path: str | Path, name: str, group: h5py.Group) -> Bore:
+    found = {key: group.attrs[key] for key in _BORE if key in group.attrs}
+    found |= {key: values(group[key]) for key in _BORE if key in group}
+    return Bore(**found, load=f"{path}:/bores/{name}/load")
+
+
+BASIS_FORMAT = "fenics_ehd part basis"
+BASIS_VERSION = 2
+
+#: Order of the stress components.
+VOIGT = ("xx", "yy", "zz", "yz", "xz", "xy")
+
+#: Rows read or written at a time; computing stresses takes some five times as much.
+_BLOCK_BYTES = 1 << 22
+
+_ROOT3 = np.sqrt(3.0)
+
+
+def deviatoric(stress: np.ndarray) -> np.ndarray:
+    """Coordinates in which the von Mises stress is the Euclidean norm.
+
+    Parameters
+    ----------
+    stress
+        Voigt stresses xx, yy, zz, yz, xz, xy, shape (..., 6) [Pa].
+
+    Returns
+    -------
+    numpy.ndarray
+        Linear in the stress, shape (..., 5) [Pa].
+    """
+    xx, yy, zz = (stress[..., i] for i in range(3))
+    plane = [xx - 0.5 * (yy + zz), 0.5 * _ROOT3 * (yy - zz)]
+    return np.stack([*plane, *(_ROOT3 * stress[..., i] for i in range(3, 6))], axis=-1)
+
+
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """Equivalent stress of Voigt stresses, shape (..., 6) to (...) [Pa]."""
+    return np.linalg.norm(deviatoric(np.asarray(stress)), axis=-1)
+
+
+def save_basis(
+    path: str | Path, structure: Structure, columns: np.ndarray, *, stress: bool = True
+) -> None:
+    """Write the basis of a part; an existing file is replaced only once the new one is whole.
+
+    Collective. The ranks write one after the other, each its own rows.
+
+    Parameters
+    ----------
+    path
+        The same on every rank.
+    structure
+        Nodes and cells of the part.
+    columns
+        Displacements of unit modal coordinates, owned rows of shape (owned dofs, n) [m].
+    stress
+        Also write the modal stresses, the larger part, if the structure knows them.
+
+    Raises
+    ------
+    SettingsError
+        The columns do not fit the structure.
+    BodyFileError
+        The file cannot be written. Every rank raises it.
+    """
+    comm, nodes, modes = structure.comm, len(structure.coordinates), columns.shape[-1]
+    shapes = comm.allgather((columns.shape, 3 * nodes))
+    for shape, owned in shapes:
+        if len(shape) != 2 or shape != (owned, shapes[0][0][-1]):
+            raise SettingsError(f"columns of shape {shape} on a rank with {owned} dofs")
+    recovery = structure.recovery
+    tables: dict[str, np.ndarray | Rows] = {
+        "nodes": structure.coordinates,
+        "basis": columns.reshape(nodes, 3, modes),
+        "cells": recovery.cells if recovery else np.zeros((0, 0), dtype=np.int64),
+    }
+    if stress and recovery and recovery.stress:
+        tables |= _stresses(recovery.stress(columns))
+
+    def begin(file: h5py.File) -> None:
+        file.attrs.update(format=BASIS_FORMAT, format_version=BASIS_VERSION)
+        file.attrs["stress_components"] = " ".join(VOIGT)
+
+    try:
+        save_by_ranks(Path(path), comm, begin, tables)
+    except StructureError as error:
+        raise BodyFileError(f"basis {error}") from error
+
+
+def _stresses(field: Any) -> dict[str, Rows]:
+    """Sampling points and stresses, cell after cell, block by block."""
+    cells, points, components, modes = field.shape
+    step = max(1, _BLOCK_BYTES // max(1, 8 * points * components * modes))
+    parts = [slice(start, min(start + step, cells)) for start in range(0, cells, step)]
+    return {
+        "stress_points": Rows(
+            (cells * points, 3), (field.positions(part).reshape(-1, 3) for part in parts)
+        ),
+        "stress": Rows(
+            (cells * points, components, modes),
+            (field.block(part, slice(modes)).reshape(-1, components, modes) for part in parts),
+        ),
+    }
+
+
+class BasisFile(AbstractContextManager["BasisFile"]):
+    """Displacements and stresses of a part from its modal coordinates.
+
+    The basis stays in the file, read a few MB at a time. A context manager.
+
+    Parameters
+    ----------
+    path
+        A file of `save_basis`.
+
+    Raises
+    ------
+    BodyFileError
+        The file is missing, is not HDF5, is cut short, or holds no basis of this format.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        with named(BodyFileError, f"basis file {self.path}"):
+            self._file = open_sealed(
+                self.path, BASIS_FORMAT, BASIS_VERSION, remedy="reduce the part again"
+            )
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def modes(self) -> int:
+        """Number of modal coordinates n."""
+        return int(self._file["basis"].shape[2])
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Positions of the nodes, shape (nodes, 3) [m]."""
+        return self._table("nodes")[()]
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Nodes of every cell in VTK's order, shape (cells, 20 or 10); empty when unknown."""
+        return self._table("cells")[()]
+
+    @property
+    def stress_points(self) -> np.ndarray:
+        """Sampling points of the stresses, cell after cell, shape (points, 3) [m]."""
+        return self._table("stress_points")[()]
+
+    def displacement(self, coordinates: np.ndarray, nodes: np.ndarray | None = None) -> np.ndarray:
+        """Displacement field of modal coordinates.
+
+        Parameters
+        ----------
+        coordinates
+            shape (n,), or (t, n) for t instants: the file is read once.
+        nodes
+            Numbers of the nodes wanted; None for all.
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (nodes, 3) or (t, nodes, 3) [m].
+
+        Raises
+        ------
+        SettingsError
+            The coordinates do not fit the modes, or there is no such node.
+        """
+        return self._combine("basis", coordinates, nodes)
+
+    def stress(self, coordinates: np.ndarray, points: np.ndarray | None = None) -> np.ndarray:
+        """Stresses in the order of `VOIGT`, shape (points, 6) or (t, points, 6) [Pa].
+
+        Everything else as in `displacement`; a file without stresses raises BodyFileError.
+        """
+        return self._combine("stress", coordinates, points)
+
+    def _table(self, name: str) -> h5py.Dataset:
+        if self._file and name not in self._file:
+            raise BodyFileError(f"basis file {self.path} holds no stresses: none were saved")
+        return self._file[name]
+
+    def _combine(self, name: str, coordinates: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
+        """Rows of a table times coordinates, read block by block."""
+        table = self._table(name)
+        size, components, modes = table.shape
+        q = np.asarray(coordinates, dtype=float)
+        if q.ndim not in (1, 2) or q.shape[-1] != modes:
+            raise SettingsError(f"coordinates of shape {q.shape} for the {modes} modes of a basis")
+        wanted = np.arange(size) if rows is None else np.asarray(rows, dtype=np.int64).ravel()
+        if wanted.size and not 0 <= wanted.min() <= wanted.max() < size:
+            raise SettingsError(f"row {wanted.min()} or {wanted.max()} is not in 0 to {size - 1}")
+        history = np.atleast_2d(q)
+        step = max(1, _BLOCK_BYTES // (8 * components * max(*history.shape, 1)))
+        result = np.empty((len(history), len(wanted), components))
+        for start in range(0, size, step):
+            there = np.flatnonzero((start <= wanted) & (wanted < start + step))
+            if len(there):
+                block = table[start : start + step]
+                result[:, there] = np.tensordot(history, block[wanted[there] - start], (1, 2))
+        return result if q.ndim == 2 else result[0]

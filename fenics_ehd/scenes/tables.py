@@ -1,0 +1,394 @@
+"""Tables of a scene from CSV files: over time, over an angle, of periodic loads.
+
+A header names columns and units, rows of numbers follow; lines that start with ``#`` are comments.
+
+Something periodic over an angle, from a CSV file.
+
+    # anything
+    angle_deg,force_N
+    0,120
+    ...
+    720,120
+
+Angles ascend from any first one and span one period, 360 or 720 degrees; the last value is the
+first. In between lies a periodic cubic spline whose slopes are limited (F. N. Fritsch and R. E.
+Carlson, SIAM J. Numer. Anal. 17, 1980), so that it never leaves the range of the rows beside it:
+the spline itself swings below zero beside an ignition that a few rows describe. Close rows of
+something smooth leave all slopes but those at extremes as they are. The slope is continuous, as
+Newton's method wants it.
+
+Something over time, from a CSV file.
+
+    # anything
+    time_s,speed_rad_per_s
+    0.0,0.0
+    ...
+
+Between the rows lies a cubic curve that never leaves their range (F. N. Fritsch and J. Butland,
+SIAM J. Sci. Stat. Comput. 5, 1984); before the first and after the last row their values stay.
+
+A periodic load, from a CSV file of times and forces.
+
+    # anything
+    time_s,Fx_N,Fy_N
+    0.0,120.0,-3400.0
+    ...
+
+Times begin at zero and ascend.
+The load of the last row is that of the first, unless a longer period is given.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.files import read_text
+from fenics_ehd.multibody.tabulated import Curve
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
+
+#: Beyond any force [N], torque, time or angle; squares and sums of such numbers stay finite.
+LARGEST = 1e15
+
+#: ``time_s``, ``time [s]`` or ``time (s)``.
+HEADER = re.compile(r"\s*([A-Za-z]+)\s*(?:_\s*|\[\s*|\(\s*)([A-Za-z_]+)\s*[\])]?\s*")
+
+#: Factors of the units that a header may name, by column; the first unit is that of messages.
+Units = Mapping[str, Mapping[str, float]]
+
+#: The last row of a closed table may differ from the first by this share of the largest: rounding.
+CLOSING_TOLERANCE = 1e-3
+
+#: Rows that a periodic table needs.
+FEWEST_ROWS = 3
+
+
+def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
+    """Line numbers and entries of all lines but empty ones and comments, which start with ``#``.
+
+    `where` names file and setting in messages.
+
+    Raises
+    ------
+    SettingsError
+        The file cannot be read, or separates its entries by something else than commas.
+    """
+    try:
+        text = read_text(path)
+    except OSError as error:
+        raise SettingsError(f"{where}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SettingsError(f"{where}: not a text file") from None
+    rows = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if ";" in line or "\t" in line:
+            raise SettingsError(
+                f"{where}, line {number}, has {line.strip()[:40]!r}: separate by commas, "
+                "decimals with a point"
+            )
+        rows.append((number, [entry.strip(' "') for entry in line.split(",")]))
+    return rows
+
+
+def finite_number(where: str, entry: str) -> float:
+    """An entry as a number.
+
+    Raises
+    ------
+    SettingsError
+        It is none, or beyond `LARGEST`; the message begins with `where`.
+    """
+    try:
+        value = float(entry)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < LARGEST:
+        raise SettingsError(f"{where} = {entry[:40]!r} must be a finite number below {LARGEST:g}")
+    return value
+
+
+def read_columns(
+    path: str | Path,
+    where: str,
+    units: Units,
+    fewest: int = FEWEST_ROWS,
+    *,
+    ascending: bool = True,
+) -> tuple[list[int], np.ndarray]:
+    """Line numbers, and numbers in the order of `units` times their factors.
+
+    Parameters
+    ----------
+    path
+        The file; lines that start with ``#`` are comments.
+    where
+        Names file and setting in messages.
+    units
+        Columns that must be there.
+    fewest
+        Rows that are needed.
+    ascending
+        Whether the first column must.
+
+    Raises
+    ------
+    SettingsError
+        Naming setting, file, line and value.
+    """
+    numbered = numbered_rows(path, where)
+    wanted = ",".join(f"{name}_{next(iter(known))}" for name, known in units.items())
+    if not numbered:
+        raise SettingsError(f"{where}: no header {wanted}")
+    (first, header), body = numbered[0], numbered[1:]
+    order, factors = _columns(f"{where}, line {first}", header, units, wanted)
+    values = np.empty((len(body), len(order)))
+    for row, (number, entries) in enumerate(body):
+        line = f"{where}, line {number}"
+        if len(entries) != len(header):
+            raise SettingsError(f"{line}: {len(entries)} values for {len(header)} columns")
+        found = [finite_number(f"{line}: {header[i]}", entries[i]) for i in order]
+        values[row] = factors * found
+        place, before = values[row, 0], values[row - 1, 0]
+        if ascending and row and not place > before:
+            name, known = next(iter(units.items()))
+            unit = next(iter(known))
+            raise SettingsError(
+                f"{line}: the {name} {place:g} {unit} must be above {before:g} {unit}, that of the "
+                "row before"
+            )
+    if len(body) < fewest:
+        raise SettingsError(f"{where}: {len(body)} rows of numbers, at least {fewest} are needed")
+    return [number for number, _ in body], values
+
+
+def _columns(
+    where: str, header: list[str], units: Units, wanted: str
+) -> tuple[list[int], np.ndarray]:
+    """Which column holds what, in the order of `units`, and their factors."""
+    found: dict[str, tuple[int, float]] = {}
+    for index, title in enumerate(header):
+        match = HEADER.fullmatch(title)
+        name = match[1] if match else title
+        if name not in units or name in found:
+            known = ", ".join(units)
+            reason = "appears twice" if name in found else f"is not one of {known}"
+            raise SettingsError(f"{where}: column {title!r} {reason}, with a unit: {wanted}")
+        if match is None or match[2] not in units[name]:
+            known = " or ".join(f"{name}_{unit}" for unit in units[name])
+            raise SettingsError(f"{where}: column {title!r} needs a unit: {known}")
+        found[name] = (index, units[name][match[2]])
+    missing = [name for name in units if name not in found]
+    if missing:
+        raise SettingsError(f"{where}: no column {', '.join(missing)}; needed: {wanted}")
+    ordered = [found[name] for name in units]
+    return [index for index, _ in ordered], np.array([factor for _, factor in ordered])
+
+
+def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
+    """Refuse a periodic table whose last row (n, k) is not the first.
+
+    Raises
+    ------
+    SettingsError
+        Naming both rows and what to do.
+    """
+    first, last = values[0], values[-1]
+    gap, largest = np.linalg.norm(last - first), np.linalg.norm(values, axis=1).max()
+    if not gap <= CLOSING_TOLERANCE * largest:
+        told = (", ".join(f"{value:g}" for value in row) for row in (last, first))
+        raise SettingsError(
+            f"{where}: the last row ({next(told)}) differs from the first ({next(told)}) by "
+            f"{gap:.3g}, above {CLOSING_TOLERANCE:g} of the largest: {remedy}"
+        )
+
+
+#: Degrees after which a machine repeats itself, with two or with four strokes.
+PERIODS = (360.0, 720.0)
+
+#: Rounding of the angles in the file [degrees].
+ANGLE_TOLERANCE = 1e-3
+
+
+def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
+    """Periodic function of an angle.
+
+    Parameters
+    ----------
+    angles
+        Ascending over one period, shape (n,) [rad].
+    values
+        The last one that of the first, shape (n,).
+    """
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline  # slow to import
+
+    closed = np.append(values[:-1], values[0])  # SciPy forgives no round-off
+    slopes = CubicSpline(angles, closed, bc_type="periodic")(angles, 1)
+    curve = CubicHermiteSpline(angles, closed, limited(slopes, np.diff(closed) / np.diff(angles)))
+    return Curve(curve, periodic=True)
+
+
+def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
+    """Slopes at the rows of a closed table with which a cubic curve stays between them.
+
+    Parameters
+    ----------
+    slopes
+        Wanted, the last one that of the first, shape (n,).
+    chords
+        Between one row and the next, shape (n - 1,).
+    """
+    before, after = np.append(chords[-1], chords), np.append(chords, chords[0])
+    largest = 3.0 * np.minimum(np.abs(before), np.abs(after))
+    # At an extreme, and where the spline falls although the rows rise.
+    turns = (before * after <= 0) | (slopes * after <= 0)
+    return np.where(turns, 0.0, np.clip(slopes, -largest, largest))
+
+
+def read_angle_table(path: str | Path, key: str, column: Units) -> Curve:
+    """Table of a CSV file; lines that start with ``#`` are comments.
+
+    Parameters
+    ----------
+    path
+        The file.
+    key
+        Setting that names it, for messages.
+    column
+        Name and unit of the values, see `read_columns`.
+
+    Raises
+    ------
+    SettingsError
+        Naming setting, file, line and value.
+    """
+    where = f"{key} {path}"
+    lines, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column})
+    angles, values = rows.T
+    span = float(angles[-1] - angles[0])
+    period = min(PERIODS, key=lambda p: abs(p - span))
+    if not abs(span - period) <= ANGLE_TOLERANCE:
+        raise SettingsError(
+            f"{where}: the angles span {span:g} deg, from {angles[0]:g} to {angles[-1]:g}, they "
+            "must span 360 or 720"
+        )
+    require_closed(f"{where}, line {lines[-1]}", rows[:, 1:], "close the period")
+    # To the very period, or many revolutions would shift the table.
+    return angle_table(np.radians(np.append(angles[:-1], angles[0] + period)), values)
+
+
+def read_time_table(path: str | Path, key: str, column: Units) -> Curve:
+    """Table of a CSV file; lines that start with ``#`` are comments.
+
+    Parameters
+    ----------
+    path
+        The file.
+    key
+        Setting that names it, for messages.
+    column
+        Name and unit of the values, see `read_columns`.
+
+    Raises
+    ------
+    SettingsError
+        Naming setting, file, line and value.
+    """
+    from scipy.interpolate import PchipInterpolator  # slow to import
+
+    _, rows = read_columns(path, f"{key} {path}", {"time": {"s": 1.0}, **column}, 2)
+    return Curve(PchipInterpolator(*rows.T), periodic=False)
+
+
+#: Factors to SI of the units a header may name.
+UNITS = {
+    "time": {"s": 1.0, "ms": 1e-3},
+    "Fx": {"N": 1.0, "kN": 1e3},
+    "Fy": {"N": 1.0, "kN": 1e3},
+}
+
+
+def load_curves(
+    times: np.ndarray, forces: np.ndarray, interpolation: str = "cubic"
+) -> tuple[Curve, Curve]:
+    """Components along x and y of a periodic load.
+
+    Parameters
+    ----------
+    times
+        From zero to the period, ascending, shape (n,) [s].
+    forces
+        The last row that of the first, shape (n, 2) [N].
+    interpolation
+        ``"cubic"``: periodic spline, or ``"linear"``.
+    """
+    from scipy.interpolate import CubicSpline, PPoly  # slow to import
+
+    closed = np.vstack([forces[:-1], forces[:1]])  # SciPy forgives no round-off
+    largest = float(np.hypot(*forces.T).max())
+
+    def curve(values: np.ndarray) -> PPoly:
+        if interpolation == "cubic":
+            return CubicSpline(times, values, bc_type="periodic")
+        return PPoly(np.stack([np.diff(values) / np.diff(times), values[:-1]]), times)
+
+    x, y = (Curve(curve(values), periodic=True, scale=largest) for values in closed.T)
+    return x, y
+
+
+def read_load(
+    path: str | Path,
+    scale: float = 1.0,
+    interpolation: str = "cubic",
+    period: float = 0.0,
+    section: str = "load",
+) -> tuple[Curve, Curve]:
+    """Components along x and y of the load of a CSV file.
+
+    Parameters
+    ----------
+    path
+        The file; lines that start with ``#`` are comments.
+    scale
+        Factor on the forces.
+    interpolation
+        See `load_curves`.
+    period
+        Period [s], beyond the last time; zero: the last time, with the load of
+        the first.
+    section
+        Of the scene that names the file, for messages.
+
+    Raises
+    ------
+    SettingsError
+        Naming file, line and value.
+    """
+    where = f"{section}.file {path}"
+    lines, values = read_columns(path, where, UNITS)
+    times, forces = values[:, 0], scale * values[:, 1:]
+    if times[0] != 0.0:
+        raise SettingsError(
+            f"{where}, line {lines[0]}: the first time is {times[0]:g} s, it must be 0"
+        )
+    if not forces.any():
+        raise SettingsError(f"{where}: the load is 0 throughout")
+    if period:
+        if not period > times[-1]:
+            raise SettingsError(
+                f"{section}.period = {period:g} s must be above {times[-1]:g} s, the last time of "
+                f"{path}, line {lines[-1]}"
+            )
+        times, forces = np.append(times, period), np.vstack([forces, forces[:1]])
+    remedy = f"close the cycle or set {section}.period"
+    require_closed(f"{where}, line {lines[-1]}", forces, remedy)
+    return load_curves(times, forces, interpolation)

@@ -1,0 +1,705 @@
+"""Figures of a study's report: errors against cost, tolerance, film mesh, over time; the bores.
+
+One look for all: a colour and a marker for each method. Yellow, red and blue of Paul Tol's
+high-contrast scheme beside black stay apart for colour-blind readers and printed in grey; what a
+colour does not say, markers and lines do. No error is drawn below the reference's own, a grey band.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator
+from scipy.interpolate import CubicSpline
+
+from fenics_ehd.base.errors import BodyFileError
+from fenics_ehd.plotting.maps import draw_rasters, raster_of
+from fenics_ehd.plotting.picture import BLACK, BLUE, PRESSURES, RED, YELLOW, factor_of, plt
+from fenics_ehd.plotting.shown import film_grid
+from fenics_ehd.reduction import ReducedBody, load_body
+from fenics_ehd.reduction.bore import outward, rigid_fields
+from fenics_ehd.scenes.part_settings import ReductionSettings
+from fenics_ehd.study.plan import REFERENCE
+from fenics_ehd.study.report.study_data import (
+    FILM,
+    PRESSURE,
+    QUANTITIES,
+    History,
+    JointData,
+    Quantity,
+    StudyData,
+    StudyRow,
+)
+
+COLOURS = {"m1": YELLOW, "m2": RED, "m3": BLUE, "m4": BLACK}
+MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
+
+#: Of M3, by pressure set; how a marker is filled tells the selection.
+PRESSURE_MARKERS = {"pc1": "p", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
+
+#: An error of which only a bound is known, and what the legend says.
+BOUND, BOUND_LABEL = "v", "at most this, where the reference cannot tell"
+FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
+
+#: Truncation of M4 that goes without saying.
+TRUNCATION = ReductionSettings().residual_truncation
+
+#: Truncation from which on its marker is empty, not half full.
+COARSE = 1e-2
+
+#: The reference is a broad band of this grey, behind everything else.
+GREY = "#BBBBBB"
+
+#: Errors of the reference itself.
+FLOOR, FLOOR_LABEL = "#DDDDDD", "reference's own error"
+
+SELECTIONS = {
+    "lowest-frequency": ("lowest frequencies", "-"),
+    "largest-eigenvalue": ("largest eigenvalues", "--"),
+    "smallest-eigenvalue": ("smallest eigenvalues", ":"),
+    "every-column": ("every column", "-."),
+}
+
+#: How far lines of one colour go towards white and black.
+LIGHTER, DARKER = 0.35, 0.55
+
+#: Width of a figure [inches], columns of its legend.
+WIDTH, LEGEND_COLUMNS = 10.5, 3
+
+
+def family(row: StudyRow) -> str:
+    """Method with what distinguishes its variants, not the number of modes."""
+    name = {"full": "full interface", "rigid": "rigid"}.get(row["method"], row["method"].upper())
+    if row["method"] == "m3":
+        return f"{name} {row['pressure_set']}, {selection(row)[0]}"
+    return f"{name}, truncated at {row['residual_truncation']:g}" if truncated(row) else name
+
+
+def sized(row: StudyRow) -> str:
+    """The same with the number of coordinates."""
+    return f"{family(row)}, {row['coordinates']:.0f} coordinates"
+
+
+def selection(row: StudyRow) -> tuple[str, Any]:
+    """Selection of the residual modes of M3, in words, and the dashes of its lines."""
+    return SELECTIONS.get(row["selection"], (row["selection"], "-"))
+
+
+def truncated(row: StudyRow) -> bool:
+    """True of an M4 that keeps less of the flexibility than it does by default."""
+    return row["method"] == "m4" and row["residual_truncation"] > TRUNCATION
+
+
+def line_style(row: StudyRow) -> dict[str, Any]:
+    """Arguments of `Axes.plot` for a family of runs."""
+    marker, fill = MARKERS.get(row["method"], "x"), FILLS.get(row["selection"], "full")
+    if truncated(row):
+        fill = "none" if row["residual_truncation"] >= COARSE else "bottom"
+    return {
+        "color": COLOURS.get(row["method"], "0.4"),
+        "marker": PRESSURE_MARKERS.get(row["pressure_set"], marker),
+        "markerfacecoloralt": "white",
+        "linestyle": selection(row)[1],
+        "fillstyle": fill,
+    }
+
+
+def families(
+    rows: Iterable[StudyRow], name: Callable[[StudyRow], str] = family
+) -> dict[str, list[StudyRow]]:
+    """Runs that have a name in common, few coordinates and tight tolerances first."""
+    grouped: dict[str, list[StudyRow]] = {}
+    for row in sorted(rows, key=lambda row: (name(row), row["coordinates"], row["tolerance"])):
+        grouped.setdefault(name(row), []).append(row)
+    return grouped
+
+
+def shade(row: StudyRow, share: float | None = None) -> tuple[float, ...]:
+    """Colour of a run's method, of several from light, 0, to dark, 1."""
+    rgb = np.array(to_rgb(COLOURS.get(row["method"], "0.4")))
+    if share is not None:
+        light, dark = rgb + LIGHTER * (1 - rgb), (1 - DARKER) * rgb
+        rgb = light + share * (dark - light)
+    return tuple(map(float, rgb))
+
+
+def percent_axis(axes: Axes, label: str) -> None:
+    """Logarithmic axis of relative errors, told in percent."""
+    axes.set(yscale="log", ylabel=f"{label} [%]")
+    plain_figures(axes.yaxis, 100.0)
+
+
+def plain_log_axis(axes: Axes, label: str) -> None:
+    """Logarithmic x axis with figures in full at 1, 2 and 5."""
+    axes.set(xscale="log", xlabel=label)
+    plain_figures(axes.xaxis)
+
+
+def plain_figures(axis: Axis, factor: float = 1.0, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
+    """Figures in full at these places of every decade."""
+    axis.set_major_locator(LogLocator(subs=at))
+    axis.set_major_formatter(lambda value, _: f"{factor * value:g}")
+    axis.set_minor_locator(NullLocator())
+
+
+def draw_floor(axes: Axes, floor: float, label: str = FLOOR_LABEL) -> None:
+    """Band of the errors that mean nothing, the reference's own, and an axis that ends in it."""
+    if floor > 0:
+        axes.axhspan(floor / 10, floor, color=FLOOR, zorder=0, linewidth=0, label=label)
+        axes.set_ylim(bottom=floor / 1.6)
+
+
+def joint_figure(
+    shown: Mapping[JointData, Any],
+    height: float,
+    draw: Callable[[Axes, Any, JointData, Quantity], None],
+) -> Figure | None:
+    """Figure with a row of panels for each joint: its peak pressure, its minimum film.
+
+    None where there is nothing to show of a joint.
+
+    Parameters
+    ----------
+    shown
+        By joint.
+    height
+        Of a row [inches].
+    draw
+        Draws one panel of what is shown.
+    """
+    if not all(shown.values()):
+        return None
+    figure, panels = plt.subplots(
+        len(shown), 2, figsize=(WIDTH, height * len(shown)), layout="constrained", squeeze=False
+    )
+    for row, (joint, own) in zip(panels, shown.items(), strict=True):
+        row[0].set_title(joint.title, loc="left", fontweight="bold")
+        for axes, quantity in zip(row, QUANTITIES, strict=True):
+            draw(axes, own, joint, quantity)
+    legend_below(figure)
+    return figure
+
+
+def legend_below(figure: Figure) -> None:
+    """One legend for all panels, in room added under them; every label once."""
+    handles = {
+        label: handle
+        for axes in figure.axes
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    width, height = figure.get_size_inches()
+    room = 0.2 * math.ceil(len(handles) / LEGEND_COLUMNS) + 0.12
+    figure.set_size_inches(width, height + room)
+    share = room / (height + room)
+    figure.get_layout_engine().set(rect=(0, share, 1, 1 - share))
+    figure.legend(
+        list(handles.values()),
+        list(handles),
+        loc="lower center",
+        ncols=LEGEND_COLUMNS,
+        frameon=False,
+        borderaxespad=0.2,
+    )
+
+
+#: What is paid: columns of the table, and their names on an axis.
+ONLINE, COORDINATES = "online_s", "coordinates"
+LABELS = {
+    ONLINE: "time integration [s of processor time]",
+    COORDINATES: "elastic coordinates",
+}
+
+#: Runs at other step tolerances than the study's.
+SMALL = {"linestyle": "", "alpha": 0.55, "markersize": 4, "zorder": 1.5}
+
+#: Closest points of the hull with a label each, in decades.
+LABEL_DISTANCE = 0.2
+
+#: Cost, error, and the run that has them.
+Point = tuple[float, float, StudyRow]
+
+
+def lower_left(points: Sequence[Point]) -> list[Point]:
+    """Points that no other point reaches with less of one coordinate and no more of the other.
+
+    By ascending cost, so by descending error.
+    """
+    hull: list[Point] = []
+    for point in sorted(points, key=lambda p: (p[0], p[1])):
+        if not hull or point[1] < hull[-1][1]:
+            hull.append(point)
+    return hull
+
+
+def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
+    """Error of both curves against a cost, log-log, the hull where it is a time.
+
+    None where there is nothing to draw.
+    """
+    groups = ("methods", "tolerance") if cost == ONLINE else ("methods",)
+
+    def draw(axes: Axes, rows: list[StudyRow], _: JointData, quantity: Quantity) -> None:
+        points = [(row[cost], row.visible_error(quantity), row) for row in rows]
+        bounded = {row for row in rows if row.bounded(quantity)}
+        percent_axis(axes, f"largest error of {quantity.title}")
+        plain_log_axis(axes, LABELS[cost])
+        if cost == ONLINE:
+            _draw_hull(axes, points)
+        _draw_points(axes, points, bounded)
+        draw_floor(axes, max(row.floor(quantity) for row in rows))
+
+    shown = {joint: [row for row in joint.measured(*groups) if row[cost] > 0] for joint in joints}
+    return joint_figure(shown, 4.4, draw)
+
+
+def _draw_points(axes: Axes, points: Sequence[Point], bounded: set[StudyRow]) -> None:
+    """Runs of a method joined from few modes to many, small signs at other step tolerances.
+
+    Runs of which only a bound is known stand on the edge of the grey band with a sign of it.
+    """
+    place = {row: (x, y) for x, y, row in points}
+    for label, members in families([row for row in place if row["group"] == "methods"]).items():
+        seen = [i for i, row in enumerate(members) if row not in bounded]
+        style = line_style(members[0]) | {"linewidth": 1.2}
+        axes.plot(*zip(*map(place.get, members), strict=True), label=label, markevery=seen, **style)
+    others = [row for row in place if row["group"] != "methods"]
+    for row in others:
+        if row not in bounded:
+            axes.plot(*place[row], **(line_style(row) | SMALL))
+    if others:
+        axes.plot([], [], "o", color="0.5", label="small signs: other step tolerances",
+                  markersize=4, alpha=0.55)  # fmt: skip
+    for row in filter(bounded.__contains__, place):
+        axes.plot(*place[row], BOUND, color=line_style(row)["color"], label=BOUND_LABEL)
+
+
+def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
+    """Runs that no other one beats in both error and cost, with coordinates and tolerance."""
+    hull = lower_left(points)
+    costs, errors, _ = zip(*hull, strict=True)
+    axes.plot(
+        costs,
+        errors,
+        drawstyle="steps-post",
+        color="#33AA55",
+        linewidth=5,
+        alpha=0.35,
+        zorder=1,
+        solid_capstyle="round",
+        label="lower left hull: nothing is both faster and more accurate",
+    )
+    for x, y, row in _apart(hull):
+        words = f"{row['method'].upper()}, {row['coordinates']:.0f}, {row['tolerance']:.0e}"
+        # Below and to the left of the hull there is nothing by definition.
+        label = axes.annotate(words.replace("e-0", "e-"), (x, y), xytext=(-4, -4), fontsize=7.5,
+                              textcoords="offset points", ha="right", va="top")  # fmt: skip
+        label.set_in_layout(False)
+    # Room for the labels on the left.
+    axes.set_xlim(costs[0] / 2.5, 1.3 * max(x for x, _, _ in points))
+
+
+def _apart(hull: Sequence[Point]) -> list[Point]:
+    """Points far enough from each other for a label, the more accurate ones first."""
+    kept: list[Point] = []
+    for x, y, row in reversed(hull):
+        steps = (math.log10(kept[-1][0] / x), math.log10(y / kept[-1][1])) if kept else (math.inf,)
+        if max(steps) >= LABEL_DISTANCE:
+            kept.append((x, y, row))
+    return kept
+
+
+#: Range of a short axis from which on only powers of ten have room.
+CROWDED = 100
+
+Points = list[tuple[float, float]]
+
+
+def tolerance_series(joint: JointData, quantity: Quantity) -> dict[str, tuple[StudyRow, Points]]:
+    """Error of the steps over the tolerance asked for, from tight to loose, by model.
+
+    Against the same model with very fine steps, and none below the reference's own step error.
+    """
+    column, floor = f"own_{quantity.key}_error_max", joint.own_error("step", quantity)
+    # The very fine steps themselves have no such error.
+    rows = [row for row in joint.measured("tolerance") if math.isfinite(row[column])]
+    return {
+        name: (
+            members[0],
+            [(row["tolerance"], float(np.fmax(row[column], floor))) for row in members],
+        )
+        for name, members in families(rows, sized).items()
+        if len(members) > 1
+    }
+
+
+def slope(points: Points, floor: float) -> float:
+    """Exponent of error over tolerance.
+
+    A least-squares line through the logarithms of the points well above the floor, twice it;
+    nan with fewer than two.
+    """
+    above = [point for point in points if not point[1] <= 2 * floor]
+    if len(above) < 2:
+        return math.nan
+    tolerance, error = np.log(np.array(above)).T
+    return float(np.polyfit(tolerance, error, 1)[0])
+
+
+def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
+    """Error of the steps against the tolerance with the slope of each series, if any."""
+
+    def draw(axes: Axes, _: object, joint: JointData, quantity: Quantity) -> None:
+        floor = joint.own_error("step", quantity)
+        series, told = tolerance_series(joint, quantity), ["slopes"]
+        for label, (row, points) in series.items():
+            exponent = slope(points, floor)
+            told += [f"{family(row)}: {exponent:.2f}"] if math.isfinite(exponent) else []
+            axes.plot(*zip(*points, strict=True), label=label, **line_style(row))
+        percent_axis(axes, f"largest step error of {quantity.title}")
+        axes.set(xscale="log", xlabel="time.tolerance")
+        _draw_guide(axes, *min(series.values(), key=lambda item: item[1][-1][1]))
+        draw_floor(axes, floor)
+        axes.text(0.03, 0.97, "\n".join(told), transform=axes.transAxes, va="top", fontsize=8.5)
+
+    return joint_figure({joint: tolerance_series(joint, FILM) for joint in joints}, 4.2, draw)
+
+
+def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
+    """A line under the points with the slope that a formula of their order gives.
+
+    The local error of order p + 1 in the step follows the tolerance, so that steps go with
+    tolerance^(1/(p+1)), and the error of the curve, of order p, with tolerance^(p/(p+1)).
+    """
+    if not math.isfinite(row["order"]):
+        return
+    (first, _), (last, error) = points[0], points[-1]
+    line, order = np.array([first, last]), round(row["order"])
+    axes.plot(line, 0.5 * error * (line / last) ** (order / (order + 1)), color="0.5",
+              linewidth=1, linestyle=(0, (6, 2)), label=f"slope {order}/{order + 1}")  # fmt: skip
+
+
+def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
+    """Error against the number of cells of the film, None without two meshes."""
+
+    def draw(axes: Axes, rows: list[StudyRow], joint: JointData, quantity: Quantity) -> None:
+        for label, members in families(rows).items():
+            ordered = sorted(members, key=cells)
+            errors = [row.visible_error(quantity) for row in ordered]
+            axes.plot([*map(cells, ordered)], errors, label=label, **line_style(ordered[0]))
+        percent_axis(axes, f"largest error of {quantity.title}\nagainst {finest_mesh(joint)} cells")
+        plain_log_axis(axes, "cells of the film")
+        sizes = sorted({cells(row): row["film_cells"] for row in rows}.items())
+        axes.set_xticks([n for n, _ in sizes], [f"{n}\n{text}" for n, text in sizes])
+        floor = max(row.floor(quantity) for row in rows)
+        draw_floor(axes, floor, "error of the last mesh but one")
+
+    rows = {joint: joint.measured("film") for joint in joints}
+    several = [len(set(map(cells, own))) > 1 for own in rows.values()]
+    return joint_figure(rows, 3.9, draw) if all(several) else None
+
+
+def finest_mesh(joint: JointData) -> str:
+    """Cells of the film that the others are measured against, ``60x15`` say; empty: none."""
+    rows = [row for row in joint.planned("film") if row.complete]
+    return str(max(rows, key=cells)["film_cells"]) if rows else ""
+
+
+def cells(row: StudyRow) -> int:
+    """Number of film cells, of ``20x5`` say; 0 where the table does not tell."""
+    return math.prod(map(int, row["film_cells"].split("x"))) if row["film_cells"] else 0
+
+
+def gap_floor(joint: JointData) -> float:
+    """Largest error of the reference's own gap, anywhere and at any time [m].
+
+    As its other runs show it, except that on another film mesh, whose error all runs share; 0
+    without them.
+    """
+    film = (joint.study.reference.get("film") or {}).get("run")
+    rows = [row for row in joint.measured("reference") if row["run"] != film]
+    return float(np.nanmax([0.0, *(row["true_gap_error_m"] for row in rows)]))
+
+
+def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
+    """Every run's own estimate of its gap error against the true one, if there is any."""
+    rows = {
+        joint: [
+            row
+            for row in joint.measured("methods")
+            if row["estimated_gap_error_m"] > 0 and row["true_gap_error_m"] > 0
+        ]
+        for joint in joints
+    }
+    told = [joint for joint in joints if rows[joint]]  # a rigid bore's joint has no estimate
+    if not told:
+        return None
+    figure, panels = plt.subplots(
+        1, len(told), figsize=(WIDTH, 4.9), layout="constrained", squeeze=False
+    )
+    for axes, joint in zip(panels.flat, told, strict=True):
+        _draw_estimate(axes, rows[joint], gap_floor(joint))
+        axes.set_title(joint.title, loc="left", fontweight="bold")
+    legend_below(figure)
+    return figure
+
+
+def _draw_estimate(axes: Axes, rows: Sequence[StudyRow], floor: float) -> None:
+    values = []
+    for label, members in families(rows).items():
+        true = [1e6 * max(row["true_gap_error_m"], floor) for row in members]
+        own = [1e6 * row["estimated_gap_error_m"] for row in members]
+        values += true + own
+        axes.plot(true, own, label=label, **(line_style(members[0]) | {"linestyle": ""}))
+    line = np.array([0.5 * min(values), 2 * max(values)])
+    axes.plot(line, line, color="0.4", linewidth=1)
+    axes.fill_between(line, line / 2, 2 * line, color="#33AA55", alpha=0.15, linewidth=0,
+                      label="within a factor of two")  # fmt: skip
+    if 1e6 * floor > line[0]:
+        axes.axvspan(line[0], 1e6 * floor, color=FLOOR, linewidth=0, zorder=0, label=FLOOR_LABEL)
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlim=line,
+        ylim=line,
+        aspect="equal",
+        xlabel="true error of the gap, largest ever [µm]",
+        ylabel="the run's own estimate [µm]",
+    )
+    for axis in (axes.xaxis, axes.yaxis):
+        plain_figures(axis, at=(1.0,) if line[1] > CROWDED * line[0] else (1.0, 2.0, 5.0))
+
+
+#: Curves of one method from few modes to many.
+LINES = (":", "--", "-.", "-")
+
+#: Share of the time at whose start the film builds up, where it is not drawn in full.
+BUILD_UP = 0.1
+
+
+def best(study: StudyData, method: str) -> list[StudyRow]:
+    """The most accurate run of a method, all joints considered; none without any."""
+    rows = study.joints[0].measured("methods", method=method)
+    return sorted(rows, key=lambda row: study.worst_error(row["run"]))[:1]
+
+
+def alike(study: StudyData) -> list[StudyRow]:
+    """A run of each method with about as many coordinates, the best of M4, which needs few."""
+    methods = sorted(COLOURS.keys() - {"m4"})
+    runs = [study.joints[0].measured("methods", method=method) for method in methods]
+    size = float(np.median([row["coordinates"] for own in runs for row in own] or [0.0]))
+
+    def distance(row: StudyRow) -> tuple[float, float]:
+        return abs(row["coordinates"] - size), study.worst_error(row["run"])
+
+    return [min(own, key=distance) for own in runs if own] + best(study, "m4")
+
+
+def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
+    """Curves of some runs on the reference's, None before there is one."""
+    # Of one method the later, the darker: dashes lie on each other.
+    shades = np.linspace(0, 1, len(rows)) if len({row["method"] for row in rows}) == 1 else None
+
+    runs = {joint: [joint.history(row["run"]) for row in rows] for joint in study.joints}
+
+    def draw(axes: Axes, reference: History, joint: JointData, quantity: Quantity) -> None:
+        _draw_curve(axes, reference, quantity, color=GREY, linewidth=4.5,
+                    solid_capstyle="butt", label="reference")  # fmt: skip
+        for i, (row, history) in enumerate(zip(rows, runs[joint], strict=True)):
+            colour = shade(row, None if shades is None else shades[i])
+            dashes = LINES[(i - len(rows)) % len(LINES)]
+            _draw_curve(axes, history, quantity, color=colour, linestyle=dashes, label=sized(row))
+        axes.set(xlabel="time [ms]", ylabel=quantity.label)
+        axes.set_ylim(0, _top(reference, study.start) if quantity is FILM else None)
+        axes.margins(x=0)
+
+    return joint_figure({joint: joint.history(REFERENCE) for joint in study.joints}, 3.9, draw)
+
+
+def _draw_curve(axes: Axes, history: History | None, quantity: Quantity, **style: Any) -> None:
+    if history is not None:
+        values = factor_of(quantity.label) * history[quantity.column]
+        axes.plot(1e3 * history["time_s"], values, **style)
+
+
+def _top(reference: History, start: float) -> float:
+    """Film that is drawn [µm]: the start of an initial value problem would hide the rest."""
+    time = reference["time_s"]
+    later = time >= (BUILD_UP * time[-1] if start > 0 else 0.0)
+    return 1.15 * factor_of(FILM.label) * float(reference[FILM.column][later].max())
+
+
+def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
+    """Relative errors of some runs over time, none inside the reference's own error, if any."""
+
+    def draw(
+        axes: Axes, errors: Mapping[StudyRow, History], joint: JointData, quantity: Quantity
+    ) -> None:
+        floor = max((row.floor(quantity) for row in joint.measured("methods")), default=0.0)
+        if floor > 0:
+            # Linear up to the first power of ten outside of the band, where ticks begin.
+            linear = 10.0 ** np.ceil(np.log10(100 * floor))
+            axes.set_yscale("symlog", linthresh=linear, linscale=0.4)
+            axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            axes.axhspan(-100 * floor, 100 * floor, color=FLOOR, linewidth=0, label=FLOOR_LABEL)
+        for row, found in errors.items():
+            error = found[f"{quantity.key}_error"]
+            axes.plot(
+                1e3 * found["time_s"],
+                100 * np.where(np.abs(error) < floor, np.nan, error),
+                color=shade(row),
+                linestyle=selection(row)[1],
+                label=sized(row),
+            )
+        axes.axhline(0, color="0.3", linewidth=0.8)
+        axes.margins(x=0)
+        of = "of the film" if quantity is FILM else "of the reference's peak"
+        axes.set(xlabel="time [ms]", ylabel=f"error of {quantity.title}\n[% {of}]")
+        axes.set_xlim(left=1e3 * study.start)
+
+    errors = {
+        joint: {row: found for row in rows if (found := joint.errors_over_time(row["run"]))}
+        for joint in study.joints
+    }
+    return joint_figure(errors, 3.9, draw)
+
+
+#: Height of a row [inches].
+ROW_HEIGHT = 1.75
+
+#: Modes of a row, and largest deflection in the picture, bore radius 1.
+COLUMNS, DEFLECTION = 6, 0.32
+
+#: Circles of the bore that are drawn, by their place along z, and their lines.
+RINGS: dict[str, dict[str, Any]] = {
+    "lower edge": {"linewidth": 0.9, "linestyle": ":"},
+    "upper edge": {"linewidth": 0.9, "linestyle": "--"},
+    "middle": {"linewidth": 1.8},
+}
+
+#: What is shown of each method.
+SHOWN = {
+    "m1": ("fixed-boundary",),
+    "m2": ("fixed-boundary",),
+    "m3": ("vibration", "static"),
+    "m4": ("quasi-static",),
+}
+
+
+def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
+    """Reduced bodies of the best run of each method at each of their bores, by name and method.
+
+    The name is the body's, of one with several bores with the bore's. Broken files are left out.
+    """
+    found: dict[str, dict[str, ReducedBody]] = {}
+    for row in (row for method in SHOWN for row in best(study, method)):
+        for path in sorted(study.folder(row["run"]).glob("body-*.h5")):
+            try:
+                body = load_body(path)
+            except BodyFileError:
+                continue
+            name = path.stem.removeprefix("body-")
+            for bore in body.bores:
+                key = f"{name}_{bore}" if len(body.bores) > 1 else name
+                found.setdefault(key, {})[row["method"]] = body.at_bore(bore)
+    return found
+
+
+def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
+    """Displacement of the bore, shape (m, 3, c), in its first modes of a kind, a note on each.
+
+    Modes by frequency; quasi-static patterns, which have none, the most flexible first.
+    """
+    if kind == "quasi-static":
+        patterns = body.residual.displacement if body.residual else np.empty((0, 3, 0))
+        order = np.argsort(-np.abs(patterns).max(axis=(0, 1), initial=0.0), kind="stable")
+        return patterns[:, :, order[:COLUMNS]], ["no inertia"] * min(len(order), COLUMNS)
+    order = np.argsort(body.frequencies, kind="stable")
+    members = [i for i in order if body.kinds[i] == kind][:COLUMNS]
+    notes = [f"{body.frequencies[i] * 1e-3:.3g} kHz" for i in members]
+    return body.bore_basis[:, :, members], notes
+
+
+def _elastic(nodes: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    """Shapes less the rigid motion of the bore, which would hide how it is bent."""
+    rigid = rigid_fields(nodes)
+    flat = shapes.reshape(len(rigid), -1)
+    share, *_ = np.linalg.lstsq(rigid, flat, rcond=None)
+    return (flat - rigid @ share).reshape(shapes.shape)
+
+
+def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
+    """First mode shapes of the bore of one part, reduced by several methods; None without any."""
+    shown = [
+        (method, kind, body, *first_shapes(body, kind))
+        for method, body in bodies.items()
+        for kind in SHOWN[method]
+    ]
+    shown = [row for row in shown if row[-1]]
+    if not shown:
+        return None
+    size = (WIDTH, ROW_HEIGHT * len(shown))
+    figure, panels = plt.subplots(len(shown), COLUMNS, figsize=size, squeeze=False)
+    # Nothing stands outside these panels that a layout would have to find room for.
+    top = 1 - 0.25 / (ROW_HEIGHT * len(shown))
+    figure.subplots_adjust(left=0.01, right=0.99, bottom=0.0, top=top, hspace=0.16, wspace=0.0)
+    for axes in panels.flat:
+        axes.set_axis_off()
+    for row, (method, kind, body, shapes, notes) in zip(panels, shown, strict=True):
+        title = f"{method.upper()}, {kind} modes"
+        row[0].set_title(title, loc="left", fontsize=10, fontweight="bold")
+        radial = outward(body.bore_nodes, _elastic(body.bore_nodes, shapes))
+        for axes, deflection, note in zip(row, radial.T, notes, strict=False):
+            _draw_shape(axes, body.bore_nodes, deflection, COLOURS[method])
+            axes.text(0, 0, note, ha="center", va="center", fontsize=8.5)
+    rings = [Line2D([], [], color="0.3", label=ring, **style) for ring, style in RINGS.items()]
+    figure.legend(handles=rings, loc="upper right", ncols=len(rings), frameon=False,
+                  borderaxespad=0.1)  # fmt: skip
+    return figure
+
+
+def _draw_shape(axes: Axes, nodes: np.ndarray, radial: np.ndarray, colour: str) -> None:
+    """Bore in one mode, from its deflection at the nodes."""
+    turn = np.linspace(0, 2 * np.pi, 181)
+    axes.plot(np.cos(turn), np.sin(turn), color="0.75", linewidth=0.8)
+    angle = np.arctan2(nodes[:, 1], nodes[:, 0])
+    for ring, style in zip(_rings(nodes), RINGS.values(), strict=True):
+        order = ring[np.argsort(angle[ring])]
+        radius = 1 + DEFLECTION * radial[order] / np.abs(radial).max()
+        ends = np.append(angle[order], angle[order[0]] + 2 * np.pi)
+        smooth = CubicSpline(ends, np.append(radius, radius[0]), bc_type="periodic")(turn)
+        axes.plot(smooth * np.cos(turn), smooth * np.sin(turn), color=colour, **style)
+    axes.set(aspect="equal", xlim=(-1.38, 1.38), ylim=(-1.38, 1.38))
+
+
+def _rings(nodes: np.ndarray) -> list[np.ndarray]:
+    """Nodes of both edges and of the whole circle of nodes nearest to mid-width."""
+    levels, member = np.unique(np.round(nodes[:, 2] / np.ptp(nodes[:, 2]), 6), return_inverse=True)
+    sizes = np.bincount(member)
+    whole = np.flatnonzero(sizes == sizes[[0, -1]].max())
+    middle = whole[np.abs(levels[whole] - levels.mean()).argmin()]
+    return [np.flatnonzero(member == i) for i in (0, len(levels) - 1, middle)]
+
+
+def draw_pressure(joint: JointData, run: str = REFERENCE) -> Figure | None:
+    """Pressure of a run at its highest peak and at the thinnest film, None without it."""
+    film, history = joint.film(run), joint.history(run)
+    if film is None or history is None:
+        return None
+    moments = {
+        "highest pressure": int(history[PRESSURE.column].argmax()),
+        "thinnest film": int(history[FILM.column].argmin()),
+    }
+    grid, pressure = film_grid(film), 1e-6 * np.asarray(film.pressure)
+    rasters = [
+        raster_of(grid, pressure[step], f"{moment}, {1e3 * history['time_s'][step]:.3f} ms")
+        for moment, step in moments.items()
+    ]
+    return draw_rasters([rasters], "pressure [MPa]", PRESSURES)

@@ -1,0 +1,110 @@
+"""``import fenics_ehd as ehd``: what it offers, and what that costs."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hand_made_rod import Joint, make_body
+from mechanism_cases import film, rigid_rod, slider_crank
+
+import fenics_ehd as ehd
+
+
+@pytest.mark.parametrize("name", [name for name in ehd.__all__ if name != "__version__"])
+def test_every_public_name_is_there_and_documented(name):
+    assert getattr(ehd, name).__doc__
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "time",
+        "names",
+        "units",
+        "figures",
+        "summary",
+        "last_cycle",
+        "save",
+        "to_dataframe",
+        "to_xarray",
+    ],
+)
+def test_a_history_has_what_is_documented(name):
+    assert getattr(ehd.History, name).__doc__
+
+
+def test_a_name_that_is_none_is_said_to_be_none():
+    with pytest.raises(AttributeError, match="no attribute 'Bearing'"):
+        _ = ehd.Bearing
+
+
+def test_names_import_what_they_need_alone():
+    code = (
+        "import sys\nimport fenics_ehd as ehd\n"
+        "ehd.Reductor, ehd.read_abaqus, ehd.errors.SettingsError\n"
+        "sys.exit(', '.join({'dolfinx', 'gmsh', 'matplotlib'} & set(sys.modules)) or 0)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+
+
+SHORT = {
+    "time.periodic": False,
+    "time.revolutions": 0.02,
+    "time.tolerance": 1e-2,
+    "output.error_budget": False,
+}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rod") / "rod.h5"
+    ehd.save_body(make_body(Joint()), path)
+    tables = dict(ehd.read_scene("slider-crank").tables)
+    tables["bodies"] = {**tables["bodies"], "rod": {"kind": "flexible", "body": str(path)}}
+    return ehd.read_scene(tables, **SHORT)
+
+
+def test_a_machine_in_memory_is_that_of_its_folder(scene, tmp_path):
+    machine = ehd.build(scene)
+    found = ehd.simulate(machine.mechanism, **machine.options)
+    kept = ehd.run(scene, tmp_path / "out")
+    pressures = (one.joints["big_end"].film.pressure for one in (found, kept))
+    np.testing.assert_allclose(*pressures, rtol=1e-6, atol=1.0)
+    assert kept.summary()["status"] == "complete"
+    again = ehd.load_history(tmp_path / "out")
+    np.testing.assert_array_equal(again.time, kept.time)
+    with pytest.raises(ehd.errors.InputError, match="complete"):
+        ehd.run(scene, tmp_path / "out")
+
+
+def test_changes_name_their_keys():
+    scene = ehd.read_scene("four-bar", **{"time.tolerance": 1e-3})
+    assert scene.time.tolerance == 1e-3
+    with pytest.raises(ehd.errors.SettingsError, match="tolerence"):
+        ehd.read_scene("four-bar", **{"time.tolerence": 1e-3})
+
+
+def test_a_bearing_is_one_call():
+    settings = ehd.BearingSettings(cells_around=20, cells_along=4)
+    found = ehd.solve_bearing(settings, eccentricity=0.6)
+    assert found.load > 0
+
+
+def test_a_run_is_gone_through_again_by_another_mechanism_and_judged(tmp_path):
+    mechanism = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (12, 2)))
+    history = ehd.simulate(mechanism, 2e-4, tolerance=1e-4)
+    again = ehd.replay(history, mechanism)
+    np.testing.assert_array_equal(again["time"], history["time"])
+    name = "big_end.min_film_thickness"
+    np.testing.assert_allclose(again[name], history[name], rtol=1e-4)
+    thicker = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.0101, (12, 2)))
+    change = ehd.replay(history, thicker, stride=2)[name][-1] / history[name][-1]
+    assert 1.0 < change < 1.01
+    assert ehd.error_budget(history).joints["big_end"]["min_film_thickness"]["known"] > 0.0
+    with pytest.raises(ehd.errors.InputError, match="needs a periodic solution"):
+        ehd.multiplier(history)
+    history.save(tmp_path)
+    with pytest.raises(ehd.errors.InputError, match="was read"):
+        ehd.replay(ehd.load_history(tmp_path), mechanism)
