@@ -16,22 +16,17 @@ from mpi4py import MPI
 from reduction_scipy import SCIPY_METHODS
 
 import fenics_ehd as ehd
-from fenics_ehd.reduction import (
-    craig_bampton,
-    load_dependent,
-    residual_flexibility,
-    two_step_craig_bampton,
-)
+from fenics_ehd.reduction import two_step_craig_bampton
 from fenics_ehd.scenes.part import elastic_part
 
 #: No error estimate: that is a Pc1 reduction more for every method but M4.
 METHODS = {
-    "m1-37": lambda s, **k: craig_bampton(s, 37, estimate_error=False, **k),
-    "m1-127": lambda s, **k: craig_bampton(s, 127, estimate_error=False, **k),
+    "m1-37": lambda s, **k: ehd.craig_bampton(s, 37, estimate_error=False, **k),
+    "m1-127": lambda s, **k: ehd.craig_bampton(s, 127, estimate_error=False, **k),
     "m2-37": lambda s, **k: two_step_craig_bampton(s, 37, 20, estimate_error=False, **k),
-    "m3-pc2": lambda s, **k: load_dependent(s, 6, 31, estimate_error=False, **k),
-    "m3-pc1": lambda s, **k: load_dependent(s, 6, 31, "pc1", estimate_error=False, **k),
-    "m4": lambda s, **k: residual_flexibility(s, 6, estimate_error=False, **k),
+    "m3-pc2": lambda s, **k: ehd.load_dependent(s, 6, 31, estimate_error=False, **k),
+    "m3-pc1": lambda s, **k: ehd.load_dependent(s, 6, 31, "pc1", estimate_error=False, **k),
+    "m4": lambda s, **k: ehd.residual_flexibility(s, 6, estimate_error=False, **k),
 }
 
 

@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from fenics_ehd.base.errors import InputError
-from fenics_ehd.reduction import ReducedBody, Structure, load_dependent
+import fenics_ehd as ehd
 from fenics_ehd.reduction.bore import rigid_fields, turned
 from fenics_ehd.reduction.distributed import MassOperator, inner, symmetric
 
@@ -30,7 +29,7 @@ from fenics_ehd.reduction.distributed import MassOperator, inner, symmetric
 MOVES, MODES = slice(1, 4), slice(4, None)
 
 
-def inertia(structure: Structure, columns: np.ndarray) -> tuple[np.ndarray, ...]:
+def inertia(structure: ehd.Structure, columns: np.ndarray) -> tuple[np.ndarray, ...]:
     """``F^T M F``, ``F^T M S_c F`` and ``(S_c F)^T M (S_d F)`` of part-size modes (dofs, n)."""
     mass, comm = MassOperator(structure.mass), structure.comm
     position = structure.coordinates.reshape(-1, 1)
@@ -42,7 +41,7 @@ def inertia(structure: Structure, columns: np.ndarray) -> tuple[np.ndarray, ...]
     return symmetric(inner(fields, mass.multiply(fields), comm)), spin, centrifugal
 
 
-def couplings(structure: Structure, columns: np.ndarray) -> dict[str, np.ndarray]:
+def couplings(structure: ehd.Structure, columns: np.ndarray) -> dict[str, np.ndarray]:
     """Constant matrices of Exudyn's equations, column ``3 * mode + axis`` of turned modes."""
     gram, spin, centrifugal = inertia(structure, columns)
     total, n = gram[1, 1], columns.shape[1]
@@ -63,7 +62,7 @@ def couplings(structure: Structure, columns: np.ndarray) -> dict[str, np.ndarray
     }
 
 
-def export(body: ReducedBody, structure: Structure, path: Path) -> Path:
+def export(body: ehd.ReducedBody, structure: ehd.Structure, path: Path) -> Path:
     """Write a body that kept its basis.
 
     Mesh nodes for markers are those of the bore, then each boundary point, the mean of its
@@ -75,7 +74,9 @@ def export(body: ReducedBody, structure: Structure, path: Path) -> Path:
         Exudyn cannot hold it: it has no modes, is clamped, or has flexibility without mass.
     """
     if not body.modes or body.frame == "clamped" or body.residual is not None:
-        raise InputError("Exudyn moves a free body whose coordinates all have mass: M1, M2, M3")
+        raise ehd.errors.InputError(
+            "Exudyn moves a free body whose coordinates all have mass: M1, M2, M3"
+        )
     points, n = list(body.points.values()), body.modes
     nodes = np.vstack([body.bore_nodes, *(row[:, :1].T for row in points)])
     basis = np.concatenate([body.bore_basis, *(row[None, :, 3:] for row in points)])
@@ -123,7 +124,7 @@ def frequencies(path: Path) -> np.ndarray:
     return np.asarray(ComputeODE2Eigenvalues(mbs, convert2Frequencies=True)[0])
 
 
-def free_frequencies(body: ReducedBody) -> np.ndarray:
+def free_frequencies(body: ehd.ReducedBody) -> np.ndarray:
     """Elastic frequencies of the free part [Hz], rigid motion eliminated."""
     share = body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_coupling)
     return np.sqrt(eigh(body.stiffness, body.mass - share, eigvals_only=True)) / (2 * np.pi)
@@ -134,11 +135,10 @@ def main() -> tuple[np.ndarray, np.ndarray]:
     from mpi4py import MPI
 
     from fenics_ehd.scenes.part import elastic_part
-    from fenics_ehd.scenes.scene import read_scene
 
-    rod = read_scene("slider-crank-paper").bodies["rod"]
+    rod = ehd.read_scene("slider-crank-paper").bodies["rod"]
     structure = elastic_part(rod, "rod", "lagrange", MPI.COMM_SELF).source
-    body = load_dependent(structure, 6, 31, keep_basis=True, estimate_error=False)
+    body = ehd.load_dependent(structure, 6, 31, keep_basis=True, estimate_error=False)
     with TemporaryDirectory() as folder:
         path = export(body, structure, Path(folder, "rod.npz"))
         return frequencies(path)[6:], free_frequencies(body)

@@ -16,13 +16,7 @@ from scipy import sparse
 from scipy.io import mmwrite
 from scipy.sparse.linalg import eigsh
 
-from fenics_ehd.reduction import (
-    Structure,
-    bore_from_faces,
-    load_body,
-    load_dependent,
-    save_body,
-)
+import fenics_ehd as ehd
 
 RADIUS, OUTER, WIDTH = 0.0225, 0.0340, 0.022  # [m]
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0
@@ -95,10 +89,10 @@ def main() -> tuple[float, float]:
         folder = Path(name)
         for matrix, file in ((k, "K.mtx"), (m, "M.mtx")):
             mmwrite(folder / file, matrix, precision=17, symmetry="symmetric")
-        bore = bore_from_faces(nodes, faces, "bilinear")
-        part = Structure(folder / "K.mtx", folder / "M.mtx", nodes, bore, {"pin": pin})
-        save_body(load_dependent(part, 6, 31), folder / "ring.h5")
-        body = load_body(folder / "ring.h5")
+        bore = ehd.bore_from_faces(nodes, faces, "bilinear")
+        part = ehd.Structure(folder / "K.mtx", folder / "M.mtx", nodes, bore, {"pin": pin})
+        ehd.save_body(ehd.load_dependent(part, 6, 31), folder / "ring.h5")
+        body = ehd.load_body(folder / "ring.h5")
     print(f"{k.shape[0]} degrees of freedom, {body.modes} modes, {body.inertia.total_mass:.3f} kg")
     for kind in dict.fromkeys(body.kinds):
         own = [f for f, of in zip(body.frequencies, body.kinds, strict=True) if of == kind]

@@ -18,15 +18,7 @@
 import sys
 from pathlib import Path
 
-from fenics_ehd.film import Film, FilmParameters, Lubricant, uniform_grid
-from fenics_ehd.multibody.body import RigidBody, ground
-from fenics_ehd.multibody.forces import PointForce
-from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.scenes.tables import read_load
+import fenics_ehd as ehd
 
 LOAD = Path(__file__).parent / "loads" / "single_cylinder.csv"
 SPEED = 300.0  # rad/s
@@ -38,18 +30,20 @@ SPEED = 300.0  # rad/s
 # `time_s,Fx_N,Fy_N`. The film has 20 x 5 cells with 9 nodes, the journal no mass.
 
 
-def mechanism(load: str | Path) -> tuple[Mechanism, float]:
+def mechanism(load: str | Path) -> tuple[ehd.Mechanism, float]:
     """A journal under a load, and the period [s]."""
-    grid = uniform_grid(radius=0.025, width=0.02, cells=(20, 5))
-    film = Film(FilmParameters(grid, clearance=25e-6, lubricant=Lubricant(0.01), rate=SPEED))
-    along_x, along_y = read_load(Path(load))
-    journal = Mechanism(
-        bodies={"ground": ground({"bearing": (0.0, 0.0)}), "journal": RigidBody(0.0, 0.0)},
-        joints={"film": LubricatedJoint("journal", "ground.bearing", film, smallest_film=1e-4)},
-        drives={"journal": Speed(SPEED)},
+    grid = ehd.uniform_grid(radius=0.025, width=0.02, cells=(20, 5))
+    film = ehd.Film(
+        ehd.FilmParameters(grid, clearance=25e-6, lubricant=ehd.Lubricant(0.01), rate=SPEED)
+    )
+    along_x, along_y = ehd.read_load(Path(load))
+    journal = ehd.Mechanism(
+        bodies={"ground": ehd.ground({"bearing": (0.0, 0.0)}), "journal": ehd.RigidBody(0.0, 0.0)},
+        joints={"film": ehd.LubricatedJoint("journal", "ground.bearing", film, smallest_film=1e-4)},
+        drives={"journal": ehd.Speed(SPEED)},
         forces={
-            "x": PointForce("journal", (1.0, 0.0), along_x),
-            "y": PointForce("journal", (0.0, 1.0), along_y),
+            "x": ehd.PointForce("journal", (1.0, 0.0), along_x),
+            "y": ehd.PointForce("journal", (0.0, 1.0), along_y),
         },
     )
     return journal, along_x.period
@@ -62,10 +56,10 @@ def mechanism(load: str | Path) -> tuple[Mechanism, float]:
 # remembers one stroke, so that two or three are enough.
 
 
-def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> History:
+def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> ehd.History:
     """Find the orbit and print what a designer asks for first."""
     journal, period = mechanism(load)
-    result = simulate(
+    result = ehd.simulate(
         journal, period=period, periodicity=tolerance, tolerance=tolerance, order=2, first=1e-6
     )
     film = result.joints["film"]

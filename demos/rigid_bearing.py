@@ -14,8 +14,8 @@
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.bearing import BearingResult, solve_bearing
-from fenics_ehd.analysis.bearing_settings import BearingSettings
+import fenics_ehd as ehd
+from fenics_ehd.analysis.bearing import BearingResult
 
 # -
 
@@ -28,7 +28,7 @@ from fenics_ehd.analysis.bearing_settings import BearingSettings
 
 def operating_point(load: float) -> BearingResult:
     """The default bearing under a load [N]."""
-    found = solve_bearing(BearingSettings(), load=load, with_coefficients=True)
+    found = ehd.solve_bearing(ehd.BearingSettings(), load=load, with_coefficients=True)
     print(f"load {1e-3 * load:g} kN: eccentricity {found.eccentricity_ratio:.4f} of the clearance,")
     print(f"  attitude {np.degrees(found.attitude):.2f} degrees,")
     print(f"  thinnest film {1e6 * found.min_film_thickness:.3f} um,")
@@ -69,7 +69,7 @@ def coefficients(found: BearingResult) -> None:
 #     tan(attitude) = pi / 4 sqrt(1 - eps^2) / eps
 
 
-def ocvirk(settings: BearingSettings, eps: float) -> tuple[float, float]:
+def ocvirk(settings: ehd.BearingSettings, eps: float) -> tuple[float, float]:
     """Load [N] and attitude [rad] of a short bearing at an eccentricity ratio."""
     s, rest = settings, 1 - eps**2
     scale = s.viscosity * s.speed * s.radius * s.width**3 / (4 * s.clearance**2)
@@ -82,10 +82,10 @@ def shorter_and_shorter(eps: float = 0.5) -> float:
     print(f"width / diameter, load / Ocvirk's, attitude - Ocvirk's, at eccentricity {eps:g}:")
     ratio = np.nan
     for slenderness in (1.0, 0.5, 0.25, 0.1, 0.05):
-        settings = BearingSettings()
+        settings = ehd.BearingSettings()
         settings = attrs.evolve(settings, width=2 * settings.radius * slenderness)
         load, attitude = ocvirk(settings, eps)
-        found = solve_bearing(settings, eccentricity=eps)
+        found = ehd.solve_bearing(settings, eccentricity=eps)
         ratio = found.load / load
         difference = np.degrees(found.attitude - attitude)
         print(f"  {slenderness:5.2f} {ratio:8.4f} {difference:8.2f} degrees")

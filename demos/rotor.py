@@ -13,24 +13,11 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.fields import Material
-from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.structure import assemble_structure
-from fenics_ehd.film import Film, FilmParameters, Lubricant
-from fenics_ehd.film.grid import film_grid
-from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.forces import RotatingForce
-from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.shaft import Disk, ModalRotor, Shaft, ShaftBody, beam_plane
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.reduction import ReducedBody, residual_flexibility
+import fenics_ehd as ehd
+from fenics_ehd.multibody.shaft import beam_plane
 
 SPEED = 600.0  # rad/s
-STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
+STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 # -
 
 # ## The shaft
@@ -39,15 +26,15 @@ STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 # modes, ten in either plane, with the bearing empty.
 
 
-def shaft() -> ShaftBody:
+def shaft() -> ehd.ShaftBody:
     """The paper's shaft; bearing and force at shares of its length."""
-    beams = Shaft(1.0, 0.045, 210e9, 7446.0, support_stiffness=1.58e8, elements=20)
-    disk = Disk(0.5, mass=0.8, polar_inertia=1e-3, diametral_inertia=5e-4)
-    rotor = ModalRotor.of(beam_plane(beams, [disk]), 10)
+    beams = ehd.Shaft(1.0, 0.045, 210e9, 7446.0, support_stiffness=1.58e8, elements=20)
+    disk = ehd.Disk(0.5, mass=0.8, polar_inertia=1e-3, diametral_inertia=5e-4)
+    rotor = ehd.ModalRotor.of(beam_plane(beams, [disk]), 10)
     frequencies = rotor.angular[:3] / (2 * np.pi)
     print("shaft without oil:", ", ".join(f"{f:.1f}" for f in frequencies), "Hz")
     polar = beams.polar_inertia + disk.polar_inertia
-    return ShaftBody(rotor, polar, 1e-3, {"bearing": 0.5, "force": 0.75})
+    return ehd.ShaftBody(rotor, polar, 1e-3, {"bearing": 0.5, "force": 0.75})
 
 
 # ## The housing
@@ -56,11 +43,11 @@ def shaft() -> ShaftBody:
 # ten modes; whatever else the bore can do answers the pressure at once.
 
 
-def housing() -> ReducedBody:
+def housing() -> ehd.ReducedBody:
     """Mesh, assemble, hold, reduce."""
-    mesh = build_mesh(model_path("housing"), comm=MPI.COMM_SELF)
-    structure = assemble_structure(mesh, STEEL, attachments=(), clamped="foot")
-    body = residual_flexibility(structure, 10, centrifugal=False)
+    mesh = ehd.build_mesh(ehd.model_path("housing"), comm=MPI.COMM_SELF)
+    structure = ehd.assemble_structure(mesh, STEEL, attachments=(), clamped="foot")
+    body = ehd.residual_flexibility(structure, 10, centrifugal=False)
     print(f"housing: {body.modes} modes, first at {body.frequencies[0]:.0f} Hz")
     return body
 
@@ -71,19 +58,21 @@ def housing() -> ReducedBody:
 # default, to be quick: what rings after the sudden start is damped by it.
 
 
-def main(revolutions: float = 0.25) -> History:
+def main(revolutions: float = 0.25) -> ehd.History:
     """Run, and say where the film is thinnest."""
     part = housing()
-    grid = film_grid(part.pressure_nodes)
-    film = Film(FilmParameters(grid, clearance=17e-6, lubricant=Lubricant(0.01), rate=SPEED))
-    mechanism = Mechanism(
-        bodies={"shaft": shaft(), "housing": FlexibleBody(part)},
-        joints={"bearing": LubricatedJoint("shaft.bearing", "housing.bore", film)},
-        drives={"shaft": Speed(SPEED)},
-        forces={"unbalance": RotatingForce("shaft.force", 3600.0, SPEED)},
+    grid = ehd.film_grid(part.pressure_nodes)
+    film = ehd.Film(
+        ehd.FilmParameters(grid, clearance=17e-6, lubricant=ehd.Lubricant(0.01), rate=SPEED)
+    )
+    mechanism = ehd.Mechanism(
+        bodies={"shaft": shaft(), "housing": ehd.FlexibleBody(part)},
+        joints={"bearing": ehd.LubricatedJoint("shaft.bearing", "housing.bore", film)},
+        drives={"shaft": ehd.Speed(SPEED)},
+        forces={"unbalance": ehd.RotatingForce("shaft.force", 3600.0, SPEED)},
     )
     end = revolutions * 2 * np.pi / SPEED
-    result = simulate(
+    result = ehd.simulate(
         mechanism, end, tolerance=1e-3, order=2, first=1e-6, largest=0.02 / revolutions
     )
     bearing = result.joints["bearing"]

@@ -12,22 +12,10 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.fields import Material
-from fenics_ehd.fem.geometry import build_mesh
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.structure import assemble_structure
-from fenics_ehd.film import Film, FilmParameters, Lubricant
-from fenics_ehd.film.grid import film_grid
-from fenics_ehd.multibody.body import FlexibleBody, RigidBody
-from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.joints import Revolute, Slider, Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.simulation import simulate
-from fenics_ehd.reduction import ReducedBody, load_dependent
+import fenics_ehd as ehd
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0  # m, m, rad/s
-STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
+STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 # -
 
 # ## Offline: a rod becomes 39 modes
@@ -39,10 +27,12 @@ STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 # frequency.
 
 
-def reduce() -> ReducedBody:
+def reduce() -> ehd.ReducedBody:
     """Mesh, assemble, reduce."""
-    structure = assemble_structure(build_mesh(model_path("conrod"), comm=MPI.COMM_SELF), STEEL)
-    body = load_dependent(structure, 6, 31)
+    structure = ehd.assemble_structure(
+        ehd.build_mesh(ehd.model_path("conrod"), comm=MPI.COMM_SELF), STEEL
+    )
+    body = ehd.load_dependent(structure, 6, 31)
     print(f"{body.modes} modes, first elastic frequency {body.frequencies[0]:.0f} Hz")
     for mode in body.inventory[:3]:
         share = f"{mode.participation:.1%} of the bore's flexibility"
@@ -56,23 +46,25 @@ def reduce() -> ReducedBody:
 # assembly closes the joints. The film has the cells of the rod's bore.
 
 
-def mechanism(rod: ReducedBody) -> Mechanism:
+def mechanism(rod: ehd.ReducedBody) -> ehd.Mechanism:
     """The paper's machine."""
-    grid = film_grid(rod.pressure_nodes)
-    film = Film(FilmParameters(grid, clearance=17e-6, lubricant=Lubricant(0.01), rate=SPEED))
-    return Mechanism(
+    grid = ehd.film_grid(rod.pressure_nodes)
+    film = ehd.Film(
+        ehd.FilmParameters(grid, clearance=17e-6, lubricant=ehd.Lubricant(0.01), rate=SPEED)
+    )
+    return ehd.Mechanism(
         bodies={
-            "crank": RigidBody(mass=1.0, inertia=1e-3, named_points={"pin": (CRANK, 0.0)}),
-            "rod": FlexibleBody(rod, damping_time=1e-3, position=(CRANK, 0.0)),
-            "piston": RigidBody(mass=0.5, inertia=1e-3, position=(CRANK + ROD, 0.0)),
+            "crank": ehd.RigidBody(mass=1.0, inertia=1e-3, named_points={"pin": (CRANK, 0.0)}),
+            "rod": ehd.FlexibleBody(rod, damping_time=1e-3, position=(CRANK, 0.0)),
+            "piston": ehd.RigidBody(mass=0.5, inertia=1e-3, position=(CRANK + ROD, 0.0)),
         },
         joints={
-            "main": Revolute(("ground", "crank")),
-            "big_end": LubricatedJoint(journal="crank.pin", bore="rod.bore", film=film),
-            "gudgeon": Revolute(("rod.pin", "piston")),
-            "cylinder": Slider("ground", "piston"),
+            "main": ehd.Revolute(("ground", "crank")),
+            "big_end": ehd.LubricatedJoint(journal="crank.pin", bore="rod.bore", film=film),
+            "gudgeon": ehd.Revolute(("rod.pin", "piston")),
+            "cylinder": ehd.Slider("ground", "piston"),
         },
-        drives={"crank": Speed(SPEED)},
+        drives={"crank": ehd.Speed(SPEED)},
     )
 
 
@@ -86,10 +78,10 @@ def mechanism(rod: ReducedBody) -> Mechanism:
 # line says more: how much of the gap the reduction may miss, and a verdict.)
 
 
-def main(revolutions: float = 1.0) -> History:
+def main(revolutions: float = 1.0) -> ehd.History:
     """The whole way."""
     end = revolutions * 2 * np.pi / SPEED
-    result = simulate(mechanism(reduce()), end, largest=0.02 / revolutions)
+    result = ehd.simulate(mechanism(reduce()), end, largest=0.02 / revolutions)
     film = result.joints["big_end"]
     print(f"{len(result.time)} steps, maximum pressure {film.max_pressure.max() / 1e6:.2f} MPa")
     print(f"minimum film thickness {film.min_film_thickness.min() * 1e6:.3f} um")

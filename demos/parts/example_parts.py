@@ -17,8 +17,8 @@ import gmsh
 import meshio
 import numpy as np
 
+import fenics_ehd as ehd
 from fenics_ehd.base.processes import printing_kept
-from fenics_ehd.fem.models import model_path
 from fenics_ehd.fem.solid import Solid, used
 
 ELEMENT = {"hex": "C3D20", "tet": "C3D10"}
@@ -60,9 +60,9 @@ def drawing(path: Path, *, drilled: bool) -> None:
 
 def mesh(path: Path, cells: str, tetrahedra: float) -> None:
     """A mesh of the shipped model as another program would have it."""
-    gmsh.open(str(model_path("conrod")))
+    gmsh.open(str(ehd.model_path("conrod")))
     gmsh.onelab.setNumber("Rod/tetrahedra", [tetrahedra])
-    gmsh.open(str(model_path("conrod")))
+    gmsh.open(str(ehd.model_path("conrod")))
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
     own = path.with_suffix(".own.msh")

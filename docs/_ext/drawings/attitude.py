@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from fenics_ehd.analysis.bearing import BearingResult, solve_bearing
-from fenics_ehd.analysis.bearing_settings import BearingSettings
+import fenics_ehd as ehd
+from fenics_ehd.analysis.bearing import BearingResult
 
 from .sketch import BORE, FILM, LOAD, SHAFT, arrow, dot, label, paper, point, turn
 
@@ -21,7 +21,7 @@ def seen(angle: float) -> float:
 
 def draw_attitude() -> Figure:
     """Load line down, as on the command line's own drawing."""
-    result = solve_bearing(BearingSettings(), eccentricity=0.6)
+    result = ehd.solve_bearing(ehd.BearingSettings(), eccentricity=0.6)
     figure, axes = paper(7.0, 6.4)
     axes.add_patch(Circle((0, 0), 1, facecolor="white", edgecolor=BORE, lw=2.4))
     attitude = float(np.degrees(result.attitude))

@@ -5,8 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from fenics_ehd.analysis.bearing import solve_bearing
-from fenics_ehd.analysis.bearing_settings import BearingSettings
+import fenics_ehd as ehd
 
 from .sketch import BORE, FILM, arrow, label, paper
 
@@ -16,7 +15,7 @@ WIDTH = 1.7
 
 def draw_film() -> Figure:
     """Pressure over circumference and width, boundaries and directions."""
-    result = solve_bearing(BearingSettings(), eccentricity=0.7)
+    result = ehd.solve_bearing(ehd.BearingSettings(), eccentricity=0.7)
     grid = result.film.parameters.grid
     angle = np.linspace(0, 2 * np.pi, 361)
     height = np.linspace(grid.heights[0], grid.heights[-1], 61)

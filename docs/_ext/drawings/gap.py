@@ -5,7 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-from fenics_ehd.film.kinematics import ShaftMotion, SurfacePoints, shaft_gap
+import fenics_ehd as ehd
+from fenics_ehd.film.kinematics import SurfacePoints
 
 from .sketch import (
     BORE,
@@ -70,9 +71,9 @@ def _vectors(axes: Axes, e: np.ndarray) -> None:
 def ends_of_gap(e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points on shaft and bore at the shown angle, a gap apart that the program computes."""
     angle = np.radians([SHOWN])
-    at, motion = SurfacePoints(angle, np.zeros(1)), ShaftMotion(e, shaft_speed=1.0)
+    at, motion = SurfacePoints(angle, np.zeros(1)), ehd.ShaftMotion(e, shaft_speed=1.0)
     displacement = bent(angle), np.zeros(1)
-    gap = shaft_gap(at, 1.0, CLEARANCE, motion, bore_displacement=displacement).thickness
+    gap = ehd.shaft_gap(at, 1.0, CLEARANCE, motion, bore_displacement=displacement).thickness
     outer = 1 + bent(angle)
     return point(float(outer[0] - gap[0]), SHOWN), point(float(outer[0]), SHOWN)
 

@@ -5,14 +5,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from fenics_ehd.multibody.body import RigidBody
-from fenics_ehd.multibody.joints import Revolute, Slider, Speed
-from fenics_ehd.multibody.mechanism import Mechanism, System, assemble
-from fenics_ehd.scenes.scene import read_scene
+import fenics_ehd as ehd
+from fenics_ehd.multibody.mechanism import System, assemble
 
 from .sketch import BORE, FILM, LOAD, SHAFT, arrow, dot, frame, label, paper, point, turn
 
-CRANK = read_scene("slider-crank-paper").bodies["crank"].points["pin"][0]
+CRANK = ehd.read_scene("slider-crank-paper").bodies["crank"].points["pin"][0]
 ROD = 0.16
 
 #: Crank angle of the drawing [degrees].
@@ -22,19 +20,19 @@ PHI = 52.0
 def rod_motion() -> float:
     """Angle of the rod as the program has it, shaft and bore centred [degrees]."""
     start = np.radians(PHI)
-    mechanism = Mechanism(
+    mechanism = ehd.Mechanism(
         {
-            "crank": RigidBody(1.0, 1.0, {"pin": (CRANK, 0.0)}, orientation=start),
-            "rod": RigidBody(1.0, 1.0, {"pin": (ROD, 0.0)}),
-            "piston": RigidBody(1.0, 1.0, position=(CRANK + ROD, 0.0)),
+            "crank": ehd.RigidBody(1.0, 1.0, {"pin": (CRANK, 0.0)}, orientation=start),
+            "rod": ehd.RigidBody(1.0, 1.0, {"pin": (ROD, 0.0)}),
+            "piston": ehd.RigidBody(1.0, 1.0, position=(CRANK + ROD, 0.0)),
         },
         {
-            "main": Revolute(("ground", "crank")),
-            "big_end": Revolute(("crank.pin", "rod")),
-            "gudgeon": Revolute(("rod.pin", "piston")),
-            "cylinder": Slider("ground", "piston"),
+            "main": ehd.Revolute(("ground", "crank")),
+            "big_end": ehd.Revolute(("crank.pin", "rod")),
+            "gudgeon": ehd.Revolute(("rod.pin", "piston")),
+            "cylinder": ehd.Slider("ground", "piston"),
         },
-        {"crank": Speed(1.0, start)},
+        {"crank": ehd.Speed(1.0, start)},
     )
     system = System(mechanism)
     return float(np.degrees(assemble(system)[0][system.bodies["rod"]][2]))
