@@ -7,10 +7,9 @@ import scene_cases
 from scene_cases import LOAD, tables_of, toml
 
 from fenics_ehd.scenes.scene import as_stored, scene_text
-from fenics_ehd.study.cases import with_values
+from fenics_ehd.study.cases import Case, with_values
 from fenics_ehd.study.plan import FILM, values_in
-from fenics_ehd.study.pool import CaseTask
-from fenics_ehd.study.sweep import SweepTable, run_sweep
+from fenics_ehd.study.sweep import SweepFolder, run_sweep
 
 
 def scene_as(name, values):
@@ -49,7 +48,7 @@ class Inline:
 
     @property
     def cases(self):
-        return [task.case.name for task in self.tasks if isinstance(task, CaseTask)]
+        return [task.name for task in self.tasks if isinstance(task, Case)]
 
 
 def write_scene(directory, text=SLIDER_CRANK):
@@ -76,6 +75,5 @@ def results(rows):
 
 def sweep_inline(sweep, directory, **options):
     pool = Inline()
-    with SweepTable(directory, sweep) as table:
-        run_sweep(table, pool, **options)
-        return pool, table.rows()
+    with SweepFolder(directory, sweep) as folder:
+        return pool, run_sweep(folder, pool, **options)

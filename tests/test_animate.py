@@ -19,7 +19,6 @@ from scipy.spatial import cKDTree
 import fenics_ehd as ehd
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.plotting import animation
 from fenics_ehd.plotting.animated_bodies import (
     body_view,
     carried_fields,
@@ -28,7 +27,7 @@ from fenics_ehd.plotting.animated_bodies import (
     round_scale,
     shape_of_bores,
 )
-from fenics_ehd.plotting.animation import Bearing, draw, symbol
+from fenics_ehd.plotting.animation import Bearing, draw, draw_pin, draw_slider, save_animation
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.reduction import BasisFile
 from fenics_ehd.reduction.distributed import multiply
@@ -370,7 +369,6 @@ def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
     written = " ".join(text.get_text() for text in figure.texts)
     assert "× 90" in written
     assert f"left, t = {1e3 * columns['time_s'][-1]:.2f} ms" in written
-    animation.plt.close(figure)
 
 
 def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
@@ -382,8 +380,8 @@ def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
     bodies = {name: body_view(run, name, None, 100.0) for name in run.bodies}
     axes = Figure().add_subplot()
     joints = run.system.mechanism.joints
-    for name in ("weld", "slot"):
-        symbol(joints[name], axes, bodies, 1e-3, -1)
+    draw_pin(axes, joints["weld"], bodies, 1e-3, -1)
+    draw_slider(axes, joints["slot"], bodies, 1e-3, -1)
     angle = 100.0 * run.time[-1]
     tip = np.array([0.1, 0.2]) + 0.05 * np.array([np.cos(angle), np.sin(angle)])
     (weld,) = (line for line in axes.lines if line.get_marker() == "s")
@@ -435,14 +433,13 @@ def test_command_says_how_the_basis_of_a_body_is_made(crank, tmp_path, capsys):
 
 @pytest.mark.parametrize("rate", [20, 24, 30, 40, 45, 50])
 def test_a_gif_lasts_as_long_as_its_frames_a_second_say(rate, tmp_path):
-    figure = animation.plt.figure(figsize=(0.4, 0.4))
+    figure = Figure(figsize=(0.4, 0.4))
     count, shades = 12, np.linspace(0, 1, 12)
 
     def show(frame):
         figure.patch.set_facecolor(str(shades[frame]))
 
-    animation._write_gif(figure, show, count, tmp_path / "a.gif", rate, lambda: None)
-    animation.plt.close(figure)
+    save_animation(figure, show, count, tmp_path / "a.gif", rate, lambda: None)
     with Image.open(tmp_path / "a.gif") as picture:
         delays = []
         for frame in range(picture.n_frames):

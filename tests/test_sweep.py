@@ -1,6 +1,7 @@
 """Rows of a sweep: where they come from, what becomes of those that are there already."""
 
 import json
+import math
 import shutil
 from pathlib import Path
 
@@ -26,11 +27,12 @@ from sweep_cases import (
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError, InUseError
 from fenics_ehd.scenes.scene import scene_text
-from fenics_ehd.study.pool import PROCESSOR_SECONDS, OtherFolderError, Outcome, PartTask
+from fenics_ehd.study.cases import Case
+from fenics_ehd.study.pool import PROCESSOR_SECONDS, OtherFolderError, Outcome
 from fenics_ehd.study.sweep import (
     FIGURES,
     JOINT_FIGURES,
-    SweepTable,
+    SweepFolder,
     make_sweep,
     run_sweep,
 )
@@ -76,7 +78,10 @@ def test_folder_has_one_body_and_the_histories(swept):
     body = next((swept / "bodies").iterdir())
     for kept in swept.glob("runs/*/"):
         names = {path.name for path in kept.iterdir()}
-        fields = {"history.csv", "history.h5", "checkpoint.h5", "manifest.txt"}
+        if not (kept / "history.h5").exists():
+            assert names == {"manifest.txt", "outcome.json"}
+            continue
+        fields = {"history.csv", "history.h5", "checkpoint.h5", "manifest.txt", "outcome.json"}
         assert names == {*fields, "summary.json", "scene.toml", "body-rod.h5"}
         assert (kept / "body-rod.h5").samefile(body)
 
@@ -141,8 +146,8 @@ def test_bodies_of_one_part_are_reduced_together_and_once(tmp_path):
     sweep = make_sweep(write_scene(tmp_path, text), ["method=rigid,m3", "residual_modes=16,31"])
     pool, rows = sweep_inline(sweep, tmp_path / "swept")
     assert [row["status"] for row in rows] == ["complete"] * 4
-    (task,) = (task for task in pool.tasks if isinstance(task, PartTask))
-    found = [body.settings.reduction for body in task.bodies]
+    (bodies,) = (task for task in pool.tasks if not isinstance(task, Case))
+    found = [body.settings.reduction for body in bodies]
     # What M3 keeps of 31 modes serves 16; the rigid part needs neither.
     assert [(r.method, r.residual_modes) for r in found] == [("m3", 31), ("m3", 16), ("rigid", 31)]
     bodies = {path: ehd.load_body(path) for path in (tmp_path / "swept" / "bodies").iterdir()}
@@ -150,9 +155,9 @@ def test_bodies_of_one_part_are_reduced_together_and_once(tmp_path):
     assert min(times) > 0
     # Another sweep in the same folder finds them.
     stamps = {path: path.stat().st_mtime_ns for path in bodies}
-    with SweepTable(tmp_path / "swept", sweep, overwrite=True) as table:
-        run_sweep(table, again := Inline())
-    assert again.cases == ["1", "2", "3", "4"]
+    with SweepFolder(tmp_path / "swept", sweep, overwrite=True) as folder:
+        run_sweep(folder, again := Inline())
+    assert again.cases == ["0001", "0002", "0003", "0004"]
     assert len(again.tasks) == 4
     assert stamps == {path: path.stat().st_mtime_ns for path in stamps}
 
@@ -171,7 +176,7 @@ def test_one_worker_finds_the_same_rows(scene, swept, tmp_path, capfd):
     assert [row["case"] for row in result["rows"]] == [1, 2, 3, 4, 5, 6]
     assert result["rows"][0]["joints.big_end.clearance"] == 14e-6
     assert result["rows"][1]["steps"] is None
-    assert not (tmp_path / "runs").exists()
+    assert {path.name for path in tmp_path.glob("runs/*/*")} == {"manifest.txt", "outcome.json"}
 
 
 @pytest.mark.mpi
@@ -197,44 +202,27 @@ def test_processes_find_the_rows_of_this_process_and_ranks_are_refused(tmp_path,
 
 
 def test_only_what_is_missing_runs_again(scene, again):
-    plan = make_sweep(scene, SOME_FAIL)
-    lines = (again / "sweep.csv").read_text().splitlines(keepends=True)
-    without = [line for line in lines if not line.startswith("3,")]
-    (again / "sweep.csv").write_text("".join(without))
-    pool, rows = sweep_inline(plan, again)
-    assert pool.cases == list("23456")
-    assert [row["status"] for row in rows].count("complete") == 2
-    found = rows_of(again)
-    assert [row["case"] for row in found] == list("123456")
+    before = rows_of(again)
+    (again / "runs" / "0003" / "outcome.json").unlink()
+    pool, rows = sweep_inline(make_sweep(scene, SOME_FAIL), again)
     # What is complete stays as it is.
-    (kept,) = (line for line in without if line.startswith("1,"))
-    assert kept in (again / "sweep.csv").read_text()
+    assert pool.cases == ["0002", "0003", "0004", "0005", "0006"]
+    assert [row["status"] for row in rows].count("complete") == 2
+    assert results(rows_of(again)) == results(before)
+    assert rows_of(again)[0] == before[0]
 
 
-def test_torn_row_is_run_again(scene, again):
-    text = (again / "sweep.csv").read_text()
-    row = next(line for line in text.splitlines() if line.startswith("1,"))
-    others = text.replace(row + "\n", "")
-    (again / "sweep.csv").write_text(others + row[:30])
-    pool, _ = sweep_inline(make_sweep(scene, SOME_FAIL), again)
-    assert "1" in pool.cases
-    assert "3" not in pool.cases
-    assert results(rows_of(again))["1"]["status"] == "complete"
-
-
-def test_complete_sweep_runs_nothing(scene, swept, again, capfd):
-    rows = [row for row in rows_of(swept) if row["status"] == "complete"]
+def test_complete_sweep_runs_nothing(scene, again, capfd):
     plan = make_sweep(scene, ["clearance=14e-6,17e-6"])
-    figures = {name: json.loads(rows[0][name] or "null") for name in (*JOINT_FIGURES, *FIGURES)}
-    with SweepTable(again / "full", plan) as table:
-        for case in plan.cases:
-            known = {k: v for k, v in figures.items() if v is not None}
-            table.add(case, Outcome("complete", known))
+    with SweepFolder(again / "full", plan) as folder:
+        for name in folder.cases:
+            folder.add(name, Outcome("complete", {"steps": 7, "energy_balance_error": math.nan}))
     status, output, _ = exit_of(
         capfd, "sweep", scene, "--set", "clearance=14e-6,17e-6", "-o", again / "full", "--resume"
     )
     assert status == 0
-    assert len(rows_of(again / "full")) == 2
+    rows = rows_of(again / "full")
+    assert [(row["steps"], row["energy_balance_error"]) for row in rows] == [("7", "")] * 2
     assert not (again / "full" / "bodies").exists()
     assert output.splitlines()[0].split()[:2] == ["case", "joints.big_end.clearance"]
     assert output.splitlines()[1].split()[:2] == ["1", "1.4e-05"]
@@ -254,42 +242,40 @@ def test_rows_of_another_sweep_are_refused_unless_overwritten(
 ):
     plan = make_sweep(write_scene(tmp_path, text), assignments)
     with pytest.raises(OtherFolderError) as error:
-        SweepTable(again, plan)
+        SweepFolder(again, plan)
     assert named in str(error.value)
     assert "--overwrite" in str(error.value)
     assert len(rows_of(again)) == 6
     (again / "runs" / "0001" / "mine.txt").write_text("of somebody else")
-    with SweepTable(again, plan, overwrite=True) as table:
-        assert table.rows() == []
-    assert rows_of(again) == []
+    with SweepFolder(again, plan, overwrite=True) as folder:
+        assert folder.take_stock() == [*plan.cases]
+    assert not (again / "sweep.csv").exists()
     left = [str(path.relative_to(again)) for path in (again / "runs").rglob("*") if path.is_file()]
     assert sorted(left) == ["runs/0001/mine.txt", "runs/manifest.txt"]
     assert list((again / "bodies").iterdir())
 
 
-@pytest.mark.parametrize("damaged", ["sweep.json", "sweep.csv"])
-def test_rows_that_are_no_sweeps_are_refused(damaged, scene, again):
-    (again / damaged).write_text("[no sweep of ours\n")
-    before = (again / "sweep.csv").read_bytes()
+def test_a_folder_that_is_no_sweeps_is_refused(scene, again):
+    (again / "sweep.json").write_text("[no sweep of ours\n")
     with pytest.raises(OtherFolderError):
-        SweepTable(again, make_sweep(scene, SOME_FAIL))
-    assert (again / "sweep.csv").read_bytes() == before
+        SweepFolder(again, make_sweep(scene, SOME_FAIL))
+    assert len(rows_of(again)) == 6
 
 
 def test_changed_file_is_another_sweep(tmp_path):
     path = write_scene(tmp_path, LOADED_JOURNAL)
-    SweepTable(tmp_path / "out", make_sweep(path, ["clearance=14e-6"])).__exit__(None, None, None)
+    SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"])).__exit__(None, None, None)
     (tmp_path / "load.csv").write_text(LOAD.replace("1200", "1300"))
     with pytest.raises(OtherFolderError, match=r"forces\.load\.file = load\.csv"):
-        SweepTable(tmp_path / "out", make_sweep(path, ["clearance=14e-6"]))
+        SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"]))
 
 
 def test_two_sweeps_do_not_share_a_folder(scene, again):
     plan = make_sweep(scene, SOME_FAIL)
-    with SweepTable(again, plan), pytest.raises(InUseError):
-        SweepTable(again, plan)
+    with SweepFolder(again, plan), pytest.raises(InUseError):
+        SweepFolder(again, plan)
 
 
 def test_resume_needs_a_sweep(scene, tmp_path):
     with pytest.raises(InputError, match="nothing to resume"):
-        SweepTable(tmp_path, make_sweep(scene, SOME_FAIL), resume=True)
+        SweepFolder(tmp_path, make_sweep(scene, SOME_FAIL), resume=True)

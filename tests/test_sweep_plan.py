@@ -148,7 +148,7 @@ def test_cases_are_the_product_in_order(scene):
     sweep = make_sweep(scene, ["clearance=10e-6:30e-6:5", "oil.viscosity=0.005,0.01,0.02"])
     assert sweep.keys == ("joints.big_end.clearance", "lubricants.oil.viscosity")
     assert sweep.joints == ("big_end",)
-    assert [case.name for case in sweep.cases] == [str(number) for number in range(1, 16)]
+    assert [case.name for case in sweep.cases] == [f"{number:04d}" for number in range(1, 16)]
     assert sweep.cases[3].values == (1.5e-5, 0.005)
     assert sweep.cases[3].scene.joints["big_end"].clearance == 1.5e-5
     assert sweep.cases[3].scene.time.revolutions == 0.002

@@ -190,7 +190,7 @@ for _command in (
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: named errors become one line and an exit status, on any number of ranks."""
     _open_streams()
-    _quiet_compilers()
+    logging.disable(logging.INFO)  # the build log of just-in-time compiled forms
     with all_ranks() as comm:
         given = sys.argv[1:] if arguments is None else arguments
         status, message = agreed(comm, *_outcome(given, alone=comm is None))
@@ -281,14 +281,3 @@ def _open_streams() -> None:
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number free
             setattr(sys, name, open(number, mode, closefd=False))
-
-
-def _quiet_compilers() -> None:
-    """Keep the build log of just-in-time compiled forms off the terminal.
-
-    setuptools raises the root logger to INFO while it builds them, so the
-    threshold goes to the handlers.
-    """
-    logging.basicConfig()
-    for handler in logging.getLogger().handlers:
-        handler.setLevel(logging.WARNING)

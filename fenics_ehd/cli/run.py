@@ -38,16 +38,6 @@ if TYPE_CHECKING:
     from fenics_ehd.results.paraview import PartFields
 
 
-def cycle_line(summary: Mapping[str, Any]) -> list[str]:
-    """Which cycle they are of."""
-    if "cycle_used" not in summary:  # of an older version
-        return []
-    ends = summary["cycle_start_s"], summary["cycle_end_s"]
-    return [
-        f"  the cycle: {summary['cycle_used']}, from {ends[0] * 1e3:.3f} to {ends[1] * 1e3:.3f} ms"
-    ]
-
-
 def place_lines(joint: Mapping[str, Any]) -> list[str]:
     """Extremes of the cycle of one joint, with place and angle."""
     if "cycle_mean_force_N" not in joint:
@@ -385,7 +375,10 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
             )
         lines += place_lines(joint) + real_film(joint)
     lines += budget_table(joints, summary) + accuracy_lines(summary)
-    lines += cycle_line(summary)
+    lines.append(
+        f"  the cycle: {summary['cycle_used']}, from {summary['cycle_start_s'] * 1e3:.3f} to "
+        f"{summary['cycle_end_s'] * 1e3:.3f} ms"
+    )
     if "cycles" in summary:
         lines.append(
             f"  periodic after {summary['cycles']} cycles: the films change by "

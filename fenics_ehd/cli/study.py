@@ -165,15 +165,15 @@ def sweep(
     """
     from fenics_ehd.base.columns import joint_prefix
     from fenics_ehd.study.pool import COMPLETE, FailedCasesError, open_pool
-    from fenics_ehd.study.sweep import SweepTable, make_sweep, run_sweep
+    from fenics_ehd.study.sweep import SweepFolder, make_sweep, run_sweep
 
     if resume and overwrite:
         raise SettingsError("--resume and --overwrite exclude each other")
     target = Path(directory or Path("results") / f"{Path(scene).stem}-sweep")
     with open_pool(workers) as pool:
         plan = make_sweep(scene, assignments)
-        with SweepTable(target, plan, resume=resume, overwrite=overwrite) as table:
-            rows = run_sweep(table, pool, keep=keep)
+        with SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:
+            rows = run_sweep(folder, pool, keep=keep)
     failures = sum(row["status"] != COMPLETE for row in rows)
     prefixes = [joint_prefix(joint, plan.joints) for joint in plan.joints]
     of_joints = [
@@ -182,11 +182,11 @@ def sweep(
         for name, heading, factor, form in JOINT_SHOWN
     ]
     lines = table_lines(["case", *plan.keys], rows, [*of_joints, *SWEEP_SHOWN])
-    lines.append(f"rows in {table.table}")
+    lines.append(f"rows in {folder.table}")
     found = {"scene": plan.scene, "keys": plan.keys, "cases": len(rows), "failed": failures}
-    found |= {"table": str(table.table), "rows": rows}
+    found |= {"table": str(folder.table), "rows": rows}
     answer(found, "\n".join(lines), as_json)
     if failures:
         raise FailedCasesError(
-            f"{failures} of {len(rows)} cases failed, see status in {table.table}"
+            f"{failures} of {len(rows)} cases failed, see status in {folder.table}"
         )

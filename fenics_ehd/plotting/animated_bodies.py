@@ -180,19 +180,9 @@ class BodyView:
         return self.pose[frame, :2], rotation(self.pose[frame, 2])
 
 
-def draw_part(axes: Axes, body: BodyView, frame: int, place: tuple[np.ndarray, np.ndarray]) -> None:
-    """A flexible body at one instant, its undeformed outline dashed.
-
-    Parameters
-    ----------
-    axes
-        Where.
-    body, frame
-        What, and its instant.
-    place
-        Origin (2,) [m] and rotation (2, 2) of its frame there.
-    """
-    shape, (origin, turn) = body.shape, place
+def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
+    """A flexible body at one instant, its undeformed outline dashed."""
+    shape, (origin, turn) = body.shape, body.place(frame)
     assert shape is not None
     nodes, rest = (origin + x @ turn.T for x in (body.local[frame], shape.nodes[:, :2]))
     mesh = {"edgecolors": EDGE if shape.mesh else "none", "linewidths": 0.35}

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import singledispatch
 from pathlib import Path
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Annulus, Circle, Polygon
+from matplotlib.patches import Annulus, Polygon
 from matplotlib.patheffects import Normal, Stroke
 from PIL import Image
 
@@ -39,8 +38,8 @@ from fenics_ehd.plotting.animated_bodies import (
     shape_of_part,
 )
 from fenics_ehd.plotting.curves import clearance_circle
-from fenics_ehd.plotting.maps import label_angles, sampled
-from fenics_ehd.plotting.picture import BLUE, PRESSURES, RED, plt, require_format
+from fenics_ehd.plotting.maps import ANGLES, draw_section, lay_out_section, sampled
+from fenics_ehd.plotting.picture import BLUE, PRESSURES, RED, require_format
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.results.history_file import load_history
 from fenics_ehd.results.motion import RecordedMotion, between_steps
@@ -48,18 +47,20 @@ from fenics_ehd.results.paraview import parts_of_bases
 from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.scene import as_stored, meshed
 
-#: Points around and along the bore to which nodal values are interpolated.
-AROUND, ALONG = 181, 17
+#: Points along the bore to which nodal values are interpolated.
+ALONG = 17
 
-#: The lightest colour of pressures.
-OIL = "#ffffcc"
-JOURNAL, EDGE, HATCH = "#e3d5c0", "#9c8465", "////"
-
-#: Wall of a rigid bore as drawn, height of the largest pressure and half the side of a close-up,
-#: over the bore's radius.
-WALL, FAN, REACH = 0.3, 0.45, 1.72
+#: Wall of a rigid bore as drawn, over its radius, and what a body at rest is filled with.
+WALL, HATCH = 0.3, "////"
 
 Show = Callable[[int], None]
+Bodies = Mapping[str, BodyView]
+
+
+def at(bodies: Bodies, marker: str) -> tuple[BodyView, np.ndarray]:
+    """Body of a marker and the marker as drawn, shape (t, 2) [m]."""
+    name, _, point = marker.partition(".")
+    return bodies[name], bodies[name].points[point]
 
 
 class Bearing:
@@ -86,89 +87,78 @@ class Bearing:
         Of the undeformed bore, shape (t, 2) [m].
     offset
         Of the journal from there as drawn, in the bore's frame, shape (t, 2) [m].
-    angle, height
-        Raster of the unwrapped bore, shape (a,) [rad], (b,) [m].
+    height
+        Places along the bore, shape (b,) [m].
     pressure, gap
-        On it, shape (t, b, a) [Pa], [m].
+        There and at `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a) [Pa], [m].
     """
 
-    def __init__(
-        self, replay: RecordedMotion, place: FilmPlace, bodies: Mapping[str, BodyView], scale: float
-    ):
+    def __init__(self, replay: RecordedMotion, place: FilmPlace, bodies: Bodies, scale: float):
         parameters, joint = place.film.film.parameters, place.joint
         grid, self.clearance = parameters.grid, parameters.clearance
-        self.radius, self.elastic, self._scale = grid.radius, bool(place.bore), scale
+        self.radius, self.elastic = grid.radius, bool(place.bore)
+        self._enlarged = scale / grid.radius
         self.body, (self.journal_body, _) = bodies[place.bore_body], at(bodies, joint.journal)
         turns = np.array([rotation(angle) for angle in self.body.pose[:, 2]])
         # Of the undeformed bore in its body's frame; for one of a part, with its name there.
-        self._rest, point = np.zeros(2), joint.bore.partition(".")[2]
+        rest, point = np.zeros(2), joint.bore.partition(".")[2]
         bore_body = replay.bodies[place.bore_body]
         if isinstance(bore_body, FlexibleBody) and place.bore:
-            self._rest = bore_body.reduced.bores[place.bore].centre[:2]
+            rest = bore_body.reduced.bores[place.bore].centre[:2]
             point = bore_body.at_rest(place.bore)
         bore, eccentricity = self.body.points[point], replay.motion.coordinates[:, place.xi[:2]]
-        self.centre = self.body.pose[:, :2] + turns @ self._rest if self.elastic else bore
+        self.centre = self.body.pose[:, :2] + turns @ rest if self.elastic else bore
         self.offset = scale * eccentricity + np.einsum("tji,tj->ti", turns, bore - self.centre)
-        pressure, gap = replay.motion.pressures[place.name], replay.gaps[place.name]
-        self.angle = np.linspace(-np.pi, np.pi, AROUND)
         self.height = np.linspace(grid.heights[0], grid.heights[-1], ALONG)
-        # The seam belongs where nothing is to be seen.
-        behind = np.cos(grid.node_positions[:, 0]) < 0
-        if pressure[:, behind].max() > pressure[:, ~behind].max():
-            self.angle = self.angle + np.pi
-        self.pressure, self.gap = (
-            np.maximum(sampled(grid, nodal, self.angle, self.height), 0.0)
-            for nodal in (pressure, gap)
-        )
+        pressure = sampled(grid, replay.motion.pressures[place.name], ANGLES, self.height)
+        self.pressure = np.maximum(pressure, 0.0)
+        self.gap = np.maximum(sampled(grid, replay.gaps[place.name], ANGLES, self.height), 0.0)
 
-    def draw(self, axes: Axes, frame: int, highest: float, *, close_up: bool = False) -> None:
-        """Draw it in the plane of motion, or close up in the frame of the bore.
+    def draw(
+        self, axes: Axes, frame: int, highest: float, centre: np.ndarray, turn: float, radius: float
+    ) -> None:
+        """Draw it as `draw_section` does, its bore's wall and the journal's turn, too.
 
-        `highest` is the pressure that reaches farthest out [Pa].
+        Parameters
+        ----------
+        axes, frame
+            Where, and its instant.
+        highest
+            Pressure that reaches farthest out [Pa].
+        centre, turn, radius
+            Of the bore as drawn; `turn` is that of its body [rad].
         """
-        centre, bore, journal = (
-            self.centre[frame],
-            self.body.pose[frame, 2],
-            self.journal_body.pose[frame, 2],
-        )
-        if close_up:
-            centre, bore, journal = np.zeros(2), 0.0, journal - bore
-        turn, radius = rotation(bore), self.radius - self._scale * self.clearance
         if not self.elastic:
             face, hatch = ("white", HATCH) if self.body.held else (STEEL, "")
-            size, style = self.radius, {"facecolor": face, "edgecolor": "0.45", "hatch": hatch}
-            axes.add_patch(Annulus(centre, (1 + WALL) * size, WALL * size, zorder=2, **style))
-        elif close_up:
-            draw_part(axes, self.body, frame, (centre - self._rest, turn))
-        middle, towards = centre + turn @ self.offset[frame], rotation(journal)[:, 0]
-        axes.add_patch(Circle(centre, self.radius, color=OIL, zorder=1.8))
-        axes.add_patch(Circle(middle, radius, facecolor=JOURNAL, edgecolor=EDGE, zorder=2.5))
-        ends = middle + np.outer([0.8, 0.97], radius * towards)
-        axes.plot(*ends.T, color=EDGE, linewidth=2.5, zorder=2.6)
-        normal = np.column_stack([np.cos(self.angle), np.sin(self.angle)])
+            style = {"facecolor": face, "edgecolor": "0.45", "hatch": hatch, "zorder": 2}
+            axes.add_patch(Annulus(centre, (1 + WALL) * radius, WALL * radius, **style))
         # The mean over the width has no share of the journal's tilt.
-        widening = self.gap[frame].mean(axis=0) - self.clearance
-        foot = self.radius + normal @ self.offset[frame] + self._scale * widening
-        tip = foot + FAN * self.radius * self.pressure[frame].max(axis=0) / highest
-        fan = np.concatenate([foot[:, None] * normal, (tip[:, None] * normal)[::-1]])
-        axes.add_patch(Polygon(centre + fan @ turn.T, facecolor=RED, alpha=0.5, zorder=4))
+        gap, pressure = self.gap[frame].mean(axis=0), self.pressure[frame].max(axis=0)
+        place, clearance = self.offset[frame] / self.radius, self._enlarged * self.clearance
+        told = f"pressure, {1e-6 * pressure.max():.3g} MPa", f"thinnest, {1e6 * gap.min():.3g} µm"
+        draw_section(
+            axes, self._enlarged * gap, pressure / highest, place, clearance, told,
+            turn=turn, centre=centre, radius=radius,
+        )  # fmt: skip
+        journal = turn + self.journal_body.pose[frame, 2] - self.body.pose[frame, 2]
+        middle, towards = centre + radius * rotation(turn) @ place, rotation(journal)[:, 0]
+        ends = middle + np.outer([0.8, 0.97], radius * (1 - clearance) * towards)
+        axes.plot(*ends.T, color="0.35", linewidth=2.5, zorder=4.6)
 
-    def show_angles(self, axes: Axes) -> None:
-        """Lay out axes for the bearing close up, with angles on the bore."""
-        reach = REACH * self.radius
-        axes.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
-        axes.axis("off")
-        last = np.degrees(self.angle[-1]) + 1e-6
-        shown = [degrees if degrees <= last else degrees - 360 for degrees in (0, 90, 180, 270)]
-        label_angles(axes, 0.5 * self.radius, shown, zorder=5)
+    def close_up(self, axes: Axes, frame: int) -> None:
+        """Draw it large, in the frame of its bore."""
+        axes.clear()
+        self.draw(axes, frame, self.pressure.max(), np.zeros(2), 0.0, 1.0)
+        lay_out_section(axes)
 
     def unwrap(self, axes: Axes, frame: int) -> None:
         """Pressure over the unwrapped bore, and where the film is thinnest."""
-        angle, height = np.degrees(self.angle), 1e3 * self.height
+        axes.clear()
+        angle, height = np.degrees(ANGLES), 1e3 * self.height
         row, column = np.unravel_index(np.argmin(self.gap[frame]), self.gap[frame].shape)
         style = {"color": "white", "markeredgecolor": "black", "clip_on": False}
         axes.plot(angle[column], height[row], "o", label="thinnest film", zorder=5, **style)
-        axes.set(ylabel="z [mm]", xticks=np.arange(angle[0], angle[-1] + 1, 90))
+        axes.set(ylabel="z [mm]", xticks=np.arange(-180, 181, 90))
         axes.set_xlabel(f"angle from the x axis of {self.body.name} [°]")
         axes.legend(loc="upper right", fontsize="small", framealpha=0.8)
         axes.imshow(
@@ -185,33 +175,15 @@ class Bearing:
 
 LINKS = ("#e3d5c0", "#cfd9e3", "#d5e0cc", "#e4cfd3", "#d9d2e6")
 
-#: Size of a joint's symbol over the mechanism's extent.
-SYMBOL = 0.02
+#: Size of a joint's symbol over the mechanism's extent, and room around it in symbols.
+SYMBOL, ROOM = 0.02, 3.0
 
 #: Corners of a square around the origin.
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
-Bodies = Mapping[str, BodyView]
 
-
-def moving(axes: Axes, draw: Callable[[Axes, int], object]) -> Show:
-    """Drawer of one frame after another: it removes from the axes what it drew for the last one."""
-    last: list[Artist] = []
-
-    def show(frame: int) -> None:
-        while last:
-            last.pop().remove()
-        others = set(axes.get_children())
-        draw(axes, frame)
-        last.extend(set(axes.get_children()) - others)
-
-    return show
-
-
-def draw_mechanism(
-    axes: Axes, mechanism: Mechanism, bodies: Bodies, bearings: Mapping[str, Bearing]
-) -> Show:
-    """All bodies and joints."""
+def extent(bodies: Bodies, bearings: Mapping[str, Bearing]) -> np.ndarray:
+    """Least and largest x and y of all that moves, at any instant, shape (2, 2) [m]."""
     places = [points for body in bodies.values() for points in body.points.values()]
     for bearing in bearings.values():
         places += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
@@ -219,33 +191,41 @@ def draw_mechanism(
         for i, nodes in enumerate(body.local):
             origin, turn = body.place(i)
             places.append(origin + nodes @ turn.T)
-    limits = np.array([f(np.vstack(places), axis=0) for f in (np.min, np.max)])
+    everywhere = np.vstack(places)
+    return np.array([everywhere.min(axis=0), everywhere.max(axis=0)])
+
+
+def draw_mechanism(
+    axes: Axes,
+    mechanism: Mechanism,
+    bodies: Bodies,
+    bearings: Mapping[str, Bearing],
+    limits: np.ndarray,
+    frame: int,
+) -> None:
+    """All bodies and joints at an instant; `limits` as of `extent`."""
+    axes.clear()
     size = SYMBOL * float(np.ptp(limits, axis=0).max())
     highest = max((bearing.pressure.max() for bearing in bearings.values()), default=0.0)
-
-    def draw(axes: Axes, frame: int) -> None:
-        for i, body in enumerate(bodies.values()):
-            _body(axes, body, LINKS[i % 5], frame)
-        for joint in mechanism.joints.values():
-            symbol(joint, axes, bodies, size, frame)
-        for bearing in bearings.values():
-            bearing.draw(axes, frame, highest)
-
-    show = moving(axes, draw)
-    show(0)
-    axes.relim()
-    axes.update_datalim(limits)
-    axes.margins(0.03)
-    axes.autoscale_view()
-    axes.autoscale(False)
-    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    return show
+    for i, body in enumerate(bodies.values()):
+        draw_body(axes, body, LINKS[i % 5], frame)
+    for joint in mechanism.joints.values():
+        if isinstance(joint, Slider):
+            draw_slider(axes, joint, bodies, size, frame)
+        elif isinstance(joint, Revolute | Fixed):
+            draw_pin(axes, joint, bodies, size, frame)
+    for bearing in bearings.values():
+        turn = bearing.body.pose[frame, 2]
+        bearing.draw(axes, frame, highest, bearing.centre[frame], turn, bearing.radius)
+    (left, bottom), (right, top) = limits + ROOM * size * np.array([[-1.0], [1.0]])
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.set(xlabel="x [m]", ylabel="y [m]")
 
 
-def _body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
+def draw_body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
     """Its part, or bars from its origin to its points."""
     if body.shape is not None:
-        draw_part(axes, body, frame, body.place(frame))
+        draw_part(axes, body, frame)
     if body.held or (body.shape is not None and body.shape.mesh):
         return
     origin = body.points[""][frame]
@@ -255,20 +235,7 @@ def _body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
     axes.plot(*np.concatenate(ends).T, zorder=1, **style)
 
 
-@singledispatch
-def symbol(joint: object, axes: Axes, bodies: Bodies, size: float, frame: int) -> None:
-    """Symbol of an ideal joint; a lubricated one draws itself."""
-
-
-def at(bodies: Bodies, marker: str) -> tuple[BodyView, np.ndarray]:
-    """Body of a marker and the marker as drawn, shape (t, 2) [m]."""
-    name, _, point = marker.partition(".")
-    return bodies[name], bodies[name].points[point]
-
-
-@symbol.register(Revolute)
-@symbol.register(Fixed)
-def _(joint: Revolute | Fixed, axes: Axes, bodies: Bodies, size: float, frame: int) -> None:
+def draw_pin(axes: Axes, joint: Revolute | Fixed, bodies: Bodies, size: float, frame: int) -> None:
     """Two points that stay together, on a pedestal where one of them is held."""
     ends = [at(bodies, marker) for marker in joint.markers]
     held = [place[0] for body, place in ends if body.held]
@@ -287,8 +254,7 @@ def _ground(axes: Axes, corners: np.ndarray) -> None:
     axes.plot(*corners[:2].T, color="0.35", linewidth=0.9)
 
 
-@symbol.register
-def _(joint: Slider, axes: Axes, bodies: Bodies, size: float, frame: int) -> None:
+def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: int) -> None:
     """A block on a line, between walls where the line is held."""
     (body, origin), (_, place) = at(bodies, joint.line), at(bodies, joint.point)
     along = np.array(joint.direction) / np.hypot(*joint.direction)
@@ -346,7 +312,7 @@ def save_animation(
     Parameters
     ----------
     figure, show
-        The figure, closed in the end, and what draws one of its frames.
+        The figure, and what draws one of its frames.
     count
         Number of frames.
     path
@@ -372,11 +338,8 @@ def save_animation(
     figure.set_dpi(RESOLUTION[suffix])
     path.parent.mkdir(parents=True, exist_ok=True)
     write = _write_gif if suffix == ".gif" else _write_mp4
-    try:
-        with written_aside(path) as aside:
-            write(figure, show, count, aside, rate, progress)
-    finally:
-        plt.close(figure)
+    with written_aside(path) as aside:
+        write(figure, show, count, aside, rate, progress)
     return path
 
 
@@ -416,8 +379,9 @@ def _with_white(palette: Image.Image) -> Image.Image:
 def _picture(figure: Figure, show: Show, frame: int) -> np.ndarray:
     """Pixels of one frame, shape (height, width, 3)."""
     show(frame)
-    figure.canvas.draw()
-    return np.array(figure.canvas.buffer_rgba())[..., :3]
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[..., :3]
 
 
 def _write_mp4(
@@ -520,38 +484,23 @@ def draw(
     scale = scale or automatic_scale(frames, shapes)
     bodies = {name: body_view(frames, name, shapes.get(name), scale) for name in frames.bodies}
     bearings = {place.name: Bearing(frames, place, bodies, scale) for place in frames.system.films}
-    figure = plt.figure(figsize=SIZE, layout="constrained")
+    limits = extent(bodies, bearings)
+    figure = Figure(figsize=SIZE, layout="constrained")
     layout = [["mechanism"]]
     if joint:
         layout = [["mechanism", "mechanism", "close up"], ["orbit", "film", "curves"]]
     panels = figure.subplot_mosaic(layout, height_ratios=(1.35, 1.0)[: len(layout)])
-    shows = [draw_mechanism(panels["mechanism"], mechanism, bodies, bearings)]
     start = run.time[0]
     if joint:
-        bearing = bearings[joint]
         start = start - columns["time_s"][0]
+        bearing = bearings[joint]
         path, places = (r.orbits[joint] / bearing.clearance for r in (run, frames))
         clearance_circle(panels["orbit"])
         panels["orbit"].plot(*path.T, color="0.6", linewidth=1.0)
+        (dot,) = panels["orbit"].plot(*places[0], "o", color=BLUE, mec="white")
         _curves(panels["curves"], columns)
-        bearing.show_angles(panels["close up"])
-        highest = bearing.pressure.max()
-        shows += [
-            moving(
-                panels["close up"],
-                lambda axes, frame: bearing.draw(axes, frame, highest, close_up=True),
-            ),
-            moving(panels["film"], bearing.unwrap),
-            moving(
-                panels["orbit"],
-                lambda axes, frame: axes.plot(*places[frame], "o", color=BLUE, mec="white"),
-            ),
-            moving(
-                panels["curves"],
-                lambda axes, frame: axes.axvline(1e3 * (time[frame] - start), color="0.3", lw=0.9),
-            ),
-        ]
-        colours = ScalarMappable(Normalize(0.0, 1e-6 * highest), PRESSURES)
+        now = panels["curves"].axvline(0.0, color="0.3", lw=0.9)
+        colours = ScalarMappable(Normalize(0.0, 1e-6 * bearing.pressure.max()), PRESSURES)
         figure.colorbar(colours, ax=panels["film"], label="pressure [MPa]", aspect=14, pad=0.02)
     note = f"displacements and clearances × {scale:g}, dashed: without"
     if any(not shape.mesh for shape in shapes.values()):
@@ -560,29 +509,34 @@ def draw(
     title = figure.suptitle(" ", x=0.988, ha="right", fontsize="large")
 
     def show(frame: int) -> None:
-        for part in shows:
-            part(frame)
-        now = [joint] if joint else []
-        now.append(f"t = {1e3 * (time[frame] - start):.2f} ms")
+        moment = 1e3 * (time[frame] - start)
+        draw_mechanism(panels["mechanism"], mechanism, bodies, bearings, limits, frame)
+        if joint:
+            bearing.close_up(panels["close up"], frame)
+            bearing.unwrap(panels["film"], frame)
+            dot.set_data(*places[frame, :, None])
+            now.set_xdata([moment])
+        told = [joint] if joint else []
+        told.append(f"t = {moment:.2f} ms")
         for name in mechanism.drives:
-            now.append(f"{name} {np.degrees(bodies[name].pose[frame, 2]) % 360:.0f}°")
-        title.set_text(", ".join(now))
+            told.append(f"{name} {np.degrees(bodies[name].pose[frame, 2]) % 360:.0f}°")
+        title.set_text(", ".join(told))
 
     # Sizes are settled on one frame: labels of changing width must not move the panels.
     show(0)
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     figure.set_layout_engine("none")
     return figure, show
 
 
 def _curves(axes: Axes, columns: Mapping[str, np.ndarray]) -> None:
     """Peak pressure and thinnest film of the whole run."""
-    for panel, column, factor, colour, label in (
-        (axes, "max_pressure_Pa", 1e-6, RED, "max. pressure [MPa]"),
-        (axes.twinx(), "min_film_thickness_m", 1e6, BLUE, "min. film [µm]"),
-    ):
-        panel.plot(1e3 * columns["time_s"], factor * columns[column], color=colour)
-        panel.set_ylabel(label, color=colour)
-        panel.set_ylim(0, None)
-    axes.set(xlabel="time [ms]", xlim=1e3 * columns["time_s"][[0, -1]])
+    time = 1e3 * columns["time_s"]
+    film = axes.twinx()
+    axes.plot(time, 1e-6 * columns["max_pressure_Pa"], color=RED)
+    axes.set_ylabel("max. pressure [MPa]", color=RED)
+    film.plot(time, 1e6 * columns["min_film_thickness_m"], color=BLUE)
+    film.set_ylabel("min. film [µm]", color=BLUE)
+    film.set_ylim(0, None)
+    axes.set(xlabel="time [ms]", xlim=time[[0, -1]], ylim=(0, None))
     axes.grid(alpha=0.3)

@@ -16,6 +16,7 @@ from fenics_ehd.plotting.maps import (
     draw_raster,
     draw_section,
     largest,
+    lay_out_section,
     levels_between,
     sampled,
 )
@@ -60,8 +61,9 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
     enlarged = ENLARGED / settings.clearance
     share, told = middle / (highest or 1.0), ("pressure at mid-width", "thinnest there")
     draw_section(
-        axes["section"], enlarged * gap, share, enlarged * position, ENLARGED, told, -np.pi / 2
+        axes["section"], enlarged * gap, share, enlarged * position, ENLARGED, told, turn=-np.pi / 2
     )
+    lay_out_section(axes["section"], -np.pi / 2)
     axes["section"].set_aspect("equal", adjustable="box")
     arrow = {"arrowstyle": "-|>", "color": "0.15", "linewidth": 1.8}
     axes["section"].annotate("W", (0, 0.62), (0, 1.4), ha="center", arrowprops=arrow)

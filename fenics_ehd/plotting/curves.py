@@ -154,7 +154,9 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
             figures[-1] += f" ± {100 * extreme:.2g} %"
         if panel.mean:
-            average = factor_of(panel.label) * _average(joint, column)
+            average = factor_of(panel.label) * float(
+                mean(joint.columns[column], joint.columns[TIME])
+            )
             axes.axhline(average, color=look["color"], linewidth=0.8, alpha=0.7, zorder=1)
             figures.append(f"mean {with_unit(average, panel.label)}")
         told = ", ".join(filter(None, (joint.run.name if len(joints) > 1 else "", called)))
@@ -172,15 +174,6 @@ def _worth(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
         return None
     errors = budget[quantity]["total"], budget["largest_over_cycle"][quantity]["total"]
     return None if any(isinstance(error, str) for error in errors) else errors
-
-
-def _average(joint: ShownJoint, column: str) -> float:
-    """As the summary has it, else of the cycle."""
-    figures = joint.run.figures.get(joint.name, {})
-    for name in (f"cycle_mean_{column}", f"mean_{column}"):
-        if name in figures:
-            return figures[name]
-    return float(mean(joint.columns[column], joint.columns[TIME]))
 
 
 def mean(values: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -253,6 +253,7 @@ def _draw(axes: Axes, joint: ShownJoint, step: int, scale: float) -> None:
     )
     share, enlarged = pressure / (film.pressure.max() or 1.0), scale / film.radius
     draw_section(axes, enlarged * gap, share, enlarged * place, enlarged * film.clearance, told)
+    lay_out_section(axes)
 
 
 def draw_section(
@@ -262,46 +263,55 @@ def draw_section(
     place: np.ndarray,
     clearance: float,
     told: tuple[str, str],
+    *,
     turn: float = 0.0,
+    centre: Sequence[float] | np.ndarray = (0.0, 0.0),
+    radius: float = 1.0,
 ) -> None:
-    """Bore, journal and pressure seen along the axis, all lengths over the bore's radius.
+    """Bore, journal and pressure seen along the axis.
 
     Parameters
     ----------
     axes
         Where.
     gap, pressure
-        Enlarged, and over the largest one, at `ANGLES`.
+        Enlarged, over the bore's radius; over the largest one; at `ANGLES`.
     place, clearance
-        Of the journal, shape (2,), and between round bore and journal; enlarged.
+        Of the journal, shape (2,), and between round bore and journal; enlarged, over the radius.
     told
         What pressure and thinnest film are called.
-    turn
-        Of the bore's x axis from the picture's [rad].
+    turn, centre, radius
+        Of the bore in the picture, its x axis turned from the picture's [rad].
     """
-    turned = rotation(turn)
+    turned, middle = radius * rotation(turn), np.reshape(centre, (2, 1))
     bore = (1.0 + outward(gap, place, clearance)) * NORMALS
     fan = np.hstack([bore, (bore + FAN * pressure * NORMALS)[:, ::-1]])
-    axes.fill(*(turned @ fan), color=RED, alpha=0.35, linewidth=0, clip_on=False, label=told[0])
-    axes.plot(*NORMALS, color="0.4", linewidth=1.0, linestyle=":", label="round bore")
+    journal = middle[:, 0] + turned @ place
+    axes.fill(
+        *(middle + turned @ fan), color=RED, alpha=0.35, linewidth=0, clip_on=False,
+        label=told[0], zorder=4,
+    )  # fmt: skip
+    round_bore = middle + radius * NORMALS
+    axes.plot(*round_bore, color="0.4", linewidth=1.0, linestyle=":", label="round bore", zorder=4)
     axes.add_patch(
-        Circle(turned @ place, 1.0 - clearance, facecolor="0.92", edgecolor="0.35", linewidth=1.2)
-    )
-    axes.plot(*(turned @ bore), color=BLUE, linewidth=2.0, label="bore as it is")
-    axes.plot(*(turned @ place), "+", color="0.35")
-    thinnest = turned @ bore[:, int(gap.argmin())]
-    axes.plot(*thinnest, "o", color="white", markeredgecolor="black", label=told[1])
+        Circle(
+            journal, (1.0 - clearance) * radius, facecolor="0.92", edgecolor="0.35", linewidth=1.2,
+            zorder=4,
+        )
+    )  # fmt: skip
+    axes.plot(*(middle + turned @ bore), color=BLUE, linewidth=2.0, label="bore as it is", zorder=4)
+    axes.plot(*journal, "+", color="0.35", zorder=4)
+    thinnest = middle[:, 0] + turned @ bore[:, int(gap.argmin())]
+    axes.plot(*thinnest, "o", color="white", markeredgecolor="black", label=told[1], zorder=4)
+
+
+def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
+    """Limits, angles on the bore and legend of a section whose radius is 1."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH))
     axes.axis("off")
-    label_angles(axes, 0.5, (0, 90, 180, 270), turn, color="0.4", fontsize=8)
+    for degrees in (0, 90, 180, 270):
+        where = 0.5 * rotation(turn + np.radians(degrees))[:, 0]
+        style = {"color": "0.4", "fontsize": 8, "zorder": 5}
+        axes.text(*where, f"{degrees}°", ha="center", va="center", **style)
     legend(axes, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2, frameon=False)
-
-
-def label_angles(
-    axes: Axes, radius: float, degrees: Sequence[float], turn: float = 0.0, **look: Any
-) -> None:
-    """Write angles on the bore inside of it, its x axis turned from the picture's [rad]."""
-    for angle in degrees:
-        where = radius * rotation(turn + np.radians(angle))[:, 0]
-        axes.text(*where, f"{angle:.0f}°", ha="center", va="center", **look)

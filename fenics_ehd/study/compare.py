@@ -18,8 +18,8 @@ import os
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ from fenics_ehd.scenes.run import stored_bodies
 from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints
 from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
-from fenics_ehd.study.pool import CaseTask, Outcome, ProcessPool, RunsFolder, failed, run_cases
+from fenics_ehd.study.pool import Outcome, ProcessPool, RunsFolder, failed, run_cases
 
 #: Differences of the curves of peak pressure and minimum film thickness of two runs: the largest,
 #: over the largest peak, or relative; and the root mean square over time, over that of the curve.
@@ -63,8 +63,6 @@ class StoredRun:
         Folder of its results, and what was run.
     start
         Time from which on errors count [s].
-    films
-        Whether pressures at all nodes are needed: of one that others are compared with.
 
     Raises
     ------
@@ -72,14 +70,19 @@ class StoredRun:
         A file is missing or damaged, or there is hardly a step after the start.
     """
 
-    def __init__(self, directory: Path, scene: Scene, start: float, *, films: bool = False):
+    def __init__(self, directory: Path, scene: Scene, start: float):
         self.directory, self.scene = directory, scene
-        self.result = load_history(directory, films=films)
+        self.result = load_history(directory, films=False)
         self.times = np.asarray(self.result.time)
         self.joints = lubricated_joints(scene)
         self.counted = self.times >= start
         if np.count_nonzero(self.counted) < 2:
             raise InputError(f"{directory}: fewer than two steps after {start:g} s")
+
+    @cached_property
+    def filmed(self) -> History:
+        """The same with pressures at all nodes: of a run that others are compared with."""
+        return load_history(self.directory)
 
     def estimates(self) -> dict[str, float]:
         """Largest error of the gap that the run itself estimates, while errors count [m]."""
@@ -117,7 +120,7 @@ class StoredRun:
         inside = known & run.counted
         times = run.times[inside]
         # Times of a cycle that repeats itself are those since its start.
-        exact = between_steps(self.result, times + (self.result.run.time[0] - self.times[0]))
+        exact = between_steps(self.filmed, times + (self.result.run.time[0] - self.times[0]))
         right = self.gaps(exact, self.scene)
         ours = run.gaps(run.result.each(lambda values: values[inside]), self.scene)
         curves, errors = {TIME: times}, {}
@@ -171,9 +174,6 @@ def read_errors(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path}: not the errors of a run ({error})") from None
 
 
-#: Beside the files of an ordinary run: what came of it, and of which settings.
-OUTCOME = "outcome.json"
-
 #: What makes a folder a study, and what study and report leave there beside reduced bodies.
 STUDY = "study.json"
 MADE = ("table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/", STUDY)
@@ -203,8 +203,8 @@ class StudyFolder(RunsFolder):
 
     Attributes
     ----------
-    outcomes, runs
-        Of the runs that ended, and those of them that are complete, by name.
+    runs
+        Those that are complete, by name.
 
     Raises
     ------
@@ -216,68 +216,51 @@ class StudyFolder(RunsFolder):
 
     def __init__(self, directory: str | Path, study: Study, *, overwrite: bool = False):
         self.study = study
-        super().__init__(directory, MADE, study.cases, overwrite=overwrite)
+        self.runs: dict[str, StoredRun] = {}
+        self._errors: dict[tuple[str, str], Errors] = {}
+        super().__init__(directory, study.cases.values(), MADE, overwrite=overwrite)
 
-    def _begin(self) -> None:
+    def require_own(self) -> None:
         """Refuse the study of another scene."""
         if (self.path / STUDY).exists():
             self.require_same(STUDY, {"scene": self.study.scene.name}, ["scene"])
-        self.forget()
 
-    def forget(self) -> None:
-        """Forget what was found of the runs, and remove what is kept of their errors."""
-        self.outcomes: dict[str, Outcome] = {}
-        self.runs: dict[str, StoredRun] = {}
-        self._references: dict[str, StoredRun] = {}
-        self._errors: dict[tuple[str, str], Errors] = {}
-        for name in self.study.cases:
+    def take_stock(self) -> list[Case]:
+        """Account for what is there, and remove what is kept of its errors; the other cases."""
+        self.runs.clear()
+        self._errors.clear()
+        for name in self.cases:
             found = [path.name for path in self.run(name).glob(errors_path(Path(), "*").name)]
             clear(self.run(name), found)
+        return super().take_stock()
 
-    def outcome(self, name: str) -> Outcome | None:
-        """Outcome of a run; None: it did not run, with other settings or version, or is damaged.
-
-        The files of a run that is complete must be there, all its steps in them.
-        """
-        try:
-            found = read_json(self.run(name) / OUTCOME)
-            outcome = Outcome(found["status"], found["figures"])
-            known = found["identity"] == self.study.cases[name].identity
-            if known and (not outcome.complete or self._whole(name)):
-                return outcome
-        except (OSError, ValueError, KeyError, TypeError, InputError):
-            pass
-        return None
-
-    def _whole(self, name: str) -> bool:
-        """True where the files of a complete run can be read and reach its end."""
-        scene = self.study.cases[name].scene
-        stored_bodies(scene, self.run(name))
-        run = self._read(name, films=True)
-        return bool(abs(run.times[-1] - scene.span) <= ROUND_OFF * scene.span)
-
-    def store(self, name: str, outcome: Outcome) -> None:
-        """Leave in a run's folder what came of it."""
-        claim(self.run(name), [OUTCOME])
-        about = {"identity": self.study.cases[name].identity}
-        self.write(f"runs/{name}/{OUTCOME}", about | asdict(outcome))
+    def stored(self, name: str) -> Outcome | None:
+        """Outcome of a run; None as well where it is complete and its files are damaged."""
+        outcome = super().stored(name)
+        if outcome is not None and outcome.complete:
+            try:
+                self.runs[name] = self._read(name)
+            except DAMAGE:
+                return None
+        return outcome
 
     def add(self, name: str, outcome: Outcome) -> None:
-        """Account for a run that ended; one whose files are unusable has failed.
-
-        It ends nothing, and is run again by the next call of the program.
-        """
+        """Account for a run that ended; one whose files are unusable has failed."""
         if outcome.complete:
             try:
                 self.runs[name] = self._read(name)
             except DAMAGE as error:
                 outcome = failed(error)
-                self.store(name, outcome)
-        self.outcomes[name] = outcome
+        super().add(name, outcome)
 
-    def _read(self, name: str, *, films: bool = False) -> StoredRun:
-        scene, start = self.study.cases[name].scene, self.study.start
-        return StoredRun(self.run(name), scene, start, films=films)
+    def _read(self, name: str) -> StoredRun:
+        """A complete run, whose files must be there, all its steps in them."""
+        scene = self.cases[name].scene
+        stored_bodies(scene, self.run(name))
+        run = StoredRun(self.run(name), scene, self.study.start)
+        if abs(run.times[-1] - scene.span) > ROUND_OFF * scene.span:
+            raise InputError(f"{self.run(name)}: its history ends at {run.times[-1]:g} s")
+        return run
 
     def status(self, name: str) -> str:
         """Status of a run, or that it has not run."""
@@ -291,9 +274,7 @@ class StudyFolder(RunsFolder):
         if run == against or not {run, against} <= self.runs.keys():
             return None
         if (run, against) not in self._errors:
-            if against not in self._references:
-                self._references[against] = self._read(against, films=True)
-            curves, found = self._references[against].differences(self.runs[run])
+            curves, found = self.runs[against].differences(self.runs[run])
             write_errors(errors_path(self.run(run), against), curves)
             self._errors[run, against] = found
         return self._errors[run, against]
@@ -306,6 +287,15 @@ class StudyFolder(RunsFolder):
     def own_error(self, kind: str) -> Errors | None:
         """One of the reference's own errors."""
         return self.errors(self.study.checks[kind].run, REFERENCE)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows of the table."""
+        return [table_row(row, j, self) for row in self.study.rows for j in self.study.joints]
+
+    def write_tables(self) -> None:
+        """Write tables of all runs, as far as they ended."""
+        write_table(self.path / "table.csv", COLUMNS, self.rows())
+        self.write("reference.json", describe_reference(self))
 
     def floor(self, row: Row, joint: str) -> tuple[float | None, float | None]:
         """Errors of pressure and film below which this row's mean nothing; None: unknown.
@@ -326,9 +316,6 @@ class StudyFolder(RunsFolder):
 
 #: Why static columns are left out.
 DROPPED = f"they depend on the others to {RANK_TOLERANCE:g} of the largest strain energy"
-
-#: By how much more cells, in both directions, a film mesh shows the error of another one.
-FINER = 1.2
 
 
 def describe_reference(folder: StudyFolder) -> dict[str, Any]:
@@ -362,25 +349,10 @@ def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     check, errors = folder.study.checks[kind], folder.own_error(kind)
     if errors is None:
         return dict.fromkeys(ERRORS) | {"why": folder.why_not(check.run, REFERENCE)}
-    if kind == "film" and (coarse := _too_coarse(folder)):
-        return dict.fromkeys(ERRORS) | {"why": coarse}
     joints = {joint: {name: own[name] for name in ERRORS} for joint, own in errors.items()}
     largest = {name: max(own[name] for own in joints.values()) for name in ERRORS}
     about = {"run": check.run, "against": REFERENCE, "how": check.meaning}
     return largest | about | ({"joints": joints} if len(joints) > 1 else {})
-
-
-def _too_coarse(folder: StudyFolder) -> str:
-    """Why a mesh shows nothing of the films' error; empty: it does."""
-    check = folder.study.checks["film"].run
-    fine, own = (folder.outcomes[run].figures["film_cells"] for run in (check, REFERENCE))
-    for joint in folder.study.joints:
-        numbers = zip(fine[joint].split("x"), own[joint].split("x"), strict=True)
-        if not all(int(more) >= FINER * int(few) for more, few in numbers):
-            return (
-                f"{check}: the film of {joint}, {fine[joint]} cells, is not finer than {own[joint]}"
-            )
-    return ""
 
 
 #: Columns of settings, of errors, and of figures of the run.
@@ -542,35 +514,13 @@ def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
         Rows of the table.
     """
     study = folder.study
-    folder.forget()
-    tasks = []
-    for name, case in study.cases.items():
-        outcome = folder.outcome(name)
-        if outcome is not None and outcome.complete:
-            folder.add(name, outcome)
-        else:
-            tasks.append(CaseTask(case, folder.bodies, folder.run(name)))
+    missing = folder.take_stock()
+    calls = former_calls(folder.path / STUDY)
+    if missing:
+        calls.append(call(pool.width, len(missing)))
+    folder.write(STUDY, describe_study(study) | {"calls": calls})
+    folder.write_tables()
     # Those with the shortest steps take longest.
-    tasks.sort(key=lambda task: (task.case.name != REFERENCE, task.case.scene.time.tolerance))
-    calls = former_calls(folder.path / "study.json")
-    if tasks:
-        calls.append(call(pool.width, len(tasks)))
-    folder.write("study.json", describe_study(study) | {"calls": calls})
-    write_tables(folder)
-
-    def ended(case: Case, outcome: Outcome) -> None:
-        folder.store(case.name, outcome)
-        folder.add(case.name, outcome)
-        write_tables(folder)
-
-    run_cases(tasks, folder.bodies, pool, ended, len(study.cases) - len(tasks))
-    return write_tables(folder)
-
-
-def write_tables(folder: StudyFolder) -> list[dict[str, Any]]:
-    """Tables of all runs, as far as they ended."""
-    study = folder.study
-    found = [table_row(row, joint, folder) for row in study.rows for joint in study.joints]
-    write_table(folder.path / "table.csv", COLUMNS, found)
-    folder.write("reference.json", describe_reference(folder))
-    return found
+    missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))
+    run_cases(folder, missing, pool)
+    return folder.rows()

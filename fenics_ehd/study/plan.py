@@ -247,6 +247,9 @@ REFERENCE = "reference"
 #: pressure at all. A cycle that repeats counts from its beginning.
 START = 0.02
 
+#: By how much more cells, in both directions, a film mesh shows the error of another one.
+FINER = 1.2
+
 #: Largest steps that must fit between the start of errors and the end: three steps at least.
 LEAST_STEPS = 2
 
@@ -353,6 +356,11 @@ def make_study(
     if scope is not None:
         scene = with_values(scene, values_in(scene, scope.settings))
     scope = scope or usual_scope(scene, quick=quick)
+    if scope.film_check.get(FILM, 1.0) < FINER:
+        raise SettingsError(
+            f"film_check: {scope.film_check.get(FILM, 1.0):g} times the cells of the films show "
+            f"nothing of their error: take film({FINER:g}) or more"
+        )
     if start is None:
         start = 0.0 if scene.time.periodic else START * scene.span
     _require_long_enough(scene, start)

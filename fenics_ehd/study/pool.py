@@ -19,7 +19,9 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from itertools import chain
 from math import inf
 from pathlib import Path
 from time import perf_counter, process_time
@@ -32,7 +34,6 @@ from fenics_ehd.base.errors import BodyFileError, EhdError, InputError, Settings
 from fenics_ehd.base.files import (
     claim,
     clear,
-    let_go,
     locked,
     new_part,
     read_json,
@@ -221,14 +222,6 @@ def _interrupt_blocked() -> Iterator[None]:
 SECONDS, PROCESSOR_SECONDS = "reduction_time_s", "reduction_processor_time_s"
 
 
-@dataclass(frozen=True)
-class PartTask:
-    """Bodies of one part to reduce, and the folder for their files."""
-
-    bodies: tuple[NeededBody, ...]
-    directory: Path
-
-
 def body_path(directory: Path, body: NeededBody) -> Path:
     """File of a reduced body in the folder of all of them."""
     return directory / f"{body.name}.h5"
@@ -243,11 +236,11 @@ def reduce_missing(
     for body in needed.values():
         if not _there(body_path(directory, body)):
             parts.setdefault(body.part, []).append(body)
-    tasks = [PartTask(tuple(in_turn(bodies)), directory) for bodies in parts.values()]
+    reduce = partial(reduce_part, directory=directory)
     failures: dict[str, Outcome] = {}
-    for task, answer in outcomes(pool, reduce_part_bodies, tasks, check):
+    for bodies, answer in outcomes(pool, reduce, map(in_turn, parts.values()), check):
         if isinstance(answer, Outcome):
-            lost = (b for b in task.bodies if not _there(body_path(directory, b)))
+            lost = (body for body in bodies if not _there(body_path(directory, body)))
             failures |= {body.name: answer for body in lost}
         else:
             failures |= answer
@@ -272,26 +265,26 @@ def _there(path: Path) -> bool:
     return True
 
 
-def reduce_part_bodies(task: PartTask) -> dict[str, Outcome]:
+def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outcome]:
     """Reduce bodies of one part on this process alone and save them; those that failed."""
     clocks = perf_counter(), process_time()
-    first = task.bodies[0]
+    first = bodies[0]
     try:
         part = elastic_part(first.settings, first.key, first.film_element, MPI.COMM_SELF)
         assert isinstance(part.source, Structure)
         reductor = Reductor(part.source, solver=first.settings.reduction.solver)
     except Exception as error:
-        return {body.name: failed(error) for body in task.bodies}
+        return {body.name: failed(error) for body in bodies}
     failures = {}
-    task.directory.mkdir(parents=True, exist_ok=True)
-    for body in task.bodies:
+    directory.mkdir(parents=True, exist_ok=True)
+    for body in bodies:
         try:
             made = replace(part, settings=body.settings).reduce(reductor=reductor)
             assert isinstance(made, ReducedPart)
             seconds = perf_counter() - clocks[0], process_time() - clocks[1]
             taken = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, seconds), strict=True))
             kept = replace(made.body, provenance={**made.body.provenance, **taken})
-            save_body(kept, body_path(task.directory, body))
+            save_body(kept, body_path(directory, body))
         except Exception as error:
             failures[body.name] = failed(error)
         clocks = perf_counter(), process_time()
@@ -320,16 +313,6 @@ def part_figures(bodies: Collection[ReducedBody]) -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class CaseTask:
-    """A case to run, the folders of the bodies and for its results, and whether these stay."""
-
-    case: Case
-    bodies: Path
-    directory: Path
-    keep: bool = True
-
-
 class OtherFolderError(InputError):
     """A folder holds another study or sweep, or what this program did not write."""
 
@@ -339,19 +322,30 @@ class OtherFolderError(InputError):
         )
 
 
+#: What came of a run, and of which settings, beside its files.
+OUTCOME = "outcome.json"
+
+
 class RunsFolder(ExitStack):
     """Folder of many runs, ``runs/NAME`` each, and their bodies, held by one process at a time.
+
+    A run that is complete, of the same settings and version, is not made again.
 
     Parameters
     ----------
     directory
         Created when missing.
+    cases
+        Runs of the folder.
     made
         What is kept there beside reduced bodies, which are named by what they are and stay.
-    runs
-        Names of the runs.
     overwrite
         Begin anew, whatever was made there.
+
+    Attributes
+    ----------
+    cases, outcomes
+        Runs by name, and what came of those that ended.
 
     Raises
     ------
@@ -364,13 +358,15 @@ class RunsFolder(ExitStack):
     def __init__(
         self,
         directory: str | Path,
+        cases: Iterable[Case],
         made: Sequence[str],
-        runs: Iterable[str],
         *,
         overwrite: bool = False,
     ):
         super().__init__()
         self.path = Path(directory)
+        self.cases = {case.name: case for case in cases}
+        self.outcomes: dict[str, Outcome] = {}
         require_writable(self.path)
         self.path.mkdir(parents=True, exist_ok=True)
         with ExitStack() as held:
@@ -378,12 +374,15 @@ class RunsFolder(ExitStack):
             claim(self.path, (*made, "bodies/"))
             if overwrite:
                 clear(self.path, made)
-            claim(self.path / "runs", [f"{name}/" for name in runs])
-            self._begin()
+            claim(self.path / "runs", [f"{name}/" for name in self.cases])
+            self.require_own()
             self.push(held.pop_all())
 
-    def _begin(self) -> None:
-        """Look at what is there."""
+    def require_own(self) -> None:
+        """Refuse what was made of something else."""
+
+    def write_tables(self) -> None:
+        """Write tables of the runs that ended."""
 
     def require_same(self, name: str, ours: Mapping[str, Any], keys: Iterable[str] = ()) -> None:
         """Refuse what was made of something else, as a JSON file says.
@@ -401,7 +400,7 @@ class RunsFolder(ExitStack):
         try:
             theirs = dict(read_json(path))
         except (OSError, ValueError, TypeError):
-            raise OtherFolderError(path, "it is missing or unreadable") from None
+            raise OtherFolderError(path, "it is unreadable") from None
         for key in keys or sorted({*ours, *theirs}):
             if ours.get(key) != theirs.get(key):
                 reason = f"{key} = {theirs.get(key)} there, {ours.get(key)} here"
@@ -420,92 +419,119 @@ class RunsFolder(ExitStack):
         """Write a JSON file, whole or not at all."""
         write_whole(self.path / name, to_json(values) + "\n")
 
+    def stored(self, name: str) -> Outcome | None:
+        """Outcome of a run; None: it did not run, or with other settings or another version."""
+        try:
+            found = read_json(self.run(name) / OUTCOME)
+            if found["identity"] == self.cases[name].identity:
+                return Outcome(found["status"], found["figures"])
+        except (OSError, ValueError, KeyError, TypeError):
+            pass
+        return None
+
+    def take_stock(self) -> list[Case]:
+        """Account for what is there; cases that are not complete."""
+        found = {name: self.stored(name) for name in self.cases}
+        self.outcomes = {name: outcome for name, outcome in found.items() if outcome is not None}
+        complete = {name for name, outcome in self.outcomes.items() if outcome.complete}
+        return [case for name, case in self.cases.items() if name not in complete]
+
+    def add(self, name: str, outcome: Outcome) -> None:
+        """Account for a run that ended, on the disk as well."""
+        claim(self.run(name), [OUTCOME])
+        about = {"identity": self.cases[name].identity}
+        self.write(f"runs/{name}/{OUTCOME}", about | asdict(outcome))
+        self.outcomes[name] = outcome
+        self.write_tables()
+
 
 def run_cases(
-    tasks: Sequence[CaseTask],
-    bodies: Path,
-    pool: ProcessPool,
-    ended: Callable[[Case, Outcome], None],
-    done: int = 0,
+    folder: RunsFolder, cases: Sequence[Case], pool: ProcessPool, *, keep: bool = True
 ) -> None:
     """Run cases as ``fenics-ehd run`` does, those whose body fails first; Ctrl-C between two.
 
     Parameters
     ----------
-    tasks
+    folder
+        Of all cases, which accounts for each that ended.
+    cases
         In the order in which they begin.
-    bodies
-        Folder of the bodies that all of them need.
     pool
         Workers.
-    ended
-        Told of every case.
-    done
-        Number of cases that need not run, for the bar.
+    keep
+        Whether results of each stay in its folder.
     """
     with (
         tqdm(
-            total=done + len(tasks),
-            initial=done,
+            total=len(folder.cases),
+            initial=len(folder.cases) - len(cases),
             unit="case",
             file=sys.stderr,
             mininterval=0.2 if sys.stderr.isatty() else 10.0,
         ) as bar,
         interrupt_between_steps() as check,
     ):
-        failures = reduce_missing((task.case for task in tasks), bodies, pool, check)
-        ready, failed_cases = [], 0
-
-        def told(case: Case, outcome: Outcome) -> None:
-            nonlocal failed_cases
-            ended(case, outcome)
-            failed_cases += not outcome.complete
-            bar.set_postfix_str(f"{failed_cases} failed", refresh=False)
+        failures = reduce_missing(cases, folder.bodies, pool, check)
+        lost = {
+            case: failures[body.name]
+            for case in cases
+            for body in case.bodies.values()
+            if body.name in failures
+        }
+        ready = [case for case in cases if case not in lost]
+        run = partial(run_case, bodies=folder.bodies, runs=folder.path / "runs", keep=keep)
+        incomplete = 0
+        for case, outcome in chain(lost.items(), outcomes(pool, run, ready, check)):
+            folder.add(case.name, outcome)
+            incomplete += not outcome.complete
+            bar.set_postfix_str(f"{incomplete} failed", refresh=False)
             bar.update()
 
-        for task in tasks:
-            lost = [failures[b.name] for b in task.case.bodies.values() if b.name in failures]
-            if lost:
-                told(task.case, lost[0])
-            else:
-                ready.append(task)
-        for task, answer in outcomes(pool, run_case, ready, check):
-            told(task.case, answer)
 
-
-def run_case(task: CaseTask) -> Outcome:
+def run_case(case: Case, bodies: Path, runs: Path, keep: bool) -> Outcome:
     """Run a case anew into its folder; what ends it early is its status.
 
-    Its figures are those of its summary, of its bodies, and the cells of its films by joint.
+    Parameters
+    ----------
+    case
+        What is run.
+    bodies, runs
+        Folders of all reduced bodies and of all runs.
+    keep
+        Whether the results stay.
+
+    Returns
+    -------
+    Outcome
+        Its figures are those of its summary, of its bodies, and the cells of its films by joint.
     """
+    directory = runs / case.name
+    clear(directory)
     try:
-        summary = _run(task)
+        summary = _run(case, bodies, directory)
     except Exception as error:
         return failed(error)
     finally:
-        if not task.keep:
-            clear(task.directory)
-            let_go(task.directory)
+        if not keep:
+            clear(directory)
     return Outcome(str(summary["status"]), summary)
 
 
-def _run(task: CaseTask) -> dict[str, Any]:
-    clear(task.directory)
-    scene = task.case.scene
-    files = {name: body_path(task.bodies, body) for name, body in task.case.bodies.items()}
-    bodies = {name: load_body(path) for name, path in files.items()}
-    built = build(scene, bodies=bodies)
-    seconds = sum(float(body.provenance[SECONDS]) for body in bodies.values())
-    bar = tqdm(total=1e3 * scene.span, disable=True)
-    with RunFolder(task.directory, flexible(scene)) as folder:
+def _run(case: Case, bodies: Path, directory: Path) -> dict[str, Any]:
+    files = {name: body_path(bodies, body) for name, body in case.bodies.items()}
+    loaded = {name: load_body(path) for name, path in files.items()}
+    built = build(case.scene, bodies=loaded)
+    seconds = sum(float(body.provenance[SECONDS]) for body in loaded.values())
+    bar = tqdm(total=1e3 * case.scene.span, disable=True)
+    with RunFolder(directory, flexible(case.scene)) as folder:
         try:
             own = replace(built, seconds=seconds)
             # A study compares its runs with one another.
-            summary = run_scene(scene, own, folder.path, bar, interval=inf, judged=False)
+            summary = run_scene(case.scene, own, folder.path, bar, interval=inf, judged=False)
         finally:
             for name, path in files.items():
                 _share(path, folder.path / BODY_FILE.format(name))
-    return summary | part_figures(bodies.values()) | {"film_cells": _film_cells(built.mechanism)}
+    return summary | part_figures(loaded.values()) | {"film_cells": _film_cells(built.mechanism)}
 
 
 def _film_cells(mechanism: Mechanism) -> dict[str, str]:

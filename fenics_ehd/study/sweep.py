@@ -1,14 +1,13 @@
 """Parameter sweeps: one scene over the product of given values.
 
 ``sweep.csv`` has a row for every case that ended, in the order of the product, and is written again
-whenever one ends. ``sweep.json`` beside it says which sweep they belong to. Cases with a complete
-row are not run again.
+whenever one ends. ``sweep.json`` beside it says which sweep they belong to. Complete cases are not
+run again.
 """
 
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from typing import Any
 
 from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.base.files import let_go
 from fenics_ehd.scenes.scene import Scene, as_stored, lubricated_joints
 from fenics_ehd.study.cases import (
     MOST_CASES,
@@ -27,20 +25,11 @@ from fenics_ehd.study.cases import (
     identity,
     make_case,
     parse_values,
-    read_table,
     resolve_key,
     scene_values,
     write_table,
 )
-from fenics_ehd.study.pool import (
-    COMPLETE,
-    CaseTask,
-    OtherFolderError,
-    Outcome,
-    ProcessPool,
-    RunsFolder,
-    run_cases,
-)
+from fenics_ehd.study.pool import ProcessPool, RunsFolder, run_cases
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +87,7 @@ def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]
 
 def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
     combinations = enumerate(itertools.product(*axes.values()), 1)
-    made = [_made(str(n), scene, dict(zip(axes, v, strict=True))) for n, v in combinations]
+    made = [_made(f"{n:04d}", scene, dict(zip(axes, v, strict=True))) for n, v in combinations]
     complaints = [case for case in made if isinstance(case, str)]
     if complaints:
         # A section stops at its first bad value: each value on its own names the others as well.
@@ -146,20 +135,15 @@ def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
     return (*own, *FIGURES)
 
 
-def folder_of(case: Case) -> str:
-    """Name of the folder of a case's results, in ``runs``."""
-    return f"{int(case.name):04d}"
-
-
-class SweepTable(RunsFolder):
-    """Rows of a sweep in a folder, on disk as soon as they are added.
+class SweepFolder(RunsFolder):
+    """Folder of one sweep, its rows on disk as soon as a case ends.
 
     Parameters
     ----------
     directory
         Created when missing.
     sweep
-        Whose rows they are.
+        What is run.
     resume
         Insist on rows of a former attempt.
     overwrite
@@ -178,59 +162,48 @@ class SweepTable(RunsFolder):
     def __init__(
         self, directory: str | Path, sweep: Sweep, *, resume: bool = False, overwrite: bool = False
     ):
-        self.table, self.sweep = Path(directory) / "sweep.csv", sweep
-        self._figures = figure_columns(sweep.joints)
-        self._columns = ("case", *sweep.keys, "status", *self._figures)
+        self.sweep, self.table = sweep, Path(directory) / "sweep.csv"
         if resume and not self.table.is_file():
             raise InputError(f"--resume: {self.table} does not exist, there is nothing to resume")
-        super().__init__(directory, OWN, map(folder_of, sweep.cases), overwrite=overwrite)
+        super().__init__(directory, sweep.cases, OWN, overwrite=overwrite)
 
-    def _begin(self) -> None:
-        """Read the rows that are there, once it is sure that they are of this sweep."""
-        self._rows: dict[str, dict[str, Any]] = {}
-        if not (self.table.is_file() and self.table.stat().st_size):
+    def require_own(self) -> None:
+        """Refuse another sweep."""
+        if (self.path / "sweep.json").exists():
+            self.require_same("sweep.json", self.sweep.identity)
+        else:
             self.write("sweep.json", self.sweep.identity)
-            write_table(self.table, self._columns, [])
-            return
-        self.require_same("sweep.json", self.sweep.identity)
-        try:
-            found = {row["case"]: row for row in read_table(self.table, self._columns)}
-        except ValueError as error:
-            raise OtherFolderError(self.table, str(error)) from None
-        for case in self.sweep.cases:
-            row = found.get(case.name, {})
-            if None not in row.values() and row:
-                figures = {name: json.loads(row[name] or "null") for name in self._figures}
-                self._rows[case.name] = self._row(case, row["status"], figures)
-
-    def _row(self, case: Case, status: str, figures: Mapping[str, Any]) -> dict[str, Any]:
-        swept = dict(zip(self.sweep.keys, case.values, strict=True))
-        own = {name: finite(figures.get(name)) for name in self._figures}
-        return {"case": int(case.name), **swept, "status": status, **own}
-
-    def add(self, case: Case, outcome: Outcome) -> None:
-        """Add the row of a case that ended; a figure that is no finite number is empty."""
-        joints = outcome.figures.get("joints", {})
-        own = {f"{j}.{name}": value for j, found in joints.items() for name, value in found.items()}
-        self._rows[case.name] = self._row(case, outcome.status, {**outcome.figures, **own})
-        write_table(self.table, self._columns, self.rows())
-
-    def complete(self, case: Case) -> bool:
-        """True of a case that need not run again."""
-        return self._rows.get(case.name, {}).get("status") == COMPLETE
 
     def rows(self) -> list[dict[str, Any]]:
         """Rows of the cases that ended, by number; None for what is empty."""
-        return [self._rows[case.name] for case in self.sweep.cases if case.name in self._rows]
+        return [self._row(case) for case in self.sweep.cases if case.name in self.outcomes]
+
+    def _row(self, case: Case) -> dict[str, Any]:
+        """Row of a case; a figure that is no finite number is empty."""
+        outcome = self.outcomes[case.name]
+        figures = dict(outcome.figures)
+        for joint, own in outcome.figures.get("joints", {}).items():
+            figures |= {f"{joint}.{name}": value for name, value in own.items()}
+        row = {"case": int(case.name), **dict(zip(self.sweep.keys, case.values, strict=True))}
+        row["status"] = outcome.status
+        columns = figure_columns(self.sweep.joints)
+        return row | {name: finite(figures.get(name)) for name in columns}
+
+    def write_tables(self) -> None:
+        """Write ``sweep.csv``."""
+        columns = "case", *self.sweep.keys, "status", *figure_columns(self.sweep.joints)
+        write_table(self.table, columns, self.rows())
 
 
-def run_sweep(table: SweepTable, pool: ProcessPool, *, keep: bool = False) -> list[dict[str, Any]]:
-    """Run every case that has no complete row, and add its row.
+def run_sweep(
+    folder: SweepFolder, pool: ProcessPool, *, keep: bool = False
+) -> list[dict[str, Any]]:
+    """Run every case that is not complete, and add its row.
 
     Parameters
     ----------
-    table
-        The sweep's rows.
+    folder
+        Of the sweep.
     pool
         Workers.
     keep
@@ -241,12 +214,7 @@ def run_sweep(table: SweepTable, pool: ProcessPool, *, keep: bool = False) -> li
     list of dict
         The row of every case.
     """
-    cases = table.sweep.cases
-    tasks = [
-        CaseTask(case, table.bodies, table.run(folder_of(case)), keep)
-        for case in cases
-        if not table.complete(case)
-    ]
-    run_cases(tasks, table.bodies, pool, table.add, len(cases) - len(tasks))
-    let_go(table.path / "runs")
-    return table.rows()
+    missing = folder.take_stock()
+    folder.write_tables()
+    run_cases(folder, missing, pool, keep=keep)
+    return folder.rows()
