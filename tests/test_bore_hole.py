@@ -156,13 +156,18 @@ def test_a_hole_in_the_mesh_is_closed_unless_a_supply_is_there(ring, monkeypatch
     film = mechanism.joints["bearing"].film
     assert film.parameters.feeds == ()
     (recess,) = film.parameters.recesses
-    assert recess.angle == pytest.approx(PLACE, abs=0.01)
+    assert recess.middle == pytest.approx(PLACE, abs=0.01)
     closed = run()
     mechanism, run = ring_run(ring, monkeypatch, HOLE)
     parameters = mechanism.joints["bearing"].film.parameters
     assert parameters.recesses == ()
     (feed,) = parameters.feeds
-    assert feed.region == recess  # place and size are the mesh's
+    place_and_size = (feed.angle, feed.height, feed.diameter)
+    assert place_and_size == (
+        recess.angle,
+        recess.height,
+        recess.diameter,
+    )  # place and size are the mesh's
     fed = run()
     assert closed.status == fed.status == "complete"
     assert fed.columns["inlet.flow_m3_per_s"][-1] > 0.0
@@ -176,7 +181,7 @@ def test_a_hole_in_the_mesh_is_closed_unless_a_supply_is_there(ring, monkeypatch
 
 
 def test_the_pressure_in_a_closed_hole_is_uniform():
-    bore = ehd.FeedHole(-1.8, 0.0, 7e-3)
+    bore = ehd.HoleSupply(angle=np.degrees(-1.8), diameter=7e-3)
     grid = uniform_grid(0.0225, 0.022, (80, 20))
     film = ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0, recesses=(bore,)))
     plain = ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0))

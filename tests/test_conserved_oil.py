@@ -33,7 +33,6 @@ from test_coupled_steps import joined_matrix, mechanism_with, some_step
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import FilmTooThinError, SettingsError, StepSizeError
-from fenics_ehd.film.supply import Feed
 from fenics_ehd.multibody import film_models
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
@@ -46,7 +45,9 @@ from fenics_ehd.scenes.scene import scene_of
 
 pytestmark = pytest.mark.kernels
 
-HOLE = Feed("inlet", ehd.FeedHole(1.0, 1e-3, 0.0089), 3e5, on_journal=True)
+HOLE = ehd.HoleSupply(
+    name="inlet", on="journal", angle=np.degrees(1.0), height=1e-3, diameter=0.0089, pressure=3e5
+)
 GROOVE = ehd.AxialGroove(np.radians(90), np.radians(18), 3e5)
 DENSE = ehd.Lubricant(ETA, density_law=ehd.DowsonHigginson())
 

@@ -21,7 +21,6 @@ from oracle_quasi_static import massless_coordinates
 
 import fenics_ehd as ehd
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.supply import Feed
 from fenics_ehd.multibody import newton as step_solver
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
@@ -133,9 +132,21 @@ def test_derivatives_of_oils_that_change_equal_central_differences(oil, residual
 
 #: A hole that turns with the journal behind a passage, a groove that does, one at rest.
 FEEDS = (
-    Feed("hole", ehd.FeedHole(0.3, 1e-3, 9e-3), 4e6, 1e11, on_journal=True),
-    Feed("turning", ehd.FeedGroove(2.0, 0.0, 0.6, 11e-3), 1e6, on_journal=True),
-    Feed("resting", ehd.FeedGroove(4.0, -1e-3, 0.5, 9e-3), 2e6),
+    ehd.HoleSupply(
+        name="hole",
+        on="journal",
+        angle=17.0,
+        height=1e-3,
+        diameter=9e-3,
+        pressure=4e6,
+        resistance=1e11,
+    ),
+    ehd.AxialGrooveSupply(
+        name="turning", on="journal", angle=115.0, extent=34.0, length=11e-3, pressure=1e6
+    ),
+    ehd.AxialGrooveSupply(
+        name="resting", angle=229.0, height=-1e-3, extent=29.0, length=9e-3, pressure=2e6
+    ),
 )
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from attrs import evolve
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, make_film, shaft, solve
 from lone_oil import LoneOil
 from nested_film import pressure_derivative
@@ -13,12 +14,13 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.flow import FilmFlows
 from fenics_ehd.film.parameters import EDGES, Feeds
-from fenics_ehd.film.supply import Feed
 
 #: What is tried: supply pressure [Pa], a hole, a groove.
 SUPPLY = 3e5
-HOLE = ehd.FeedHole(1.0, 0.1 * R, 0.5 * R)
-GROOVE = ehd.FeedGroove(np.pi / 2, 0.0, np.radians(36), 1.2 * R)
+HOLE = ehd.HoleSupply(name="a", angle=np.degrees(1.0), height=0.1 * R, diameter=0.5 * R)
+GROOVE = ehd.CircumferentialGrooveSupply(name="b", angle=90, extent=36, width=1.2 * R)
+OTHER_GROOVE = evolve(GROOVE, angle=np.degrees(4.0), pressure=1e6)
+OTHER_HOLE = ehd.HoleSupply(name="b", angle=np.degrees(4.0), diameter=0.4 * R)
 
 
 def two_lands(width, ratio, pressure):
@@ -37,7 +39,7 @@ def two_lands(width, ratio, pressure):
 @pytest.mark.parametrize("ratio", [0.0, 0.6])
 def test_groove_all_around_feeds_its_two_lands(family, ratio, figure):
     width = 0.4 * R
-    feed = Feed("groove", ehd.FeedGroove(0.0, 0.0, 2 * np.pi, width), SUPPLY)
+    feed = ehd.CircumferentialGrooveSupply(name="groove", width=width, pressure=SUPPLY)
     errors = []
     for n in (10, 20, 40):  # the edges lie alike in the cells
         film = make_film((4 * n, n), family, feeds=(feed,))
@@ -51,7 +53,7 @@ def test_groove_all_around_feeds_its_two_lands(family, ratio, figure):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_flow_through_a_resistance_is_its_pressure_drop_over_it(family):
     resistance = 2e11
-    feed = Feed("hole", HOLE, SUPPLY, resistance, on_journal=True)
+    feed = evolve(HOLE, name="hole", pressure=SUPPLY, resistance=resistance, on="journal")
     film = make_film((24, 8), family, feeds=(feed,))
     state = film.solve(replace(gap_of(film, shaft(0.5, 0.2)), turn=0.7))
     pressure = film.assembly.at_points(state.pressure)[0]
@@ -66,7 +68,7 @@ def test_flow_through_a_resistance_is_its_pressure_drop_over_it(family):
 )
 @pytest.mark.parametrize("family", FAMILIES)
 def test_oil_and_power_balance_to_round_off(family, oil):
-    feeds = (Feed("a", HOLE, SUPPLY, 1e11), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+    feeds = evolve(HOLE, pressure=SUPPLY, resistance=1e11), OTHER_GROOVE
     film = make_film(
         (24, 8), family, oil=oil, feeds=feeds, sides=ehd.Sides(1e5, 0.0), tolerance=1e-13
     )
@@ -78,7 +80,7 @@ def test_oil_and_power_balance_to_round_off(family, oil):
 
 
 def test_normal_motion_drag_and_supply_give_what_the_flow_loses():
-    film = make_film((24, 8), feeds=(Feed("b", GROOVE, 1e6),), tolerance=1e-13)
+    film = make_film((24, 8), feeds=(evolve(GROOVE, pressure=1e6),), tolerance=1e-13)
     state = solve(film, 0.6, 0.1, rate=(30.0, 10.0))
     pressure = film.assembly.at_points(state.pressure)[0]
     normal = -np.sum(R**2 * film.assembly.area * pressure * state.gap.thickness_rate)
@@ -99,7 +101,7 @@ def turned(film, angle, ratio=0.6, fed=True):
 
 @pytest.mark.parametrize("region", [GROOVE, HOLE])
 def test_load_and_flow_converge_and_do_not_feel_the_mesh_below(region, figure):
-    feed = Feed("inlet", region, SUPPLY, on_journal=True)
+    feed = evolve(region, name="inlet", pressure=SUPPLY, on="journal")
     ripples, means = [], []
     for n in (10, 20, 40):
         film = make_film((4 * n, n), feeds=(feed,))
@@ -118,7 +120,7 @@ def test_load_and_flow_converge_and_do_not_feel_the_mesh_below(region, figure):
 
 def test_edges_are_where_they_should_be_for_one_constant_alone(monkeypatch):
     # Less conductance lets the film's pressure into the groove, more blows the groove up.
-    feed, loads, edge = Feed("groove", GROOVE, SUPPLY), {}, EDGES["lagrange"]
+    feed, loads, edge = evolve(GROOVE, pressure=SUPPLY), {}, EDGES["lagrange"]
     for factor in (0.25, 1.0, 4.0, 30.0):
         monkeypatch.setitem(EDGES, "lagrange", factor * edge)
         loads[factor] = [
@@ -139,7 +141,7 @@ def test_edges_are_where_they_should_be_for_one_constant_alone(monkeypatch):
 @pytest.mark.parametrize("law", [None, ehd.Barus(5e-9)])
 def test_sensitivity_is_exact(family, law):
     oil = ehd.Lubricant(ETA) if law is None else ehd.Lubricant(ETA, viscosity_law=law)
-    feeds = (Feed("a", HOLE, 3e6, 1e11), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+    feeds = evolve(HOLE, pressure=3e6, resistance=1e11), OTHER_GROOVE
     film = make_film((20, 6), family, oil=oil, feeds=feeds, tolerance=1e-13)
     gap, slopes = bore_like(film, seed=3)
     state = film.solve(gap)
@@ -150,12 +152,12 @@ def test_sensitivity_is_exact(family, law):
 
 
 def test_a_film_between_closed_sides_is_fed():
-    film = make_film((24, 6), sides=ehd.Sides(None, None), feeds=(Feed("a", HOLE, SUPPLY),))
+    film = make_film((24, 6), sides=ehd.Sides(None, None), feeds=(evolve(HOLE, pressure=SUPPLY),))
     np.testing.assert_allclose(solve(film, 0.3, speed=0.0).pressure, SUPPLY, rtol=1e-8)
 
 
 def test_a_supply_follows_its_table_in_time():
-    feed = Feed("a", HOLE, lambda time: (1e5 + 1e8 * time, 1e8), 1e12)
+    feed = evolve(HOLE, curve=lambda time: (1e5 + 1e8 * time, 1e8), resistance=1e12)
     film = make_film((24, 8), feeds=(feed,))
     gap = gap_of(film, shaft(speed=0.0))
     states = [film.solve(replace(gap, time=t)) for t in (0.0, 2e-3)]
@@ -164,26 +166,21 @@ def test_a_supply_follows_its_table_in_time():
 
 
 def test_no_pressure_gives_no_oil():
-    film = make_film(
-        (24, 8), feeds=(Feed("a", HOLE, 0.0), Feed("b", ehd.FeedHole(4, 0, 0.4 * R), 0.0))
-    )
+    film = make_film((24, 8), feeds=(HOLE, OTHER_HOLE))
     assert not solve(film, speed=0.0).pressure.any()
 
 
 @pytest.mark.parametrize(
     ("feed", "told"),
     [
-        (lambda: Feed("inlet", ehd.FeedHole(0.0, 0.0, 2 * R)), "must leave land at both sides"),
-        (
-            lambda: Feed("inlet", ehd.FeedHole(0.0, 0.9 * R, 0.5 * R)),
-            "must leave land at both sides",
-        ),
-        (lambda: Feed("inlet", ehd.FeedHole(0.0, 0.0, 0.1 * R)), r"use cells = \[63, 20\] or more"),
-        (lambda: Feed("inlet", ehd.FeedHole(0.0, 0.0, 1.8 * R)), r"a land of 2.25 mm, less than"),
-        (lambda: Feed("inlet", ehd.FeedGroove(0.0, 0.0, 0.05, R)), "less than a film cell's"),
-        (lambda: Feed("inlet", ehd.FeedGroove(0.0, 0.0, 6.25, R)), "less than a film cell's"),
-        (lambda: Feed("inlet", HOLE, -1.0), "pressure = -1 Pa must be at least 0"),
-        (lambda: Feed("inlet", HOLE, 1.0, -1.0), "resistance = -1 Pa s/m3 must be at least 0"),
+        (lambda: ehd.HoleSupply(diameter=2 * R), "must leave land at both sides"),
+        (lambda: ehd.HoleSupply(height=0.9 * R, diameter=0.5 * R), "must leave land at both sides"),
+        (lambda: ehd.HoleSupply(diameter=0.1 * R), r"use cells = \[63, 20\] or more"),
+        (lambda: ehd.HoleSupply(diameter=1.8 * R), r"a land of 2.25 mm, less than"),
+        (lambda: evolve(GROOVE, extent=3, width=R), "less than a film cell's"),
+        (lambda: evolve(GROOVE, extent=358, width=R), "less than a film cell's"),
+        (lambda: evolve(HOLE, pressure=-1), "pressure = -1.0 must be at least 0"),
+        (lambda: evolve(HOLE, resistance=-1), "resistance = -1.0 must be at least 0"),
     ],
 )
 def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, told):
@@ -193,7 +190,7 @@ def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, told):
 
 def test_two_supplies_have_two_names():
     with pytest.raises(SettingsError, match="two supplies of one name: a, a"):
-        make_film((40, 10), feeds=(Feed("a", HOLE), Feed("a", GROOVE)))
+        make_film((40, 10), feeds=(HOLE, evolve(GROOVE, name="a")))
 
 
 def test_without_supplies_none_of_this_is_called(monkeypatch):
@@ -205,7 +202,10 @@ def test_without_supplies_none_of_this_is_called(monkeypatch):
 
 def test_reference_speed_changes_nothing():
     one, two = (
-        solve(make_film((24, 8), rate=rate, feeds=(Feed("a", HOLE, SUPPLY, 1e11),)), 0.5).pressure
+        solve(
+            make_film((24, 8), rate=rate, feeds=(evolve(HOLE, pressure=SUPPLY, resistance=1e11),)),
+            0.5,
+        ).pressure
         for rate in (OMEGA, 3 * OMEGA)
     )
     np.testing.assert_allclose(two, one, atol=1e-8 * one.max())
@@ -216,7 +216,9 @@ def test_reference_speed_changes_nothing():
 
 def test_a_dry_film_is_filled_by_what_flows_in():
     resistance, step = 1e12, 2e-3
-    film = make_film((24, 8), "bilinear", feeds=(Feed("a", HOLE, SUPPLY, resistance),))
+    film = make_film(
+        (24, 8), "bilinear", feeds=(evolve(HOLE, pressure=SUPPLY, resistance=resistance),)
+    )
     oil, gap = LoneOil(film), gap_of(film, shaft(speed=0.0))
     content, flows = oil.filled(gap, 0.0), []
     for _ in range(40):
@@ -238,7 +240,7 @@ def test_a_film_that_conserves_its_oil_agrees_with_a_full_one():
     # At rest nothing ruptures: lumping alone tells the two apart, and it fades with the mesh.
     errors = []
     for n in (8, 16, 32):
-        feeds = (Feed("a", HOLE, SUPPLY, 1e11), Feed("b", replace(GROOVE, angle=4.0), 1e6))
+        feeds = evolve(HOLE, pressure=SUPPLY, resistance=1e11), OTHER_GROOVE
         film = make_film((4 * n, n), "bilinear", feeds=feeds)
         gap = gap_of(film, shaft(0.6, speed=0.0))
         full = FilmFlows(film, film.solve(gap)).balance.supply

@@ -19,7 +19,6 @@ from fenics_ehd.base import compat
 from fenics_ehd.film.film_forms import compiled
 from fenics_ehd.film.kinematics import Gap, GapDerivatives
 from fenics_ehd.film.reynolds import DensityRate
-from fenics_ehd.film.supply import Feed
 
 
 def place(angle, height):
@@ -27,8 +26,11 @@ def place(angle, height):
     return 1 + 0.3 * np.cos(angle) + 5 * height
 
 
-HOLE = Feed("hole", ehd.FeedHole(2.0, 0.1 * R, 0.9 * R), 3e5, 2e11, on_journal=True)
-GROOVE = Feed("groove", ehd.FeedGroove(4.0, 0.0, 0.9, R), 2e5)
+HOLE = ehd.HoleSupply(
+    name="hole", on="journal", angle=115.0, height=0.1 * R, diameter=0.9 * R, pressure=3e5,
+    resistance=2e11,
+)  # fmt: skip
+GROOVE = ehd.AxialGrooveSupply(name="groove", angle=229.0, extent=52.0, length=R, pressure=2e5)
 
 EVERYTHING = {
     "oil": ehd.Lubricant(

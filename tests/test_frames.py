@@ -14,7 +14,6 @@ from rough_cases import surfaces
 
 import fenics_ehd as ehd
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.supply import Feed
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 
 #: c / R, 5e-4, is what thin-film equations leave out.
@@ -75,8 +74,14 @@ def compressible(v):
 
 def groove(v):
     """Of the bearing, which is the journal when they are exchanged."""
-    region = ehd.FeedGroove(v.seen(2.0), 0.0, np.radians(50), 0.6 * WIDTH * v.length)
-    feed = Feed("inlet", region, 2e5 * v.pressure, on_journal=v.exchanged)
+    feed = ehd.AxialGrooveSupply(
+        name="inlet",
+        on="journal" if v.exchanged else "bore",
+        angle=np.degrees(v.seen(2.0)),
+        extent=50,
+        length=0.6 * WIDTH * v.length,
+        pressure=2e5 * v.pressure,
+    )
     return {"feeds": (feed,), "cells": (40, 5)}
 
 

@@ -50,14 +50,16 @@ def made(tmp_path, monkeypatch):
 def test_supplies_are_those_of_the_scene(made):
     mechanism = made({})
     inlet, groove = mechanism.joints["bearing"].film.parameters.feeds
-    assert inlet.region == ehd.FeedHole(pytest.approx(np.pi / 2), 0.0, 6e-3)
-    assert (inlet.name, inlet.on_journal, inlet.resistance) == ("inlet", True, 1e11)
+    assert inlet == ehd.HoleSupply(
+        name="inlet", on="journal", angle=90, diameter=6e-3, pressure=3e5, resistance=1e11
+    )
     assert inlet.pressure_at(1.0) == 3e5
-    assert groove.region == ehd.FeedGroove(0.0, 0.0, pytest.approx(2 * np.pi), 5e-3)
+    assert isinstance(groove, ehd.CircumferentialGrooveSupply)
+    assert groove.closed
     assert not groove.on_journal
     # Over and over, as all in a periodic scene; no step jumps over its rows.
     assert [groove.pressure_at(t) for t in (0.0, 5e-3, 25e-3)] == pytest.approx([1e5, 3e5, 3e5])
-    assert any(load.curve is groove.pressure for load in System(mechanism).tables)
+    assert any(load.curve is groove.curve for load in System(mechanism).tables)
 
 
 def test_the_text_of_a_scene_keeps_its_supplies(tmp_path, monkeypatch):

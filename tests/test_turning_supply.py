@@ -1,5 +1,6 @@
 """A supply that turns with the journal in the coupled step, against one at rest on the bore."""
 
+import attrs
 import numpy as np
 import pytest
 from journal_cases import in_bearing
@@ -7,11 +8,12 @@ from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.supply import Feed
 
 R, C, ETA, OMEGA, WIDTH = 0.02, 2e-6, 0.01, 100.0, 0.02
 LOAD = 0.5 * 6 * ETA * OMEGA * (R / C) ** 2 * R * WIDTH
-GROOVE = ehd.FeedGroove(np.pi / 2, 0.0, np.radians(50), 0.6 * WIDTH)
+GROOVE = ehd.AxialGrooveSupply(
+    name="inlet", angle=90, extent=50, length=0.6 * WIDTH, pressure=0.05 * LOAD / (R * WIDTH)
+)
 TURN = 2 * np.pi / OMEGA
 
 
@@ -23,7 +25,7 @@ def seen_from_the_groove(
     In the frame of the journal a groove on it is at rest, the bore turns backwards and so does the
     load: that is a groove on the bore, with the journal turning backwards.
     """
-    feed = Feed("inlet", GROOVE, 0.05 * LOAD / (R * WIDTH), on_journal=on_journal)
+    feed = attrs.evolve(GROOVE, on="journal" if on_journal else "bore")
     grid = uniform_grid(R, WIDTH, cells, family)
     film = ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA, feeds=(feed,)))
     speed, load = (OMEGA, 0.0) if on_journal else (-OMEGA, -OMEGA)

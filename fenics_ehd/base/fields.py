@@ -24,7 +24,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache, partial
 from math import hypot, pi
@@ -46,97 +46,112 @@ LONGEST = 400
 #: Powers of ten that a prefix stands for; u, and the micro and mu signs.
 PREFIXES = {"n": -9, "u": -6, "\u00b5": -6, "\u03bc": -6, "m": -3, "c": -2, "k": 3, "M": 6, "G": 9}
 
-#: Of a unit: factor to kg, m, s, K and rad, power of pi in it, powers of these.
-Row = tuple[str, int, str]
-_PLAIN: dict[str, Row] = {
-    "m": ("1", 0, "m"),
-    "g": ("1/1000", 0, "kg"),
-    "s": ("1", 0, "s"),
-    "K": ("1", 0, "K"),
-    "rad": ("1", 0, "rad"),
-    "N": ("1", 0, "kg m s-2"),
-    "Pa": ("1", 0, "kg m-1 s-2"),
-    "bar": ("100000", 0, "kg m-1 s-2"),
-    "J": ("1", 0, "kg m2 s-2"),
-    "W": ("1", 0, "kg m2 s-3"),
-    "P": ("1/10", 0, "kg m-1 s-1"),
-    "St": ("1/10000", 0, "m2 s-1"),
-    "l": ("1/1000", 0, "m3"),
-    "Hz": ("1", 0, "s-1"),
-}
-_ALONE: dict[str, Row] = {
-    "t": ("1000", 0, "kg"),
-    "deg": ("1/180", 1, "rad"),
-    "degree": ("1/180", 1, "rad"),
-    "degrees": ("1/180", 1, "rad"),
-    "\u00b0": ("1/180", 1, "rad"),
-    "rev": ("2", 1, "rad"),
-    "rpm": ("1/30", 1, "rad s-1"),
-    "min": ("60", 0, "s"),
-    "h": ("3600", 0, "s"),
-    "L": ("1/1000", 0, "m3"),
-    "%": ("1/100", 0, ""),
-    "in": ("127/5000", 0, "m"),
-}
-
-#: Temperatures that do not begin at absolute zero: kelvins a degree, and what zero is [K].
-SCALES = {
-    **dict.fromkeys(("C", "degC", "\u00b0C"), (Fraction(1), Fraction("273.15"))),
-    **dict.fromkeys(("F", "degF", "\u00b0F"), (Fraction(5, 9), Fraction("459.67") * 5 / 9)),
-}
-
-_FACTOR = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?\d)?")
-
 
 @dataclass(frozen=True)
 class Unit:
-    """Factor, times a power of pi, to kg, m, s, K and rad, and the powers of these."""
+    """A unit in kg, m, s, K and rad.
+
+    Attributes
+    ----------
+    factor, turns
+        Its size is the factor times so many powers of pi.
+    powers
+        Of kg, m, s, K and rad.
+    zero
+        Where a scale of temperatures begins [K].
+    """
 
     factor: Fraction
-    turns: int
-    powers: frozenset[tuple[str, int]]
+    powers: Counter[str]
+    turns: int = 0
+    zero: Fraction = Fraction(0)
 
 
-def _row(factor: str, turns: int, powers: str) -> Unit:
-    found = {m[1]: int(m[2] or 1) for m in map(_FACTOR.fullmatch, powers.split()) if m}
-    return Unit(Fraction(factor), turns, frozenset(found.items()))
+#: A word of a unit, and its symbol and power.
+_WORD = re.compile(r"[^\s*\u00b7]+")
+_SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?\d)?")
+
+
+def _unit(factor: str, powers: str = "", turns: int = 0, zero: str = "0") -> Unit:
+    """A unit whose powers are written as ``kg m s-2``."""
+    found = {m[1]: int(m[2] or 1) for m in map(_SYMBOL.fullmatch, powers.split()) if m}
+    return Unit(Fraction(factor), Counter(found), turns, Fraction(zero))
+
+
+#: Units that take a prefix.
+_PLAIN = {
+    "m": _unit("1", "m"),
+    "g": _unit("1/1000", "kg"),
+    "s": _unit("1", "s"),
+    "K": _unit("1", "K"),
+    "rad": _unit("1", "rad"),
+    "N": _unit("1", "kg m s-2"),
+    "Pa": _unit("1", "kg m-1 s-2"),
+    "bar": _unit("100000", "kg m-1 s-2"),
+    "J": _unit("1", "kg m2 s-2"),
+    "W": _unit("1", "kg m2 s-3"),
+    "P": _unit("1/10", "kg m-1 s-1"),
+    "St": _unit("1/10000", "m2 s-1"),
+    "l": _unit("1/1000", "m3"),
+    "Hz": _unit("1", "s-1"),
+}
+
+#: Units that take none; names of one unit share it.
+_ALONE = {
+    "t": _unit("1000", "kg"),
+    **dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), _unit("1/180", "rad", 1)),
+    "rev": _unit("2", "rad", 1),
+    "rpm": _unit("1/30", "rad s-1", 1),
+    "min": _unit("60", "s"),
+    "h": _unit("3600", "s"),
+    "L": _unit("1/1000", "m3"),
+    "%": _unit("1/100"),
+    "in": _unit("127/5000", "m"),
+}
+
+#: Scales of temperature, which are no factors of other units.
+SCALES = {
+    **dict.fromkeys(("C", "degC", "\u00b0C"), _unit("1", "K", zero="273.15")),
+    **dict.fromkeys(("F", "degF", "\u00b0F"), _unit("5/9", "K", zero="45967/180")),
+}
 
 
 def _symbol(symbol: str) -> Unit | None:
     """A unit with or without a prefix; one that looks like a prefixed one comes first."""
-    if symbol in _PLAIN or symbol in _ALONE:
-        return _row(*(_PLAIN.get(symbol) or _ALONE[symbol]))
-    if symbol[:1] in PREFIXES and symbol[1:] in _PLAIN:
-        plain = _row(*_PLAIN[symbol[1:]])
-        return Unit(plain.factor * Fraction(10) ** PREFIXES[symbol[0]], plain.turns, plain.powers)
-    return None
+    known = _PLAIN.get(symbol) or _ALONE.get(symbol)
+    if known is None and symbol[:1] in PREFIXES and symbol[1:] in _PLAIN:
+        plain = _PLAIN[symbol[1:]]
+        return replace(plain, factor=plain.factor * Fraction(10) ** PREFIXES[symbol[0]])
+    return known
 
 
 @lru_cache(maxsize=256)
 def unit(text: str) -> Unit | None:
-    """Unit of a text, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``; None: it is none.
+    """Unit of a text, ``C``, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``; None: it is none.
 
     After the only slash, in parentheses or not, all is divided by.
     """
+    if text in SCALES:
+        return SCALES[text]
     above, slash, below = text.replace("\u00b2", "2").replace("\u00b3", "3").partition("/")
     if slash and re.fullmatch(r"\s*\(.*\)\s*", below):
         below = below.strip()[1:-1]
+    if slash and above.strip() == "1":
+        above = ""
+    words = [(1, word) for word in _WORD.findall(above)]
+    words += [(-1, word) for word in _WORD.findall(below)]
     factor, turns, powers = Fraction(1), 0, Counter[str]()
-    parts = [(-1, below)] if slash else []
-    if not (slash and above.strip() in ("", "1")):
-        parts.append((1, above))
-    for sign, part in parts:
-        for word in re.split(r"[\s*\u00b7]+", part.strip()):
-            match = _FACTOR.fullmatch(word)
-            found = _symbol(match[1]) if match else None
-            if match is None or found is None:
-                return None
-            power = sign * int(match[2] or 1)
-            factor *= found.factor**power
-            turns += power * found.turns
-            for name, own in found.powers:
-                powers[name] += power * own
-    return Unit(factor, turns, frozenset((n, p) for n, p in powers.items() if p))
+    for sign, word in words:
+        match = _SYMBOL.fullmatch(word)
+        found = _symbol(match[1]) if match else None
+        if match is None or found is None:
+            return None
+        power = sign * int(match[2] or 1)
+        factor *= found.factor**power
+        turns += power * found.turns
+        for name, own in found.powers.items():
+            powers[name] += power * own
+    return Unit(factor, powers, turns)
 
 
 def in_unit(written: str, wanted: str) -> float:
@@ -154,42 +169,20 @@ def in_unit(written: str, wanted: str) -> float:
     SettingsError
         What is to be written instead.
     """
+    told = f" in {wanted}" if wanted else ""
     match = WRITTEN.fullmatch(written)
     if match is None or len(match[1]) > LONGEST:
-        raise SettingsError(f"must be a finite number{_told(wanted)}, or one with its unit")
-    number, symbol = Fraction(match[1]), match[2]
-    if wanted in SCALES:
-        return _temperature(number, symbol, wanted)
-    have, want = unit(symbol), unit(wanted) if wanted else _row("1", 0, "")
-    if have is None and symbol not in SCALES:
-        raise SettingsError(f"must be a number{_told(wanted)}: {symbol!r} is no unit known here")
-    if have is None or want is None or have.powers != want.powers:
-        raise SettingsError(f"must be a number{_told(wanted)} or a unit like it: {symbol} is none")
-    ratio, turns = number * have.factor / want.factor, have.turns - want.turns
-    return _finite(ratio, wanted) * pi**turns if turns else _finite(ratio, wanted)
-
-
-def _temperature(number: Fraction, symbol: str, wanted: str) -> float:
-    """On the scale of a setting."""
-    have, size = unit(symbol), SCALES.get(symbol)
-    if size is None:
-        if have is None or have.powers != {("K", 1)}:
-            raise SettingsError(f"must be a temperature in {wanted}, F or K: {symbol} is none")
-        size = have.factor, Fraction(0)
-    (degree, zero), (own, origin) = size, SCALES[wanted]
-    return _finite((number * degree + zero - origin) / own, wanted)
-
-
-def _finite(number: Fraction, wanted: str) -> float:
-    """Nearest float."""
+        raise SettingsError(f"must be a finite number{told}, or one with its unit")
+    symbol, have, want = match[2], unit(match[2]), unit(wanted)
+    if have is None:
+        raise SettingsError(f"must be a number{told}: {symbol!r} is no unit known here")
+    if want is None or have.powers != want.powers or (have.zero and not want.zero):
+        raise SettingsError(f"must be a number{told} or a unit like it: {symbol} is none")
+    number = (Fraction(match[1]) * have.factor + have.zero - want.zero) / want.factor
     try:
-        return float(number)
+        return float(number) * pi ** (have.turns - want.turns)
     except OverflowError:
-        raise SettingsError(f"must be a finite number{_told(wanted)}") from None
-
-
-def _told(wanted: str) -> str:
-    return f" in {wanted}" if wanted else ""
+        raise SettingsError(f"must be a finite number{told}") from None
 
 
 #: Stands for what is not given: a file, a name.
@@ -376,20 +369,20 @@ def option(cls: type) -> Any:
     return attrs.field(default=None, metadata={"section": cls, "optional": True})
 
 
-def table(help_text: str, check: Callable[[str, Any], None], converter: Any = None) -> Any:
+def table(
+    help_text: str, check: Callable[[str, Any], None], converter: Callable[[Any], Any]
+) -> Any:
     """Free table of names and what a function may refuse, which `converter` makes of each."""
 
     def check_all(name: str, value: Any) -> None:
         for key, entry in value.items():
             check(f"{name}.{key}", entry)
 
-    def convert(value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            return value
+    def convert(value: Mapping[str, Any]) -> dict[str, Any]:
         return {key: converter(entry) for key, entry in value.items()}
 
     factory: Any = attrs.Factory(dict)
-    return checked(factory, help_text, check_all, convert if converter else None, table=True)
+    return checked(factory, help_text, check_all, convert, table=True)
 
 
 def numbers(help_text: str) -> Any:
@@ -441,7 +434,8 @@ def _plane_vector(unit: str, below: float, zero: bool) -> Callable[[str, Any], N
         numbers = all(isinstance(n, float) and abs(n) < below for n in value)
         return numbers and (zero or any(value))
 
-    return unless(holds, f"two numbers [x, y]{_told(unit)}, below {below:g}{no_zero}")
+    told = f" in {unit}" if unit else ""
+    return unless(holds, f"two numbers [x, y]{told}, below {below:g}{no_zero}")
 
 
 def pair(

@@ -35,7 +35,7 @@ from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, SurfacePoints
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
-from fenics_ehd.film.supply import TURN, Feed, FeedRegion, Region, Sides, blur_of, check_region
+from fenics_ehd.film.supply import TURN, Region, Sides, Supply, blur_of, check_supply
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,8 @@ class FilmParameters:
     rate: float
     sides: Sides = field(default_factory=Sides)
     regions: tuple[Region, ...] = ()
-    feeds: tuple[Feed, ...] = ()
-    recesses: tuple[FeedRegion, ...] = ()
+    feeds: tuple[Supply, ...] = ()
+    recesses: tuple[Supply, ...] = ()
     surfaces: RoughSurfaces | None = None
 
     def __post_init__(self) -> None:
@@ -212,8 +212,8 @@ class Feeds:
         if len(set(names)) < len(names):
             raise SettingsError(f"two supplies of one name: {', '.join(sorted(names))}")
         for feed in feeds:
-            check_region(feed.name, feed.region, grid)
-        self._blurs = [blur_of(feed.region, grid, BLUR) for feed in feeds]
+            check_supply(feed.name, feed, grid)
+        self._blurs = [blur_of(feed, grid, BLUR) for feed in feeds]
         edge = EDGES[grid.family]
         self._own = [
             None if feed.resistance else edge * (grid.radius / blur) ** 2 * mobility
@@ -240,9 +240,9 @@ class Feeds:
         grid, points = self.parameters.grid, self._points
         values, slopes = [], []
         for feed, blur in zip(self.parameters.feeds, self._blurs, strict=True):
-            middle = feed.region.angle + (turn if feed.on_journal else 0.0)
+            middle = feed.middle + (turn if feed.on_journal else 0.0)
             offset = np.mod(points.angle - middle + np.pi, TURN) - np.pi
-            value, slope = feed.region.share(offset, points.height, grid.radius, blur)
+            value, slope = feed.share(offset, points.height, grid.radius, blur)
             values.append(value)
             slopes.append(-slope if feed.on_journal else np.zeros_like(slope))
         return np.array(values), np.array(slopes)
@@ -301,9 +301,9 @@ def recess_viscosity(parameters: FilmParameters, points: SurfacePoints) -> np.nd
     """
     grid, factor = parameters.grid, np.ones(points.angle.shape)
     for region in parameters.recesses:
-        check_region("a hole of the bore without supply", region, grid)
+        check_supply("a hole of the bore without supply", region, grid)
         blur = blur_of(region, grid, BLUR)
-        offset = np.mod(points.angle - region.angle + np.pi, TURN) - np.pi
+        offset = np.mod(points.angle - region.middle + np.pi, TURN) - np.pi
         share, _ = region.share(offset, points.height, grid.radius, blur)
         factor *= 1.0 - (1.0 - 1.0 / DEEP) * share
     return factor

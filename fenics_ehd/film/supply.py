@@ -2,20 +2,23 @@
 
 Where the pressure is given: sides, axial grooves and supply holes, (9) and (10).
 
-Shapes of supply regions: the share of the surface that they cover, point by point.
-
-What supplies a film with oil through a region of its bore or of its journal.
+What supplies a film with oil through a region of its bore or of its journal: the share of the
+surface that regions cover, point by point. Angles are counted from the x axis of the body with the
+bore, or with the journal, positive from x to y; heights along the axis from the middle of the bore.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import radians
 from typing import Protocol
 
+import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import LARGEST_LENGTH, NONE, REQUIRED, choice, number, text
 from fenics_ehd.film.grid import FilmGrid
 
 #: Slack in deciding whether a node lies in a region, relative to the radius.
@@ -180,19 +183,64 @@ def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
     return t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / blur
 
 
-class FeedRegion(Protocol):
-    """Part of a bore's or a journal's surface."""
+#: Surfaces that a supply may be in.
+SURFACES = ("bore", "journal")
+
+
+@attrs.frozen(kw_only=True)
+class Supply:
+    """Oil under pressure at a region of the bore or of the journal."""
+
+    on: str = choice("bore", SURFACES, "the surface that it is in and turns with")
+    pressure: float = number(
+        0.0,
+        "of the supply, above that at which the film cavitates [Pa]",
+        least=0,
+        usual=(1e3, 1e9),
+        example="3e5 for 3 bar",
+    )
+    table: str = text(NONE, "in its place: CSV file time_s,pressure_Pa, or none")
+    resistance: float = number(
+        0.0,
+        "of the passage to the region, pressure over flow [Pa s/m3], 0: none",
+        least=0,
+        usual=(1e6, 1e16),
+        example="3e11 for 1 cm3/s at 3 bar",
+    )
+    angle: float = number(0.0, "of the middle, from the body's x axis [degrees]")
+    height: float = number(
+        0.0,
+        "of the middle, from that of the bore [m]",
+        above=-LARGEST_LENGTH,
+        below=LARGEST_LENGTH,
+    )
+    #: Of its flow.
+    name: str = ""
+    #: The table: pressure over the time [s], [Pa], and its derivative.
+    curve: Callable[[float], tuple[float, float]] | None = None
 
     @property
-    def angle(self) -> float:
-        """Angle of its middle, from the x axis of the surface's body [rad]."""
+    def middle(self) -> float:
+        """Angle of the middle [rad]."""
+        return radians(self.angle)
+
+    @property
+    def on_journal(self) -> bool:
+        """True where it turns with the journal."""
+        return self.on == "journal"
+
+    def pressure_at(self, time: float) -> float:
+        """Supply pressure at a time [Pa]."""
+        return self.pressure if self.curve is None else self.curve(time)[0]
 
     def sizes(self, radius: float) -> tuple[float, float]:
         """Lengths around and along that film cells must resolve [m]; infinite: none."""
+        raise NotImplementedError
 
     @property
     def reach(self) -> tuple[float, float]:
         """Lowest and highest z [m]."""
+        raise NotImplementedError
 
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
@@ -202,15 +250,17 @@ class FeedRegion(Protocol):
         Points by their angle from the region's middle, within half a turn [rad], and their
         height [m].
         """
+        raise NotImplementedError
 
 
-@dataclass(frozen=True)
-class FeedHole:
-    """Round hole: angle [rad] and height [m] of its middle, diameter [m]."""
+@attrs.frozen(kw_only=True)
+class HoleSupply(Supply):
+    """A round hole."""
 
-    angle: float
-    height: float
-    diameter: float
+    diameter: float = number(
+        0.0, "[m]; 0: place and size of the hole in the mesh of a flexible bore, nearest to angle "
+        "and height", least=0, below=LARGEST_LENGTH,
+    )  # fmt: skip
 
     def sizes(self, radius: float) -> tuple[float, float]:
         """Diameter of the hole, both ways."""
@@ -224,39 +274,29 @@ class FeedHole:
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Share covered by the hole, and its derivative, as of `FeedRegion`."""
+        """Share covered by the hole, and its derivative, as of `Supply`."""
         arc = radius * offset
         distance = np.hypot(arc, height - self.height)
         value, slope = step(distance - 0.5 * self.diameter, blur)
         return value, slope * radius * arc / np.maximum(distance, np.finfo(float).tiny)
 
 
-@dataclass(frozen=True)
-class FeedGroove:
-    """Groove with edges along axis and circumference: angle [rad] and height [m] of its middle.
+class GrooveSupply(Supply):
+    """A groove with edges along axis and circumference, `width` along the axis [m]."""
 
-    Attributes
-    ----------
-    extent
-        Along the circumference [rad]; a whole turn: all around.
-    width
-        Along the axis [m].
-    """
-
-    angle: float
-    height: float
     extent: float
     width: float
 
     @property
     def closed(self) -> bool:
         """True of a groove all around."""
-        return self.extent >= TURN - 1e-9
+        return self.extent >= 360.0 - 1e-7
 
     def sizes(self, radius: float) -> tuple[float, float]:
         """Lengths of the groove, and of what it leaves free around."""
-        around = np.inf if self.closed else radius * min(self.extent, TURN - self.extent)
-        return around, self.width
+        if self.closed:
+            return np.inf, self.width
+        return radius * radians(min(self.extent, 360.0 - self.extent)), self.width
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -266,15 +306,38 @@ class FeedGroove:
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Share covered by the groove, and its derivative, as of `FeedRegion`."""
+        """Share covered by the groove, and its derivative, as of `Supply`."""
         along, _ = step(np.abs(height - self.height) - 0.5 * self.width, blur)
         if self.closed:
             return along, np.zeros_like(along)
-        around, slope = step(radius * (np.abs(offset) - 0.5 * self.extent), blur)
+        around, slope = step(radius * (np.abs(offset) - 0.5 * radians(self.extent)), blur)
         return along * around, along * slope * radius * np.sign(offset)
 
 
-def blur_of(region: FeedRegion, grid: FilmGrid, cells: float) -> float:
+@attrs.frozen(kw_only=True)
+class AxialGrooveSupply(GrooveSupply):
+    """A groove along the axis."""
+
+    length: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
+    extent: float = number(REQUIRED, "along the circumference [degrees]", above=0, below=360)
+
+    @property
+    def width(self) -> float:  # type: ignore[override]
+        """Size along the axis [m]."""
+        return self.length
+
+
+@attrs.frozen(kw_only=True)
+class CircumferentialGrooveSupply(GrooveSupply):
+    """A groove along the circumference."""
+
+    width: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
+    extent: float = number(
+        360.0, "along the circumference [degrees], 360: all around", above=0, below=360.0001
+    )
+
+
+def blur_of(region: Supply, grid: FilmGrid, cells: float) -> float:
     """Width of a region's blurred edge [m]: so many cells, at most its size, twice its land."""
     sizes = region.sizes(grid.radius)
     cell = max(c for c, size in zip(_cells(grid), sizes, strict=True) if np.isfinite(size))
@@ -287,14 +350,14 @@ def _cells(grid: FilmGrid) -> tuple[float, float]:
     return float(around.max()) * grid.radius, float(along.max()) * grid.radius
 
 
-def _land(region: FeedRegion, grid: FilmGrid) -> float:
+def _land(region: Supply, grid: FilmGrid) -> float:
     """Least distance from a side of the bearing [m]."""
     bottom, top = region.reach
     return float(min(bottom - grid.heights[0], grid.heights[-1] - top))
 
 
-def check_region(name: str, region: FeedRegion, grid: FilmGrid) -> None:
-    """Refuse a region that the bearing or its mesh cannot hold.
+def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
+    """Refuse a supply whose region the bearing or its mesh cannot hold.
 
     Raises
     ------
@@ -326,43 +389,3 @@ def check_region(name: str, region: FeedRegion, grid: FilmGrid) -> None:
             )
     if told:
         raise SettingsError(f"{name} has {told}: use cells = {counts} or more")
-
-
-@dataclass(frozen=True, eq=False)
-class Feed:
-    """One supply region.
-
-    Attributes
-    ----------
-    name
-        Of its flow.
-    region
-        Its place and shape.
-    pressure
-        Supply pressure [Pa], or a function of the time [s] that gives it and its derivative.
-    resistance
-        Of the passage that leads to it [Pa s/m^3]; 0: none.
-    on_journal
-        Whether it turns with the journal.
-    """
-
-    name: str
-    region: FeedRegion
-    pressure: float | Callable[[float], tuple[float, float]] = 0.0
-    resistance: float = 0.0
-    on_journal: bool = False
-
-    def __post_init__(self) -> None:
-        if not callable(self.pressure) and not 0.0 <= self.pressure < np.inf:
-            raise SettingsError(
-                f"{self.name}.pressure = {self.pressure:g} Pa must be at least 0, the pressure at "
-                "which the film cavitates"
-            )
-        if not 0.0 <= self.resistance < np.inf:
-            raise SettingsError(
-                f"{self.name}.resistance = {self.resistance:g} Pa s/m3 must be at least 0"
-            )
-
-    def pressure_at(self, time: float) -> float:
-        """Supply pressure at a time [Pa]."""
-        return self.pressure(time)[0] if callable(self.pressure) else self.pressure

@@ -305,8 +305,8 @@ class System:
                 found.append(TabulatedLoad(table, read_at))
         for film in self.films:
             for feed in film.joint.film.parameters.feeds:
-                if isinstance(feed.pressure, Curve):
-                    found.append(TabulatedLoad(feed.pressure, partial(_read_at, None)))
+                if isinstance(feed.curve, Curve):
+                    found.append(TabulatedLoad(feed.curve, partial(_read_at, None)))
         return found
 
     @cached_property

@@ -105,9 +105,9 @@ def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
     for name, joint in mechanism.joints.items():
         if isinstance(joint, LubricatedJoint):
             for feed in joint.film.parameters.feeds:
-                if isinstance(feed.pressure, Curve):
+                if isinstance(feed.curve, Curve):
                     key = f"joints.{name}.supply.{feed.name}"
-                    found[key] = period / feed.pressure.period
+                    found[key] = period / feed.curve.period
     return found
 
 

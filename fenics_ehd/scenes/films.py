@@ -38,12 +38,10 @@ from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.film.supply import (
     AxialGroove,
-    Feed,
-    FeedGroove,
-    FeedHole,
-    FeedRegion,
+    HoleSupply,
     Sides,
-    check_region,
+    Supply,
+    check_supply,
 )
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.multibody.tabulated import Curve
@@ -54,14 +52,7 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import table_file
 from fenics_ehd.scenes.part_settings import ShapeSettings
 from fenics_ehd.scenes.scene import Scene, joint_lubricant, meshed
-from fenics_ehd.scenes.schema import (
-    FEWEST_CELLS,
-    NONE,
-    AxialGrooveSettings,
-    CircumferentialGrooveSettings,
-    HoleSettings,
-    SupplySettings,
-)
+from fenics_ehd.scenes.schema import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.tables import (
     Units,
     read_columns,
@@ -232,8 +223,8 @@ def holes_of(bore: BoreSurface | None) -> list[BoreHole]:
     return bore_holes(bore.coordinates, bore.cells, bore.family)
 
 
-def feeds(scene: Scene, name: str, holes: Sequence[BoreHole] = ()) -> tuple[Feed, ...]:
-    """Supplies of a lubricated joint.
+def supplies_of(scene: Scene, name: str, holes: Sequence[BoreHole] = ()) -> tuple[Supply, ...]:
+    """Supplies of a lubricated joint with their places and tables.
 
     Parameters
     ----------
@@ -249,17 +240,12 @@ def feeds(scene: Scene, name: str, holes: Sequence[BoreHole] = ()) -> tuple[Feed
         have and has not.
     """
     found = []
-    for own, settings in scene.joints[name].supply.items():
+    for own, supply in scene.joints[name].supply.items():
         key = f"joints.{name}.supply.{own}"
-        found.append(
-            Feed(
-                own,
-                region(settings, key, holes),
-                _pressure(settings, key, periodic=scene.time.periodic),
-                settings.resistance,
-                settings.on == "journal",
-            )
-        )
+        if isinstance(supply, HoleSupply) and not supply.diameter:
+            supply = _hole_in_mesh(supply, key, holes)
+        curve = _pressure_curve(supply, key, periodic=scene.time.periodic)
+        found.append(attrs.evolve(supply, name=own, curve=curve))
     return tuple(found)
 
 
@@ -273,26 +259,25 @@ def supply_tables(scene: Scene) -> dict[str, Curve]:
     """
     found = {}
     for name, joint in scene.joints_of(schema.LubricatedSettings):
-        for own, settings in joint.supply.items():
+        for own, supply in joint.supply.items():
             key = f"joints.{name}.supply.{own}"
-            pressure = _pressure(settings, key, periodic=scene.time.periodic)
-            if isinstance(pressure, Curve):
-                found[key] = pressure
+            curve = _pressure_curve(supply, key, periodic=scene.time.periodic)
+            if curve is not None:
+                found[key] = curve
     return found
 
 
-def recesses(fed: Sequence[Feed], holes: Sequence[BoreHole]) -> tuple[FeedHole, ...]:
+def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[HoleSupply, ...]:
     """Holes in the mesh of a bore that no supply is at: they are closed."""
-    at = [feed.region for feed in fed if not feed.on_journal]
-    places = [(r.angle, r.height) for r in at if isinstance(r, FeedHole)]
+    at = [s for s in supplies if isinstance(s, HoleSupply) and not s.on_journal]
     return tuple(
-        FeedHole(hole.angle, hole.height, hole.diameter)
+        _in_mesh(HoleSupply(), hole)
         for hole in holes
-        if not any(hole.contains(np.array([a]), np.array([z]))[0] for a, z in places)
+        if not any(hole.contains(np.array([s.middle]), np.array([s.height]))[0] for s in at)
     )
 
 
-def check_supply(scene: Scene, name: str, grid: FilmGrid, holes: Sequence[BoreHole]) -> None:
+def check_supplies(scene: Scene, name: str, grid: FilmGrid, holes: Sequence[BoreHole]) -> None:
     """Refuse supplies, and holes in the mesh, that the film of a joint or its mesh cannot hold.
 
     Raises
@@ -300,50 +285,46 @@ def check_supply(scene: Scene, name: str, grid: FilmGrid, holes: Sequence[BoreHo
     SettingsError
         Naming key, value and limit.
     """
-    fed = feeds(scene, name, holes)
-    for feed in fed:
-        check_region(f"joints.{name}.supply.{feed.name}", feed.region, grid)
-    for hole in recesses(fed, holes):
-        told = f"at {np.degrees(hole.angle):.4g} degrees, z = {1e3 * hole.height:.4g} mm"
-        check_region(f"joints.{name}: the hole in the mesh of the bore {told},", hole, grid)
+    supplies = supplies_of(scene, name, holes)
+    for supply in supplies:
+        check_supply(f"joints.{name}.supply.{supply.name}", supply, grid)
+    for hole in recesses(supplies, holes):
+        told = f"at {hole.angle:.4g} degrees, z = {1e3 * hole.height:.4g} mm"
+        check_supply(f"joints.{name}: the hole in the mesh of the bore {told},", hole, grid)
 
 
-def region(settings: SupplySettings, key: str, holes: Sequence[BoreHole]) -> FeedRegion:
-    """Place and shape."""
-    angle = radians(settings.angle)
-    if isinstance(settings, HoleSettings):
-        if not settings.diameter:
-            return _hole_in_mesh(settings, key, holes)
-        return FeedHole(angle, settings.height, settings.diameter)
-    assert isinstance(settings, (AxialGrooveSettings, CircumferentialGrooveSettings))
-    extent = radians(settings.extent)
-    width = settings.length if isinstance(settings, AxialGrooveSettings) else settings.width
-    return FeedGroove(angle, settings.height, extent, width)
+def _in_mesh(supply: HoleSupply, hole: BoreHole) -> HoleSupply:
+    """A supply with place and size of a hole in the mesh."""
+    return attrs.evolve(
+        supply,
+        angle=float(np.degrees(hole.angle)),
+        height=hole.height,
+        diameter=hole.diameter,
+    )
 
 
-def _hole_in_mesh(settings: HoleSettings, key: str, holes: Sequence[BoreHole]) -> FeedHole:
-    """The hole in the mesh nearest to angle and height."""
-    if not holes or settings.on != "bore":
+def _hole_in_mesh(supply: HoleSupply, key: str, holes: Sequence[BoreHole]) -> HoleSupply:
+    """A supply at the hole in the mesh nearest to its angle and height."""
+    if not holes or supply.on_journal:
         raise SettingsError(
             f"{key}.diameter is missing [m]: only a flexible bore may have a hole in its mesh, and "
-            f"this {settings.on} has none"
+            f"this {supply.on} has none"
         )
 
     def distance(hole: BoreHole) -> float:
-        turn = np.mod(hole.angle - radians(settings.angle) + np.pi, 2 * np.pi) - np.pi
-        return float(np.hypot(hole.radius * turn, hole.height - settings.height))
+        turn = np.mod(hole.angle - supply.middle + np.pi, 2 * np.pi) - np.pi
+        return float(np.hypot(hole.radius * turn, hole.height - supply.height))
 
-    nearest = min(holes, key=distance)
-    return FeedHole(nearest.angle, nearest.height, nearest.diameter)
+    return _in_mesh(supply, min(holes, key=distance))
 
 
-def _pressure(settings: SupplySettings, key: str, *, periodic: bool) -> float | Curve:
-    """Constant, or a curve over the time, over and over where the scene is periodic."""
-    if settings.table == NONE:
-        return settings.pressure
-    if settings.pressure:
+def _pressure_curve(supply: Supply, key: str, *, periodic: bool) -> Curve | None:
+    """Pressure over the time where there is a table, over and over where the scene is periodic."""
+    if supply.table == NONE:
+        return None
+    if supply.pressure:
         raise SettingsError(f"{key}: give a pressure or a table, one of them")
-    path = table_file(settings.table, f"{key}.table")
+    path = table_file(supply.table, f"{key}.table")
     curve = read_time_table(path, f"{key}.table", {"pressure": {"Pa": 1.0, "bar": 1e5}})
     values = np.array([curve(row)[0] for row in curve.curve.x])
     if values.min() < 0.0:
@@ -416,7 +397,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
                 f"{key}.cells: a supply or a hole of the bore needs film cells "
                 "of its own, [40, 10] say"
             )
-        check_supply(scene, name, grid, holes)
+        check_supplies(scene, name, grid, holes)
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
     if (
@@ -468,7 +449,7 @@ def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -
     """
     joint = scene.joints[name]
     holes = holes_of(body.bore if body else None)
-    fed = feeds(scene, name, holes)
+    fed = supplies_of(scene, name, holes)
     return _film(scene, joint, film_mesh(joint, body), rate, fed, recesses(fed, holes))
 
 
@@ -493,8 +474,8 @@ def _film(
     joint: schema.LubricatedSettings,
     grid: FilmGrid,
     rate: float,
-    fed: tuple[Feed, ...] = (),
-    closed: tuple[FeedHole, ...] = (),
+    fed: tuple[Supply, ...] = (),
+    closed: tuple[HoleSupply, ...] = (),
 ) -> Film:
     """Film on a mesh."""
     grooves = tuple(

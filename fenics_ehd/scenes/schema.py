@@ -2,11 +2,6 @@
 
 Fields of a scene's settings beside those of `base.fields`: points, names, film cells.
 
-What a scene file may say of the supply of a film: regions of a bore or a journal.
-
-Angles are counted from the x axis of the body with the bore, or with the journal, positive from x
-to y; heights along the axis from the middle of the bore.
-
 Settings of an elastic part's reduction, and what to choose from.
 
 What a scene file may say: bodies, joints, drives, forces, lubricants, time, output.
@@ -56,6 +51,7 @@ from fenics_ehd.base.fields import (
     text,
 )
 from fenics_ehd.film.heat import Heat
+from fenics_ehd.film.supply import AxialGrooveSupply, CircumferentialGrooveSupply, HoleSupply
 from fenics_ehd.multibody.forces import RotatingForce, SpringDamper
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
 from fenics_ehd.multibody.shaft import Shaft
@@ -98,78 +94,12 @@ def film_cells(help_text: str) -> Any:
 
 
 TRANSFERS = ("conservative", "mortar")
-SURFACES = ("bore", "journal")
-
-
-@attrs.frozen(kw_only=True)
-class SupplySettings:
-    """Oil under pressure at a region of the bore or of the journal."""
-
-    on: str = choice("bore", SURFACES, "the surface that it is in and turns with")
-    pressure: float = number(
-        0.0,
-        "of the supply, above that at which the film cavitates [Pa]",
-        least=0,
-        usual=(1e3, 1e9),
-        example="3e5 for 3 bar",
-    )
-    table: str = text(NONE, "in its place: CSV file time_s,pressure_Pa, or none")
-    resistance: float = number(
-        0.0,
-        "of the passage to the region, pressure over flow [Pa s/m3], 0: none",
-        least=0,
-        usual=(1e6, 1e16),
-        example="3e11 for 1 cm3/s at 3 bar",
-    )
-    angle: float = number(0.0, "of the middle, from the body's x axis [degrees]")
-    height: float = number(
-        0.0,
-        "of the middle, from that of the bore [m]",
-        above=-LARGEST_LENGTH,
-        below=LARGEST_LENGTH,
-    )
-
-
-@attrs.frozen(kw_only=True)
-class HoleSettings(SupplySettings):
-    """A round hole."""
-
-    diameter: float = number(
-        0.0, "[m]; 0: place and size of the hole in the mesh of a flexible bore, nearest to angle "
-        "and height", least=0, below=LARGEST_LENGTH,
-    )  # fmt: skip
-
-
-@attrs.frozen(kw_only=True)
-class AxialGrooveSettings(SupplySettings):
-    """A groove along the axis."""
-
-    length: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
-    extent: float = number(REQUIRED, "along the circumference [degrees]", above=0, below=360)
-
-
-@attrs.frozen(kw_only=True)
-class CircumferentialGrooveSettings(SupplySettings):
-    """A groove along the circumference."""
-
-    width: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
-    extent: float = number(
-        360.0, "along the circumference [degrees], 360: all around", above=0, below=360.0001
-    )
-
 
 SUPPLIES: Mapping[str, type] = {
-    "hole": HoleSettings,
-    "axial-groove": AxialGrooveSettings,
-    "circumferential-groove": CircumferentialGrooveSettings,
+    "hole": HoleSupply,
+    "axial-groove": AxialGrooveSupply,
+    "circumferential-groove": CircumferentialGrooveSupply,
 }
-
-
-def supplies(help_text: str) -> dict[str, SupplySettings]:
-    """Field of supplies by name."""
-    found: dict[str, SupplySettings] = entries(help_text, SUPPLIES)
-    return found
-
 
 INTERPOLATIONS = ("cubic", "linear")
 BASES = ("angle", "time")
@@ -335,7 +265,7 @@ class LubricatedSettings:
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
         ("degrees", "degrees", "Pa"),
     )
-    supply: dict = supplies("holes and grooves of bore or journal that feed the film")
+    supply: dict = entries("holes and grooves of bore or journal that feed the film", SUPPLIES)
     cavitation: str = choice(
         "reynolds", CAVITATIONS,
         "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
