@@ -62,3 +62,8 @@ def moved(gap, slopes, amount):
         gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
         gap.sliding_velocity + amount * slopes.sliding_velocity[..., 0],
     )
+
+
+def oval(size: float, angle: float = 0.0, lobes: int = 2) -> ehd.Shape:
+    """A surface with lobes of a size [m], the first one at an angle [rad]."""
+    return ehd.Shape(ovality=size, ovality_angle=float(np.degrees(angle)), lobes=lobes)

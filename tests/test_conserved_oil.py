@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import slope
+from film_cases import oval
 from hand_made_rod import CLEARANCE, Joint, flexible, make_mechanism, with_residual
 from lone_oil import LoneOil
 from mechanism_cases import REVOLUTION, SPEED
@@ -318,9 +319,7 @@ def test_energy_balances_at_the_order_of_the_formula():
 def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
     film = oil_film((24, 3), regions=(GROOVE,))
     mechanism = whirling(film, 0.5, 150.0, filling=0.7)
-    joint = replace(
-        mechanism.joints["film"], journal_shape=ehd.Lobes(3e-6), bore_shape=ehd.Lobes(2e-6)
-    )
+    joint = replace(mechanism.joints["film"], journal_shape=oval(3e-6), bore_shape=oval(2e-6))
     mechanism = replace(mechanism, joints={**mechanism.joints, "film": joint})
     end = 0.3 * REVOLUTION
     run = Run(mechanism, Steps(tolerance=1e-4, order=order, largest=0.05), end)
@@ -477,7 +476,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
     mechanism = with_oil(mechanism, oil_film(cells, **made), oil_outside=outside)
     if "lobed" in kind:
         ((name, joint),) = ((n, j) for n, j in mechanism.joints.items() if hasattr(j, "film"))
-        joint = replace(joint, journal_shape=ehd.Lobes(3e-6, 0.3))
+        joint = replace(joint, journal_shape=oval(3e-6, 0.3))
         mechanism = replace(mechanism, joints={**mechanism.joints, name: joint})
     equations = StepEquations(System(mechanism))
     equations.lead(100)

@@ -43,7 +43,7 @@ def place(mechanism):
         (film("bilinear", oil=ehd.Lubricant(0.01, ehd.Barus(2e-8))), {}),
         (film("serendipity", (20, 5)), {}),
         (film(regions=(ehd.AxialGroove(-1.4, 0.4, 2e5),)), {}),
-        (film(), {"bore_shape": ehd.Misalignment(-2e-4, 3e-4)}),
+        (film(), {"bore_shape": ehd.Shape(misalignment=(-2e-4, 3e-4))}),
         (film(surfaces=ROUGH), {}),
     ],
     ids=["plain", "barus", "8-node", "groove", "tilted", "rough"],

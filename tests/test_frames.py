@@ -10,6 +10,7 @@ from functools import cache
 import attrs
 import numpy as np
 import pytest
+from film_cases import oval
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
@@ -95,8 +96,8 @@ def rough(v):
 def shaped(v):
     # What opens the gap of a bearing closes that of a journal.
     size = (-1 if v.exchanged else 1) * C * v.length
-    bearing = ehd.Lobes(0.15 * size, v.seen(0.4), 2)
-    shaft = ehd.Lobes(0.05 * size, v.seen(-0.3), 3)
+    bearing = oval(0.15 * size, v.seen(0.4), 2)
+    shaft = oval(0.05 * size, v.seen(-0.3), 3)
     names = ("journal_shape", "bore_shape") if v.exchanged else ("bore_shape", "journal_shape")
     return {"joint": dict(zip(names, (bearing, shaft), strict=True))}
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from film_cases import oval
 from hand_made_rod import (
     CLEARANCE,
     RADIUS,
@@ -64,13 +65,13 @@ def machines():
     elastic = with_residual(joint, flexible(joint)[0])
     both_ends = film_of(22.5e-3, 22e-3, 17e-6, 0.01), film_of(11e-3, 20e-3, 12e-6, 0.01, (24, 4))
     two = slider_crank(rigid_rod(), *both_ends, friction=True)
-    gudgeon = replace(two.joints["gudgeon"], friction=True, journal_shape=ehd.Lobes(2e-6, 0.3))
+    gudgeon = replace(two.joints["gudgeon"], friction=True, journal_shape=oval(2e-6, 0.3))
     return {
         "rigid": slider_crank(rigid_rod(), film_of(22.5e-3, 22e-3, 17e-6, 0.01), friction=True),
         "supplied": slider_crank(rigid_rod(), supplied_film(), friction=True),
         "elastic": make_mechanism(elastic, joint, friction=True),
         "oval journal": slider_crank(
-            rigid_rod(), supplied_film(), friction=True, journal_shape=ehd.Lobes(3e-6)
+            rigid_rod(), supplied_film(), friction=True, journal_shape=oval(3e-6)
         ),
         "two joints": replace(two, joints={**two.joints, "gudgeon": gudgeon}),
     }

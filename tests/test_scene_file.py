@@ -93,7 +93,7 @@ def test_shipped_scenes_explain_every_setting():
     }
     for cls in classes | {
         fields.Material,
-        part_settings.ShapeSettings,
+        fields.Deviations,
         part_settings.ReductionSettings,
         schema.TimeSettings,
         part_settings.OutputSettings,

@@ -45,7 +45,7 @@ def test_a_table_is_the_shape_that_it_was_made_of(tmp_path):
         shape = read_shape_table(path, "table", WIDTH, CLEARANCE)
         phi = np.linspace(-4, 9, 300)
         np.testing.assert_allclose(
-            shape.radial(phi, 0.003), ehd.Lobes(3e-6).radial(phi, 0.003), atol=2e-11
+            shape.radial(phi, 0.003), ehd.Shape(ovality=3e-6).radial(phi, 0.003), atol=2e-11
         )
 
 

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from attrs import evolve
+from film_cases import oval
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.bearing import minimum_film
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.kinematics import SumOfShapes
 
 pytestmark = pytest.mark.kernels
 
@@ -79,7 +80,7 @@ def test_a_lemon_bore_of_lund_and_thomsen(row, figure):
 def test_a_table_of_the_lemon_bore_is_the_lemon_bore():
     angles = np.radians(np.arange(0.0, 360.0, 2.0))
     deviations = Lemon(1e-4).radial(angles[:, None], np.zeros(1))
-    table = ehd.ShapeTable(angles, np.zeros(1), deviations)
+    table = ehd.Shape(measured=ehd.ShapeTable(angles, np.zeros(1), deviations))
     load, changes = 5e3, {"cells_around": 32, "cells_along": 4}
     one, other = (
         ehd.solve_bearing(lemon(**changes, **shape), load=load)
@@ -94,7 +95,7 @@ SMALL = {"cells_around": 32, "cells_along": 4}
 
 def test_one_lobe_is_an_eccentric_bore():
     plain = ehd.solve_bearing(ehd.BearingSettings(**SMALL), load=500.0)
-    shape = ehd.Lobes(6e-6, 0.8, 1)
+    shape = oval(6e-6, 0.8, 1)
     found = ehd.solve_bearing(ehd.BearingSettings(bore_shape=shape, **SMALL), load=500.0)
     moved = found.position - 6e-6 * np.array([np.cos(0.8), np.sin(0.8)])
     # The gap of a round bore keeps e_t^2 / 2 R, and meshes differ.
@@ -106,7 +107,7 @@ def test_an_oval_bore_under_a_turned_load_is_a_turned_oval_bore():
     # Its narrow place ahead of the load or behind: not the same bearing; half a turn is none.
     angles = np.radians([0.0, 50.0, 180.0, 230.0])
     ahead, behind, same, too = (
-        ehd.solve_bearing(ehd.BearingSettings(bore_shape=ehd.Lobes(4e-6, a), **SMALL), load=800.0)
+        ehd.solve_bearing(ehd.BearingSettings(bore_shape=oval(4e-6, a), **SMALL), load=800.0)
         for a in angles
     )
     # Alike but for round-off, by which the search may end on a mesh made for another iterate: then
@@ -117,7 +118,7 @@ def test_an_oval_bore_under_a_turned_load_is_a_turned_oval_bore():
 
 
 def test_the_load_converges_with_the_mesh(figure):
-    shape = SumOfShapes((ehd.Lobes(4e-6, 0.5), ehd.Profile(0.011, 3e-6, 1e-6)))
+    shape = evolve(oval(4e-6, 0.5), half_width=0.011, barrel=3e-6, taper=1e-6)
     sizes = ((16, 4), (32, 8), (64, 16))
     found = [
         ehd.solve_bearing(
@@ -132,7 +133,7 @@ def test_the_load_converges_with_the_mesh(figure):
 
 
 @pytest.mark.parametrize(
-    "shape", [ehd.Lobes(6e-6, 0.4), ehd.Lobes(4e-6, 0.4, 5), ehd.Profile(0.011, 5e-6)]
+    "shape", [oval(6e-6, 0.4), oval(4e-6, 0.4, 5), ehd.Shape(half_width=0.011, barrel=5e-6)]
 )
 def test_shaft_and_bore_lose_what_the_oil_dissipates(shape):
     found = ehd.solve_bearing(ehd.BearingSettings(bore_shape=shape, cells_around=128), load=5000.0)
@@ -142,9 +143,9 @@ def test_shaft_and_bore_lose_what_the_oil_dissipates(shape):
 @pytest.mark.parametrize(
     "shape",
     [
-        ehd.Lobes(5e-6, 0.3, 3),
-        ehd.Profile(0.011, -4e-6, 2e-6),
-        SumOfShapes((ehd.Lobes(4e-6), ehd.Profile(0.011, 4e-6), ehd.Misalignment(1e-4, 1e-4))),
+        oval(5e-6, 0.3, 3),
+        ehd.Shape(half_width=0.011, barrel=-4e-6, taper=2e-6),
+        evolve(oval(4e-6), half_width=0.011, barrel=4e-6, misalignment=(1e-4, 1e-4)),
     ],
 )
 def test_the_smallest_film_is_found_between_samples(shape):
@@ -161,13 +162,13 @@ def test_the_smallest_film_is_found_between_samples(shape):
     ("settings", "how", "message"),
     [
         (
-            {"bore_shape": ehd.Lobes(18e-6)},
+            {"bore_shape": oval(18e-6)},
             {"load": 100.0},
             "gap at every attitude.*deviations",
         ),
-        ({"bore_shape": ehd.Lobes(18e-6)}, {"eccentricity": 0.3}, "at every attitude"),
-        ({"bore_shape": ehd.Lobes(1e-6), "bore_speed": 9.0}, {"load": 100.0}, "bore_speed = 9"),
-        ({"bore_shape": ehd.Lobes(1e-6), "line_at_max_film": True}, {"load": 1.0}, "exclude"),
+        ({"bore_shape": oval(18e-6)}, {"eccentricity": 0.3}, "at every attitude"),
+        ({"bore_shape": oval(1e-6), "bore_speed": 9.0}, {"load": 100.0}, "bore_speed = 9"),
+        ({"bore_shape": oval(1e-6), "line_at_max_film": True}, {"load": 1.0}, "exclude"),
     ],
 )
 def test_shapes_that_cannot_be_are_refused(settings, how, message):

@@ -50,7 +50,7 @@ from fenics_ehd.film.film import MOST_WITHIN_A_CELL, Film, FilmState, steepest_t
 from fenics_ehd.film.flow import FlowBalance
 from fenics_ehd.film.grading import gap_graded_grid
 from fenics_ehd.film.heat import Heat, TemperatureSearch, run_away
-from fenics_ehd.film.kinematics import Misalignment, Shape, SumOfShapes
+from fenics_ehd.film.kinematics import Shape
 from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT, RoughSurfaces
@@ -101,10 +101,12 @@ WARM, TELLING, MOST_STEPS = 1e-6, 1e-6, 50
 
 def shape_of(settings: BearingSettings, angle: float = 0.0) -> Shape | None:
     """Shape of the bore as the straight shaft sees it, a round one in a frame at an angle [rad]."""
-    parts = [] if settings.bore_shape is None else [settings.bore_shape]
-    if any(settings.tilt):
-        parts.append(Misalignment(*-(rotation(-angle) @ settings.tilt)))
-    return SumOfShapes(tuple(parts)) if parts else None
+    shape = settings.bore_shape
+    if not any(settings.tilt):
+        return shape
+    own = (0.0, 0.0) if shape is None else shape.misalignment
+    tilt = own - rotation(-angle) @ settings.tilt
+    return attrs.evolve(shape or Shape(), misalignment=tilt.tolist())
 
 
 def gaps(settings: BearingSettings, position: np.ndarray) -> np.ndarray:

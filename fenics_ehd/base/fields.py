@@ -690,6 +690,22 @@ class Roughness:
         return hypot(self.journal_roughness, self.bore_roughness)
 
 
+@attrs.frozen(slots=False)
+class Deviations:
+    """Deviations of the surface of a bore or a journal from the round one, + outward.
+
+    In the frame of its body, which a journal's shape turns with; what is given adds up.
+    """
+
+    ovality: float = deviation("amplitude of a wave around [m]")
+    ovality_angle: float = number(0.0, "where it is outermost, from the body's x axis [degrees]")
+    lobes: int = count(2, "waves in a turn", least=1, most=100)
+    barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
+    taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
+    misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)
+    table: str = text(NONE, "CSV file angle_deg,height_m,deviation_m of more, or none")
+
+
 @attrs.frozen
 class Material:
     """Isotropic elastic material."""

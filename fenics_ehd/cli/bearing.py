@@ -13,11 +13,10 @@ import click
 
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import FILM_ELEMENTS, NO_TEMPERATURE, NONE
+from fenics_ehd.base.fields import FILM_ELEMENTS, NO_TEMPERATURE, NONE, Deviations
 from fenics_ehd.base.files import keeping_failed_film
 from fenics_ehd.base.settings import build, setting_names
 from fenics_ehd.cli.options import FILE, Measured, answer, flag, json_option, setting_options
-from fenics_ehd.scenes.part_settings import ShapeSettings
 
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing import BearingResult
@@ -83,8 +82,8 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
     SettingsError
         Naming an option, or what is wrong with the table.
     """
-    settings = build(ShapeSettings, deviations)
-    if settings == ShapeSettings():
+    settings = build(Deviations, deviations)
+    if settings == Deviations():
         return None
     from fenics_ehd.scenes.films import surface_shape
 
@@ -287,7 +286,7 @@ def _cells(text: str) -> tuple[int, int]:
     "rotation, its width [degrees], its pressure [Pa]. It stands still. Repeatable.",
 )
 @setting_options(BearingSettings, "cells_around", "cells_along", "element")
-@setting_options(ShapeSettings, "misalignment", "table")
+@setting_options(Deviations, "misalignment", "table")
 @click.option(
     "--shape-table",
     "table",
@@ -336,7 +335,7 @@ def bearing(
             "reynolds"
         )
     element = element or ("bilinear" if conserving else "lagrange")
-    names = {*setting_names(ShapeSettings)} & {*options}
+    names = {*setting_names(Deviations)} & {*options}
     deviations = {name: options.pop(name) for name in names}
     settings = BearingSettings(
         bore_shape=bore_shape(options["width"], options["clearance"], deviations),

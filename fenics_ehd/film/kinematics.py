@@ -42,11 +42,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
+import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import Deviations
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -54,88 +56,6 @@ if TYPE_CHECKING:
 
 #: Fewest angles of a table: with fewer there is no smooth curve through them.
 FEWEST_ANGLES = 4
-
-
-class Shape(Protocol):
-    """Radial deviation of a surface."""
-
-    @property
-    def round(self) -> bool:
-        """True of one that is the same at all angles: then turning changes nothing."""
-
-    def __hash__(self) -> int: ...
-
-    def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation [m] at angles [rad] and heights [m], or its derivative along the angle.
-
-        `order` is 0, 1 or 2.
-        """
-
-
-@dataclass(frozen=True)
-class Lobes:
-    """``a cos(n (phi - phi_0))``: ovality with n = 2, a polygon with more.
-
-    Attributes
-    ----------
-    amplitude
-        a [m]: n times around the surface lies so far outside, and in between inside.
-    angle
-        phi_0 [rad].
-    count
-        n, at least 1; 1 is an eccentric surface.
-    """
-
-    amplitude: float
-    angle: float = 0.0
-    count: int = 2
-    round = False
-
-    def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Wave around, the same at all heights."""
-        # Each derivative is a quarter turn of the wave.
-        turned = self.count * (angle - self.angle) + order * (0.5 * np.pi)
-        return self.amplitude * self.count**order * np.cos(turned) + 0.0 * height
-
-
-@dataclass(frozen=True)
-class Profile:
-    """``barrel (z / l)^2 + taper z / l``: the same at all angles.
-
-    Attributes
-    ----------
-    half_width
-        l, half the bearing's width [m].
-    barrel
-        Deviation at both ends [m], zero at mid-width: negative of a crowned journal, positive of a
-        bore that opens to its ends.
-    taper
-        Deviation at the upper end, ``z = l``, and minus that at the lower [m].
-    """
-
-    half_width: float
-    barrel: float = 0.0
-    taper: float = 0.0
-    round = True
-
-    def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Barrel and taper along the axis, the same at all angles."""
-        z = height / self.half_width + 0.0 * angle
-        return (self.barrel * z + self.taper) * z if order == 0 else np.zeros_like(z)
-
-
-@dataclass(frozen=True)
-class Misalignment:
-    """An axis tilted by small rotations about x and y [rad], to ``z (psi_y, -psi_x)``."""
-
-    about_x: float
-    about_y: float
-    round = False
-
-    def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation that the tilt gives at a height."""
-        turned = angle + order * (0.5 * np.pi)
-        return height * (self.about_y * np.cos(turned) - self.about_x * np.sin(turned))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +82,6 @@ class ShapeTable:
     angles: np.ndarray
     heights: np.ndarray
     deviations: np.ndarray
-    round = False
 
     def __post_init__(self) -> None:
         if len(self.angles) < FEWEST_ANGLES:
@@ -199,45 +118,45 @@ class ShapeTable:
         return (1.0 - share) * low + share * high
 
 
-@dataclass(frozen=True)
-class SumOfShapes:
-    """Several shapes at once."""
+@attrs.frozen(kw_only=True, slots=False)
+class Shape(Deviations):
+    """Radial deviation of a surface.
 
-    parts: tuple[Shape, ...]
+    With z the height over half the width, it is
+    ``ovality cos(lobes (phi - ovality_angle)) + (barrel z + taper) z`` and what a tilted axis, at
+    ``z (psi_y, -psi_x)``, and a table add.
+    """
+
+    #: Half the width of the bearing [m], for barrel and taper.
+    half_width: float = np.inf
+    #: The table.
+    measured: ShapeTable | None = None
 
     @property
     def round(self) -> bool:
-        """True where all parts are round."""
-        return all(part.round for part in self.parts)
+        """True of one that is the same at all angles: then turning changes nothing."""
+        return not (self.ovality or any(self.misalignment) or self.measured)
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Sum of the parts' deviations."""
+        """Deviation [m] at angles [rad] and heights [m], or its derivative along the angle.
+
+        `order` is 0, 1 or 2.
+        """
         total = np.zeros(np.broadcast(angle, height).shape)
-        for part in self.parts:
-            total += part.radial(angle, height, order)
+        quarters = order * (0.5 * np.pi)  # each derivative is a quarter turn of a wave
+        if self.ovality:
+            wave = self.lobes * (angle - np.radians(self.ovality_angle)) + quarters
+            total += self.ovality * self.lobes**order * np.cos(wave)
+        if order == 0 and (self.barrel or self.taper):
+            z = height / self.half_width
+            total += (self.barrel * z + self.taper) * z
+        if any(self.misalignment):
+            about_x, about_y = self.misalignment
+            turned = angle + quarters
+            total += height * (about_y * np.cos(turned) - about_x * np.sin(turned))
+        if self.measured is not None:
+            total += self.measured.radial(angle, height, order)
         return total
-
-
-def shape_of(
-    half_width: float,
-    *,
-    lobes: Lobes | None = None,
-    barrel: float = 0.0,
-    taper: float = 0.0,
-    misalignment: tuple[float, float] = (0.0, 0.0),
-    table: ShapeTable | None = None,
-) -> Shape | None:
-    """Sum of those that are not zero; None: a round surface."""
-    parts: list[Shape] = []
-    if lobes is not None and lobes.amplitude:
-        parts.append(lobes)
-    if barrel or taper:
-        parts.append(Profile(half_width, barrel, taper))
-    if any(misalignment):
-        parts.append(Misalignment(*misalignment))
-    if table is not None:
-        parts.append(table)
-    return SumOfShapes(tuple(parts)) if parts else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,10 +29,10 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import require_thin_film
+from fenics_ehd.base.fields import Deviations, require_thin_film
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid, film_grid, uniform_grid
-from fenics_ehd.film.kinematics import FEWEST_ANGLES, Lobes, Shape, ShapeTable, shape_of
+from fenics_ehd.film.kinematics import FEWEST_ANGLES, Shape, ShapeTable
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
@@ -50,7 +50,6 @@ from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.reduction.faces import BoreHole, bore_holes
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import table_file
-from fenics_ehd.scenes.part_settings import ShapeSettings
 from fenics_ehd.scenes.scene import Scene, joint_lubricant, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS, NONE
 from fenics_ehd.scenes.tables import (
@@ -131,9 +130,7 @@ def joint_shapes(
     return bore, journal
 
 
-def surface_shape(
-    settings: ShapeSettings, path: str, width: float, clearance: float
-) -> Shape | None:
+def surface_shape(settings: Deviations, path: str, width: float, clearance: float) -> Shape | None:
     """Shape of one surface, None for a round one; `path` stands before its keys in messages."""
     # Two lobes or more close the gap somewhere, wherever the journal is.
     if settings.lobes > 1 and abs(settings.ovality) >= clearance:
@@ -141,17 +138,12 @@ def surface_shape(
             f"{path}ovality = {settings.ovality:g} m closes the gap: its size must be below "
             f"the clearance of {clearance:g} m"
         )
-    table = None
+    measured = None
     if settings.table != NONE:
-        table = read_shape_table(settings.table, f"{path}table", width, clearance)
-    return shape_of(
-        0.5 * width,
-        lobes=Lobes(settings.ovality, radians(settings.ovality_angle), settings.lobes),
-        barrel=settings.barrel,
-        taper=settings.taper,
-        misalignment=settings.misalignment,
-        table=table,
-    )
+        measured = read_shape_table(settings.table, f"{path}table", width, clearance)
+    elif not any((settings.ovality, settings.barrel, settings.taper, *settings.misalignment)):
+        return None
+    return Shape(**attrs.asdict(settings), half_width=0.5 * width, measured=measured)
 
 
 def read_shape_table(path: str | Path, key: str, width: float, clearance: float) -> ShapeTable:

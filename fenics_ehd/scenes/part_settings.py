@@ -1,4 +1,4 @@
-"""Settings of an elastic part's reduction, what to choose from, shapes of surfaces, output.
+"""Settings of an elastic part's reduction, what to choose from, output.
 
 Read by ``--help``: nothing else is imported.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.base.fields import NONE, choice, count, deviation, flag, names, number, pair, text
+from fenics_ehd.base.fields import NONE, choice, count, flag, names, number, text
 
 ELEMENTS = ("serendipity", "lagrange")
 METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
@@ -43,22 +43,6 @@ class ReductionSettings:
     )
     solver: str = choice("auto", SOLVERS, "of the static responses, by size or as named")
     estimate_error: bool = flag(True, "also solve for the bore flexibility the basis misses")
-
-
-@attrs.frozen
-class ShapeSettings:
-    """Deviations of the surface of a bore or a journal from the round one, + outward.
-
-    In the frame of its body, which a journal's shape turns with; what is given adds up.
-    """
-
-    ovality: float = deviation("amplitude of a wave around [m]")
-    ovality_angle: float = number(0.0, "where it is outermost, from the body's x axis [degrees]")
-    lobes: int = count(2, "waves in a turn", least=1, most=100)
-    barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
-    taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
-    misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)
-    table: str = text(NONE, "CSV file angle_deg,height_m,deviation_m of more, or none")
 
 
 @attrs.frozen

@@ -30,6 +30,7 @@ from fenics_ehd.base.fields import (
     NONE,
     REQUIRED,
     SHEAR_RULES,
+    Deviations,
     Material,
     OilSettings,
     Roughness,
@@ -59,7 +60,6 @@ from fenics_ehd.scenes.part_settings import (
     CELLS,
     ELEMENTS,
     ReductionSettings,
-    ShapeSettings,
 )
 
 #: Fewest film cells around and along. With 3 around the largest pressure is 12 % too low.
@@ -292,8 +292,8 @@ class LubricatedSettings:
     )
     eccentricity_rate: tuple[float, float] = pair("its rate [m/s]")
     contact: ContactSettings = section(ContactSettings)
-    bore_shape: ShapeSettings = section(ShapeSettings)
-    journal_shape: ShapeSettings = section(ShapeSettings)
+    bore_shape: Deviations = section(Deviations)
+    journal_shape: Deviations = section(Deviations)
     heat: Heat | None = option(Heat)
 
 
