@@ -329,9 +329,8 @@ def done(run: Run, span: float, cycles: Cycles | None) -> Done:
     solved, before = Simulation(run, span, cycles), process_time()
     deque(solved.steps(), maxlen=0)
     seconds = process_time() - before
-    period = None if cycles is None else cycles.period
-    more = ErrorCurves(course_of(solved), period).sampling
-    peaks, films = more.said + more.more
+    curves = ErrorCurves(course_of(solved))
+    peaks, films = curves.said + curves.sampling
     said = extremes_of(solved.tracker)
     return Done(
         said,

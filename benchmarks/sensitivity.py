@@ -86,7 +86,7 @@ def main() -> None:
     spent = 0.0
     for along in every.numbers:
         number = mechanism_number(scene, along, bodies)
-        small = derivatives(plain.record, number, plain.figures, share=1e-3)
+        small = derivatives(plain.course, number, plain.figures, share=1e-3)
         clock = process_time()
         names = [f"{figure.joint}.{figure.name}" for figure in every.figures]
         above, below = (

@@ -110,7 +110,7 @@ def test_derivatives_are_those_of_held_steps_and_the_error_falls_with_the_tolera
     fine = scene("loaded-journal", JOURNAL, {"time.tolerance": 1e-5, "time.periodicity": 1e-5})
     best = scene_sensitivity(fine, [FILM, PRESSURE], [VISCOSITY])
     number = mechanism_number(fine, best.numbers[0], {})
-    expected = derivatives(best.record, number, best.figures, share=1e-3)
+    expected = derivatives(best.course, number, best.figures, share=1e-3)
     coarse = scene("loaded-journal", JOURNAL, {"time.tolerance": 1e-3})
     found = scene_sensitivity(coarse, [FILM, PRESSURE], [VISCOSITY])
     errors = [
@@ -250,12 +250,12 @@ def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
 )
 def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
     columns = ("max_pressure_Pa", "max_pressure_angle_deg", "side_flow_m3_per_s")
-    curves = {"bearing": dict.fromkeys(columns, np.zeros(3))}
+    paths = [f"joints/bearing/{column}" for column in columns]
     with pytest.raises(SensitivityError, match=told):
-        figure_of(name, curves)
-    assert figure_of("mean_side_flow", curves).column == "side_flow_m3_per_s"
+        figure_of(name, paths)
+    assert figure_of("mean_side_flow", paths).column == "side_flow_m3_per_s"
     with pytest.raises(SensitivityError, match="no joint is lubricated"):
-        figure_of("max_pressure", {})
+        figure_of("max_pressure", [])
 
 
 def test_the_command_prints_a_table_and_json(tmp_path, capfd):

@@ -1,8 +1,8 @@
 """What a run says of its own errors, beside what they are."""
 
 import json
-from collections import deque
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,21 +14,15 @@ from mechanism_cases import rigid_rod, slider_crank
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.error_budget import (
-    SETTLED,
-    Change,
-    ErrorCurves,
-    Extreme,
-    summed,
-)
+from fenics_ehd.analysis.error_budget import SETTLED, ErrorCurves, Extreme, lacking_gaps, summed
 from fenics_ehd.analysis.replay import (
     LONGEST,
-    BetweenNodes,
     Course,
-    CourseRecorder,
     Replay,
     course_of,
     finer_grid,
+    largest_between_nodes,
+    recorded,
     taken_over,
     with_finer_films,
 )
@@ -44,8 +38,6 @@ from fenics_ehd.multibody.error_shares import (
 )
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.multibody.step_equations import Disturbance
 
 #: Largest true error over the estimate, and least.
 WITHIN = 2.0
@@ -54,82 +46,68 @@ WITHIN = 2.0
 END = 6e-3
 
 
-def film(cells, clearance=17e-6, family="lagrange"):
-    grid = uniform_grid(0.0225, 0.022, cells, family)
-    return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(0.01), 500.0))
-
-
 def machine(cells, clearance=17e-6, family="lagrange", **joint):
-    return slider_crank(rigid_rod(), film(cells, clearance, family), **joint)
+    grid = uniform_grid(0.0225, 0.022, cells, family)
+    film = ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(0.01), 500.0))
+    return slider_crank(rigid_rod(), film, **joint)
 
 
-def followed(mechanism, tolerance, end=END):
-    """A run, its beginning, its course, and what it has shown."""
-    run = Run(mechanism, Steps(tolerance=tolerance), end)
-    solved = Simulation(run, end)
-    deque(solved.steps(), maxlen=0)
-    return run, course_of(solved), solved.tracker
-
-
-def replayed(run, course, **how):
-    """The course in the steps of the run or longer ones, as an error budget takes them."""
-    replay = Replay(run, course, SETTLED * run.control.tolerance, **how)
-    replay.state, given = course.start, how.get("disturbance")
-    recorder = CourseRecorder(replay)
-    for step in replay.until(course.times[-1]):
-        recorder.add(step, given and given.observed_at(replay.row))
-    return recorder.course()
+def extremes(mechanism, tolerance, end=END, joint="big_end"):
+    tracker = ehd.simulate(mechanism, end, tolerance=tolerance).solved.tracker
+    return [tracker.extremes[joint][quantity][0] for quantity in QUANTITIES]
 
 
 @pytest.fixture(scope="module")
-def coarse_run():
-    return followed(machine((12, 3)), 1e-3)
+def course():
+    return course_of(ehd.simulate(machine((12, 3)), END, tolerance=1e-3).solved)
 
 
-def test_along_its_own_steps_a_run_is_met_again(coarse_run):
-    run, course, _ = coarse_run
-    again = replayed(run, course)
+def replayed(course, run=None, **how):
+    """The course in the steps of the run or longer ones, as an error budget takes them."""
+    replay = Replay(run or course.base, course, SETTLED * course.base.control.tolerance, **how)
+    replay.state = course.start
+    return recorded(replay, course.times[-1])
+
+
+def test_along_its_own_steps_a_run_is_met_again_and_in_longer_ones_it_ends_where_it_ends(course):
+    again = replayed(course)
     np.testing.assert_array_equal(again.times, course.times)
     late = course.times > 1e-4
-    np.testing.assert_allclose(
-        again.between_nodes[1][late], course.between_nodes[1][late], rtol=1e-3
-    )
-    np.testing.assert_allclose(
-        again.between_nodes[0][late], course.between_nodes[0][late], rtol=2e-3
-    )
-
-
-def test_longer_steps_end_where_the_run_ends_and_grow_no_faster(coarse_run):
-    run, course, _ = coarse_run
-    again = replayed(run, course, stride=3)
-    assert again.times[-1] == course.times[-1]
-    assert np.isin(again.times, course.times).all()
-    sizes = np.diff(again.times, prepend=0.0)
+    found, expected = again.between_nodes[:, late], course.between_nodes[:, late]
+    np.testing.assert_allclose(found[0], expected[0], rtol=2e-3)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-3)
+    longer = replayed(course, stride=3).times
+    assert longer[-1] == course.times[-1]
+    assert np.isin(longer, course.times).all()
+    sizes = np.diff(longer, prepend=0.0)
     assert (sizes[1:] / sizes[:-1] <= LONGEST).all()
-    assert len(course.times) / 3 < len(again.times) < 0.6 * len(course.times)
+    assert len(course.times) / 3 < len(longer) < 0.6 * len(course.times)
 
 
-def test_a_given_gap_acts_as_a_clearance_does(coarse_run):
-    run, course, _ = coarse_run
-    wider, more = run.with_mechanism(machine((12, 3), 17.1e-6)), 0.1e-6
-    other = replayed(wider, course, stride=2)
-    observed = np.full((len(course.times), len(run.equations.system.films[0].film.observed)), more)
-    points = [len(run.equations.system.films[0].film.thickness)]
-    given = Disturbance(course.times, [observed], points)
-    found = replayed(run, course, stride=2, disturbance=given)
-    plain = replayed(run, course, stride=2)
-    late = found.times > 1e-4
-    effect = np.abs(plain.between_nodes[1][late] / other.between_nodes[1][late] - 1.0).max()
+def test_a_given_gap_acts_as_a_clearance_does(course):
+    more = 0.1e-6
+    other = replayed(course, course.base.with_mechanism(machine((12, 3), 17e-6 + more)))
+    (place,) = course.base.equations.system.films
+    wider = [np.full((len(course), len(place.film.observed)), more)]
+    found = replayed(course, changes=wider).widened(wider)
+    plain = replayed(course)
+    late = course.times > 1e-4
+
+    def apart(one):
+        return np.abs(one.between_nodes[:, late] / other.between_nodes[:, late] - 1).max(
+            axis=(1, 2)
+        )
+
+    effect = apart(plain)[1]
     assert effect > 3e-3
     # The clearance is also in the shaft's radius.
-    assert (
-        np.abs(found.between_nodes[1][late] / other.between_nodes[1][late] - 1.0).max()
-        < 0.02 * effect
-    )
-    assert (
-        np.abs(found.between_nodes[0][late] / other.between_nodes[0][late] - 1.0).max()
-        < 0.02 * effect
-    )
+    assert apart(found).max() < 0.02 * effect
+
+
+def test_a_course_of_one_step_has_no_rates(course):
+    one = course.each(lambda values: values[:1])
+    with pytest.raises(ehd.errors.SettingsError, match="one step is too short to tell: raise time"):
+        lacking_gaps(course.base.equations, one, None, periodic=False)
 
 
 @pytest.mark.parametrize(
@@ -183,28 +161,20 @@ def test_a_peak_between_nodes_is_met_as_it_passes_them(family):
     """The largest nodal value is off by the square of the mesh size, this by more."""
     centres, nodes, between = np.linspace(0.0, 7.0, 200)[:, None], [], []
     for cells in ((24, 4), (48, 8)):
-        grid = uniform_grid(0.02, 0.01, cells, family)
-        angle, height = grid.node_positions.T
+        places = uniform_grid(0.02, 0.01, cells, family).node_positions.T
+        angle, height = places
         values = np.exp(np.cos(angle - centres)) - ((height - 1e-3) / 0.01) ** 2
         nodes.append(np.abs(values.max(axis=1) - np.e).max())
-        between.append(np.abs(BetweenNodes(*grid.node_positions.T).largest(values) - np.e).max())
-        np.testing.assert_allclose(
-            BetweenNodes(*grid.node_positions.T).least(-values), -np.e, rtol=2e-3
-        )
+        between.append(np.abs(largest_between_nodes(*places, values) - np.e).max())
     assert np.log2(nodes[0] / nodes[1]) < 2.6
     assert np.log2(between[0] / between[1]) > 3.0
     assert between[0] < 0.1 * nodes[0]
+    # At the end of a row it is as its node says.
+    rising = largest_between_nodes(*places, (height + 0.0 * angle)[None])
+    assert rising[0] == pytest.approx(0.005)
 
 
-def test_at_the_end_of_a_row_a_film_is_as_its_node_says():
-    grid = uniform_grid(0.02, 0.01, (24, 4))
-    angle, height = grid.node_positions.T
-    assert BetweenNodes(*grid.node_positions.T).largest((height + 0.0 * angle)[None])[
-        0
-    ] == pytest.approx(0.005)
-
-
-def curves(times, peaks, films, sampled=None, began=0.0):
+def curves(times, peaks, films, sampled=None, began=0.0, period=None):
     grid = uniform_grid(0.02, 0.01, (4, 1))
     nodal = np.ones(len(grid.node_positions))
     said = sampled or (peaks, films)
@@ -221,8 +191,9 @@ def curves(times, peaks, films, sampled=None, began=0.0):
         "joints/pin/film/pressure": np.multiply.outer(peaks, nodal),
         "joints/pin/film/gap": np.multiply.outer(films, nodal),
     }
+    values = {path: Quantity(v, "1") for path, v in values.items()}
     start = IntegratorState([began], *4 * [np.zeros((0, 0))])
-    return Course({path: Quantity(v, "1") for path, v in values.items()}, start=start)
+    return Course(values, base=None, start=start, search=period and SimpleNamespace(period=period))
 
 
 def test_extremes_move_by_what_lies_between_long_steps():
@@ -238,7 +209,8 @@ def test_extremes_move_by_what_lies_between_long_steps():
     sampled = peaks - 0.05, films + 0.05
     own = ErrorCurves(curves(short, peaks, films, sampled, began=-0.05))
     change = own.change(run, at(long, -0.3, 0.1), -0.1)
-    peak, film = Extreme("max_pressure", 0, 9.95), Extreme("min_film_thickness", 0, 10.05)
+    peak = Extreme("max_pressure", 0, 9.95, own.said)
+    film = Extreme("min_film_thickness", 0, 10.05, own.said)
     # The step before the vertex and that behind it change it differently, the vertex by 0.03.
     assert peak.bias([change]) == pytest.approx(-0.03 / 9.95, rel=0.05)
     assert film.bias([change]) == pytest.approx(0.03 / 10.05, rel=0.05)
@@ -251,8 +223,8 @@ def test_what_cancels_is_not_relied_on():
     times = np.linspace(0.0, 1.0, 51)
     value = 10.0 - (times[:, None] - 0.5) ** 2
     more = np.where(np.abs(times[:, None] - 0.5) < 0.05, 0.0, -0.1)
-    change = Change(times, np.array([value, value]), np.array([more, more]))
-    extreme = Extreme("max_pressure", 0, 10.0)
+    change = np.array([more, more])
+    extreme = Extreme("max_pressure", 0, 10.0, np.array([value, value]))
     assert extreme.bias([change]) == 0.0
     assert extreme.near(change) == pytest.approx(0.01, rel=0.1)
     assert extreme.share(change) == pytest.approx(0.5 * extreme.near(change))
@@ -260,15 +232,14 @@ def test_what_cancels_is_not_relied_on():
 
 @pytest.mark.parametrize("contraction", [0.5, -0.75])
 def test_a_cycle_is_judged_by_what_is_different_the_second_time(contraction):
-    period = 1.0
     times = np.linspace(0.0, 2.0, 81)[1:]
     base = 10.0 + np.cos(2 * np.pi * times)
     grown = base + 0.1 * (1.0 - contraction ** np.ceil(times - 1e-9))
     run, other = (curves(times, own, own) for own in (base, grown))
     first = times <= 1.0 + 1e-9
-    course = curves(times[first], base[first], base[first])
-    found = ErrorCurves(course, period).change(run, other, 1.0, contraction)
-    np.testing.assert_allclose(found.more[0, 15:-5], 0.1, rtol=0.05)
+    course = curves(times[first], base[first], base[first], period=1.0)
+    found = ErrorCurves(course).change(run, other, 1.0, contraction)
+    np.testing.assert_allclose(found[0, 15:-5], 0.1, rtol=0.05)
 
 
 @pytest.mark.slow
@@ -276,23 +247,20 @@ def test_a_cycle_is_judged_by_what_is_different_the_second_time(contraction):
 def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
     cells = {"lagrange": (16, 4), "bilinear": (32, 8)}[family]
     history = ehd.simulate(machine(cells, family=family), END, tolerance=1e-3)
-    tracker, budget = history.solved.tracker, ehd.error_budget(history)
-    exact = followed(machine(cells, family=family), 1e-5)[2]
-    finer = followed(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)[2]
-    found = {}
-    for quantity in QUANTITIES:
-        own, steps, mesh = (
-            each.extremes["big_end"][quantity][0] for each in (tracker, exact, finer)
-        )
+    own = [history.solved.tracker.extremes["big_end"][quantity][0] for quantity in QUANTITIES]
+    budget, found = ehd.error_budget(history), {}
+    exact = extremes(machine(cells, family=family), 1e-5)
+    finer = extremes(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)
+    for quantity, said, steps, mesh in zip(QUANTITIES, own, exact, finer, strict=True):
         estimates = budget.joints["big_end"][quantity]
         assert set(estimates) == {*COMPONENTS, "between_nodes", "known", "total", "bias"}
         assert estimates["basis"] == NOT_APPLICABLE
         assert estimates["start"] == NOT_APPLICABLE
         # A mesh three times as fine leaves a ninth of an error of order two.
         found[quantity] = (
-            abs(own - steps) / own / estimates["step_size"],
-            9 / 8 * abs(steps - mesh) / own / estimates["film_mesh"],
-            abs(own - mesh) / own / estimates["total"],
+            abs(said - steps) / said / estimates["step_size"],
+            9 / 8 * abs(steps - mesh) / said / estimates["film_mesh"],
+            abs(said - mesh) / said / estimates["total"],
         )
         name = f"rigid rod, {family}: {quantity}, true error over its estimate"
         figure("error budget", name, found[quantity][-1], most=WITHIN)
@@ -305,11 +273,10 @@ def test_steps_of_a_coarse_tolerance_are_not_taken_for_too_little(crank, toleran
     if crank == "free":
         mechanism = driven(mechanism, 0.02)
     history = ehd.simulate(mechanism, end, tolerance=tolerance, largest=0.01)
-    tracker, budget = history.solved.tracker, ehd.error_budget(history)
-    exact = followed(mechanism, 3e-5, end)[2]
-    for quantity in QUANTITIES:
-        own, true = (each.extremes["big_end"][quantity][0] for each in (tracker, exact))
-        stated = budget.joints["big_end"][quantity]["step_size"]
+    budget = ehd.error_budget(history).joints["big_end"]
+    for quantity, true in zip(QUANTITIES, extremes(mechanism, 3e-5, end), strict=True):
+        own = history.solved.tracker.extremes["big_end"][quantity][0]
+        stated = budget[quantity]["step_size"]
         assert abs(own - true) / own < max(WITHIN * stated, 3e-3)
 
 

@@ -15,7 +15,6 @@ from scene_cases import ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import summed
-from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.cli.run import report
 from fenics_ehd.multibody import tracking
 from fenics_ehd.multibody.energy import ENERGY_LIMIT, EnergyBalance, Powers
@@ -27,7 +26,6 @@ from fenics_ehd.multibody.error_shares import (
     slowest_pattern,
 )
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.step_equations import Disturbance
 from fenics_ehd.multibody.tracking import Tracker
 
 # --- What is printed
@@ -56,11 +54,6 @@ def test_a_mechanism_at_rest_is_complete(tmp_path, capfd):
     path = write_scene(tmp_path / "s.toml", "four-bar", rest | {"drives.crank.speed": 0.0})
     assert call("run", path, "-o", tmp_path / "out", "--no-plots") == 0
     assert "rocker_end: nothing moves or loads its film" in capfd.readouterr().err
-
-
-def test_a_course_of_one_step_has_no_rates():
-    with pytest.raises(SettingsError, match=r"one step is too short to tell: raise time\.end"):
-        Disturbance(np.array([1e-6]), [np.zeros((1, 5))], [3])
 
 
 # --- Energy

@@ -28,10 +28,11 @@ at nodes and at steps: how far that is from its own smooth curve is part of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from time import process_time
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -39,10 +40,9 @@ from scipy import sparse
 from fenics_ehd.analysis.replay import (
     FINER,
     Course,
-    CourseRecorder,
     Replay,
     course_of,
-    grids_of,
+    recorded,
     solved_run,
     taken_over,
     with_finer_films,
@@ -61,11 +61,11 @@ from fenics_ehd.multibody.error_shares import (
     estimate_at,
 )
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.lubricated_joint import bore_surface, sampling_grid
+from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_places, sampling_grid
 from fenics_ehd.multibody.mechanism import FilmPlace, Instant, Motion, System
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.multibody.step_equations import Disturbance, StepEquations
+from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.reduction.mesh_error import smooth_part
 
 #: Newton stops when what is left of its update is below so many tolerances of a step, but not above
@@ -82,44 +82,27 @@ FAST = 0.3
 #: Share left from cycle to cycle above which what is to come is not extrapolated further.
 SLOWEST = 0.9
 
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """Estimated error of a component over time: what the exact solution has more.
-
-    Attributes
-    ----------
-    times
-        shape (k,) [s].
-    said
-        `QUANTITIES` as the run says them, shape (2, k, joints) [Pa], [m].
-    more
-        Likewise.
-    """
-
-    times: np.ndarray
-    said: np.ndarray
-    more: np.ndarray
+#: Near an extreme the quantity is within this of it.
+NEAR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorCurves:
-    """Curves of a run's course and of its errors, over time.
+    """Curves over time of a run, or its last cycle, and of what the exact solution has more.
+
+    All are of `QUANTITIES` of every joint, shape (2, k, joints) [Pa], [m].
 
     Attributes
     ----------
     course
-        Of its last cycle, or all of it.
-    period
-        Of a cycle [s], None of a run that is not periodic.
+        Of the run.
     """
 
     course: Course
-    period: float | None = None
 
     @cached_property
     def times(self) -> np.ndarray:
-        """All at which curves are read, those of the run's steps among them [s]."""
+        """All at which curves are read, those of the run's steps among them, shape (k,) [s]."""
         times = self.course.times
         before = np.append(self.course.began, times[:-1])
         between = [times - share * (times - before) for share in np.arange(PARTS) / PARTS]
@@ -127,55 +110,53 @@ class ErrorCurves:
 
     def _at_steps(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Times and values of the run; of a cycle its end is its beginning, too."""
-        times = self.course.times
-        if self.period is None:
+        times, period = self.course.times, self.course.period
+        if period is None:
             return times, values
-        return np.append(times[-1] - self.period, times), np.vstack([values[-1:], values])
+        return np.append(times[-1] - period, times), np.vstack([values[-1:], values])
 
     @cached_property
-    def own(self) -> np.ndarray:
-        """Peaks and films as the run says them, shape (2, k, joints)."""
+    def said(self) -> np.ndarray:
+        """Peaks and films as the run says them."""
         return np.array([_linear(self.times, *self._at_steps(own)) for own in self.course.sampled])
 
     @cached_property
-    def sampling(self) -> Change:
+    def sampling(self) -> np.ndarray:
         """Excess of the values between nodes and steps over those at nodes and steps."""
         smooth = []
         for values in self.course.between_nodes:
             times, points = self._at_steps(values)
             found = _curve(times, points)(self.times)
             smooth.append(np.where(np.isfinite(found), found, points[0]))
-        return Change(self.times, self.own, np.array(smooth) - self.own)
+        return np.array(smooth) - self.said
 
     def change(
         self, before: Course, after: Course, factor: float | np.ndarray, left: float = 0.0
-    ) -> Change:
+    ) -> np.ndarray:
         """From a course to a changed one, times a factor.
 
         Of a change over a cycle the next one leaves a share of either sign, 0: nothing is known of
         cycles beyond the second.
         """
         found = []
-        for quantity in range(len(QUANTITIES)):
-            curves = [_curve(each.times, each.between_nodes[quantity]) for each in (before, after)]
-            found.append(factor * self._between(curves, min(left, SLOWEST)))
-        return Change(self.times, self.own, np.array(found))
+        for own, changed in zip(before.between_nodes, after.between_nodes, strict=True):
+            curves = _curve(before.times, own), _curve(after.times, changed)
+            found.append(factor * self._between(*curves, min(left, SLOWEST)))
+        return np.array(found)
 
-    def _between(self, curves: Sequence[Callable], left: float) -> np.ndarray:
-        before, after = curves
+    def _between(self, before: Callable, after: Callable, left: float) -> np.ndarray:
         first = after(self.times) - before(self.times)
-        if self.period is None:
+        if self.course.period is None:
             return np.nan_to_num(first)
-        later = self.times + self.period
+        later = self.times + self.course.period
         second = after(later) - before(later)
         more = second - np.where(np.isfinite(first), first, second)
         settled = second + left / (1.0 - left) * more
         return np.nan_to_num(np.where(np.isfinite(second), settled, first))
 
-    def given(self, times: np.ndarray, more: Sequence[np.ndarray]) -> Change:
+    def given(self, times: np.ndarray, more: Sequence[np.ndarray]) -> np.ndarray:
         """Changes of both quantities that are known at some times, shape (k, joints)."""
-        found = np.array([_linear(self.times, times, values) for values in more])
-        return Change(self.times, self.own, found)
+        return np.array([_linear(self.times, times, values) for values in more])
 
 
 def _linear(wanted: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -193,10 +174,6 @@ def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.n
     return lambda wanted: np.asarray(curve(wanted, extrapolate=False))
 
 
-#: Near an extreme the quantity is within this of it.
-NEAR = 0.1
-
-
 @dataclass(frozen=True, eq=False)
 class Extreme:
     """Peak pressure or thinnest film of a joint, as a run says it.
@@ -209,45 +186,43 @@ class Extreme:
         Its number.
     value
         [Pa], [m].
+    said
+        Curves of the run, see `ErrorCurves`.
     """
 
     quantity: str
     joint: int
     value: float
+    said: np.ndarray
 
-    def curves(self, change: Change) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the run and what the exact solution has more, + away from the extreme."""
-        place, sign = (
-            QUANTITIES.index(self.quantity),
-            1.0 if self.quantity == "max_pressure" else -1.0,
-        )
-        said, more = (own[place, :, self.joint] for own in (change.said, change.more))
-        return sign * said, sign * more
+    def _outward(self, curves: np.ndarray) -> np.ndarray:
+        """The quantity of the joint, + away from the extreme."""
+        own = curves[QUANTITIES.index(self.quantity), :, self.joint]
+        return own if self.quantity == "max_pressure" else -own
 
-    def bias(self, changes: Sequence[Change]) -> float:
+    def bias(self, changes: Sequence[np.ndarray]) -> float:
         """Relative error of the extreme by all of them together, + where the run says too much."""
-        curves = [self.curves(change) for change in changes]
-        values = curves[0][0]
-        more = np.sum([own for _, own in curves], axis=0)
+        values = self._outward(self.said)
+        more = sum(self._outward(change) for change in changes)
         moved = float((values + more).max() - values.max()) / abs(self.value)
-        return -moved if self.quantity == "max_pressure" else moved
+        return 0.0 - moved if self.quantity == "max_pressure" else moved
 
-    def near(self, change: Change) -> float:
+    def near(self, change: np.ndarray) -> float:
         """Relative root mean square of a change near the extreme."""
-        values, more = self.curves(change)
+        values, more = self._outward(self.said), self._outward(change)
         near = values >= values.max() - NEAR * abs(values.max())
         return float(np.sqrt(np.mean(more[near] ** 2)) / abs(self.value))
 
-    def share(self, change: Change) -> float:
+    def share(self, change: np.ndarray) -> float:
         """Error of the extreme by one component: the mean of what moves it and what moves nearby.
 
         That an extreme stays as it is while what surrounds it moves is luck.
         """
         return 0.5 * (abs(self.bias([change])) + self.near(change))
 
-    def over(self, change: Change) -> float:
+    def over(self, change: np.ndarray) -> float:
         """Largest relative change: of pressures over their peak, of films place by place."""
-        values, more = self.curves(change)
+        values, more = self._outward(self.said), self._outward(change)
         scale = np.abs(values) if self.quantity == "min_film_thickness" else abs(self.value)
         return float((np.abs(more) / scale).max())
 
@@ -276,114 +251,111 @@ class Lacking(NamedTuple):
     reading: sparse.spmatrix
 
 
-def lacking_in_basis(system: System) -> dict[str, Lacking]:
-    """Displacements that bases lack, by joint.
+def lacking_in_basis(body: FlexibleBody, place: FilmPlace) -> Lacking:
+    """Displacement that the basis of a body lacks in the bore of a film.
 
     Raises
     ------
     SettingsError
-        Their missing flexibility is not known.
+        Its missing flexibility is not known.
     """
-    found = {}
-    for place in system.films:
-        if place.bore:
-            estimate = estimate_at(bore_body(system, place), place.bore)
-            if not estimate.known:
-                raise SettingsError(f"{place.name}: reduction.estimate_error is off")
-            found[place.name] = Lacking(estimate, _reading_of_nodes(system, place))
-    return found
+    estimate, bore = estimate_at(body, place.bore), place.film.bore
+    if not estimate.known:
+        raise SettingsError(f"{place.name}: reduction.estimate_error is off")
+    assert bore is not None
+    # Outward displacements of the bore's nodes.
+    radial = body.reduced.at_bore(place.bore).bore_nodes * [1.0, 1.0, 0.0]
+    radial /= np.linalg.norm(radial, axis=1)[:, None]
+    nodes = np.repeat(np.arange(len(radial)), 3)
+    outward = sparse.csr_matrix((radial.ravel(), (np.arange(radial.size), nodes)))
+    return Lacking(estimate, bore.observed_normal @ outward)
 
 
-def lacking_in_mesh(system: System) -> dict[str, Lacking]:
-    """Displacements that meshes of parts lack under pressures and boundary forces, by joint.
+def lacking_in_mesh(body: FlexibleBody, place: FilmPlace) -> Lacking:
+    """Displacement that the mesh of a part lacks under pressures and boundary forces.
 
     Raises
     ------
     SettingsError
-        Of a part's mesh nothing is known.
+        Of the part's mesh nothing is known.
     """
-    found = {}
-    for place in system.films:
-        if place.bore:
-            body = bore_body(system, place)
-            missing = body.reduced.mesh_flexibility
-            if not missing.size:
-                raise SettingsError(
-                    f"{place.bore_body}: no other mesh of the part is known, see "
-                    "output.part_mesh_error"
-                )
-            bores = body.reduced.bores
-            error = np.vsplit(missing, len(bores))[[*bores].index(place.bore)]
-            smooth = smooth_part(bores)
-            pressed, forced = np.split(error, [len(smooth)], axis=1)
-            error = np.hstack([pressed @ smooth, forced])
-            estimate = BasisErrorEstimate(error, body.damping_time)
-            grid, film = sampling_grid(bores[place.bore]), place.film.film
-            surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
-            inside = np.column_stack([film.points.angle.ravel(), film.points.height.ravel()])
-            observed = np.vstack([inside, film.parameters.grid.node_positions])
-            found[place.name] = Lacking(estimate, interpolation_matrix(surface, *observed.T))
-    return found
+    missing, bores = body.reduced.mesh_flexibility, body.reduced.bores
+    if not missing.size:
+        raise SettingsError(
+            f"{place.bore_body}: no other mesh of the part is known, see output.part_mesh_error"
+        )
+    error = np.vsplit(missing, len(bores))[[*bores].index(place.bore)]
+    smooth = smooth_part(bores)
+    pressed, forced = np.split(error, [len(smooth)], axis=1)
+    error = np.hstack([pressed @ smooth, forced])
+    grid, film = sampling_grid(bores[place.bore]), place.film.film
+    surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
+    reading = interpolation_matrix(surface, *observed_places(film))
+    return Lacking(BasisErrorEstimate(error, body.damping_time), reading)
 
 
 def lacking_gaps(
     equations: StepEquations,
     course: Course,
-    lacking: Mapping[str, Lacking],
+    lacking: Callable[[FlexibleBody, FilmPlace], Lacking],
     periodic: bool,
-) -> Disturbance:
-    """Changes of the gaps along a course by the flexibility that joints lack."""
-    system = equations.system
-    rows, began = range(len(course.times)), course.began
-    rates = np.gradient(course.x[:, : system.n], course.times, axis=0)
-    loads = [_loads(system, course, k, rates[k]) for k in rows]
-    steps = np.diff(course.times, prepend=began)
-    fields: dict[str, list[np.ndarray]] = {}
-    # Twice, as the memory of the structure is that of the cycle before.
-    for _ in range(2 if periodic else 1):
-        fields = {name: [] for name in lacking}
-        for k in rows:
-            for place in system.films:
-                if place.bore:
-                    own = equations.responses.of_body(place.bore_body)
-                    estimate, load = lacking[place.name].estimate, loads[k][place.bore_body]
-                    starts = not periodic and course.times[k] - began <= estimate.start
-                    moved = None if starts else course.accelerations[k][own]
-                    fields[place.name].append(
-                        estimate.field(steps[k], load[: estimate.loads], moved)
-                    )
-    observed = [
-        lacking[place.name].reading.dot(np.transpose(fields[place.name])).T if place.bore else None
-        for place in system.films
-    ]
-    return Disturbance(
-        course.times, observed, [len(place.film.thickness) for place in system.films]
-    )
+) -> list[np.ndarray]:
+    """Changes of the gaps of all films along a course by the flexibility that their bores lack.
 
+    Returns
+    -------
+    list
+        Where the gaps are observed, shape (k, w) [m]; 0 of rigid bores.
 
-def _loads(system: System, course: Course, row: int, rates: np.ndarray) -> dict[str, np.ndarray]:
-    """Nodal pressures in all bores of a body, then forces on its boundary points, by its name."""
-    found = bore_loads(system, [pressure[row] for pressure in course.pressures.values()])
-    instant = Instant(system, course.times[row], course.x[row, : system.n])
-    accelerations, multipliers = course.accelerations[row], course.multipliers[row]
-    motion = Motion(instant, rates, accelerations[: system.n], multipliers[: system.m])
-    for name, pressures in found.items():
-        body = system.mechanism.bodies[name]
-        assert isinstance(body, FlexibleBody)
-        found[name] = np.append(pressures, motion.on_points(name, body.reduced.points))
+    Raises
+    ------
+    SettingsError
+        The flexibility is not known, or the course has a single step, of which no rate is known.
+    """
+    system, times, found = equations.system, course.times, []
+    if len(times) < 2:
+        raise SettingsError("a run of one step is too short to tell: raise time.end")
+    loads, accelerations = _loads(system, course), course.state("accelerations")
+    assert accelerations is not None
+    for place in system.films:
+        if not place.bore:
+            found.append(np.zeros((len(times), len(place.film.observed))))
+            continue
+        estimate, reading = lacking(bore_body(system, place), place)
+        own = equations.responses.of_body(place.bore_body)
+        fields: list[np.ndarray] = []
+        # Twice, as the memory of the structure is that of the cycle before.
+        for _ in range(2 if periodic else 1):
+            fields, before = [], course.began
+            for time, load, moved in zip(times, loads, accelerations, strict=True):
+                starts = not periodic and time - course.began <= estimate.start
+                pressed = load[place.bore_body][: estimate.loads]
+                acceleration = None if starts else moved[own]
+                fields.append(estimate.field(time - before, pressed, acceleration))
+                before = time
+        found.append((reading @ np.transpose(fields)).T)
     return found
 
 
-def _reading_of_nodes(system: System, place: FilmPlace) -> sparse.spmatrix:
-    """Change of the gap where it is observed, of outward displacements of the bore's nodes."""
-    bore = place.film.bore
-    assert bore is not None
-    radial = bore_body(system, place).reduced.at_bore(place.bore).bore_nodes * [1.0, 1.0, 0.0]
-    radial /= np.linalg.norm(radial, axis=1)[:, None]
-    nodes = np.repeat(np.arange(len(radial)), 3)
-    return bore.observed_normal @ sparse.csr_matrix(
-        (radial.ravel(), (np.arange(radial.size), nodes))
-    )
+def _loads(system: System, course: Course) -> list[dict[str, np.ndarray]]:
+    """At every step pressures in all bores of a body, then forces on its points, by its name."""
+    rates = np.gradient(course.x[:, : system.n], course.times, axis=0)
+    accelerations, multipliers = course.state("accelerations"), course.state("multipliers")
+    assert accelerations is not None
+    assert multipliers is not None
+    found = []
+    for row, time in enumerate(course.times):
+        loads = bore_loads(system, [pressure[row] for pressure in course.pressures.values()])
+        instant = Instant(system, time, course.x[row, : system.n])
+        motion = Motion(
+            instant, rates[row], accelerations[row, : system.n], multipliers[row, : system.m]
+        )
+        for name, pressures in loads.items():
+            body = system.mechanism.bodies[name]
+            assert isinstance(body, FlexibleBody)
+            loads[name] = np.append(pressures, motion.on_points(name, body.reduced.points))
+        found.append(loads)
+    return found
 
 
 #: Those of flexible bores.
@@ -417,7 +389,8 @@ OVER_TIME = (
     "more_min_film_thickness_m",
 )
 
-Found = TypeVar("Found")
+#: What may go wrong beside a run, which is complete all the same.
+FAILURES = (EhdError, ArithmeticError, ValueError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -429,8 +402,10 @@ class ErrorBudget:
     joints
         By name: by quantity, extreme and ``largest_over_cycle``, a relative error of every
         component and in total, or why there is none.
+    curves
+        Of the run.
     changes
-        Of components that are known over time.
+        Of components that are known over time: what the exact solution has more.
     notes
         Why a component is not estimated.
     iterations, seconds
@@ -438,7 +413,8 @@ class ErrorBudget:
     """
 
     joints: dict[str, dict[str, Any]]
-    changes: dict[str, Change]
+    curves: ErrorCurves
+    changes: dict[str, np.ndarray]
     notes: dict[str, str] = field(default_factory=dict)
     iterations: int = 0
     seconds: float = 0.0
@@ -448,9 +424,8 @@ class ErrorBudget:
         found: dict[str, Any] = {name: {} for name in self.joints}
         for component, change in self.changes.items():
             for i, own in enumerate(found.values()):
-                values = np.vstack(
-                    [change.times - start, *change.said[..., i], *change.more[..., i]]
-                )
+                curves = [*self.curves.said[..., i], *change[..., i]]
+                values = np.vstack([self.curves.times - start, *curves])
                 own[component] = dict(zip(OVER_TIME, values.tolist(), strict=True))
         return found
 
@@ -465,79 +440,67 @@ class Estimator:
     """
 
     def __init__(self, solved: Simulation):
-        run, cycles, tracker = solved.run, solved.cycles, solved.tracker
-        course = course_of(solved)
-        self._run, self._cycles, self._course = run, cycles, course
-        self._system = run.equations.system
-        self._extremes, self._former = tracker.extremes, tracker.former
-        control, share_of_run = run.control, len(course.times) / tracker.counts["steps"]
+        self._solved, self._course = solved, course_of(solved)
+        self._run, self._cycles = solved.run, solved.cycles
+        self._system = solved.run.equations.system
+        self._curves, self.iterations = ErrorCurves(self._course), 0
+        control = solved.run.control
+        share_of_run = len(self._course.times) / solved.tracker.counts["steps"]
         self._other_formula = share_of_run <= SMALL_SHARE and control.order > 1
         growth = (LONG_ERROR / control.tolerance) ** (1.0 / (control.order + 1))
         coarse = control.tolerance >= COARSE and not self._other_formula
         self._stride = 1 if coarse else int(np.clip(growth, *STRIDES))
-        self._grids = grids_of(run)
-        self.iterations = 0
-        self._long, self._curves = course, ErrorCurves(course)
-        if cycles is not None:
-            self._curves = ErrorCurves(course, cycles.period)
-            slow = not cycles.contraction < FAST
-            least = max(cycles.contraction, float(np.finfo(float).tiny))
-            share = 1.0 if slow else float(np.log(FAST) / np.log(least))
-            self._long = course.repeated(cycles.period, cycles.angles, share)
+        self._long = self._course
+        if self._cycles is not None:
+            contraction = self._cycles.contraction
+            least = max(contraction, float(np.finfo(float).tiny))
+            share = float(np.log(FAST) / np.log(least)) if contraction < FAST else 1.0
+            self._long = self._course.with_next(share)
 
     def budget(self) -> ErrorBudget:
         """All components."""
         began = process_time()
-        changes: dict[str, Change] = {}
+        changes: dict[str, np.ndarray] = {}
         notes: dict[str, str] = {}
-        again = self._try("step_size", notes, lambda: self._follow(self._long, stride=self._stride))
-        if again is None:
-            notes |= dict.fromkeys(("film_mesh", *OF_BORES), notes["step_size"])
-        else:
-            for name, change in self._ways().items():
-                found = self._try(name, notes, partial(change, again))
-                if found is not None:
-                    changes[name] = found
-        joints = {
-            place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
-        }
-        return ErrorBudget(joints, changes, notes, self.iterations, process_time() - began)
-
-    def _ways(self) -> dict[str, Callable[[Course], Change]]:
-        """Methods that find the change by a component, from the course in long steps."""
-        found: dict[str, Callable[[Course], Change]] = {
+        ways: dict[str, Callable[[Course], np.ndarray]] = {
             "step_size": self._change_by_steps,
             "film_mesh": self._change_by_films,
         }
         if any(place.bore for place in self._system.films):
-            found["basis"] = partial(self._change_by_gaps, lacking_in_basis)
-            found["part_mesh"] = partial(self._change_by_gaps, lacking_in_mesh)
-        return found
-
-    @staticmethod
-    def _try(component: str, notes: dict[str, str], solve: Callable[[], Found]) -> Found | None:
+            ways["basis"] = partial(self._change_by_gaps, lacking_in_basis)
+            ways["part_mesh"] = partial(self._change_by_gaps, lacking_in_mesh)
         try:
-            return solve()
-        # Whatever goes wrong beside a run, the run is complete.
-        except (EhdError, ArithmeticError, ValueError) as error:
-            notes[component] = " ".join(str(error).split())
-            return None
+            again = self._follow(self._long, stride=self._stride)
+        except FAILURES as error:
+            notes = dict.fromkeys(("step_size", "film_mesh", *OF_BORES), _one_line(error))
+            ways = {}
+        for name, change in ways.items():
+            try:
+                changes[name] = change(again)
+            except FAILURES as error:
+                notes[name] = _one_line(error)
+        joints = {
+            place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
+        }
+        seconds = process_time() - began
+        return ErrorBudget(joints, self._curves, changes, notes, self.iterations, seconds)
 
     def _follow(self, course: Course, run: Run | None = None, **how: Any) -> Course:
-        """A course of the run once more, maybe by a run of another mechanism; see `Replay`."""
+        """A course of the run once more, maybe by another run from its start; see `Replay`."""
         tolerance = min(SETTLED * self._run.control.tolerance, LITTLE)
-        replay = Replay(run or self._run, course, tolerance, grids=self._grids, **how)
-        if run is None:
-            replay.state = course.start
-        recorder, missing = CourseRecorder(replay), how.get("disturbance")
+        replay = Replay(run or self._begun(course), course, tolerance, **how)
         try:
-            for step in replay.until(float(course.times[-1])):
-                recorder.add(step, missing and missing.observed_at(replay.row))
+            return recorded(replay, float(course.times[-1]))
         finally:
             self.iterations += replay.iterations
-        return recorder.course()
 
-    def _change_by_steps(self, again: Course) -> Change:
+    def _begun(self, course: Course) -> Run:
+        """The run at the start of a course."""
+        run = copy(self._run)
+        run.state = course.start
+        return run
+
+    def _change_by_steps(self, again: Course) -> np.ndarray:
         control = self._run.control
         if self._stride == 1:
             found = self._follow(self._long.halved())
@@ -548,10 +511,11 @@ class Estimator:
         # Errors are as what a blend leaves of the lower order.
         blend = 0.0 if control.blend else OTHER_BLEND
         factor = (1.0 - control.blend) / (blend - control.blend)
-        found = self._follow(self._long, control=replace(control, blend=blend))
-        return self._change(self._long, found, factor)
+        other = self._begun(self._long)
+        other.control = replace(control, blend=blend)
+        return self._change(self._long, self._follow(self._long, other), factor)
 
-    def _change(self, before: Course, after: Course, factor: float | np.ndarray) -> Change:
+    def _change(self, before: Course, after: Course, factor: float | np.ndarray) -> np.ndarray:
         return self._curves.change(before, after, factor, self._left(before, after))
 
     def _left(self, before: Course, after: Course) -> float:
@@ -573,31 +537,28 @@ class Estimator:
         once = np.array([np.interp(first, times, column) for column in apart.T])
         return float((apart[-1] - once) @ once / (once @ once)) if once.any() else 0.0
 
-    def _change_by_films(self, again: Course) -> Change:
+    def _change_by_films(self, again: Course) -> np.ndarray:
         finer = self._run.with_mechanism(with_finer_films(self._system.mechanism))
         finer.state = taken_over(again.start, self._run, finer)
         found = self._follow(again, finer)
-        orders = np.array([FILM_ORDERS[grid.family != "bilinear"] for grid in self._grids])
+        grids = [place.film.film.parameters.grid for place in self._system.films]
+        orders = np.array([FILM_ORDERS[grid.family != "bilinear"] for grid in grids])
         # Errors of the films' meshes over what finer ones change.
         change = self._change(again, found, 1.0 / (1.0 - FINER**-orders))
-        return replace(change, more=change.more + self._curves.sampling.more)
+        return change + self._curves.sampling
 
     def _change_by_gaps(
-        self, lacking: Callable[[System], Mapping[str, Lacking]], again: Course
-    ) -> Change:
-        periodic = self._cycles is not None
-        missing = lacking_gaps(self._run.equations, again, lacking(self._system), periodic)
-        none = np.zeros(len(again.times))
-        sizes = np.column_stack(
-            [none if change is None else np.abs(change).max(axis=1) for change in missing.observed]
-        )
+        self, lacking: Callable[[FlexibleBody, FilmPlace], Lacking], again: Course
+    ) -> np.ndarray:
+        missing = lacking_gaps(self._run.equations, again, lacking, self._cycles is not None)
+        sizes = np.column_stack([np.abs(change).max(axis=1) for change in missing])
         peaks, films = again.between_nodes
         if not (sizes / films).max() > SMALL:
             return self._curves.given(again.times, [sizes / films * peaks, sizes])
-        found = self._follow(again, disturbance=missing)
-        return self._change(again, found, 1.0)
+        found = self._follow(again, changes=missing)
+        return self._change(again, found.widened(missing), 1.0)
 
-    def _joint(self, i: int, place: FilmPlace, changes: Mapping[str, Change]) -> dict[str, Any]:
+    def _joint(self, i: int, place: FilmPlace, changes: Mapping[str, np.ndarray]) -> dict[str, Any]:
         found: dict[str, Any] = {}
         largest: dict[str, Any] = {}
         known: dict[str, Any] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
@@ -605,27 +566,32 @@ class Estimator:
             known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
             changes = {name: own for name, own in changes.items() if name not in OF_BORES}
         for quantity in QUANTITIES:
-            extreme = Extreme(quantity, i, self._extremes[place.name][quantity][0])
+            value = self._solved.tracker.extremes[place.name][quantity][0]
+            extreme = Extreme(quantity, i, value, self._curves.said)
             own, over = (known | {"start": start} for start in self._start(place.name, quantity))
             for name, change in changes.items():
                 own[name], over[name] = extreme.share(change), extreme.over(change)
             found[quantity], largest[quantity] = summed(own), summed(over)
             found[quantity]["between_nodes"] = extreme.near(self._curves.sampling)
-            found[quantity]["bias"] = extreme.bias([*changes.values()]) if changes else 0.0
+            found[quantity]["bias"] = extreme.bias([*changes.values()])
         return found | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
         """Distance from the periodic state."""
-        cycles = self._cycles
+        cycles, tracker = self._cycles, self._solved.tracker
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
         if not cycles.contraction < 1.0:
             return NOT_ESTIMATED, NOT_ESTIMATED
         left = cycles.left / (1.0 - cycles.contraction)
-        now, then = (found[joint][quantity][0] for found in (self._extremes, self._former))
+        now, then = (found[joint][quantity][0] for found in (tracker.extremes, tracker.former))
         part = left / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(left))
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def error_budget(history: History) -> ErrorBudget:

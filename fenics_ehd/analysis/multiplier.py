@@ -13,6 +13,7 @@ imposed speed is one of its changes.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from fenics_ehd.analysis.replay import Replay, RunState, recorded, solved_run
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import assemble
+from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import extrapolation_weights
 
@@ -82,7 +84,7 @@ def largest_multiplier(
     StepSizeError
         A cycle with a moved start does not go through the steps of the one without.
     """
-    cycle = _Cycle(run, period, between)
+    cycle = _Cycle(copy(run), period, between)
     basis = [cycle.first()]
     hessenberg = np.zeros((MOST + 1, MOST))
     for j in range(MOST):
@@ -98,7 +100,8 @@ def largest_multiplier(
         if residual <= RESIDUAL * max(abs(value), LEAST) or left <= LEAST:
             break
         basis.append(image / left)
-    return Multiplier(value, residual, cycle.count)
+    # That of the solution itself was gone through twice.
+    return Multiplier(value, residual, j + 3)
 
 
 def multiplier(history: History) -> Multiplier:
@@ -122,21 +125,25 @@ class _Cycle:
     """
 
     def __init__(self, run: Run, period: float, between: Callable[[], object]):
-        self._run, self._between, self.count = run, between, 0
+        self._run, self._period, self._between = run, period, between
         self._start: RunState = run.state
-        self._period = period
-        try:
-            self._course = recorded(run, self._start.time + period, look=lambda step: between())
-        finally:
-            run.state = self._start
-        gaps = run.norm.gaps(self._start.observed[0])
-        self._scales = run.norm.lengths(gaps) * np.sqrt(len(gaps))
+
+        def look(_: MechanismStep) -> dict[str, float]:
+            between()
+            return {}
+
+        self._course = recorded(run, self._start.time + period, look=look)
+        norm = run.norm
+        gaps = norm.gaps(self._start.observed[0])
         self._clearance = min(film.film.clearance for film in run.equations.system.films)
+        # Of what is observed, and of its rate.
+        scales = np.full(len(self._start.observed[0]), self._clearance)
+        scales[: len(gaps)] = norm.lengths(gaps) * np.sqrt(len(gaps))
+        self._scales = np.stack([scales, 2 * np.pi / period * scales])
         self._end = self._through(self._start)
-        self.count += 1
 
     def _through(self, start: RunState) -> RunState:
-        self.count += 1
+        """State at the end of a cycle from a start."""
         replay = Replay(self._run, self._course, NEWTON)
         replay.state = start
         for _ in replay.until(start.time + self._period):
@@ -153,27 +160,23 @@ class _Cycle:
         # Any numbers, the same ones every time.
         rough = SIZE * lengths * np.cos(1.0 + 2.0 * np.arange(system.n))
         z, v = start.x[0][: system.n], start.rate[0][: system.n]
-        moved = assemble(system, start.time, z + rough, v)
-        kept = assemble(system, start.time, z, v)
+        moved = np.array(assemble(system, start.time, z + rough, v))
+        moved -= assemble(system, start.time, z, v)
         change = np.zeros((2, len(start.times), start.x.shape[1]))
-        for own, after, before in zip(change, moved, kept, strict=True):
-            own[:, : system.n] = after - before
+        change[:, :, : system.n] = moved[:, None]
         past = start.times - start.time
-        change[0, :, : system.n] += np.multiply.outer(past, change[1, 0, : system.n])
+        change[0, :, : system.n] += np.multiply.outer(past, moved[1])
         return change / np.sqrt(self.product(change, change))
 
     def product(self, one: np.ndarray, other: np.ndarray) -> float:
-        """Relative changes of gaps, and of coordinates, at the newest points of a change."""
-        return float(self._measured(one) @ self._measured(other))
+        """Product of two changes at their newest points, of gaps relative to the film."""
+        return float(np.sum(self._measured(one) * self._measured(other)))
 
     def _measured(self, change: np.ndarray) -> np.ndarray:
+        """Relative changes of gaps, and of coordinates, and of their rates, shape (2, k)."""
         norm, newest = self._run.norm, self._start.x[0]
-        count, parts = len(self._scales), []
-        for values, time in zip(change[:, 0], (1.0, self._period / (2 * np.pi)), strict=True):
-            observed = norm.observe(newest + values) - norm.observe(newest)
-            gaps = observed[:count] / self._scales
-            parts += [time * gaps, time * observed[count:] / self._clearance]
-        return np.concatenate(parts)
+        observed = [norm.observe(newest + own) - norm.observe(newest) for own in change[:, 0]]
+        return np.array(observed) / self._scales
 
     def after(self, change: np.ndarray) -> np.ndarray:
         """A change at the end of the cycle."""

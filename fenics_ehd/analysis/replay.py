@@ -12,15 +12,15 @@ motion as those of the run do, and no choice of steps makes any noise.
 
 The largest of nodal values goes up and down as a film's peak passes from node to node, by a few
 per mille: what meshes and steps change is less. The vertex of the parabolas through the largest
-one and its neighbours, around and along, does not (`BetweenNodes`).
+one and its neighbours, around and along, does not (`largest_between_nodes`).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -29,18 +29,16 @@ from scipy import sparse
 from fenics_ehd.base.errors import InputError, StepSizeError
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid
-from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.supply import AxialGroove
-from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step, StepControl
+from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step
 from fenics_ehd.multibody.error_shares import QUANTITIES
-from fenics_ehd.multibody.history import FilmResult, History, fixed
+from fenics_ehd.multibody.history import History, fixed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import LEADING, CoupledState, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.multibody.step_equations import Disturbance
 from fenics_ehd.multibody.tabulated import blended
 from fenics_ehd.multibody.tracking import history_of, solution
 
@@ -62,40 +60,29 @@ NEAR_ROW = 1e-2
 RunState = IntegratorState[SolverState]
 
 
-class BetweenNodes:
-    """Extremes of the films on one mesh between its nodes.
+def largest_between_nodes(angle: np.ndarray, height: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Largest of a film's nodal values at every instant, between the nodes, shape (k,).
 
     Parameters
     ----------
     angle, height
         Of the nodes, shape (nodes,) [rad], [m].
+    values
+        shape (k, nodes).
     """
-
-    def __init__(self, angle: np.ndarray, height: np.ndarray):
-        share = np.asarray(height) / np.ptp(height)
-        around, self._across = _neighbours(np.asarray(angle), share)
-        along, self._up = _neighbours(share, np.asarray(angle), closed=False)
-        self._around, self._along = around, along
-
-    def largest(self, values: np.ndarray) -> np.ndarray:
-        """Largest of the nodal values of every instant, shape (k, n)."""
-        values = np.asarray(values)
-        rows, node = np.arange(len(values)), np.argmax(values, axis=1)
-        top = values[rows, node]
-        found = top.copy()
-        for others, places in ((self._around, self._across), (self._along, self._up)):
-            lower = values[rows[:, None], others[node]] - top[:, None]
-            found += _rise(places[node], lower)
-        return found
-
-    def least(self, values: np.ndarray) -> np.ndarray:
-        """Least of the nodal values of every instant, shape (k, n)."""
-        return -self.largest(-values)
+    angle, values = np.asarray(angle), np.asarray(values)
+    share = np.asarray(height) / np.ptp(height)
+    rows, node = np.arange(len(values)), np.argmax(values, axis=1)
+    top = values[rows, node]
+    found = top.copy()
+    for place, row, closed in ((angle, share, True), (share, angle, False)):
+        others, far = _neighbours(place, row, closed)
+        lower = values[rows[:, None], others[node]] - top[:, None]
+        found += _rise(far[node], lower)
+    return found
 
 
-def _neighbours(
-    place: np.ndarray, row: np.ndarray, closed: bool = True
-) -> tuple[np.ndarray, np.ndarray]:
+def _neighbours(place: np.ndarray, row: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the nodes before and after each in its row, and how far they are.
 
     A row is once around if it is closed, else it ends: the nodes there have none, distance 0.
@@ -133,20 +120,26 @@ def _rise(place: np.ndarray, value: np.ndarray) -> np.ndarray:
 class Course(History):
     """A history that replays follow: solutions at ascending times, after a state.
 
-    That of a replay has ``state/multipliers``, shape (k, 2 m), and ``state/accelerations`` of
+    That of a replay has ``state/corner``, whether a step forgets what was before it, as at a row of
+    a table, shape (k,), ``state/multipliers``, shape (k, 2 m), and ``state/accelerations`` of
     coordinates and amplitudes of residual patterns, shape (k, n + r), too.
 
     Attributes
     ----------
+    base, search
+        Run that took the steps, and its search for a periodic solution, whose last cycle they are.
     start
-        State that it begins after.
-    corners
-        Whether a step forgets what was before it, as at a row of a table, shape (k,); None: not
-        known.
+        State that they begin after.
     """
 
+    base: Run = field(kw_only=True)
     start: RunState = field(kw_only=True)
-    corners: np.ndarray | None = field(default=None, kw_only=True)
+    search: Cycles | None = field(default=None, kw_only=True)
+
+    @property
+    def period(self) -> float | None:
+        """Period of a cycle that repeats [s]."""
+        return None if self.search is None else self.search.period
 
     @property
     def began(self) -> float:
@@ -163,34 +156,18 @@ class Course(History):
         """Coordinates and amplitudes of residual patterns, shape (k, n + r)."""
         return np.hstack([self.coordinates, self.quasi_static])
 
-    @property
-    def multipliers(self) -> np.ndarray:
-        """Multipliers of the constraints; none where they are not known."""
-        return np.asarray(self.values.get("state/multipliers", ()))
-
-    @property
-    def accelerations(self) -> np.ndarray:
-        """Accelerations of x; none where they are not known."""
-        return np.asarray(self.values.get("state/accelerations", ()))
-
-    @cached_property
-    def nodal(self) -> list[FilmResult]:
-        """Films of all lubricated joints, by number."""
-        return [joint.film for joint in self.joints.values()]
-
-    @cached_property
-    def voids(self) -> dict[int, np.ndarray]:
-        """Void fractions of films that keep account of their oil, by the film's number."""
-        filled = [film.fluid_fraction for film in self.nodal]
-        return {i: 1.0 - np.asarray(own) for i, own in enumerate(filled) if own is not None}
+    def state(self, name: str) -> np.ndarray | None:
+        """One of the arrays that the course of a replay has, None of another one."""
+        found = self.values.get(f"state/{name}")
+        return None if found is None else np.asarray(found)
 
     @cached_property
     def between_nodes(self) -> np.ndarray:
         """`QUANTITIES` of every film between its nodes, shape (2, k, films) [Pa], [m]."""
-        films = [(BetweenNodes(own.angle, own.height), own) for own in self.nodal]
-        peaks = [between.largest(own.pressure) for between, own in films]
-        thinnest = [between.least(own.gap) for between, own in films]
-        return np.array([peaks, thinnest]).swapaxes(1, 2)
+        films = [joint.film for joint in self.joints.values()]
+        peaks = [largest_between_nodes(own.angle, own.height, own.pressure) for own in films]
+        closest = [largest_between_nodes(own.angle, own.height, -own.gap) for own in films]
+        return np.array([peaks, np.negative(closest)]).swapaxes(1, 2)
 
     @property
     def sampled(self) -> np.ndarray:
@@ -198,33 +175,33 @@ class Course(History):
         joints = self.joints.values()
         return np.array([[own[name] for own in joints] for name in QUANTITIES]).swapaxes(1, 2)
 
-    def repeated(self, period: float, angles: list[int], share: float) -> Course:
-        """The course of a cycle, and the beginning of the cycle after it.
+    def with_next(self, share: float) -> Course:
+        """The course of a cycle, and a share of the cycle after it.
 
-        Parameters
-        ----------
-        period
-            Of the cycle [s].
-        angles
-            Places of angles, which go on by whole turns.
-        share
-            Of the next cycle.
+        Angles go on by whole turns.
         """
+        assert self.search is not None
+        period, angles = self.search.period, self.search.angles
         again = np.flatnonzero(self.times - (self.times[-1] - period) <= share * period)
         turns = np.zeros(self.coordinates.shape[1])
         over = self.x[-1, angles] - self.start.x[0][angles]
         turns[angles] = 2 * np.pi * np.round(over / (2 * np.pi))
-        later = {
-            "time": self.times[again] + period,
-            "state/coordinates": self.coordinates[again] + turns,
-        }
+        more = {"time": period, "state/coordinates": turns}
         return self.changed(
             {
-                path: np.concatenate([values, later.get(path, values[again])])
+                path: np.concatenate([values, values[again] + more.get(path, 0.0)])
                 for path, values in self.values.items()
                 if not fixed(path)
             }
         )
+
+    def widened(self, changes: Sequence[np.ndarray]) -> Course:
+        """The same with changes of the gaps of all films where they are observed [m]."""
+        gaps = {}
+        for (name, joint), change in zip(self.joints.items(), changes, strict=True):
+            nodal = np.asarray(joint.film.gap)
+            gaps[f"joints/{name}/film/gap"] = nodal + change[:, -nodal.shape[1] :]
+        return self.changed(gaps)
 
     def halved(self) -> Course:
         """Its points and those halfway between."""
@@ -248,62 +225,49 @@ class Course(History):
         )
 
 
+def solved_run(history: History) -> Simulation:
+    """The run that a history of `simulate` was made by.
+
+    Raises
+    ------
+    InputError
+        It was read from a folder.
+    """
+    if history.solved is None:
+        raise InputError("a history that was read says nothing more of its run: simulate it")
+    return cast(Simulation, history.solved)
+
+
 def course_of(solved: Simulation) -> Course:
     """Course of a run, or of the cycle under way, after the state that it began with."""
     first = solved.tracker.first
     found = solved.tracker.history().each(lambda own: own[first:])
-    return Course(**vars(found), start=solved.began)
+    return Course(**vars(found), base=solved.run, start=solved.began, search=solved.cycles)
 
 
-class CourseRecorder:
-    """Steps of a run that become a course.
-
-    Parameters
-    ----------
-    run
-        Before the first of them.
-    start
-        What the course begins after, if not the state it is in.
-    """
-
-    def __init__(self, run: Run, start: RunState | None = None):
-        self._run, self._start = run, run.state if start is None else start
-        self._rows: list[Mapping[str, Any]] = []
-        self._corners: list[bool] = []
-
-    def add(
-        self,
-        step: MechanismStep,
-        changes: Sequence[np.ndarray | float] | None = None,
-        row: Mapping[str, float] = MappingProxyType({}),
-    ) -> None:
-        """Account for the step that the run has just taken.
-
-        Parameters
-        ----------
-        step
-            As accepted.
-        changes
-            Of the films' gaps, where they are observed.
-        row
-            Columns that the course is to have, by path with unit.
-        """
-        run, equations = self._run, self._run.equations
+def recorded(
+    run: Run,
+    end: float,
+    cycles: Cycles | None = None,
+    look: Callable[[MechanismStep], Mapping[str, float]] = lambda step: {},
+) -> Course:
+    """Steps of a run to its end [s], or of the last cycle of a search, with columns of each."""
+    equations, size = run.equations, run.equations.system.n + run.equations.responses.size
+    start, number = run.state, 1
+    rows: list[dict[str, Any]] = []
+    for step in run.until(end) if cycles is None else cycles:
+        if cycles is not None and (not rows or cycles.number != number):
+            start, rows, number = cycles.began, [], cycles.number
         assert run.state.solver is not None
-        values, gaps = run.state.solver.values[0], run.norm.film_gaps(step.observed)
-        if changes is not None:
-            gaps = [gap + change for gap, change in zip(gaps, changes, strict=True)]
-        found = solution(equations, step, gaps)
-        found["state/multipliers"] = values[len(values) - 2 * equations.system.m :]
-        size = equations.system.n + equations.responses.size
-        found["state/accelerations"] = step.acceleration[:size]
-        self._rows.append({"time_s": step.time, **row, **found})
-        self._corners.append(len(run.state.times) == 1)
-
-    def course(self) -> Course:
-        """All of them."""
-        found = history_of(self._run.equations.system, self._rows)
-        return Course(**vars(found), start=self._start, corners=np.array(self._corners))
+        values = run.state.solver.values[0]
+        row: dict[str, Any] = {"time_s": step.time, **look(step)}
+        row |= solution(equations, step, run.norm.film_gaps(step.observed))
+        row["state/corner"] = len(run.state.times) == 1
+        row["state/multipliers"] = values[len(values) - 2 * equations.system.m :]
+        row["state/accelerations"] = step.acceleration[:size]
+        rows.append(row)
+    found = history_of(equations.system, rows)
+    return Course(**vars(found), base=run, start=start, search=cycles)
 
 
 def finer_grid(grid: FilmGrid) -> FilmGrid:
@@ -317,41 +281,39 @@ def _divided(boundaries: np.ndarray) -> np.ndarray:
     return np.interp(finer, np.arange(cells + 1), boundaries)
 
 
-def finer_parameters(parameters: FilmParameters) -> FilmParameters:
-    """Parameters of the same film on `finer_grid`, its boundaries on the edges of grooves.
+def with_finer_films(mechanism: Mechanism) -> Mechanism:
+    """The mechanism, all its films on `finer_grid`, its boundaries on the edges of grooves.
 
     Raises
     ------
     SettingsError
         Edges of grooves are nearer than its cells.
     """
-    grooves = [region for region in parameters.regions if isinstance(region, AxialGroove)]
-    edges = np.array([edge for groove in grooves for edge in groove.edges])
-    return replace(parameters, grid=aligned_grid(finer_grid(parameters.grid), edges))
-
-
-def with_finer_films(mechanism: Mechanism) -> Mechanism:
-    """The mechanism, all its films finer.
-
-    Raises
-    ------
-    SettingsError
-        See `finer_parameters`.
-    """
     joints = dict(mechanism.joints)
     for name, joint in mechanism.joints.items():
         if isinstance(joint, LubricatedJoint):
-            film = Film(finer_parameters(joint.film.parameters))
-            joints[name] = replace(joint, film=film)
+            own = joint.film.parameters
+            grooves = [region for region in own.regions if isinstance(region, AxialGroove)]
+            edges = np.array([edge for groove in grooves for edge in groove.edges])
+            grid = aligned_grid(finer_grid(own.grid), edges)
+            joints[name] = replace(joint, film=Film(replace(own, grid=grid)))
     return replace(mechanism, joints=joints)
 
 
-def on_nodes(grid: FilmGrid, other: FilmGrid) -> sparse.csr_matrix | None:
-    """Interpolation of nodal values on another mesh; None: its nodes are the same, maybe moved."""
-    if len(grid.nodes) == len(other.nodes):
-        return None
-    angle, height = other.node_positions.T
-    return grid.interpolation(angle, height * grid.width / other.width)
+def readings(own: Run, other: Run) -> list[sparse.spmatrix]:
+    """Interpolations of nodal values of a run's films on the nodes of the same films of another.
+
+    Where there are as many, these are the same, maybe moved.
+    """
+    found = []
+    for films in zip(own.equations.system.films, other.equations.system.films, strict=True):
+        grid, wanted = (place.film.film.parameters.grid for place in films)
+        angle, height = wanted.node_positions.T
+        if len(grid.nodes) == len(wanted.nodes):
+            found.append(sparse.identity(len(grid.nodes), format="csr"))
+        else:
+            found.append(grid.interpolation(angle, height * grid.width / wanted.width))
+    return found
 
 
 def taken_over(state: RunState, own: Run, other: Run, span: float = 1.0) -> RunState:
@@ -366,27 +328,19 @@ def taken_over(state: RunState, own: Run, other: Run, span: float = 1.0) -> RunS
     """
     equations = own.equations, other.equations
     size = equations[1].system.n + equations[1].responses.size
-    moved = []
+    read, moved = readings(own, other), []
     for point in state.x:
         gaps, wanted = (run.norm.film_gaps(run.norm.observe(point)) for run in (own, other))
         volumes = []
         for i, oil in equations[1].oils.items():
-            grids = [each.system.films[i].film.film.parameters.grid for each in equations]
-            shares = equations[0].oils[i].void_shares(point, gaps[i])
-            matrix = on_nodes(*grids)
-            read = shares if matrix is None else matrix @ shares
-            volumes.append(oil.volumes_with(read, point, wanted[i]))
+            shares = read[i] @ equations[0].oils[i].void_shares(point, gaps[i])
+            volumes.append(oil.volumes_with(shares, point, wanted[i]))
         moved.append(np.concatenate([point[:size], *volumes]))
     x = np.array(moved)
     rate = np.zeros_like(x)
     rate[:, :size] = state.rate[:, :size] / span
     observed = np.array([other.norm.observe(point) for point in x])
     return IntegratorState(state.times * span, x, rate, observed, state.step * span)
-
-
-def grids_of(run: Run) -> list[FilmGrid]:
-    """Meshes of all films of a run."""
-    return [place.film.film.parameters.grid for place in run.equations.system.films]
 
 
 class Replay(Run):
@@ -402,14 +356,8 @@ class Replay(Run):
         On Newton's last update.
     stride
         Steps of the course in one, where they grow slowly and no table has a row.
-    control
-        Formula, if not that of the run.
-    disturbance
-        Of the gaps, at the times of the course.
-    span
-        Time here over that of the course.
-    grids
-        Of the films of the course, if they are others.
+    changes
+        Of the gap of every film where it is observed at the times of the course, shape (k, w) [m].
     alike
         Whether coordinates mean what they mean in the course, so that it is a guess.
 
@@ -417,8 +365,6 @@ class Replay(Run):
     ----------
     iterations
         Of Newton's so far.
-    row
-        Of the course, where it is.
     """
 
     def __init__(
@@ -428,18 +374,17 @@ class Replay(Run):
         tolerance: float,
         *,
         stride: int = 1,
-        control: StepControl | None = None,
-        disturbance: Disturbance | None = None,
-        span: float = 1.0,
-        grids: Sequence[FilmGrid] | None = None,
+        changes: Sequence[np.ndarray] = (),
         alike: bool = True,
     ):
         vars(self).update(vars(run))
-        self.control = control or run.control
         self._course, self._tolerance, self._stride = course, tolerance, stride
-        self._disturbance, self._span = disturbance, span
-        self._guess = _Guess(run, course, grids) if alike else None
-        self.iterations, self.row = 0, -1
+        self._guess = _Guess(run, course) if alike else None
+        self._changes = []
+        for place, observed in zip(self._system.films, changes, strict=False):
+            gap = observed[:, : len(place.film.thickness)]
+            self._changes.append((gap, np.gradient(gap, course.times, axis=0)))
+        self.iterations = 0
 
     def until(self, end: float) -> Iterator[MechanismStep]:
         """All steps of the course, from the state it is in; `end` [s] is where they lead to.
@@ -449,51 +394,48 @@ class Replay(Run):
         StepSizeError
             There is no solution near the course.
         """
-        shift = self.state.time - self._course.began * self._span
-        times = self._course.times * self._span + shift
+        course, began = self._course, self.state.time
+        span = (end - began) / (course.times[-1] - course.began)
+        times = began + span * (course.times - course.began)
         times[-1] = end
         if self._guess:
             self._guess.begin(self.state)
-        corners = self._course.corners if self._stride == 1 else None
-        past, last = float(np.ptp(self.state.times[:2])), len(times) - 1
-        self.row = -1
-        while self.row < last:
-            row, before = self.row + 1, self.state.time
-            ahead, corner = (
-                (row, bool(corners[row])) if corners is not None else self._next(times, past)
-            )
+        past, row = float(np.ptp(self.state.times[:2])), -1
+        while row < len(times) - 1:
+            before = self.state.time
+            ahead, corner = self._next(times, row, past)
             step = self._step(ahead, float(times[ahead]), corner)
-            if step is None and ahead > row:
-                ahead = row
-                step = self._step(row, float(times[row]), False)
+            if step is None and ahead > row + 1:
+                ahead = row + 1
+                step = self._step(ahead, float(times[ahead]), False)
             if step is None:
                 raise StepSizeError(f"no step from t = {before:.6g} s beside those of the run")
-            self.row, past = ahead, step.time - before
+            row, past = ahead, step.time - before
             yield step
 
-    def _next(self, times: np.ndarray, past: float) -> tuple[int, bool]:
+    def _next(self, times: np.ndarray, row: int, past: float) -> tuple[int, bool]:
         """Row of the course to step to, and whether a table's row ends the step."""
-        control, row, time = self.control, self.row, self.state.time
-        order = self.state.usable_order(control.order)
+        corners, time = self._course.state("corner"), self.state.time
+        if self._stride == 1 and corners is not None:
+            return row + 1, bool(corners[row + 1])
         ahead = min(row + self._stride, len(times) - 1)
-        most = LONGEST * past
-        while ahead > row + 1 and times[ahead] - time > most:
+        while ahead > row + 1 and times[ahead] - time > LONGEST * past:
             ahead -= 1
         if not self._system.tables:
             return ahead, False
-        if ahead > row + 1 and self._reach(order, float(times[ahead])) < times[ahead]:
-            ahead = row + 1
         if ahead > row + 1:
-            return ahead, False
+            if self._reach(float(times[ahead])) == times[ahead]:
+                return ahead, False
+            ahead = row + 1
         # The run begins anew at a row that it could not step over.
         step = float(times[ahead]) - time
         beyond = time + 2.0 * step
-        reached = self._reach(order, beyond)
+        reached = self._reach(beyond)
         return ahead, bool(reached < beyond and abs(reached - times[ahead]) <= NEAR_ROW * step)
 
-    def _reach(self, order: int, time: float) -> float:
+    def _reach(self, time: float) -> float:
         """The time, or that of the last row of a table before it that a step must not miss [s]."""
-        nearest = self.control.smallest_step
+        order, nearest = self.state.usable_order(self.control.order), self.control.smallest_step
         return self.state.reach(self.norm, self._system.tables, time, order, nearest)
 
     def _step(self, row: int, time: float, corner: bool) -> MechanismStep | None:
@@ -509,12 +451,12 @@ class Replay(Run):
             observed = asked.observed[0], norm.observe(predicted)
             asked = replace(asked, predicted=predicted, observed=observed)
             former = SolverState(np.array([time]), values[None], self._guess.patterns)
-        if self._disturbance:
-            self.equations.disturbance = self._disturbance.at(row)
+        if self._changes:
+            self.equations.disturbance = [(gap[row], rate[row]) for gap, rate in self._changes]
         try:
             attempt = self.solve(norm, asked, former)
         finally:
-            self.equations.disturbance = None
+            self.equations.disturbance = ()
         self.iterations += attempt.iterations
         solved = attempt.solved
         if solved is None:
@@ -536,44 +478,48 @@ class Replay(Run):
 
 
 class _Guess:
-    """The next point: that of the course, and what differed from it at the last one."""
+    """The next point: that of the course, and what differed from it at the last one.
 
-    def __init__(self, run: Run, course: Course, grids: Sequence[FilmGrid] | None):
+    Parameters
+    ----------
+    run, course
+        Which follows it.
+
+    Attributes
+    ----------
+    patterns
+        Residual patterns to take into the derivatives.
+    """
+
+    def __init__(self, run: Run, course: Course):
         equations = run.equations
-        own = grids_of(run)
-        self._read = [on_nodes(then, now) for now, then in zip(own, grids or own, strict=True)]
-        self._course, self._equations, self.patterns = course, equations, LEADING
+        self._course, self.patterns = course, LEADING
         self._pressures = equations.lower == 0.0
         self._voids = ~self._pressures
         self._voids[equations.rest] = False
-        self._last = np.zeros(course.x.shape[1]), np.zeros(0)
+        # Unknowns of the course on the nodes of these films, coordinates left out.
+        self._values = np.zeros((len(course), len(equations.lower)))
+        multipliers = course.state("multipliers")
+        if multipliers is not None:
+            self._values[:, equations.rest][:, equations.system.n :] = multipliers
+        each = zip(equations.films, equations.places, readings(course.base, run), strict=True)
+        for film, own, read in each:
+            result = course.joints[film.place.name].film
+            for row, pressure in enumerate(np.asarray(result.pressure)):
+                filled = result.fluid_fraction
+                void = None if filled is None else read @ (1.0 - np.asarray(filled[row]))
+                self._values[row, own] = film.values(read @ pressure, void)
+        self._last = np.zeros(course.x.shape[1]), np.zeros(len(equations.lower))
 
     def begin(self, state: RunState) -> None:
         """Begin at the start of the course, angles maybe whole turns further."""
-        size = self._course.x.shape[1]
-        values = self._last[1] if len(self._last[1]) else np.zeros_like(self._values(0))
-        self._last = state.x[0][:size] - self._course.start.x[0][:size], values
-
-    def _values(self, row: int) -> np.ndarray:
-        """Unknowns of the course on the nodes of these films, coordinates left out."""
-
-        def read(i: int, values: np.ndarray) -> np.ndarray:
-            matrix = self._read[i]
-            return values[row] if matrix is None else matrix @ values[row]
-
-        course, equations = self._course, self._equations
-        found = np.zeros(len(equations.lower))
-        for i, (film, own) in enumerate(zip(equations.films, equations.places, strict=True)):
-            void = read(i, course.voids[i]) if i in course.voids else None
-            found[own] = film.values(read(i, course.pressures[film.place.name]), void)
-        if len(course.multipliers):
-            found[equations.rest][equations.system.n :] = course.multipliers[row]
-        return found
+        start = self._course.start.x[0][: self._course.x.shape[1]]
+        self._last = state.x[0][: len(start)] - start, self._last[1]
 
     def at(self, row: int) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates with patterns, and values."""
         x, more = self._last
-        values = self._values(row)
+        values = self._values[row]
         found = values + more
         # Where the course cavitates there is no pressure, whatever differed there a step ago.
         found[self._pressures] *= values[self._pressures] > 0.0
@@ -583,20 +529,7 @@ class _Guess:
     def learn(self, row: int, step: Step[CoupledState], solver: SolverState) -> None:
         """Take the solution at a point."""
         x = step.x[: self._course.x.shape[1]] - self._course.x[row]
-        self._last, self.patterns = (x, solver.values[0] - self._values(row)), solver.patterns
-
-
-def solved_run(history: History) -> Simulation:
-    """The run that a history of `simulate` was made by.
-
-    Raises
-    ------
-    InputError
-        It was read from a folder.
-    """
-    if history.solved is None:
-        raise InputError("a history that was read says nothing more of its run: simulate it")
-    return cast(Simulation, history.solved)
+        self._last, self.patterns = (x, solver.values[0] - self._values[row]), solver.patterns
 
 
 def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> History:
@@ -618,28 +551,10 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     StepSizeError
         There is no solution near that of the run.
     """
-    solved = solved_run(history)
-    base, course = solved.run, course_of(solved)
-    run = base.with_mechanism(mechanism)
-    tolerance = NEWTON_FRACTION * base.control.tolerance
-    again = Replay(run, course, tolerance, stride=stride, grids=grids_of(base))
-    again.state = taken_over(solved.began, base, run)
+    course = course_of(solved_run(history))
+    run = course.base.with_mechanism(mechanism)
+    again = Replay(run, course, NEWTON_FRACTION * run.control.tolerance, stride=stride)
+    again.state = taken_over(course.start, course.base, run)
     found = Simulation(again, float(course.times[-1]))
-    for _ in found.steps():
-        pass
+    deque(found.steps(), maxlen=0)
     return found.history()
-
-
-def recorded(
-    run: Run,
-    end: float,
-    cycles: Cycles | None = None,
-    look: Callable[[MechanismStep], Any] = lambda step: {},
-) -> Course:
-    """Steps of a run to its end [s], or of the last cycle of a search, with columns of each."""
-    recorder, number = CourseRecorder(run), 0 if cycles is None else cycles.number
-    for step in run.until(end) if cycles is None else cycles:
-        if cycles is not None and cycles.number != number:
-            recorder, number = CourseRecorder(run, cycles.began), cycles.number
-        recorder.add(step, row=look(step) or {})
-    return recorder.course()

@@ -19,6 +19,7 @@ through four steps.
 from __future__ import annotations
 
 import difflib
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -28,10 +29,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from fenics_ehd.analysis.replay import (
     Course,
-    CourseRecorder,
     Replay,
     course_of,
-    grids_of,
     recorded,
     solved_run,
     taken_over,
@@ -42,7 +41,7 @@ from fenics_ehd.base.errors import SensitivityError
 from fenics_ehd.multibody.energy import integral
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
+from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import Cycles, repeats
 from fenics_ehd.multibody.quantities import JointPlaces, JointStep, joint_row
@@ -150,65 +149,37 @@ class Rows:
         return smooth_extreme(self._turn[row], values[row], 1.0, sign)
 
 
-class JointRows:
-    """Columns of one lubricated joint at a step, extremes over the film between nodes.
+def look(run: Run) -> Callable[[MechanismStep], dict[str, float]]:
+    """Reader of the columns of every lubricated joint of a run at a step, by path with unit.
 
-    Parameters
-    ----------
-    system, place
-        The joint.
+    Extremes over a film are those between its nodes, of the gap too: with the Gauss points between
+    them rows are uneven, and where the gap is the same over the width, the extreme would jump from
+    one to another.
     """
+    system = run.equations.system
+    places = {place.name: JointPlaces(system, place) for place in system.films}
+    nodes: dict[str, Rows] = {}
+    points: dict[str, Rows] = {}
+    for name, own in places.items():
+        film = own.place.film.film
+        width, inside = film.parameters.grid.width, film.points
+        nodes[name] = Rows(own.nodes[:, 0], own.nodes[:, 1], width)
+        points[name] = Rows(inside.angle.ravel(), inside.height.ravel(), width)
 
-    def __init__(self, system: System, place: FilmPlace):
-        film = place.film.film
-        grid, points = film.parameters.grid, film.points
-        angles, heights = grid.node_positions.T
-        self._places, self._count = JointPlaces(system, place), points.angle.size
-        self._nodes = Rows(angles, heights, grid.width)
-        self._points = Rows(points.angle.ravel(), points.height.ravel(), grid.width)
-
-    def columns(self, step: MechanismStep, i: int, gap: np.ndarray) -> dict[str, float]:
-        """At an accepted step, of the film of this number, its gap where it is observed.
-
-        Gaps are taken at the nodes: with the Gauss points between them rows are uneven, and where
-        the gap is the same over the width, the extreme would jump from one to another.
-        """
-        own = step.solution.integrals[i]
-        found = joint_row(JointStep(self._places, step, own, gap))
-        found["max_pressure_Pa"] = self._nodes.extreme(own.state.pressure, 1)
-        found["min_film_thickness_m"] = self._nodes.extreme(gap[self._count :], -1)
-        if own.contact is not None:
-            found["max_contact_pressure_Pa"] = self._points.extreme(own.touch.pressure, 1)
+    def columns(step: MechanismStep) -> dict[str, float]:
+        found: dict[str, float] = {}
+        gaps = run.norm.film_gaps(step.observed)
+        for name, own, gap in zip(places, step.solution.integrals, gaps, strict=True):
+            row = joint_row(JointStep(places[name], step, own, gap))
+            row["max_pressure_Pa"] = nodes[name].extreme(own.state.pressure, 1)
+            nodal = gap[-len(own.state.pressure) :]
+            row["min_film_thickness_m"] = nodes[name].extreme(nodal, -1)
+            if own.contact is not None:
+                row["max_contact_pressure_Pa"] = points[name].extreme(own.touch.pressure, 1)
+            found |= {f"joints/{name}/{column}": value for column, value in row.items()}
         return found
 
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """A run that has ended.
-
-    Attributes
-    ----------
-    run
-        At its end.
-    course
-        Of it, or of its last cycle, with the columns of `look`.
-    cycles
-        None of a run that is not periodic.
-    """
-
-    run: Run
-    course: Course
-    cycles: Cycles | None
-
-    @property
-    def period(self) -> float | None:
-        """Period of a cycle that repeats [s]."""
-        return None if self.cycles is None else self.cycles.period
-
-    @property
-    def times(self) -> np.ndarray:
-        """Times of the steps, from the start of the run or of the cycle [s]."""
-        return self.course.times - self.course.began
+    return columns
 
 
 @dataclass(frozen=True)
@@ -231,12 +202,13 @@ class Figure:
         extreme = self.column.startswith(("max_", "min_"))
         return self.column if extreme else f"{self.kind}_{self.column}"
 
-    def value(self, record: Record) -> float:
-        """The figure of a run."""
-        values = record.course.joints[self.joint].columns[self.column]
+    def value(self, course: Course) -> float:
+        """The figure of a run, or of its last cycle, which has the columns of `look`."""
+        values = course.joints[self.joint].columns[self.column]
+        times = course.times - course.began
         if self.kind == "mean":
-            return smooth_mean(record.times, values, record.period)
-        return smooth_extreme(record.times, values, record.period, KINDS[self.kind])
+            return smooth_mean(times, values, course.period)
+        return smooth_extreme(times, values, course.period, KINDS[self.kind])
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,35 +234,12 @@ class Number:
     alike: bool = True
 
 
-def look(run: Run) -> Callable[[MechanismStep], dict[str, float]]:
-    """Reader of the columns of every lubricated joint of a run at a step, by path with unit."""
-    system = run.equations.system
-    rows = {place.name: JointRows(system, place) for place in system.films}
-
-    def columns(step: MechanismStep) -> dict[str, float]:
-        gaps = run.norm.film_gaps(step.observed)
-        return {
-            f"joints/{name}/{column}": value
-            for i, (name, own) in enumerate(rows.items())
-            for column, value in own.columns(step, i, gaps[i]).items()
-        }
-
-    return columns
+def followed(run: Run, end: float, cycles: Cycles | None = None) -> Course:
+    """A run to its end [s], or through a periodic search, with the columns of `look`."""
+    return recorded(run, end, cycles, look(run))
 
 
-def first_columns(run: Run, end: float) -> dict[str, dict[str, np.ndarray]]:
-    """Columns of the joints of a run to an end [s], by joint and name, at its first step."""
-    recorder, step = CourseRecorder(run), next(run.until(end))
-    recorder.add(step, row=look(run)(step))
-    return {name: joint.columns for name, joint in recorder.course().joints.items()}
-
-
-def followed(run: Run, end: float, cycles: Cycles | None = None) -> Record:
-    """A run to its end [s], or through a periodic search."""
-    return Record(run, recorded(run, end, cycles, look(run)), cycles)
-
-
-def settled(record: Record) -> Record:
+def settled(course: Course) -> Course:
     """The same run, a periodic one in its own steps until nothing beside a derivative is left.
 
     Raises
@@ -298,13 +247,13 @@ def settled(record: Record) -> Record:
     PeriodicityError, SolverError
         From the steps, and `Cycles`.
     """
-    if record.period is None:
-        return record
-    return _again(record, _balanced(record.run.equations.system.mechanism))
+    if course.search is None:
+        return course
+    return _again(course, _balanced(course.base.equations.system.mechanism))
 
 
 def derivatives(
-    record: Record,
+    course: Course,
     number: Number,
     figures: Sequence[Figure],
     *,
@@ -320,12 +269,12 @@ def derivatives(
     PeriodicityError, SolverError, SettingsError
         From its steps and `Cycles`; there is no finer film.
     """
-    sides: list[Record] = []
+    sides: list[Course] = []
     for sign in (1, -1):
         mechanism, span = number.make(sign * share)
         mechanism = _balanced(with_finer_films(mechanism) if finer else mechanism)
         slack = ROUGHLY if finer else 1.0
-        sides.append(_again(record, mechanism, span, number.alike, slack))
+        sides.append(_again(course, mechanism, span, number.alike, slack))
     above, below = sides
     return {
         figure: (figure.value(above) - figure.value(below)) / (2 * share * number.scale)
@@ -343,35 +292,32 @@ def _balanced(mechanism: Mechanism) -> Mechanism:
 
 
 def _again(
-    record: Record,
+    course: Course,
     mechanism: Mechanism,
     span: float = 1.0,
     alike: bool = True,
     slack: float = 1.0,
-) -> Record:
-    """The steps of a record by another mechanism."""
-    base, course = record.run, record.course
+) -> Course:
+    """The steps of a run by another mechanism, in so many times the time."""
+    base, search = course.base, course.search
     run = base.with_mechanism(mechanism)
-    sizes = [each.equations.system.n + each.equations.responses.size for each in (base, run)]
-    alike &= sizes[0] == sizes[1]
-    longer = span * record.times[-1] / (course.times[-1] - course.began)
-    replay = Replay(run, course, slack * NEWTON, span=longer, grids=grids_of(base), alike=alike)
-    if record.cycles is None:
-        return followed(replay, float(record.times[-1]) * span)
-    period = record.cycles.period * span
+    sizes = {each.equations.system.n + each.equations.responses.size for each in (base, run)}
+    alike &= len(sizes) == 1
+    replay = Replay(run, course, slack * NEWTON, alike=alike)
+    if search is None:
+        return followed(replay, float(course.times[-1]) * span)
+    period = search.period * span
     if alike:
         replay.state = taken_over(base.state, base, run, span)
     else:
-        for _ in run.until(period):
-            pass
+        deque(run.until(period), maxlen=0)
         replay.state = run.state
     # Of the search for its own cycle nothing is left but where it is.
     before = round(replay.state.time / period)
     cycles = Cycles(replay, period, slack * PERIODICITY, before + MOST)
     cycles.number = before + 1
-    if cycles.heat and record.cycles.heat:
-        known = record.cycles.heat.state.searches
-        cycles.heat.state = replace(cycles.heat.state, searches=known)
+    if cycles.heat and search.heat:
+        cycles.heat.state = replace(cycles.heat.state, searches=search.heat.state.searches)
     return followed(replay, period, cycles)
 
 
@@ -408,7 +354,7 @@ def sensitivity(
     SolverError
         From the steps.
     """
-    solved = solved_run(history)
+    course = course_of(solved_run(history))
 
     def along(name: str, value: float) -> Number:
         if not value:
@@ -420,12 +366,15 @@ def sensitivity(
         return Number(name, value, changed)
 
     numbers = [along(name, value) for name, value in parameters.items()]
-    record = Record(solved.run, course_of(solved), solved.cycles)
-    columns = {name: joint.columns for name, joint in record.course.joints.items()}
-    figures = {name: figure_of(name, columns) for name in of}
-    check_periods(solved.run.equations.system.mechanism, record.period, numbers)
-    record = settled(record)
-    slopes = {each.name: derivatives(record, each, [*figures.values()]) for each in numbers}
+    paths = [
+        f"joints/{name}/{column}"
+        for name, joint in course.joints.items()
+        for column in joint.columns
+    ]
+    figures = {name: figure_of(name, paths) for name in of}
+    check_periods(course.base.equations.system.mechanism, course.period, numbers)
+    course = settled(course)
+    slopes = {each.name: derivatives(course, each, [*figures.values()]) for each in numbers}
     return {
         name: {parameter: own[figure] for parameter, own in slopes.items()}
         for name, figure in figures.items()
@@ -462,29 +411,36 @@ def check_periods(mechanism: Mechanism, period: float | None, numbers: Sequence[
             )
 
 
-def figure_of(name: str, curves: Mapping[str, Iterable[str]]) -> Figure:
+def figure_of(name: str, paths: Iterable[str]) -> Figure:
     """The figure of a name, ``big_end.min_film_thickness``.
 
     Its unit may stand behind, and the joint be left out where there is one.
+
+    Parameters
+    ----------
+    name
+        Of the figure.
+    paths
+        Of the columns that there are: ``joints/big_end/min_film_thickness_m``.
 
     Raises
     ------
     SensitivityError
         There is none of that name.
     """
-    known = {
-        f"{figure.joint}.{figure.name}": figure
-        for joint, columns in curves.items()
-        for column in columns
-        for figure in _figures(joint, column)
-    }
-    alone = len(curves) == 1 and name.partition(".")[0] not in curves
-    full = f"{next(iter(curves))}.{name}" if alone else name
-    found = [key for key in known if full in (key, split_unit(key)[0])]
-    if len(found) == 1:
-        return known[found[0]]
+    known: dict[str, Figure] = {}
+    for path in paths:
+        _, joint, column = path.split("/", 2)
+        for figure in _figures(joint, column):
+            known[f"{joint}.{figure.name}"] = figure
     if not known:
         raise SensitivityError(f"unknown quantity {name}: no joint is lubricated")
+    joints = {figure.joint for figure in known.values()}
+    alone = len(joints) == 1 and name.partition(".")[0] not in joints
+    full = f"{min(joints)}.{name}" if alone else name
+    names = {split_unit(key)[0]: figure for key, figure in known.items()} | known
+    if full in names:
+        return names[full]
     short = sorted(split_unit(key)[0] for key in known)
     if alone:
         short = [key.partition(".")[2] for key in short]
@@ -497,6 +453,5 @@ def _figures(joint: str, column: str) -> list[Figure]:
     if column.endswith(("_deg", "_height_m")):  # a place, which may go around or jump
         return []
     kind = column.partition("_")[0]
-    if kind in KINDS:
-        return [Figure(joint, kind, column)]
-    return [Figure(joint, kind, column) for kind in KINDS]
+    kinds = [kind] if kind in KINDS else [*KINDS]
+    return [Figure(joint, kind, column) for kind in kinds]

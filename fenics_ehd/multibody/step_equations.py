@@ -1,7 +1,5 @@
 """All equations of one implicit step of a mechanism and its films.
 
-Given changes of the films' gaps over time: errors whose consequences are asked for.
-
 Shear of the oil in a journal as forces on the coordinates and a torque on the shaft.
 
 The velocities v_2 of the bore and v_1 of the shaft along the circumference are linear in the
@@ -39,7 +37,6 @@ from typing import cast
 
 import numpy as np
 
-from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.film import FilmState, check_gap
 from fenics_ehd.film.flow import FilmFlows
 from fenics_ehd.film.forces import beside_drag, film_fields, sheared_heights
@@ -52,54 +49,8 @@ from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import FilmPlace, Instant, Motion, System, consecutive
 from fenics_ehd.multibody.static_correction import BoreResponses
 
-#: Of every film: change of the gap at the Gauss points and its rate [m], [m/s], or None.
-GapChanges = Sequence[tuple[np.ndarray, np.ndarray] | None]
-
-
-@dataclass(frozen=True, eq=False)
-class Disturbance:
-    """Along a course.
-
-    Attributes
-    ----------
-    times
-        shape (k,) [s].
-    observed
-        Of every film where its gap is observed, Gauss points first, shape (k, w) [m], or None.
-    points
-        Gauss points of every film.
-
-    Raises
-    ------
-    SettingsError
-        Of a single time, of which no rate is known.
-    """
-
-    times: np.ndarray
-    observed: Sequence[np.ndarray | None]
-    points: Sequence[int]
-
-    def __post_init__(self) -> None:
-        if len(self.times) < 2:
-            raise SettingsError("a run of one step is too short to tell: raise time.end")
-        inside = [
-            None if change is None else change[:, :count]
-            for change, count in zip(self.observed, self.points, strict=True)
-        ]
-        rates = [
-            None if change is None else np.gradient(change, self.times, axis=0) for change in inside
-        ]
-        object.__setattr__(self, "_inside", inside)
-        object.__setattr__(self, "_rates", rates)
-
-    def at(self, row: int) -> GapChanges:
-        """Changes at one of the times."""
-        pairs = zip(self._inside, self._rates, strict=True)  # type: ignore[attr-defined]
-        return [None if gap is None else (gap[row], rate[row]) for gap, rate in pairs]
-
-    def observed_at(self, row: int) -> list[np.ndarray | float]:
-        """Changes where gaps are observed."""
-        return [0.0 if change is None else change[row] for change in self.observed]
+#: Of every film: change of the gap at the Gauss points and its rate [m], [m/s].
+GapChanges = Sequence[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +218,7 @@ class StepEquations:
     filled
         Sheared share of films with friction that is kept for this step, by the joint's name.
     disturbance
-        Given changes of the gaps, None in a run.
+        Given changes of all gaps, whose consequences are asked for; none in a run.
     """
 
     def __init__(self, system: System):
@@ -279,7 +230,7 @@ class StepEquations:
         *self.places, self.rest = consecutive(0, [len(own) for own in lower])
         self.lower = np.concatenate(lower)
         self.contacts = Contacts(system, self.responses)
-        self.disturbance: GapChanges | None = None
+        self.disturbance: GapChanges = ()
 
     def lead(self, count: int) -> None:
         """Take so many residual patterns of every body into the derivatives, where any are."""
@@ -355,9 +306,8 @@ class StepEquations:
         self.responses.add(
             [film.pressure(own) for film, own in zip(self.films, values, strict=True)], gaps
         )
-        for i, change in enumerate(self.disturbance or ()):
-            if change is not None:
-                gaps[i] = gaps[i].changed(*change)
+        for i, change in enumerate(self.disturbance):
+            gaps[i] = gaps[i].changed(*change)
         for i, place in enumerate(system.films):
             if place.film.film.parameters.feeds:
                 gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)

@@ -9,15 +9,15 @@ from time import process_time
 
 import numpy as np
 
+from fenics_ehd.analysis.replay import Course
 from fenics_ehd.analysis.sensitivity import (
     Figure,
     Number,
-    Record,
     check_periods,
     derivatives,
     figure_of,
-    first_columns,
     followed,
+    look,
     settled,
 )
 from fenics_ehd.base.errors import EhdError, SensitivityError, SettingsError
@@ -94,8 +94,8 @@ class SceneSensitivity:
         Keys along which a body was reduced anew.
     seconds
         Processor time of the run and of the derivatives [s].
-    record
-        Of the scene's run.
+    course
+        Of the scene's run, or its last cycle.
     """
 
     figures: Sequence[Figure]
@@ -105,7 +105,7 @@ class SceneSensitivity:
     finer: Mapping[tuple[Figure, str], float]
     reduced: Sequence[str]
     seconds: Mapping[str, float]
-    record: Record
+    course: Course
 
     def elasticity(self, figure: Figure, number: Along) -> float | None:
         """``d ln q / d ln p``; None where one of them is 0, or the number a temperature."""
@@ -206,29 +206,30 @@ def scene_sensitivity(
     asked = [number_of(scene, name) for name in dict.fromkeys(to)]
     clock = process_time()
     built = build(scene, bodies=bodies)
-    known = first_columns(Run(built.mechanism, built.steps, scene.span), scene.span)
-    figures = [figure_of(name, known) for name in dict.fromkeys(of)]
+    run, time = Run(built.mechanism, built.steps, scene.span), scene.time
+    columns = look(run)(next(run.until(scene.span)))
+    figures = [figure_of(name, columns) for name in dict.fromkeys(of)]
     numbers = [mechanism_number(scene, along, built.bodies) for along in asked]
     period = scene.span if scene.time.periodic else None
     check_periods(built.mechanism, period, [number for number in numbers if number.alike])
-    run, time = Run(built.mechanism, built.steps, scene.span), scene.time
+    run = Run(built.mechanism, built.steps, scene.span)
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
-    record = settled(followed(run, scene.span, cycles))
+    course = settled(followed(run, scene.span, cycles))
     seconds = {"run": process_time() - clock}
     clock = process_time()
     slopes: dict[tuple[Figure, str], float] = {}
     fine: dict[tuple[Figure, str], float] = {}
     for number in numbers:
-        own = derivatives(record, number, figures)
+        own = derivatives(course, number, figures)
         slopes |= {(figure, number.name): slope for figure, slope in own.items()}
         if finer:
             with suppress(EhdError):  # there is no finer film, or no cycle on it
-                own = derivatives(record, number, figures, finer=True)
+                own = derivatives(course, number, figures, finer=True)
                 fine |= {(figure, number.name): slope for figure, slope in own.items()}
     seconds["derivatives"] = process_time() - clock
-    values = {figure: figure.value(record) for figure in figures}
+    values = {figure: figure.value(course) for figure in figures}
     reduced = [number.name for number in numbers if not number.alike]
-    return SceneSensitivity(figures, values, asked, slopes, fine, reduced, seconds, record)
+    return SceneSensitivity(figures, values, asked, slopes, fine, reduced, seconds, course)
 
 
 def mechanism_number(scene: Scene, along: Along, parts: Mapping[str, ReducedBody]) -> Number:
