@@ -144,5 +144,6 @@ if __name__ == "__main__":
         settings.write_text(lowered(settings.read_text(), found, allowed))
         sys.exit()
     lines = [*sorted(complaints(top / PACKAGE)), *exceeded(found, allowed)]
-    print("\n".join(lines))
+    for line in lines:
+        print(line)
     sys.exit(bool(lines))
