@@ -189,8 +189,8 @@ def summed(
     return sparse.coo_matrix((blocks.ravel(), places), shape=shape).tocsr()
 
 
-def surface_element(name: str, cells: np.ndarray) -> NodalElement:
-    """The element of a name, for cells of shape (c, k).
+def surface_element(name: str, cells: np.ndarray, label: str = "faces") -> NodalElement:
+    """The element of a name, for cells of shape (c, k); `label` is what messages call these.
 
     Raises
     ------
@@ -198,10 +198,10 @@ def surface_element(name: str, cells: np.ndarray) -> NodalElement:
         There is no such element, or its cells have another number of nodes.
     """
     if name not in ELEMENTS:
-        raise StructureError(f"element {name!r} is not one of {', '.join(ELEMENTS)}")
+        raise StructureError(f"{label}: element {name!r} is not one of {', '.join(ELEMENTS)}")
     size = len(ELEMENTS[name].nodes)
     if cells.ndim != 2 or cells.shape[1] != size or not len(cells):
-        raise StructureError(f"faces of shape {cells.shape}, {name} needs (faces, {size})")
+        raise StructureError(f"{label} of shape {cells.shape}, {name} needs (faces, {size})")
     return ELEMENTS[name]
 
 

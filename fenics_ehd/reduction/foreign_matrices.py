@@ -39,6 +39,10 @@ _PENALTY = 1e15
 _ONE_SIDED = 1e-10
 
 
+#: Rows and columns of entries, shape (n, 2) from 0, and their values, shape (n,).
+Entries = tuple[np.ndarray, np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class ForeignMatrices:
     """K and M of a part, degree of freedom ``3 * place + component``.
@@ -97,17 +101,10 @@ def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignM
         A file cannot be read, or does not fit the others.
     """
     dof_file = Path(f"{job}.dof")
-    table = _table(dof_file, separator=".")
-    if table.shape[1] != 2:
-        raise StructureError(f"{dof_file}: rows of {table.shape[1]} numbers, not node.direction")
-    labels = _whole(dof_file, table)
-    _check_labels(dof_file, labels)
-    size = len(labels)
-    stiffness, mass = (
-        _square(file, *_triples(file, _table(file)), size)
-        for file in (Path(f"{job}.sti"), Path(f"{job}.mas"))
-    )
-    return _in_order(stiffness, mass, labels - [0, 1], numbers, str(dof_file))
+    labels = _labels(dof_file, _table(dof_file, (2,), separator="."))
+    files = [Path(f"{job}.sti"), Path(f"{job}.mas")]
+    entries = [_entries(file, _table(file, (3,))) for file in files]
+    return _in_order(files, entries, labels, numbers)
 
 
 def read_abaqus(
@@ -130,36 +127,35 @@ def read_abaqus(
     StructureError
         A file cannot be read; nodes have other degrees of freedom than 1, 2, 3, or are internal.
     """
-    files = Path(stiffness), Path(mass)
-    tables = [_table(file) for file in files]
-    widths = {table.shape[1] for table in tables}
-    if not widths <= {3, 5} or len(widths) != 1:
-        found = " and ".join(str(table.shape[1]) for table in tables)
+    files = [Path(stiffness), Path(mass)]
+    tables = [_table(file, (3, 5)) for file in files]
+    width = tables[0].shape[1]
+    if tables[1].shape[1] != width:
         raise StructureError(
-            f"{files[0]}, {files[1]}: rows of {found} numbers; Abaqus writes 5 with "
-            "FORMAT=MATRIX INPUT, 3 with FORMAT=COORDINATE"
+            f"{files[0]}, {files[1]}: rows of {width} and {tables[1].shape[1]} numbers; write both "
+            "with FORMAT=MATRIX INPUT, or both with FORMAT=COORDINATE"
         )
-    if widths == {3}:
-        triples = [_triples(file, table) for file, table in zip(files, tables, strict=True)]
-        size = int(max(max(rows.max(), columns.max()) for rows, columns, _ in triples)) + 1
-        count = -(-size // 3) if numbers is None else len(np.asarray(numbers))
-        nodes = np.arange(1, count + 1) if numbers is None else np.asarray(numbers)
-        labels = np.column_stack([np.repeat(nodes, 3), np.tile([0, 1, 2], count)])
-        if size != len(labels):
-            raise StructureError(f"{files[0]} has {size} rows, not 3 for each of {count} nodes")
+    if width == 3:
+        entries = [_entries(file, table) for file, table in zip(files, tables, strict=True)]
+        size = 1 + max(places.max() for places, _ in entries)
+        nodes = np.arange(1, -(-size // 3) + 1) if numbers is None else np.asarray(numbers)
+        if size != 3 * len(nodes):
+            raise StructureError(
+                f"{files[0]} has {size} rows, not 3 for each of {len(nodes)} nodes"
+            )
+        labels = np.column_stack([np.repeat(nodes, 3), np.tile([0, 1, 2], len(nodes))])
     else:
-        whole = [_whole(file, table[:, :4]) for file, table in zip(files, tables, strict=True)]
-        for file, label in zip(files, whole, strict=True):
-            _check_labels(file, label.reshape(-1, 2))
-        pairs = np.concatenate([label.reshape(-1, 2) for label in whole]) - [0, 1]
-        labels, rows = np.unique(pairs, axis=0, return_inverse=True)
-        split = np.split(rows.reshape(-1, 2), [len(whole[0])])
-        triples = [(*r.T, table[:, 4]) for r, table in zip(split, tables, strict=True)]
-    made = [_square(f, *t, len(labels)) for f, t in zip(files, triples, strict=True)]
-    return _in_order(made[0], made[1], labels, numbers, str(files[0]))
+        named_pairs = [
+            _labels(file, table[:, :4].reshape(-1, 2))
+            for file, table in zip(files, tables, strict=True)
+        ]
+        labels, rows = np.unique(np.concatenate(named_pairs), axis=0, return_inverse=True)
+        split = np.split(rows.reshape(-1, 2), [len(tables[0])])
+        entries = [(places, table[:, 4]) for places, table in zip(split, tables, strict=True)]
+    return _in_order(files, entries, labels, numbers)
 
 
-def _table(file: Path, separator: str | None = None) -> np.ndarray:
+def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) -> np.ndarray:
     """Numbers of a text file, of which all lines have as many."""
     with named(StructureError, str(file)):
         require_file(file)
@@ -169,6 +165,9 @@ def _table(file: Path, separator: str | None = None) -> np.ndarray:
             raise StructureError(f"{file} is empty")
         separator = "," if "," in first else separator
         table = np.loadtxt(file, delimiter=separator, comments="**", ndmin=2)
+    if table.shape[1] not in widths:
+        wanted = " or ".join(map(str, widths))
+        raise StructureError(f"{file}: rows of {table.shape[1]} numbers, they must have {wanted}")
     if not np.isfinite(table).all():
         row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         raise StructureError(f"{file}, entry {row + 1}: a number is not finite")
@@ -176,64 +175,53 @@ def _table(file: Path, separator: str | None = None) -> np.ndarray:
 
 
 def _whole(file: Path, table: np.ndarray) -> np.ndarray:
-    """Whole numbers, as such."""
+    """Numbers of nodes, directions or rows, which are whole and begin at 1."""
     whole = table.astype(np.int64)
     wrong = np.flatnonzero((whole != table).any(axis=1))
     if len(wrong):
         raise StructureError(f"{file}, entry {wrong[0] + 1}: {table[wrong[0]]} are no places")
+    if whole.min() < 1:
+        raise StructureError(
+            f"{file} has node or row {whole.min()}, the first is 1: internal nodes of elements "
+            "(hybrid, incompatible modes) cannot be used"
+        )
     return whole
 
 
-def _triples(file: Path, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows and columns from 0, and values."""
-    if table.shape[1] != 3:
-        raise StructureError(f"{file}: rows of {table.shape[1]} numbers, not of row, column, value")
-    places = _whole(file, table[:, :2])
-    if places.min() < 1:
-        raise StructureError(
-            f"{file} has row {places.min()}, the first is 1: internal nodes of elements (hybrid, "
-            "incompatible modes) cannot be used"
-        )
-    return places[:, 0] - 1, places[:, 1] - 1, table[:, 2]
+def _entries(file: Path, table: np.ndarray) -> Entries:
+    """Rows and columns, and values, of a table of three columns."""
+    return _whole(file, table[:, :2]) - 1, table[:, 2]
 
 
-def _check_labels(file: Path, labels: np.ndarray) -> None:
-    """Nodes from 1, degrees of freedom 1, 2, 3."""
-    if labels[:, 0].min() < 1:
-        raise StructureError(
-            f"{file} has node {labels[:, 0].min()}: internal nodes of elements (hybrid, "
-            "incompatible modes) cannot be used"
-        )
-    wrong = np.flatnonzero((labels[:, 1] < 1) | (labels[:, 1] > 3))
+def _labels(file: Path, table: np.ndarray) -> np.ndarray:
+    """Nodes, and components from 0, of a table of nodes and degrees of freedom."""
+    labels = _whole(file, table)
+    wrong = np.flatnonzero(labels[:, 1] > 3)
     if len(wrong):
         node, direction = labels[wrong[0]]
         raise StructureError(
             f"{file}: node {node} has degree of freedom {direction}: only displacements, 1 to 3, "
             "of solid elements can be used"
         )
+    return labels - [0, 1]
 
 
-def _square(
-    file: Path, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, size: int
-) -> sparse.csr_matrix:
+def _square(file: Path, places: np.ndarray, values: np.ndarray, size: int) -> sparse.csr_matrix:
     """Symmetric matrix of one triangle, in whatever order, or of both."""
     from scipy import sparse
 
-    if max(rows.max(), columns.max()) >= size:
-        raise StructureError(
-            f"{file} has row {max(rows.max(), columns.max()) + 1}, there are {size}"
-        )
-    keys = rows * size + columns
-    sorted_keys = np.sort(keys)
-    twice = np.flatnonzero(sorted_keys[1:] == sorted_keys[:-1])
-    if len(twice):
-        row, column = divmod(int(sorted_keys[twice[0]]), size)
+    if places.max() >= size:
+        raise StructureError(f"{file} has row {places.max() + 1}, there are {size}")
+    rows, columns = places.T
+    keys, uses = np.unique(rows * size + columns, return_counts=True)
+    if uses.max() > 1:
+        row, column = divmod(int(keys[np.argmax(uses)]), size)
         raise StructureError(
             f"{file}: the entry of row {row + 1}, column {column + 1} stands twice"
         )
     matrix = sparse.coo_matrix((values, (rows, columns)), shape=(size, size)).tocsr()
     off = rows != columns
-    alone = off & ~np.isin(keys, columns * size + rows)
+    alone = off & ~np.isin(columns * size + rows, keys)
     if alone.sum() == off.sum():
         return (matrix + matrix.T - sparse.diags(matrix.diagonal())).tocsr()
     worst = int(np.argmax(np.abs(values) * alone))
@@ -254,26 +242,25 @@ def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _in_order(
-    stiffness: sparse.csr_matrix,
-    mass: sparse.csr_matrix,
-    labels: np.ndarray,
-    numbers: ArrayLike | None,
-    name: str,
+    files: list[Path], entries: list[Entries], labels: np.ndarray, numbers: ArrayLike | None
 ) -> ForeignMatrices:
-    """Rows of labels (node, component) in the order of this package."""
+    """K and M, whose rows have labels (node, component), in the order of this package."""
+    stiffness, mass = (
+        _square(file, *given, len(labels)) for file, given in zip(files, entries, strict=True)
+    )
     nodes = np.unique(labels[:, 0]) if numbers is None else np.asarray(numbers)
     if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
         raise StructureError("numbers: give the number of every node once, as whole numbers")
     places, unknown = _looked_up(nodes, labels[:, 0])
     if len(unknown):
-        raise StructureError(f"{name}: node {unknown[0]} is not among the numbers given")
+        raise StructureError(f"{files[0]}: node {unknown[0]} is not among the numbers given")
     diagonal = stiffness.diagonal()
     smallest = diagonal.min(initial=np.inf, where=diagonal > 0)
     free = np.flatnonzero(diagonal <= _PENALTY * smallest)
     dofs = np.full((len(nodes), 3), -1)
     dofs[places[free], labels[free, 1]] = np.arange(len(free))
     if (dofs >= 0).sum() != len(free):
-        raise StructureError(f"{name}: a node's direction has two rows")
+        raise StructureError(f"{files[0]}: a node's direction has two rows")
     return ForeignMatrices(
         reorder(stiffness[free][:, free], dofs), reorder(mass[free][:, free], dofs), nodes
     )

@@ -258,23 +258,17 @@ def _in_binary(path: str) -> Opened:
 
     PETSc itself believes the column numbers.
     """
-    number, real = np.dtype(PETSc.IntType).newbyteorder(">"), np.dtype(">f8")
+    number = np.dtype(PETSc.IntType).newbyteorder(">")
     kind, height, width, entries = map(int, np.fromfile(path, number, 4))
-    if kind != _BINARY_MATRIX or min(height, width, entries) < 0:
+    if kind != _BINARY_MATRIX:
         raise ValueError("not a sparse matrix in PETSc's binary format")
-    ends = np.cumsum([4, height, entries]) * number.itemsize
-    content = np.memmap(path, np.uint8, "r")
-    if len(content) < (needed := ends[2] + entries * real.itemsize):
-        raise ValueError(f"{len(content)} bytes, {entries} entries need {needed}")
-    lengths = content[ends[0] : ends[1]].view(number).astype(np.int64)
-    if lengths.min(initial=0) < 0 or lengths.sum() != entries:
-        raise ValueError(
-            f"rows of {lengths.sum()} entries, the shortest of {lengths.min()}, do not make its "
-            f"{entries} entries"
-        )
-    columns = content[ends[1] : ends[2]].view(number)
-    reals = content[ends[2] : needed].view(real)
-    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    starts = np.cumsum([4, height, entries]) * number.itemsize
+    lengths = np.memmap(path, number, "r", starts[0], height)
+    columns = np.memmap(path, number, "r", starts[1], entries)
+    reals = np.memmap(path, ">f8", "r", starts[2], entries)
+    indptr = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
+    if lengths.min() < 0 or indptr[-1] != entries:
+        raise ValueError(f"rows of {indptr[-1]} entries do not make its {entries} entries")
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         own = slice(indptr[first], indptr[last])
