@@ -21,12 +21,12 @@ from fenics_ehd.scenes.part import elastic_part
 
 #: No error estimate: that is a Pc1 reduction more for every method but M4.
 METHODS = {
-    "m1-37": lambda s, **k: ehd.craig_bampton(s, 37, estimate_error=False, **k),
-    "m1-127": lambda s, **k: ehd.craig_bampton(s, 127, estimate_error=False, **k),
-    "m2-37": lambda s, **k: two_step_craig_bampton(s, 37, 20, estimate_error=False, **k),
-    "m3-pc2": lambda s, **k: ehd.load_dependent(s, 6, 31, estimate_error=False, **k),
-    "m3-pc1": lambda s, **k: ehd.load_dependent(s, 6, 31, "pc1", estimate_error=False, **k),
-    "m4": lambda s, **k: ehd.residual_flexibility(s, 6, estimate_error=False, **k),
+    "m1-37": lambda part: ehd.craig_bampton(part, 37, estimate_error=False),
+    "m1-127": lambda part: ehd.craig_bampton(part, 127, estimate_error=False),
+    "m2-37": lambda part: two_step_craig_bampton(part, 37, 20, estimate_error=False),
+    "m3-pc2": lambda part: ehd.load_dependent(part, 6, 31, estimate_error=False),
+    "m3-pc1": lambda part: ehd.load_dependent(part, 6, 31, "pc1", estimate_error=False),
+    "m4": lambda part: ehd.residual_flexibility(part, 6, estimate_error=False),
 }
 
 
@@ -85,7 +85,7 @@ def main() -> None:
     if arguments.program == "scipy":
         frequencies, flexibility = SCIPY_METHODS[arguments.method](structure)
     else:
-        body = METHODS[arguments.method](structure, solver=arguments.solver)
+        body = METHODS[arguments.method](ehd.Reductor(structure, solver=arguments.solver))
         frequencies, flexibility = body.frequencies, body.basis_flexibility()
     comm.barrier()
     seconds = perf_counter() - start

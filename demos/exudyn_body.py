@@ -23,7 +23,7 @@ from scipy.linalg import eigh
 
 import fenics_ehd as ehd
 from fenics_ehd.reduction.bore import rigid_fields, turned
-from fenics_ehd.reduction.distributed import MassOperator, inner, symmetric
+from fenics_ehd.reduction.matrices import MassOperator, inner, symmetric
 
 #: Position and unit translations stand before the elastic modes.
 MOVES, MODES = slice(1, 4), slice(4, None)

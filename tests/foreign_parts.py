@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.reduction.faces import bore_from_faces
+from fenics_ehd.reduction.bore import bore_from_faces
 from fenics_ehd.reduction.structure import PointWeights
 
 RADIUS, OUTER, WIDTH = 0.02, 0.03, 0.024

@@ -22,12 +22,11 @@ import fenics_ehd as ehd
 from fenics_ehd.base import compat
 from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.elements import FAMILIES, quadratic_element
-from fenics_ehd.fem.geometry import _place_centre_nodes
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.structure import _elastic_matrices
+from fenics_ehd.fem.structure import _elastic_matrices, _place_centre_nodes
 from fenics_ehd.reduction import load_dependent
-from fenics_ehd.reduction.distributed import multiply
 from fenics_ehd.reduction.eigenmodes import lowest_modes
+from fenics_ehd.reduction.matrices import multiply
 from fenics_ehd.reduction.static import StaticSolver, rigid_fields
 
 STEEL = Material(210e9, 0.3, 7850.0)

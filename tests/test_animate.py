@@ -30,7 +30,7 @@ from fenics_ehd.plotting.animated_bodies import (
 from fenics_ehd.plotting.animation import Bearing, draw, draw_pin, draw_slider, save_animation
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.reduction import BasisFile
-from fenics_ehd.reduction.distributed import multiply
+from fenics_ehd.reduction.matrices import multiply
 from fenics_ehd.results.motion import RecordedMotion, between_steps, nearest_steps
 from fenics_ehd.results.paraview import part_of_basis, write_run
 from fenics_ehd.scenes.library import shipped

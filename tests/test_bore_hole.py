@@ -15,7 +15,7 @@ from fenics_ehd.film.flow import FilmFlows
 from fenics_ehd.film.transfer import Surface, interpolation_matrix, mean_value, solid_share
 from fenics_ehd.multibody.lubricated_joint import bore_surface
 from fenics_ehd.reduction import load_dependent
-from fenics_ehd.reduction.faces import bore_from_faces, bore_holes
+from fenics_ehd.reduction.bore import bore_from_faces, bore_holes
 from fenics_ehd.scenes import part as elastic_part
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.scene import scene_of

@@ -28,7 +28,7 @@ from fenics_ehd.reduction import (
     residual_flexibility,
     tetrahedron_mass,
 )
-from fenics_ehd.reduction.distributed import multiply
+from fenics_ehd.reduction.matrices import multiply
 from fenics_ehd.reduction.static import StaticSolver
 
 pytestmark = pytest.mark.skipif(

@@ -17,12 +17,11 @@ from scene_cases import tables_of
 from fenics_ehd.base import compat
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.fem.elements import quadratic_element
-from fenics_ehd.reduction.bore import rigid_fields
-from fenics_ehd.reduction.elements import ELEMENTS, package_order
-from fenics_ehd.reduction.faces import (
+from fenics_ehd.reduction.bore import (
     _unrolled as unrolled,
 )
-from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix, surface_gram
+from fenics_ehd.reduction.bore import bore_from_faces, bore_load_matrix, rigid_fields, surface_gram
+from fenics_ehd.reduction.elements import ELEMENTS, package_order
 from fenics_ehd.scenes.part import elastic_part
 from fenics_ehd.scenes.scene import scene_of
 

@@ -19,7 +19,7 @@ MODULES = (
     "reduction",
     "film.film",
     "base.compat",
-    "fem.geometry",
+    "fem.structure",
     "fem.structure",
     "multibody.simulation",
     "study.pool",
@@ -55,7 +55,7 @@ def test_petsc_obeys_what_is_given_on_purpose_alone(module, tmp_path):
 
 MESHED = """
 from mpi4py import MPI
-from fenics_ehd.fem.geometry import build_mesh
+from fenics_ehd.fem.structure import build_mesh
 for cells in ("hex", "tet"):
     print(build_mesh("rod.geo", cells=cells, comm=MPI.COMM_SELF).mesh.geometry.x.shape[0])
 """

@@ -18,10 +18,9 @@ from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.reduction import load_dependent
 from fenics_ehd.reduction.bore import mean_motion
-from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.matrices import as_matrix, reorder
 from fenics_ehd.reduction.part_files import load_structure, save_structure
-from fenics_ehd.reduction.structure import PointWeights
+from fenics_ehd.reduction.structure import PointWeights, check_structure
 
 COMM = MPI.COMM_WORLD
 

@@ -12,8 +12,8 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.multibody.energy import ENERGY_LIMIT
-from fenics_ehd.reduction.checks import check_structure
 from fenics_ehd.reduction.static import rigid_body_modes
+from fenics_ehd.reduction.structure import check_structure
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.part import (
     elastic_part,

@@ -26,7 +26,7 @@ from fenics_ehd.reduction import (
 )
 from fenics_ehd.reduction.bore import rigid_fields
 from fenics_ehd.reduction.craig_bampton import centre_constraints
-from fenics_ehd.reduction.distributed import MassOperator
+from fenics_ehd.reduction.matrices import MassOperator
 from fenics_ehd.reduction.reductor import Basis, bore_rows, gram_matrices
 from fenics_ehd.scenes.part import reduce_structure
 from fenics_ehd.scenes.part_settings import ReductionSettings
@@ -81,7 +81,7 @@ def test_frame_does_not_change_the_physics(rod_structure):
 @pytest.mark.slow
 def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body):
     """``S_res``'s own second-order term ``G_res M G_res J``, for a smooth pressure."""
-    from fenics_ehd.reduction.distributed import load_columns
+    from fenics_ehd.reduction.matrices import load_columns
     from fenics_ehd.reduction.static import StaticSolver
 
     whole = residual_flexibility(rod_structure, 6, truncation=0.0, keep_basis=True)

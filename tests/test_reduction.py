@@ -17,12 +17,12 @@ from scene_cases import structure as structure_of
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction import body_digest, craig_bampton, load_dependent, rigid
-from fenics_ehd.reduction.distributed import MassOperator
 from fenics_ehd.reduction.load_dependent import (
     PRESSURE_SETS,
     energy_orthonormal,
     without_redundancy,
 )
+from fenics_ehd.reduction.matrices import MassOperator
 from fenics_ehd.reduction.static import LinearSolver, rigid_body_modes
 
 ROOT = Path(__file__).parents[1]
@@ -124,7 +124,7 @@ def test_every_rank_holds_the_same_body(body):
 def test_rigid_modes_are_orthonormal_and_store_no_energy(structure, figure):
     modes = rigid_body_modes(structure)
     comm = structure.comm
-    from fenics_ehd.reduction.distributed import inner, multiply
+    from fenics_ehd.reduction.matrices import inner, multiply
 
     gram = inner(modes, multiply(structure.mass, modes), comm)
     np.testing.assert_allclose(gram, np.eye(6), atol=1e-12)

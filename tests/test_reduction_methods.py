@@ -26,7 +26,6 @@ from fenics_ehd.base.errors import SettingsError, SolverError, StructureError, V
 from fenics_ehd.reduction import (
     PRESSURE_SETS,
     craig_bampton,
-    distributed,
     eigenmodes,
     full_interface,
     load_dependent,
@@ -34,6 +33,7 @@ from fenics_ehd.reduction import (
     rigid,
     two_step_craig_bampton,
 )
+from fenics_ehd.reduction import matrices as distributed
 from fenics_ehd.reduction import reductor as loads
 from fenics_ehd.reduction import static as linear_solver
 from fenics_ehd.reduction.eigenmodes import lowest_modes
@@ -174,12 +174,11 @@ def m3(pressure_set, selection, counts=range(6, 15), directions=(0, 1)):
 
     return (
         lambda s, p: reduce_by(
-            s,
+            ehd.Reductor(s, attachment_directions=directions),
             N_V,
             count(p),
             pressure_set,
             selection,
-            attachment_directions=directions,
             keep_basis=True,
         ),
         lambda p: (
@@ -191,34 +190,40 @@ def m3(pressure_set, selection, counts=range(6, 15), directions=(0, 1)):
 
 def other_methods(directions=(0, 1)):
     """The package's body and the oracle's basis, with the residual responses of M4."""
-    common = {"attachment_directions": directions, "keep_basis": True}
+    common = {"keep_basis": True}
+
+    def reductor(s):
+        return ehd.Reductor(s, attachment_directions=directions)
+
     return {
         "m1": (
-            lambda s, p: craig_bampton(s, 12, **common),
+            lambda s, p: craig_bampton(reductor(s), 12, **common),
             lambda p: (oracle.craig_bampton(p, 12, directions), None),
         ),
         "m2": (
-            lambda s, p: two_step_craig_bampton(s, 12, 6, **common),
+            lambda s, p: two_step_craig_bampton(reductor(s), 12, 6, **common),
             lambda p: (oracle.two_step(p, 12, 6, directions), None),
         ),
         "m2 no interior modes": (
-            lambda s, p: two_step_craig_bampton(s, 12, 0, **common),
+            lambda s, p: two_step_craig_bampton(reductor(s), 12, 0, **common),
             lambda p: (oracle.two_step(p, 12, 0, directions), None),
         ),
         "full": (
-            lambda s, p: full_interface(s, N_V, **common),
+            lambda s, p: full_interface(reductor(s), N_V, **common),
             lambda p: (oracle.full_interface(p, N_V, directions), None),
         ),
         "m4": (
-            lambda s, p: residual_flexibility(s, N_V, truncation=0.0, **common),
+            lambda s, p: residual_flexibility(reductor(s), N_V, truncation=0.0, **common),
             lambda p: oracle.residual_flexibility(p, N_V, directions),
         ),
         "m4 no vibration modes": (
-            lambda s, p: residual_flexibility(s, 0, truncation=0.0, **common),
+            lambda s, p: residual_flexibility(reductor(s), 0, truncation=0.0, **common),
             lambda p: oracle.residual_flexibility(p, 0, directions),
         ),
         "m4 not centrifugal": (
-            lambda s, p: residual_flexibility(s, 2, truncation=0.0, centrifugal=False, **common),
+            lambda s, p: residual_flexibility(
+                reductor(s), 2, truncation=0.0, centrifugal=False, **common
+            ),
             lambda p: oracle.residual_flexibility(p, 2, directions, centrifugal=False),
         ),
     }
@@ -798,7 +803,7 @@ def test_an_indefinite_stiffness_is_named(name, method):
 def test_an_iteration_on_an_indefinite_stiffness_is_named():
     indefinite = as_structure(with_a_negative_eigenvalue(part("free")))
     with pytest.raises(SolverError, match=r"no convergence in .* iterations"):
-        load_dependent(indefinite, 4, 6, solver="iterative")
+        load_dependent(ehd.Reductor(indefinite, solver="iterative"), 4, 6)
 
 
 @pytest.mark.mpi
@@ -847,10 +852,9 @@ def test_a_load_whose_iteration_ends_early_is_found_among_those_that_converge():
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("method", REDUCTIONS)
-def test_an_unknown_solver_is_named(method):
+def test_an_unknown_solver_is_named():
     with pytest.raises(SettingsError, match="'magic' is not one of auto, direct, iterative"):
-        REDUCTIONS[method](structure("free"), solver="magic")
+        craig_bampton(ehd.Reductor(structure("free"), solver="magic"), 5)
 
 
 #: Few solves: an iteration for each of them takes long on so small a part.
@@ -875,7 +879,9 @@ ITERATED = {
 def test_iterative_solver_finds_what_the_direct_one_does(name, method):
     """Of a structure of its own, so that nothing is left in it of another solver."""
     exact, found = (
-        ITERATED[method](as_structure(part(name)), solver=solver, estimate_error=False)
+        ITERATED[method](
+            ehd.Reductor(as_structure(part(name)), solver=solver), estimate_error=False
+        )
         for solver in ("direct", "iterative")
     )
     assert defect(followed(found), followed(exact)) < 1e-7
@@ -885,7 +891,8 @@ def test_iterative_solver_finds_what_the_direct_one_does(name, method):
 @pytest.mark.mpi
 def test_a_structure_can_be_reduced_again_after_an_iterative_solver():
     given_one = as_structure(part("free"))
-    load_dependent(given_one, 0, 1, snapshots()[:, :1], solver="iterative", estimate_error=False)
+    iterative = ehd.Reductor(given_one, solver="iterative")
+    load_dependent(iterative, 0, 1, snapshots()[:, :1], estimate_error=False)
     again = craig_bampton(given_one, 5)
     assert defect(followed(again), followed(craig_bampton(structure("free"), 5))) < TOLERANCE
 
@@ -988,13 +995,6 @@ def test_a_reductor_keeps_the_responses_to_one_pressure_set(monkeypatch):
     del shared
     gc.collect()
     assert not kept
-
-
-def test_options_belong_where_a_reductor_is_made():
-    shared = ehd.Reductor(structure("free"), attachment_directions=(0,))
-    assert craig_bampton(shared, 3, estimate_error=False).kinds.count("constraint") == 1
-    with pytest.raises(SettingsError, match="solver: say so where the Reductor is made"):
-        craig_bampton(shared, 3, solver="direct")
 
 
 # --- units, shapes and shares -----------------------------------------------------------------

@@ -201,7 +201,7 @@ def test_bores_of_one_place_and_of_another_origin_are_refused(structure):
     bore, pin = structure.bores.values()
     with pytest.raises(StructureError, match=r"pin\.centre: the first bore's must be the origin"):
         check_structure(replace(structure, bores={"pin": pin, "bore": bore}))
-    with pytest.raises(StructureError, match="bore, again: node .* is named 2 times"):
+    with pytest.raises(StructureError, match=r"bore, again: node .* is named 2 times"):
         check_structure(replace(structure, bores={"bore": bore, "again": bore}))
 
 

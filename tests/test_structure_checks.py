@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.reduction.checks import check_structure
+from fenics_ehd.reduction.structure import check_structure
 
 ARGUMENTS = ring_arguments()
 K, M, BORE = ARGUMENTS["stiffness"], ARGUMENTS["mass"], ARGUMENTS["bores"]

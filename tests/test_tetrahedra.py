@@ -22,9 +22,9 @@ from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid, inside_out
 from fenics_ehd.film.transfer import Surface, interpolation_matrix
 from fenics_ehd.reduction import load_dependent, rigid
 from fenics_ehd.reduction.bore import no_cells
-from fenics_ehd.reduction.distributed import load_columns
 from fenics_ehd.reduction.elements import SOLIDS
 from fenics_ehd.reduction.load_dependent import _columns, _hats, bearing_shapes, unit_pressures
+from fenics_ehd.reduction.matrices import load_columns
 from fenics_ehd.reduction.reductor import bore_rows
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.results.paraview import gather_part, part_block, write_series

@@ -174,16 +174,19 @@ def _checked(
 
     from fenics_ehd.fem.drawn_part import place_part
     from fenics_ehd.fem.models import store_mesh_error
-    from fenics_ehd.fem.structure import part_figures
+    from fenics_ehd.fem.structure import part_answers
     from fenics_ehd.reduction.mesh_error import FINER, MOST_REFINED
+    from fenics_ehd.reduction.reductor import rigid
     from fenics_ehd.scenes.part import missed
 
     bores, points = tuple(placed.named.bores), tuple(placed.named.points)
     clamped = "held" if placed.named.held else None
-    here = part_figures(path, material, bores, clamped, points=points)
-    size = here.structure.size
-    found: dict[str, Any] = {"mass_kg": here.mass, "degrees_of_freedom": size}
-    small = size <= MOST_REFINED
+    structure, answers = part_answers(path, material, bores, clamped, points=points)
+    found: dict[str, Any] = {
+        "mass_kg": rigid(structure).inertia.total_mass,
+        "degrees_of_freedom": structure.size,
+    }
+    small = structure.size <= MOST_REFINED
     if not (opened.drawn or small):
         return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     if opened.drawn:
@@ -193,8 +196,8 @@ def _checked(
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         other.write(file)
-        there = part_figures(file, material, bores, clamped, points=points)
-    errors, moved = missed(here.structure, here.answers, there.structure, there.answers)
+        there = part_answers(file, material, bores, clamped, points=points)
+    errors, moved = missed(structure, answers, *there)
     error = max(errors.values())
     store_mesh_error(path, bores, points, error, material.youngs_modulus * moved)
     return found | {

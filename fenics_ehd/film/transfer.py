@@ -33,8 +33,8 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from fenics_ehd.base.errors import InterfaceMismatchError, StructureError
+from fenics_ehd.reduction.bore import BoreHole, bore_holes
 from fenics_ehd.reduction.elements import ELEMENTS
-from fenics_ehd.reduction.faces import BoreHole, bore_holes
 
 TURN = 2 * np.pi
 

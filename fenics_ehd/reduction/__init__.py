@@ -14,10 +14,8 @@ from fenics_ehd.reduction.body import (
     load_body,
     save_body,
 )
-from fenics_ehd.reduction.bore import Bore, mean_motion
-from fenics_ehd.reduction.checks import check_structure
+from fenics_ehd.reduction.bore import Bore, bore_from_faces, bore_load_matrix, mean_motion
 from fenics_ehd.reduction.craig_bampton import craig_bampton, two_step_craig_bampton
-from fenics_ehd.reduction.faces import bore_from_faces, bore_load_matrix
 from fenics_ehd.reduction.foreign_matrices import (
     ForeignMatrices,
     read_abaqus,
@@ -41,7 +39,7 @@ from fenics_ehd.reduction.part_files import (
 )
 from fenics_ehd.reduction.reductor import Reductor, rigid
 from fenics_ehd.reduction.residual_flexibility import residual_flexibility
-from fenics_ehd.reduction.structure import PointWeights, Recovery, Structure
+from fenics_ehd.reduction.structure import PointWeights, Recovery, Structure, check_structure
 
 __all__ = [
     "PRESSURE_SETS",

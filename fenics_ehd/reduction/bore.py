@@ -1,17 +1,29 @@
-"""Lubricated bores of a part: cylinders along z with their surface meshes, and rigid motion."""
+"""Lubricated bores of a part: cylinders along z with their surface meshes, and rigid motion.
+
+Of a foreign part load matrix (15) and mean motion come from the faces of its surface. The faces may
+leave holes, as that of an oil passage: their rims, places and sizes are found.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, StructureError
+from fenics_ehd.reduction.elements import (
+    ELEMENTS,
+    NodalElement,
+    package_order,
+    summed,
+    surface_element,
+)
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
+    from scipy import sparse
 
 
 def rigid_fields(coordinates: np.ndarray) -> np.ndarray:
@@ -186,3 +198,402 @@ def mean_motion(coordinates: np.ndarray, weights: Any) -> np.ndarray:
     motion = np.linalg.solve(gram, weighted.T).T
     motion[:, 3:] /= size
     return motion.reshape(-1, 3, 6)
+
+
+# Faces
+
+
+#: Edges that a rim has at least: fewer are those of a face or two that a mesh lacks.
+FEWEST_EDGES = 6
+
+#: Slack in deciding whether an edge lies at an end of the bore, over its width.
+END_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class BoreHole:
+    """A hole in a bore.
+
+    Attributes
+    ----------
+    rim
+        Its nodes one after the other, those in the middle of edges too.
+    polygon
+        Their angle [rad], within half a turn of the first one's, and height [m], shape (r, 2).
+    angle, height
+        Middle of its area [rad], [m].
+    diameter
+        Of the circle of its area on the unwrapped bore [m].
+    """
+
+    rim: np.ndarray
+    polygon: np.ndarray
+    angle: float
+    height: float
+    diameter: float
+
+    @property
+    def area(self) -> float:
+        """[rad m]."""
+        return abs(_moments(self.polygon)[0])
+
+    @property
+    def radius(self) -> float:
+        """Radius of the bore [m]."""
+        return float(0.25 * np.pi * self.diameter**2 / self.area)
+
+    def straight(self) -> BoreHole:
+        """Hole with straight edges between corners, of a mesh of quadratic cells."""
+        polygon = self.polygon.copy()
+        closed = np.vstack([polygon[0::2], polygon[:1]])
+        polygon[1::2] = 0.5 * (closed[:-1] + closed[1:])
+        return replace(self, polygon=polygon)
+
+    def contains(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+        """True at points within the rim."""
+        x = self.angle + np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi
+        inside = np.zeros(np.shape(x), dtype=bool)
+        # Crossings of a ray along the circumference with every edge.
+        for (a, low), (b, high) in zip(
+            self.polygon, np.roll(self.polygon, -1, axis=0), strict=True
+        ):
+            crosses = (low > height) != (high > height)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                place = a + (height - low) / (high - low) * (b - a)
+            inside ^= crosses & (x < place)
+        return inside
+
+
+def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[BoreHole]:
+    """Holes of a bore's surface mesh, by height, then angle.
+
+    Parameters
+    ----------
+    coordinates
+        Positions of the nodes about the bore's centre, shape (m, 3) [m].
+    cells, family
+        As in `BoreSurface`.
+
+    Raises
+    ------
+    StructureError
+        A rim does not close around a hole, or is one of `FEWEST_EDGES` or fewer edges.
+    """
+    radius = float(np.linalg.norm(coordinates[:, :2], axis=1).mean())
+    found = []
+    for rim in _rims(coordinates, cells, family):
+        angle = np.unwrap(np.arctan2(coordinates[rim, 1], coordinates[rim, 0]))
+        polygon = np.column_stack([angle, coordinates[rim, 2]])
+        turned = abs(angle[-1] - angle[0]) > np.pi
+        edges = len(rim) // (1 if family in ("bilinear", "linear triangle") else 2)
+        if turned or edges < FEWEST_EDGES:
+            raise StructureError(
+                f"the bore is not a whole cylinder: a rim of {edges} edges "
+                + ("goes all around it" if turned else f"is no hole, which has {FEWEST_EDGES}")
+            )
+        area, x, z = _moments(polygon)
+        diameter = float(np.sqrt(4 * radius * abs(area) / np.pi))
+        found.append(BoreHole(rim, polygon, float(x), float(z), diameter))
+    return sorted(found, key=lambda hole: (round(hole.height / radius, 6), hole.angle))
+
+
+def _moments(polygon: np.ndarray) -> tuple[float, float, float]:
+    """Area of a polygon, with its sense, and the middle of the area."""
+    first = polygon[0]
+    a, b = polygon - first, np.roll(polygon, -1, axis=0) - first
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    area = 0.5 * cross.sum()
+    middle = first + ((a + b) * cross[:, None]).sum(axis=0) / (6 * area)
+    return float(area), float(middle[0]), float(middle[1])
+
+
+def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.ndarray]:
+    """Nodes around every hole: edges of one cell alone that lie at no end of the bore."""
+    kind = ELEMENTS[family]
+    ends, first, uses, at_end = _edges(coordinates, cells, family)
+    count, single = len(kind.edges), first[(uses == 1) & ~at_end]
+    # Mid-side nodes come behind the corners, edge by edge.
+    quadratic = cells.shape[1] >= kind.corners + count
+    beside: dict[int, list[tuple[int, list[int]]]] = {}
+    for edge in single:
+        one, other = ends[edge].tolist()
+        middle = [int(cells[edge // count, kind.corners + edge % count])] if quadratic else []
+        beside.setdefault(one, []).append((other, middle))
+        beside.setdefault(other, []).append((one, middle))
+    odd = [node for node, ways in beside.items() if len(ways) != 2]
+    if odd:
+        raise StructureError(
+            f"the bore is not a whole cylinder: {len(beside[odd[0]])} edges of a rim meet at node "
+            f"{odd[0]}"
+        )
+    loops = []
+    while beside:
+        came, node, loop = -1, min(beside), []
+        while node in beside:
+            following, middle = next(way for way in beside.pop(node) if way[0] != came)
+            loop += [node, *middle]
+            came, node = node, following
+        loops.append(np.array(loop))
+    return loops
+
+
+def _edges(
+    coordinates: np.ndarray, cells: np.ndarray, element: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Ends of every cell's edges; of each edge the first of these, its cells, if it is at an end.
+
+    Returns
+    -------
+    ends, first, uses, at_end
+        shape (cells edges, 2), then (edges,) each.
+    """
+    ends = cells[:, ELEMENTS[element].edges].reshape(-1, 2)
+    _, first, uses = np.unique(np.sort(ends, axis=1), axis=0, return_index=True, return_counts=True)
+    z = coordinates[:, 2]
+    heights, slack = z[ends[first]], END_TOLERANCE * np.ptp(z)
+    at_end = (heights < z.min() + slack).all(axis=1) | (heights > z.max() - slack).all(axis=1)
+    return ends, first, uses, at_end
+
+
+#: Gauss points a direction. A load is polynomial, of degree 7 in each variable on 9 nodes and 6
+#: in both on 6: exact. An area is not, and needs more where a cell is bent by 30 degrees.
+_LOAD_POINTS, _AREA_POINTS = 4, 8
+
+#: Largest distance of a bore node from the cylinder, relative to its radius.
+CYLINDER_TOLERANCE = 1e-6
+
+
+def bore_load_matrix(nodes: np.ndarray, faces: np.ndarray, element: str) -> sparse.csr_matrix:
+    """Load matrix J of (15): nodal forces of nodal pressures that push the bore outward.
+
+    Parameters
+    ----------
+    nodes
+        Positions of all nodes of the part, shape (n, 3) [m]; the bore's axis is z.
+    faces
+        Global numbers of the nodes of each face, shape (c, k): corners, then edge midpoints and
+        centre, each in any order (`package_order` finds it), or corners and midpoints in turn.
+        Which side of a face is its outer one does not matter: the force points away from the
+        axis.
+    element
+        A key of `elements.ELEMENTS`: ``"serendipity"`` (8 nodes), ``"lagrange"``
+        (9), ``"triangle"`` (6), ``"bilinear"`` (4) or ``"linear triangle"`` (3).
+
+    Returns
+    -------
+    scipy.sparse.csr_matrix
+        shape (3 n, m) [m^2]: entry (3 i + c, j) is the integral of ``N_i N_j n_c``, n the
+        normal away from the axis. The columns are the nodes of the faces by z, then angle.
+
+    Raises
+    ------
+    StructureError
+        Faces that do not fit the element or the nodes, or are folded.
+    """
+    nodes, faces, kind = _checked(nodes, faces, element)
+    numbers, cells = _ordered(nodes, faces)
+    values, normals = _normals(nodes, faces, kind)
+    blocks = np.einsum("cqd,qi,qj->cidj", normals, values, values)
+    rows = (3 * faces[:, :, None] + np.arange(3))[..., None]
+    return summed(blocks, rows, cells[:, None, None, :], (3 * len(nodes), len(numbers)))
+
+
+def bore_from_faces(
+    nodes: np.ndarray, faces: np.ndarray, element: str, centre: tuple = (0.0, 0.0, 0.0)
+) -> Bore:
+    """The bore of a part from the faces of its surface.
+
+    Parameters
+    ----------
+    nodes, faces, element
+        As in `bore_load_matrix`. Pressures have the nodes and shape functions of the faces.
+    centre
+        Of the bore [m].
+
+    Returns
+    -------
+    Bore
+        Nodes sorted by z, then angle, with `load` as SciPy matrix and `reference`. No film
+        knows a mesh of linear triangles: its family stays unknown.
+
+    Raises
+    ------
+    StructureError
+        The faces are no whole cylinder along z about the centre, half of it on either side.
+    """
+    nodes, faces, _ = _checked(nodes, faces, element, np.asarray(centre, dtype=float))
+    numbers, cells = _ordered(nodes, faces)
+    x = nodes[numbers]
+    load = bore_load_matrix(nodes, faces, element)
+    radius = require_cylinder(x, cells, element, numbers)
+    family = "" if element == "linear triangle" else element
+    known = cells[np.lexsort(np.sort(cells, axis=1).T[::-1])] if family else no_cells()
+    return Bore(
+        radius=radius,
+        width=float(np.ptp(x[:, 2])),
+        nodes=numbers.astype(np.int32),
+        coordinates=x,
+        pressure_coordinates=x,
+        load=load,
+        cells=known,
+        family=family,
+        pressure_cells=known,
+        pressure_family=family,
+        reference=mean_motion(x, surface_gram(x, cells, element)),
+        centre=np.asarray(centre, dtype=float),
+    )
+
+
+def surface_gram(coordinates: np.ndarray, cells: np.ndarray, element: str) -> sparse.csr_matrix:
+    """Consistent surface mass ``int N_i N_j dA`` on any surface.
+
+    Parameters
+    ----------
+    coordinates
+        Positions of the nodes, shape (m, 3) [m].
+    cells
+        Positions in `coordinates` of the nodes of each cell, shape (c, k), as in
+        `bore_load_matrix`.
+    element
+        A key of `elements.ELEMENTS`.
+
+    Returns
+    -------
+    scipy.sparse.csr_matrix
+        shape (m, m) [m^2].
+    """
+    kind = surface_element(element, np.asarray(cells))
+    values, normals = _area_vectors(coordinates, cells, kind, _AREA_POINTS)
+    blocks = np.einsum("cq,qi,qj->cij", np.linalg.norm(normals, axis=2), values, values)
+    return summed(blocks, cells[:, :, None], cells[:, None, :], (len(coordinates),) * 2)
+
+
+def _checked(
+    nodes: np.ndarray, faces: np.ndarray, element: str, centre: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, np.ndarray, NodalElement]:
+    """Nodes from the centre, and faces in the order of the package."""
+    nodes, faces = np.asarray(nodes, dtype=float), np.asarray(faces)
+    kind = surface_element(element, faces)
+    if nodes.ndim != 2 or nodes.shape[1] != 3:
+        raise StructureError(f"nodes have shape {nodes.shape}, (nodes, 3) is needed")
+    if faces.dtype.kind not in "iu" or not 0 <= faces.min() <= faces.max() < len(nodes):
+        raise StructureError(
+            f"faces name nodes {faces.min()} to {faces.max()} (type {faces.dtype}), there are 0 to "
+            f"{len(nodes) - 1}"
+        )
+    ordered = np.sort(faces, axis=1)
+    repeated = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
+    if len(repeated):
+        raise StructureError(f"face {repeated[0]} names a node twice: {faces[repeated[0]]}")
+    used = nodes[np.unique(faces)]
+    if not np.isfinite(used).all():
+        raise StructureError("a node of the faces has a coordinate that is not finite")
+    nodes = nodes - centre
+    faces = faces.astype(np.int64)
+    return nodes, package_order(_unrolled(nodes[faces]), faces, element), kind
+
+
+def _unrolled(x: np.ndarray) -> np.ndarray:
+    """Nodes of faces (c, k, 3) on the cylinder unrolled, (c, k, 2) [m]."""
+    angle = np.arctan2(x[:, :, 1], x[:, :, 0])
+    middle = x.mean(axis=1, keepdims=True)
+    angle = np.mod(angle - np.arctan2(middle[:, :, 1], middle[:, :, 0]) + np.pi, 2 * np.pi)
+    return np.stack([np.linalg.norm(x[:, :, :2], axis=2).mean() * angle, x[:, :, 2]], axis=2)
+
+
+def in_order(
+    numbers: np.ndarray, x: np.ndarray, faces: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Order of a bore's nodes by z, then angle, and the places of the faces' nodes in it.
+
+    Parameters
+    ----------
+    numbers, x
+        Of the nodes, shape (m,), and their positions from the bore's centre, (m, 3) [m].
+    faces
+        Numbers of the nodes of each face, shape (c, k).
+    """
+    radius = np.linalg.norm(x[:, :2], axis=1).mean()
+    angle = np.mod(np.arctan2(x[:, 1], x[:, 0]) + 1e-9, 2 * np.pi)
+    order = np.lexsort((np.round(angle, 6), np.round(x[:, 2] / radius, 6)))
+    by_number = np.argsort(numbers[order])
+    return order, by_number[np.searchsorted(numbers[order], faces, sorter=by_number)]
+
+
+def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of the faces by z, then angle, and the faces in these positions."""
+    numbers = np.unique(faces)
+    order, cells = in_order(numbers, nodes[numbers], faces)
+    return numbers[order], cells
+
+
+def _area_vectors(
+    nodes: np.ndarray, faces: np.ndarray, kind: NodalElement, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions (q, k) at the Gauss points, and normals times area there, (c, q, 3)."""
+    points, weights = kind.rule(count)
+    values, derivatives = kind.tabulate(points)
+    along, across = np.einsum("dqk,ckx->dcqx", derivatives, nodes[faces])
+    return values, np.cross(along, across) * weights[:, None]
+
+
+def _normals(
+    nodes: np.ndarray, faces: np.ndarray, kind: NodalElement
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions and normals of `_area_vectors`, all pointing away from the z axis."""
+    values, normals = _area_vectors(nodes, faces, kind, _LOAD_POINTS)
+    x = values @ nodes[faces]
+    outward = np.einsum("cqx,cqx->cq", normals[:, :, :2], x[:, :, :2])
+    signs = np.sign(outward[:, :1])
+    folded = np.flatnonzero((outward * signs <= 0).any(axis=1))
+    if len(folded):
+        raise StructureError(
+            f"face {folded[0]} with nodes {faces[folded[0]]} is folded or does not face the z "
+            "axis: its corners must come first, or corners and middles of edges in turn"
+        )
+    return values, normals * signs[:, :, None]
+
+
+def require_cylinder(
+    x: np.ndarray, cells: np.ndarray, element: str, numbers: np.ndarray, name: str = "the bore"
+) -> float:
+    """Radius of a bore's nodes about the z axis [m].
+
+    Parameters
+    ----------
+    x, cells, element
+        Nodes (m, 3) [m], and the surface mesh of them.
+    numbers, name
+        Of the nodes and the bore, for the messages.
+
+    Raises
+    ------
+    StructureError
+        They are no whole cylinder but for holes, half of it on either side of z = 0.
+    """
+    radii = np.linalg.norm(x[:, :2], axis=1)
+    radius = float(radii.mean())
+    worst = int(np.argmax(np.abs(radii - radius)))
+    if not abs(radii[worst] - radius) <= CYLINDER_TOLERANCE * radius:
+        raise StructureError(
+            f"{name} is not a cylinder about the z axis: node {numbers[worst]} lies "
+            f"{radii[worst] - radius:.1e} m off the mean radius {radius:.6g} m, above "
+            f"{CYLINDER_TOLERANCE:.0e} radii; midpoints of edges must lie on it too"
+        )
+    middle = 0.5 * (x[:, 2].min() + x[:, 2].max())
+    if not abs(middle) <= CYLINDER_TOLERANCE * radius:
+        raise StructureError(
+            f"{name} must be centred at z = 0, its middle is at z = {middle:.3e} m"
+        )
+    ends, first, uses, at_end = _edges(x, cells, element)
+    # Two faces at every edge, but one at the edges of the two ends and of holes.
+    wrong = np.flatnonzero(uses != np.where(at_end, 1, 2))
+    if len(wrong) >= FEWEST_EDGES and (uses[wrong] == 1).all():
+        bore_holes(x, cells, element)  # refuses what is no hole
+    elif len(wrong):
+        one, other = numbers[ends[first[wrong[0]]]]
+        raise StructureError(
+            f"{name} is not a whole cylinder: the edge of nodes {one} and {other} belongs to "
+            f"{uses[wrong[0]]} faces, not {1 if at_end[wrong[0]] else 2}"
+        )
+    return radius

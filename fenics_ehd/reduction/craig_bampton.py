@@ -12,14 +12,19 @@ dof, ``Psi^T K Psi`` and ``Psi^T M Psi`` are bore rows of ``K Psi`` and of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Unpack
 
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
-from fenics_ehd.reduction.distributed import (
+from fenics_ehd.reduction.eigenmodes import (
+    FixedBoundary,
+    Flexibility,
+    LowestModes,
+    lowest_modes,
+)
+from fenics_ehd.reduction.matrices import (
     blocks,
     combine,
     inner,
@@ -28,15 +33,8 @@ from fenics_ehd.reduction.distributed import (
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.eigenmodes import (
-    FixedBoundary,
-    Flexibility,
-    LowestModes,
-    lowest_modes,
-)
 from fenics_ehd.reduction.reductor import (
     Basis,
-    Options,
     Reductor,
     bore_rows,
     gram_matrices,
@@ -53,7 +51,6 @@ def craig_bampton(
     *,
     estimate_error: bool = True,
     keep_basis: bool = False,
-    **options: Unpack[Options],
 ) -> ReducedBody:
     """M1: reduce a part with fixed-boundary modes and one static mode per boundary dof.
 
@@ -66,7 +63,7 @@ def craig_bampton(
         The part, free or clamped, or a `Reductor` of it.
     n_modes
         Fixed-boundary modes kept of (20).
-    estimate_error, keep_basis, options
+    estimate_error, keep_basis
         As in `load_dependent`; the boundary dofs ``x_b`` are the `attachment_directions` of
         every boundary point.
 
@@ -83,7 +80,7 @@ def craig_bampton(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    reductor = Reductor.of(part, **options)
+    reductor = Reductor.of(part)
     if n_modes < 1:
         raise SettingsError(f"modes {n_modes}: ask for at least 1 fixed-boundary mode")
     centre, constraint_modes, lowest = reductor.once("m1", None, lambda: _boundary(reductor))
@@ -194,7 +191,6 @@ def two_step_craig_bampton(
     *,
     estimate_error: bool = True,
     keep_basis: bool = False,
-    **options: Unpack[Options],
 ) -> ReducedBody:
     """M2: reduce a part to all bore dofs first, then to fixed-boundary modes of that.
 
@@ -210,7 +206,7 @@ def two_step_craig_bampton(
         Fixed-boundary modes kept of (24).
     n_interior_modes
         Fixed-interface modes of the first step, bore and boundary held.
-    estimate_error, keep_basis, options
+    estimate_error, keep_basis
         As in `craig_bampton`; the interior has the prefix ``interior_``.
 
     Returns
@@ -225,7 +221,7 @@ def two_step_craig_bampton(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    reductor = Reductor.of(part, **options)
+    reductor = Reductor.of(part)
     structure, free = reductor.structure, reductor.free
     held = _held_weights(reductor)
     available = 3 * len(structure.bore_nodes) - held.shape[1] + n_interior_modes

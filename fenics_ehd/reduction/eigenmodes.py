@@ -19,7 +19,7 @@ from slepc4py import SLEPc
 
 from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configure
-from fenics_ehd.reduction.distributed import MassOperator, column_vectors, combine, inner, multiply
+from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine, inner, multiply
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 

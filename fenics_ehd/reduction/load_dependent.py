@@ -10,17 +10,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from hashlib import sha256
-from typing import Unpack
 
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ModeRecord, ReducedBody
 from fenics_ehd.reduction.bore import Bore
-from fenics_ehd.reduction.distributed import combine, inner
+from fenics_ehd.reduction.matrices import combine, inner
 from fenics_ehd.reduction.reductor import (
     Basis,
-    Options,
     Reductor,
     StaticResponses,
     gram_matrices,
@@ -307,14 +305,14 @@ def load_dependent(
     *,
     estimate_error: bool = True,
     keep_basis: bool = False,
-    **options: Unpack[Options],
 ) -> ReducedBody:
     """M3: reduce a part with vibration, attachment and load-dependent residual modes.
 
     Parameters
     ----------
     part
-        The part, free or clamped, or a `Reductor` that shares what has been computed of it.
+        The part, free or clamped, or a `Reductor` that shares what has been computed of it and has
+        other options: `attachment_directions`, `solver`, `options_prefix`.
     n_vibration
         Vibration modes ``n_v`` (27).
     n_residual
@@ -329,8 +327,6 @@ def load_dependent(
         solve per pressure node.
     keep_basis
         Leave the part-size basis in the body.
-    options
-        Of a `Reductor`: `attachment_directions`, `solver`, `options_prefix`.
 
     Returns
     -------
@@ -346,7 +342,7 @@ def load_dependent(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    reductor = Reductor.of(part, **options)
+    reductor = Reductor.of(part)
     if selection not in SELECTIONS:
         raise SettingsError(f"selection {selection!r} is not one of {', '.join(SELECTIONS)}")
     patterns = pressure_patterns(reductor.structure, pressure_set)
@@ -370,14 +366,13 @@ def full_interface(
     n_vibration: int = 20,
     *,
     keep_basis: bool = False,
-    **options: Unpack[Options],
 ) -> ReducedBody:
     """Keep the response to every nodal pressure: the reference.
 
     `load_dependent` with all columns of ``P_c1`` (34). It misses no flexibility, so its
     error estimate is zero; parameters as there.
     """
-    reductor = Reductor.of(part, **options)
+    reductor = Reductor.of(part)
     every = reductor.structure.pressures, "pc1", "every-column"
     body = load_dependent(reductor, n_vibration, *every, keep_basis=keep_basis)
     return replace(body, method="full")

@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import BoreSurface, all_outward
-from fenics_ehd.reduction.distributed import inner, load_columns
+from fenics_ehd.reduction.matrices import inner, load_columns
 from fenics_ehd.reduction.reductor import bore_rows
 from fenics_ehd.reduction.static import StaticSolver
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.errors import SettingsError, VerificationError
+from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.reduction.body import (
     ELASTIC,
     InertiaIntegrals,
@@ -24,8 +24,8 @@ from fenics_ehd.reduction.body import (
     ResidualFlexibility,
 )
 from fenics_ehd.reduction.bore import all_outward, rigid_fields, turned
-from fenics_ehd.reduction.checks import check_structure
-from fenics_ehd.reduction.distributed import (
+from fenics_ehd.reduction.eigenmodes import LowestModes
+from fenics_ehd.reduction.matrices import (
     MassOperator,
     blocks,
     combine,
@@ -35,9 +35,8 @@ from fenics_ehd.reduction.distributed import (
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.eigenmodes import LowestModes
-from fenics_ehd.reduction.static import StaticSolver, rigid_motions, room_for_columns
-from fenics_ehd.reduction.structure import Structure
+from fenics_ehd.reduction.static import StaticSolver, room_for_columns
+from fenics_ehd.reduction.structure import Structure, check_structure, rigid_motions
 
 #: Largest defect of the reduced matrices from the form they must have, relative.
 FORM_TOLERANCE = 1e-6
@@ -261,14 +260,6 @@ class StaticResponses:
 T = TypeVar("T")
 
 
-class Options(TypedDict, total=False):
-    """Arguments of a `Reductor` beside the structure."""
-
-    attachment_directions: tuple[int, ...]
-    solver: str
-    options_prefix: str
-
-
 class Reductor:
     """A part with what its reductions share: give it to any of them in place of the structure.
 
@@ -313,19 +304,9 @@ class Reductor:
         self._kept: dict[str, tuple[Hashable, Any]] = {}
 
     @staticmethod
-    def of(part: Structure | Reductor, **options: Unpack[Options]) -> Reductor:
-        """The given one, or one of a structure.
-
-        Raises
-        ------
-        SettingsError
-            Options that the given one was not made with.
-        """
-        if isinstance(part, Structure):
-            return Reductor(part, **options)
-        if options:
-            raise SettingsError(f"{', '.join(options)}: say so where the Reductor is made")
-        return part
+    def of(part: Structure | Reductor) -> Reductor:
+        """The given one, or one of a structure, made without options."""
+        return Reductor(part) if isinstance(part, Structure) else part
 
     @cached_property
     def mass(self) -> MassOperator:
@@ -440,7 +421,6 @@ def rigid(
     *,
     estimate_error: bool = False,
     keep_basis: bool = False,
-    **options: Unpack[Options],
 ) -> ReducedBody:
     """Body without elastic coordinates; nothing is factorised unless the error is asked for.
 
@@ -453,10 +433,8 @@ def rigid(
         pressure node.
     keep_basis
         Leave the basis of no columns in the body.
-    options
-        As in `load_dependent`.
     """
-    reductor = Reductor.of(part, **options)
+    reductor = Reductor.of(part)
     nothing = np.zeros((0, 0))
     columns = np.zeros((reductor.structure.stiffness.local_size[0], 0))
     return reductor.project(

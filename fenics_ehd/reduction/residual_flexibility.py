@@ -20,14 +20,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Unpack
 
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.bore import all_outward
-from fenics_ehd.reduction.distributed import (
+from fenics_ehd.reduction.load_dependent import dual_basis
+from fenics_ehd.reduction.matrices import (
     MassOperator,
     blocks,
     combine,
@@ -36,10 +36,8 @@ from fenics_ehd.reduction.distributed import (
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.load_dependent import dual_basis
 from fenics_ehd.reduction.reductor import (
     Basis,
-    Options,
     Reductor,
     StaticResponses,
     bore_rows,
@@ -187,7 +185,6 @@ def residual_flexibility(
     centrifugal: bool = True,
     estimate_error: bool = True,
     keep_basis: bool = False,
-    **options: Unpack[Options],
 ) -> ReducedBody:
     """M4: reduce a part to vibration and static modes with the rest of the bore quasi-static.
 
@@ -205,7 +202,7 @@ def residual_flexibility(
         a part that turns about z.
     estimate_error
         Also compute the inertia of the residual patterns, which the method neglects.
-    keep_basis, options
+    keep_basis
         As in `load_dependent`.
 
     Returns
@@ -220,7 +217,7 @@ def residual_flexibility(
     SolverError, VerificationError
         From the solvers and the checks of the result.
     """
-    reductor = Reductor.of(part, **options)
+    reductor = Reductor.of(part)
     if n_vibration < 0:
         raise SettingsError(f"vibration_modes {n_vibration} is below 0")
     if not 0.0 <= truncation < 1.0:
@@ -271,16 +268,17 @@ def _truncated(
     reductor: Reductor, residual: ResidualFlexibility, truncation: float
 ) -> ResidualFlexibility:
     """Patterns up to the last that moves the bore, but no round-off."""
-    values = residual.stiffness
     sizes = np.abs(all_outward(reductor.structure.bores, residual.displacement)).max(axis=0)
     # Round-off of the covered part leaves eigenvalues of either sign at the end.
     largest = np.abs(np.diag(reductor.flexibility.energy)).max()
-    real = values > 1e-13 * largest * len(values)
-    wanted = (sizes > truncation * sizes.max()) & real
-    rank = int(np.flatnonzero(wanted)[-1]) + 1 if wanted.any() else 0
-    rank = min(rank, int(np.argmin(real)) if not real.all() else len(real))
-    return ResidualFlexibility(
-        residual.displacement[:, :, :rank], residual.patterns[:rank], values[:rank], residual.mass
+    real = np.sum(residual.stiffness > 1e-13 * largest * len(sizes))
+    wanted = np.flatnonzero(sizes[:real] > truncation * sizes.max())
+    rank = wanted[-1] + 1 if len(wanted) else 0
+    return replace(
+        residual,
+        displacement=residual.displacement[:, :, :rank],
+        patterns=residual.patterns[:rank],
+        stiffness=residual.stiffness[:rank],
     )
 
 
@@ -322,13 +320,13 @@ def pattern_fields(
         Owned rows, shape (owned dofs, r or c) [m/Pa, m]; zeros for a body without patterns.
     """
     residual = body.residual
-    rank = 0 if residual is None else residual.rank
-    wanted = np.eye(rank) if amplitudes is None else amplitudes
-    if residual is None or not rank:
-        return np.zeros((len(columns), wanted.shape[1]))
-    pressures = residual.patterns.T @ wanted
+    if residual is None:
+        return np.zeros((len(columns), 0 if amplitudes is None else amplitudes.shape[1]))
+    pressures = residual.patterns.T
+    if amplitudes is not None:
+        pressures = pressures @ amplitudes
 
     def loads(some: slice) -> np.ndarray:
         return load_columns(structure.load, pressures[:, some])
 
-    return missing_answers(StaticSolver(structure), body, columns, loads, wanted.shape[1])
+    return missing_answers(StaticSolver(structure), body, columns, loads, pressures.shape[1])

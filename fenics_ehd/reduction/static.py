@@ -7,7 +7,6 @@ while more of them are made.
 
 from __future__ import annotations
 
-import itertools
 import os
 import tempfile
 from collections.abc import Iterator
@@ -18,77 +17,19 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_ehd.base.errors import SettingsError, SolverError, StructureError, VerificationError
+from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configured, destroy_with, solve_columns
 from fenics_ehd.reduction.bore import rigid_fields
-from fenics_ehd.reduction.distributed import (
+from fenics_ehd.reduction.matrices import (
     MassOperator,
     column_vectors,
     combine,
     dense_matrix,
     inner,
     multiply,
+    norm,
 )
-from fenics_ehd.reduction.structure import Structure
-
-#: Largest strain energy of a rigid-body mode, relative to that of the same
-#: nodal values taken node by node (the diagonal of K).
-FREE_TOLERANCE = 1e-9
-
-#: Smallest energy of any rigid motion of a clamped part, relative to that node by node.
-HELD = 1e-12
-
-
-_MOTIONS = tuple(
-    f"{motion} {axis}" for motion in ("translation along", "rotation about") for axis in "xyz"
-)
-
-
-def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
-    """Rigid motions of a part, and whether it is free of supports.
-
-    Returns
-    -------
-    fields : numpy.ndarray
-        Owned rows (owned dofs, 6), scaled so that the same nodal values, taken node by node,
-        have an energy of one.
-    free : bool
-        Whether all of them store no energy.
-
-    Raises
-    ------
-    StructureError
-        All nodes lie in one place, or on an axis; the part is neither free nor clamped.
-    """
-    fields, comm = rigid_fields(structure.coordinates), structure.comm
-    diagonal = structure.stiffness.getDiagonal().array
-    bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
-    if not bound.all():
-        raise StructureError("all nodes lie at the origin or on one axis: are there coordinates?")
-    fields /= bound
-    energy = inner(fields, multiply(structure.stiffness, fields), comm)
-    ratios = np.diag(energy)
-    lowest = int(np.argmin(ratios))
-    if ratios[lowest] < -FREE_TOLERANCE:
-        raise StructureError(
-            f"stiffness is not positive semidefinite: {_MOTIONS[lowest]} has the relative energy "
-            f"{ratios[lowest]:.1e}, limit {-FREE_TOLERANCE:.0e}; were all digits written?"
-        )
-    free = ratios <= FREE_TOLERANCE
-    if free.any() and not free.all():
-        names = ", ".join(itertools.compress(_MOTIONS, free))
-        raise StructureError(
-            f"{free.sum()} of 6 rigid motions store no energy ({names}), a part must be free or "
-            f"clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
-            "are the coordinates in the order of the degrees of freedom?"
-        )
-    softest = np.linalg.eigvalsh(energy)[0]
-    if not free.any() and not softest > HELD:
-        raise StructureError(
-            f"a rigid motion other than about the axes stores no energy (relative {softest:.1e}, "
-            f"limit {HELD:.0e}): the supports do not clamp the part"
-        )
-    return fields, bool(free.all())
+from fenics_ehd.reduction.structure import Structure, rigid_motions
 
 
 def rigid_body_modes(structure: Structure) -> np.ndarray:
@@ -511,11 +452,6 @@ class StaticSolver:
                     f"{COMPLIANCE_LIMIT:.0e}): is a node or a piece of the part loose?"
                 )
             load = response
-
-
-def norm(columns: np.ndarray, comm: MPI.Comm) -> float:
-    """Frobenius norm of owned rows."""
-    return float(np.sqrt(comm.allreduce(np.sum(columns**2))))
 
 
 def mean_diagonal(matrix: PETSc.Mat) -> float:

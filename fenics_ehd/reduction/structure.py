@@ -1,10 +1,13 @@
 """The part as a reduction takes it: K, M, bores and points, whichever program made them.
 
-Boundary points are load vectors, made from whatever describes their mean displacement.
+Boundary points are load vectors, made from whatever describes their mean displacement. Before work
+is spent on a part its matrices are checked. That is cheap: 15 to 35 products with a matrix on one
+rank, twice as many on several, no factorisation.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,8 +19,19 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.reduction.bore import BORE, Bore, only
-from fenics_ehd.reduction.matrices import agree, as_matrix, assemble, owned_range
+from fenics_ehd.base.petsc_options import configured
+from fenics_ehd.reduction.bore import BORE, CYLINDER_TOLERANCE, Bore, only, rigid_fields
+from fenics_ehd.reduction.elements import surface_element
+from fenics_ehd.reduction.matrices import (
+    agree,
+    as_matrix,
+    assemble,
+    inner,
+    load_columns,
+    multiply,
+    norm,
+    owned_range,
+)
 
 #: Smallest sum of weights, relative to the sum of their magnitudes.
 _SMALLEST_SUM = 1e-12
@@ -149,7 +163,7 @@ class Structure:
         Load vectors of unit forces along x, y and z at each boundary point.
         The same vectors give the point's mean displacement: force and
         displacement are dual. Given as those, as node numbers, or as nodes with weights, see
-        `boundary_points.load_vectors`.
+        `load_vectors`.
     recovery
         Elements, when displacement fields are to be drawn.
     owner
@@ -277,3 +291,404 @@ def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
         )
     agree(stiffness.comm.tompi4py(), problem)
     return positions if given == last - first else positions[first:last]
+
+
+# Checks
+
+#: Largest strain energy of a rigid-body mode, relative to that of the same
+#: nodal values taken node by node (the diagonal of K).
+FREE_TOLERANCE = 1e-9
+
+#: Smallest energy of any rigid motion of a clamped part, relative to that node by node.
+HELD = 1e-12
+
+
+_MOTIONS = tuple(
+    f"{motion} {axis}" for motion in ("translation along", "rotation about") for axis in "xyz"
+)
+
+
+def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
+    """Rigid motions of a part, and whether it is free of supports.
+
+    Returns
+    -------
+    fields : numpy.ndarray
+        Owned rows (owned dofs, 6), scaled so that the same nodal values, taken node by node,
+        have an energy of one.
+    free : bool
+        Whether all of them store no energy.
+
+    Raises
+    ------
+    StructureError
+        All nodes lie in one place, or on an axis; the part is neither free nor clamped.
+    """
+    fields, comm = rigid_fields(structure.coordinates), structure.comm
+    diagonal = structure.stiffness.getDiagonal().array
+    bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
+    if not bound.all():
+        raise StructureError("all nodes lie at the origin or on one axis: are there coordinates?")
+    fields /= bound
+    energy = inner(fields, multiply(structure.stiffness, fields), comm)
+    ratios = np.diag(energy)
+    lowest = int(np.argmin(ratios))
+    if ratios[lowest] < -FREE_TOLERANCE:
+        raise StructureError(
+            f"stiffness is not positive semidefinite: {_MOTIONS[lowest]} has the relative energy "
+            f"{ratios[lowest]:.1e}, limit {-FREE_TOLERANCE:.0e}; were all digits written?"
+        )
+    free = ratios <= FREE_TOLERANCE
+    if free.any() and not free.all():
+        names = ", ".join(itertools.compress(_MOTIONS, free))
+        raise StructureError(
+            f"{free.sum()} of 6 rigid motions store no energy ({names}), a part must be free or "
+            f"clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
+            "are the coordinates in the order of the degrees of freedom?"
+        )
+    softest = np.linalg.eigvalsh(energy)[0]
+    if not free.any() and not softest > HELD:
+        raise StructureError(
+            f"a rigid motion other than about the axes stores no energy (relative {softest:.1e}, "
+            f"limit {HELD:.0e}): the supports do not clamp the part"
+        )
+    return fields, bool(free.all())
+
+
+#: Largest antisymmetric part of K or M, applied to a random vector, relative to the symmetric
+#: one, every degree of freedom scaled by its diagonal entry; static responses are checked to 1e-8.
+SYMMETRY_TOLERANCE = 1e-9
+
+#: Smallest eigenvalue of M, scaled by its diagonal, relative to the largest. Elements of degree
+#: 2 have 1e-2, round-off 1e-16.
+MASS_TOLERANCE = 1e-8
+
+#: Smallest part in a random load that a null vector of M may have, relative to the average one:
+#: the probability that one is missed.
+_MISSED = 1e-2
+
+#: Largest force of a translation on a node far from supports, relative to the diagonal entry.
+_UNLOADED = 1e-6
+
+#: Mass over the volume of a box around the nodes that no part has: in SI units a frame of thin
+#: bars has 10 kg/m3, in millimetres and tonnes gold has 2e-8; in millimetres and kilograms a solid
+#: block of steel has 8e-6.
+IMPOSSIBLE = (3e-8, 0.1)
+
+#: Largest defect of the mean displacement that a boundary point has under unit translations.
+WEIGHT_TOLERANCE = 1e-8
+
+#: Smallest eigenvalue of the Gram matrix of two boundary points' unit vectors.
+INDEPENDENT = 1e-10
+
+#: Largest distance of a bore's node from that of the part, relative to the radius: in files whose
+#: numbers are rounded the one is on the cylinder, the other where K has it. Others are far away.
+PLACE_TOLERANCE = 1e-4
+
+#: Largest difference of the volume that a uniform pressure sweeps from that of a cylinder,
+#: relative: a hexagon with its corners on the circle has 9 % less.
+SWEPT_TOLERANCE = 0.2
+
+#: Largest defect of the mean motion of a rigidly moved bore.
+REFERENCE_TOLERANCE = 1e-8
+
+#: Largest force on a node off the bore, relative to the largest on it.
+ROUND_OFF = 1e-9
+
+
+def check_structure(structure: Structure) -> None:
+    """Check that matrices, coordinates, bores and boundary points make one part.
+
+    Collective. A motion without energy beyond the rigid ones, of a loose piece say, is not
+    found here but by `StaticSolver`.
+
+    Raises
+    ------
+    StructureError
+        A value is not finite; K or M is not symmetric, has an empty row or
+        a diagonal entry that is not positive; M is singular or not positive definite; some
+        rigid motions cost energy and others do not; degrees of freedom go component by component;
+        mass and coordinates are of different units; bore nodes are not on the bore, or its
+        load matrix is not one of a pressure that pushes outward; the first bore is not at the
+        origin, or a node is of two bores; a boundary point is no mean
+        displacement, or two of them are one.
+    """
+    _check_finite(structure)
+    for name, matrix in (("stiffness", structure.stiffness), ("mass", structure.mass)):
+        _check_diagonal(matrix, name)
+        _check_symmetric(matrix, name)
+    _check_order(structure)
+    rigid_motions(structure)
+    _check_definite(structure.mass)
+    _check_units(structure)
+    for name, bore in structure.bores.items():
+        _check_surface(bore, name)
+        _check_nodes(structure, bore, name)
+        _check_load(structure, bore, name)
+    if structure.bores:
+        _check_centres(structure)
+    _check_attachments(structure)
+
+
+def _require(holds: bool | np.bool_, problem: str) -> None:
+    """Refuse a part of which something does not hold."""
+    if not holds:
+        raise StructureError(problem)
+
+
+def _place(row: int) -> str:
+    return f"node {row // 3}, component {'xyz'[row % 3]}"
+
+
+def _random(matrix: PETSc.Mat, count: int = 1) -> np.ndarray:
+    """Owned rows of random vectors of unit variance, shape (owned dofs, count)."""
+    rank = matrix.comm.tompi4py().rank
+    return np.random.default_rng([3, rank]).standard_normal((matrix.local_size[0], count))
+
+
+def _check_finite(structure: Structure) -> None:
+    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
+    matrices |= {f"{name}.load": bore.load for name, bore in structure.bores.items()}
+    for name, matrix in matrices.items():
+        _require(np.isfinite(matrix.norm()), f"{name} holds a value that is not finite")
+    sums = np.concatenate(structure.comm.allgather(structure.coordinates.sum(axis=1)))
+    worst = np.argmin(np.isfinite(sums))
+    _require(np.isfinite(sums[worst]), f"the coordinates of node {worst} are not finite")
+
+
+def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
+    diagonal = np.concatenate(matrix.comm.tompi4py().allgather(matrix.getDiagonal().array))
+    row = int(np.argmin(diagonal))
+    _require(
+        diagonal[row] > 0,
+        f"{name} has the diagonal entry {diagonal[row]:.3g} at {_place(row)}, it must be "
+        "positive there: is the row empty?",
+    )
+
+
+def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
+    """What one random vector works on another it must do the other way round."""
+    comm, scale = matrix.comm.tompi4py(), 1.0 / np.sqrt(matrix.getDiagonal().array)[:, None]
+    given = scale * _random(matrix, 2)
+    product = multiply(matrix, given)
+    work = inner(given, product, comm)
+    defect = abs(work[0, 1] - work[1, 0]) / norm(scale * product, comm)
+    _require(
+        defect <= SYMMETRY_TOLERANCE,
+        f"{name} is not symmetric: relative defect {defect:.1e}, limit "
+        f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits",
+    )
+
+
+def _check_order(structure: Structure) -> None:
+    """Translations load only the nodes at supports, unless the degrees of freedom have no nodes."""
+    stiffness, comm = structure.stiffness, structure.comm
+    limit = _UNLOADED * stiffness.getDiagonal().array
+    rows = np.arange(*stiffness.getOwnershipRange())
+    along = np.sqrt([[1.0], [2.0], [3.0]])  # no plane of symmetry has it
+    by_node, by_component = (
+        comm.allreduce(int((np.abs(multiply(stiffness, along[order])[:, 0]) <= limit).sum()))
+        for order in (rows % 3, rows // (stiffness.size[0] // 3))
+    )
+    _require(
+        by_component <= by_node,
+        "the degrees of freedom go component by component: those of all nodes along x, then y, "
+        "then z; they must go node by node, as reorder(matrix, dofs) brings them with "
+        "dofs = numpy.arange(matrix.shape[0]).reshape(3, -1).T",
+    )
+
+
+def _check_units(structure: Structure) -> None:
+    """Mass and nodes make a density that a part may have; in any units motions are rigid ones."""
+    comm, along = structure.comm, rigid_fields(structure.coordinates)[:, :1]
+    sides = np.ptp(np.vstack(comm.allgather(structure.coordinates)), axis=0)
+    mass = float(inner(along, multiply(structure.mass, along), comm)[0, 0])
+    density = mass / max(float(np.prod(sides)), 1e-300)
+    _require(
+        not IMPOSSIBLE[0] < density < IMPOSSIBLE[1],
+        f"the part weighs {mass:.3g} kg and its nodes lie in a box of "
+        f"{' x '.join(f'{side:.3g}' for side in sides)} m, {density:.1g} kg/m3: give "
+        "coordinates in m where K is in N/m and M in kg",
+    )
+
+
+def _check_definite(mass: PETSc.Mat) -> None:
+    """No hidden null vector: ``M x = f`` is solved for a random f by conjugate gradients.
+
+    A null vector is a part of f that no iterate removes, and until it does the
+    Ritz values close in on the eigenvalue zero, negative ones too.
+    """
+    x, force = mass.createVecs()
+    force.array = np.sqrt(mass.getDiagonal().array) * _random(mass)[:, 0]
+    ksp = PETSc.KSP().create(mass.comm)
+    ksp.setOperators(mass)
+    ksp.setComputeEigenvalues(True)
+    options = {
+        "ksp_type": "cg",
+        "ksp_rtol": _MISSED / np.sqrt(mass.size[0]),
+        "ksp_max_it": 300,
+        # Symmetric Gauss-Seidel, included in the price of a product on one rank; on several
+        # PETSc 3.18 has no such arrangement.
+        "pc_type": "eisenstat" if mass.getType() == "seqaij" else "sor",
+    }
+    with configured(ksp, "mass_check_", options):
+        ksp.solve(force, x)
+    ritz = ksp.computeEigenvalues().real
+    indefinite = ksp.getConvergedReason() in (
+        PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
+        PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
+    )
+    ksp.destroy()
+    ratio = ritz.min(initial=1.0) / ritz.max(initial=1e-300)
+    # The last iterate has grown along the null vector.
+    largest = int(np.argmax(np.concatenate(mass.comm.tompi4py().allgather(np.abs(x.array)))))
+    _require(
+        ratio > MASS_TOLERANCE and not indefinite,
+        f"mass is singular or not positive definite: relative eigenvalue {ratio:.1e}, limit "
+        f"{MASS_TOLERANCE:.0e}, its vector is largest at {_place(largest)}",
+    )
+
+
+def _check_attachments(structure: Structure) -> None:
+    """Mean displacements, and no two of them the same."""
+    translations, comm = rigid_fields(structure.coordinates)[:, :3], structure.comm
+    units = {}
+    for name, three in structure.attachments.items():
+        columns = np.column_stack([vector.array for vector in three])
+        mean = inner(columns, translations, comm)
+        to, along = np.unravel_index(np.argmax(np.abs(mean - np.eye(3))), (3, 3))
+        _require(
+            abs(mean[to, along] - (to == along)) <= WEIGHT_TOLERANCE,
+            f"attachment {name!r}: a unit translation along {'xyz'[along]} moves it by "
+            f"{mean[to, along]:.6g} along {'xyz'[to]}, not {float(to == along):g}: "
+            "the weights of each component must sum to one",
+        )
+        units[name] = columns / np.sqrt(comm.allreduce(np.sum(columns**2, axis=0)))
+    for one, other in itertools.combinations(units, 2):
+        both = np.hstack([units[one], units[other]])
+        _require(
+            np.linalg.eigvalsh(inner(both, both, comm))[0] > INDEPENDENT,
+            f"attachments {one!r} and {other!r} are the same point: their load vectors depend on "
+            "each other",
+        )
+
+
+# Bores
+
+
+def _check_surface(bore: Bore, name: str) -> None:
+    """Arrays of the right shape and kind, surface meshes of their nodes, nodes on the cylinder."""
+    nodes, pressures = len(bore.coordinates), len(bore.pressure_coordinates)
+    _require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes, {pressures} of pressures")
+    shapes = {
+        "coordinates": (nodes, 3),
+        "pressure_coordinates": (pressures, 3),
+        "centre": (3,),
+        "nodes": (nodes,),
+        "reference": (nodes, 3, 6),
+    }
+    for key, shape in shapes.items():
+        array = getattr(bore, key)
+        if key == "reference" and array is None:
+            continue
+        _require(array.shape == shape, f"{name}.{key} has shape {array.shape}, not {shape}")
+        _require(
+            array.dtype.kind in "iuf" and np.isfinite(array).all(),
+            f"{name}.{key} holds a value that is not finite, or no number",
+        )
+    _require(
+        0 < bore.radius < np.inf and 0 < bore.width < np.inf,
+        f"{name}.radius {bore.radius:g} m or width {bore.width:g} m is not above 0",
+    )
+    for prefix in ("", "pressure_"):
+        x = getattr(bore, f"{prefix}coordinates")
+        cells, family = getattr(bore, f"{prefix}cells"), getattr(bore, f"{prefix}family")
+        if cells.size or family:  # having none is right
+            surface_element(family, cells, f"{name}.{prefix}cells")
+            _require(
+                cells.dtype.kind in "iu" and np.array_equal(np.unique(cells), np.arange(len(x))),
+                f"{name}.{prefix}cells must use each of the {len(x)} nodes",
+            )
+        beside = np.abs(np.linalg.norm(x[:, :2], axis=1) - bore.radius)
+        off = np.maximum(beside, np.abs(x[:, 2]) - 0.5 * bore.width)
+        _require(
+            off.max() <= CYLINDER_TOLERANCE * bore.radius,
+            f"{name}.{prefix}coordinates: node {np.argmax(off)} lies {off.max():.1e} m off the "
+            f"cylinder of radius {bore.radius:.6g} m and width {bore.width:.6g} m about z, centred "
+            f"at z = 0, limit {CYLINDER_TOLERANCE:.0e} radii",
+        )
+
+
+def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
+    """Node numbers of the part, where it has these nodes, and a mean motion of them."""
+    lowest, highest, last = bore.nodes.min(), bore.nodes.max(), structure.size // 3 - 1
+    _require(
+        bore.nodes.dtype.kind in "iu" and 0 <= lowest <= highest <= last,
+        f"{name}.nodes: {lowest} to {highest}, they must be whole numbers of 0 to {last}",
+    )
+    local = bore.nodes - structure.node_range[0]
+    mine = np.flatnonzero((local >= 0) & (local < len(structure.coordinates)))
+    there = bore.centre + bore.coordinates[mine]
+    apart = np.linalg.norm(structure.coordinates[local[mine]] - there, axis=1)
+    problem = None
+    if apart.max(initial=0.0) > PLACE_TOLERANCE * bore.radius:
+        worst = int(np.argmax(apart))
+        problem = (
+            f"{name}.nodes: node {bore.nodes[mine[worst]]} of the part lies {apart[worst]:.1e} m "
+            f"from where {name}.coordinates has it: do the numbers begin at 0?"
+        )
+    agree(structure.comm, problem)
+    if bore.reference is None:
+        return
+    moved = rigid_fields(bore.coordinates).reshape(bore.reference.shape)
+    motion = np.einsum("ick,icl->kl", bore.reference, moved)
+    # Rotations are small where lengths are, so compare them at the bore's surface.
+    lever = np.r_[np.ones(3), np.full(3, bore.radius)]
+    defect = np.abs(motion * lever[:, None] / lever - np.eye(6)).max()
+    _require(
+        defect <= REFERENCE_TOLERANCE,
+        f"{name}.reference: the mean motion of a rigidly moved bore is off by {defect:.1e}, limit "
+        f"{REFERENCE_TOLERANCE:.0e}",
+    )
+
+
+def _check_load(structure: Structure, bore: Bore, name: str) -> None:
+    """A uniform pressure sweeps the lateral area when the bore grows, and loads nothing else."""
+    columns, pressures = bore.load.size[1], len(bore.pressure_coordinates)
+    _require(
+        columns == pressures,
+        f"{name}.load has {columns} columns, there are {pressures} pressure nodes",
+    )
+    x, comm = structure.coordinates - bore.centre, structure.comm
+    force = load_columns(bore.load, np.ones((columns, 1))).reshape(-1, 3)
+    on_bore = np.isin(np.arange(*structure.node_range), bore.nodes)
+    work = np.sum(force[on_bore, :2] * x[on_bore, :2]) / bore.radius
+    there, elsewhere = (
+        comm.allreduce(np.abs(force[rows]).max(initial=0.0), op=MPI.MAX)
+        for rows in (on_bore, ~on_bore)
+    )
+    swept = comm.allreduce(work) / (2 * np.pi * bore.radius * bore.width)
+    _require(
+        elsewhere <= ROUND_OFF * there,
+        f"{name}.load has forces on nodes that are not in {name}.nodes",
+    )
+    _require(
+        abs(swept - 1) <= SWEPT_TOLERANCE,
+        f"{name}.load: a uniform pressure pushes the bore outward with {swept:.3g} times the "
+        "force of radius, width and 2 pi: it must push outward, and units must agree",
+    )
+
+
+def _check_centres(structure: Structure) -> None:
+    """The first bore is at the origin, and every node is of one bore, once."""
+    first = structure.every_bore()[0]
+    _require(
+        np.abs(first.centre).max() <= CYLINDER_TOLERANCE * first.radius,
+        f"{next(iter(structure.bores))}.centre: the first bore's must be the origin of the part",
+    )
+    numbers, uses = np.unique(structure.bore_nodes, return_counts=True)
+    _require(
+        uses.max() == 1,
+        f"{', '.join(structure.bores)}: node {numbers[np.argmax(uses)]} is named {uses.max()} "
+        "times among the nodes of the bores",
+    )

@@ -46,8 +46,7 @@ from fenics_ehd.film.supply import (
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.reduction import ReducedBody
-from fenics_ehd.reduction.bore import BoreSurface
-from fenics_ehd.reduction.faces import BoreHole, bore_holes
+from fenics_ehd.reduction.bore import BoreHole, BoreSurface, bore_holes
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import table_file
 from fenics_ehd.scenes.scene import Scene, joint_lubricant, meshed

@@ -471,8 +471,7 @@ def _assembled(
     size: float = 1.0,
 ) -> Structure:
     # Gmsh and dolfinx are for scenes that mesh a part.
-    from fenics_ehd.fem.geometry import build_mesh
-    from fenics_ehd.fem.structure import assemble_structure
+    from fenics_ehd.fem.structure import assemble_structure, build_mesh
 
     mesh = build_mesh(
         model_file(settings, key),

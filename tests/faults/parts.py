@@ -11,9 +11,9 @@ from mpi4py import MPI
 from world import World, command
 
 from fenics_ehd.base.processes import printing_kept
-from fenics_ehd.fem.geometry import build_mesh
 from fenics_ehd.fem.gmsh_session import gmsh, session
 from fenics_ehd.fem.models import model_path
+from fenics_ehd.fem.structure import build_mesh
 
 DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n*ELEMENT,TYPE=C3D4\n1,1,2,3,4\n"
 POINTS = '<Geometry GeometryType="XYZ"><DataItem Dimensions="4 3" Format="{}">{}</DataItem>'
