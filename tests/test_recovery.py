@@ -153,14 +153,12 @@ def test_pressurised_ring_has_the_stresses_of_lame(tmp_path):
 def test_file_returns_the_displacement_of_the_columns(basis_file, rod_structure, columns):
     q = np.random.default_rng(4).normal(size=(3, 40))
     exact = (columns @ q.T).T.reshape(3, -1, 3)
-    wanted = np.array([700, 3, 3, 0, rod_structure.size // 3 - 1])
     with BasisFile(basis_file) as basis:
         assert basis.modes == 40
         np.testing.assert_array_equal(basis.nodes, rod_structure.coordinates)
         np.testing.assert_array_equal(basis.cells, rod_structure.recovery.cells)
         np.testing.assert_allclose(basis.displacement(q), exact, atol=1e-12)
         np.testing.assert_allclose(basis.displacement(q[0]), exact[0], atol=1e-12)
-        np.testing.assert_allclose(basis.displacement(q, wanted), exact[:, wanted], atol=1e-12)
 
 
 def test_stress_of_a_reduced_solution_is_that_of_its_displacement(
@@ -172,7 +170,6 @@ def test_stress_of_a_reduced_solution_is_that_of_its_displacement(
     with BasisFile(basis_file) as basis:
         stress = basis.stress(q)
         np.testing.assert_array_equal(basis.stress_points, field.positions().reshape(-1, 3))
-        np.testing.assert_allclose(basis.stress(q[1], [5, 2]), stress[1, [5, 2]], rtol=1e-9)
     assert np.abs(stress - exact).max() < 1e-10 * np.abs(exact).max()
 
 
@@ -239,11 +236,11 @@ def test_a_file_that_holds_no_basis_is_refused(basis_file, tmp_path, change, mes
 
 
 def test_what_does_not_fit_is_refused(basis_file, rod_structure, columns, tmp_path):
-    with BasisFile(basis_file) as basis:
-        with pytest.raises(SettingsError, match=r"shape \(39,\) for the 40 modes"):
-            basis.displacement(np.zeros(39))
-        with pytest.raises(SettingsError, match="row -1 or 2 is not in 0 to"):
-            basis.displacement(np.zeros(40), [-1, 2])
+    with (
+        BasisFile(basis_file) as basis,
+        pytest.raises(SettingsError, match=r"shape \(39,\) for the 40 modes"),
+    ):
+        basis.displacement(np.zeros(39))
     for wrong in (columns[:-3], columns[:, 0]):
         with pytest.raises(SettingsError, match="on a rank with"):
             save_basis(tmp_path / "rod.h5", rod_structure, wrong)

@@ -220,8 +220,8 @@ class OpenedPart:
 
     Attributes
     ----------
-    path, unit
-        Of the file; drawings have their own unit.
+    path
+        Of the file.
     solid, facets, faces
         Coarsely meshed, if it is a drawing.
     labels
@@ -229,7 +229,6 @@ class OpenedPart:
     """
 
     path: Path
-    unit: str
     solid: Solid
     facets: np.ndarray
     faces: Sequence[Face]
@@ -316,7 +315,7 @@ def open_part(path: Path, unit: str = "m", sharp: float = SHARP) -> OpenedPart:
         solid = read_mesh(path, unit)
     facets = solid.facets()
     faces = find_faces(solid, facets, labels, sharp=sharp)
-    return OpenedPart(path, unit, solid, facets, faces, labels)
+    return OpenedPart(path, solid, facets, faces, labels)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ element that it does not know.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
@@ -172,21 +171,20 @@ def read_deck(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     MeshError
         It has no solid cells, those of several parts, or what cannot be read.
     """
-    scopes, lines = [_Scope()], []
-    for line in _lines(path, []):
-        if not line.startswith("*"):
-            lines.append(line)
-            continue
-        keyword, type_name = _keyword(line)
-        lines = []
+    scopes = [_Scope()]
+    # Before each keyword a star, before a comment two, which are gone already.
+    for section in re.split(r"^\*", _text(path, []), flags=re.MULTILINE)[1:]:
+        header, _, text = section.partition("\n")
+        keyword, type_name = _keyword(header)
+        rows = [line for line in text.splitlines() if line.strip()]
         if keyword in _SCOPES:
             scopes.append(_Scope())
         elif keyword in _GENERATORS:
             raise MeshError(f"{path} has *{keyword}: write a deck that lists nodes and elements")
         elif keyword == "NODE":
-            lines = scopes[-1].nodes
+            scopes[-1].nodes += rows
         elif keyword == "ELEMENT" and re.fullmatch(r"C3D\d+[A-Z]*", type_name):
-            lines = scopes[-1].elements.setdefault(type_name, [])
+            scopes[-1].elements.setdefault(type_name, []).extend(rows)
     solid = [scope for scope in scopes if scope.elements]
     if not solid:
         raise MeshError(f"{path} has no C3D4, C3D8, C3D10, C3D20: it needs one kind of solid cells")
@@ -211,8 +209,8 @@ def read_deck(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     return mesh.points, [(block.type, block.data) for block in mesh.cells]
 
 
-def _lines(path: Path, opened: list[Path]) -> Iterator[str]:
-    """Lines of a deck and of those that it includes; keywords and their options in one."""
+def _text(path: Path, opened: list[Path]) -> str:
+    """A deck with those that it includes; keywords with their options in one line, no comments."""
     opened.append(path)
     if len(opened) > MOST_FILES:
         raise MeshError(
@@ -222,18 +220,18 @@ def _lines(path: Path, opened: list[Path]) -> Iterator[str]:
     with named(MeshError, str(path)):
         require_file(path)
         text = path.read_text(encoding="utf-8", errors="replace")
+
+    def included(line: re.Match[str]) -> str:
+        return _text(path.parent / line[1].strip().strip('"'), opened)
+
     text = re.sub(r"^\*\*.*\n?", "", text, flags=re.MULTILINE)
-    for line in re.sub(r"^(\*.*,)[ \t]*\n", r"\1", text, flags=re.MULTILINE).splitlines():
-        include = re.match(r"\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,]+)", line, flags=re.IGNORECASE)
-        if include:
-            other = path.parent / include[1].strip().strip('"')
-            yield from _lines(other, opened)
-        elif line.strip():
-            yield line
+    text = re.sub(r"^(\*.*,)[ \t]*\n", r"\1", text, flags=re.MULTILINE)
+    include = r"^\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,\n]+).*$"
+    return re.sub(include, included, text, flags=re.IGNORECASE | re.MULTILINE)
 
 
 def _keyword(line: str) -> tuple[str, str]:
     """Keyword without blanks, and the option TYPE or nothing, in capitals."""
-    keyword, *options = re.sub(r"\s", "", line[1:]).upper().split(",")
+    keyword, *options = re.sub(r"\s", "", line).upper().split(",")
     pairs = dict(option.partition("=")[::2] for option in options)
     return keyword, pairs.get("TYPE", "")

@@ -62,7 +62,6 @@ class PartMesh:
     """Second-order mesh of hexahedra or tetrahedra with the numbers of its named groups."""
 
     mesh: Mesh
-    cell_tags: compat.MeshTags
     facet_tags: compat.MeshTags
     groups: Mapping[str, int]
 
@@ -165,10 +164,10 @@ def build_mesh(
         failure, groups, cells = comm.bcast((failure, groups, cells))
         if failure:
             raise MeshError(failure)
-        mesh, cell_tags, facet_tags = compat.model_to_mesh(gmsh.model, comm)
+        mesh, _, facet_tags = compat.model_to_mesh(gmsh.model, comm)
     if serendipity_geometry and cells == "hex":
         _place_centre_nodes(mesh)
-    return PartMesh(mesh, cell_tags, facet_tags, groups)
+    return PartMesh(mesh, facet_tags, groups)
 
 
 def _round_bore(group: int | None) -> None:

@@ -385,15 +385,13 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         """Sampling points of the stresses, cell after cell, shape (points, 3) [m]."""
         return self._table("stress_points")[()]
 
-    def displacement(self, coordinates: np.ndarray, nodes: np.ndarray | None = None) -> np.ndarray:
+    def displacement(self, coordinates: np.ndarray) -> np.ndarray:
         """Displacement field of modal coordinates.
 
         Parameters
         ----------
         coordinates
             shape (n,), or (t, n) for t instants: the file is read once.
-        nodes
-            Numbers of the nodes wanted; None for all.
 
         Returns
         -------
@@ -403,38 +401,33 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         Raises
         ------
         SettingsError
-            The coordinates do not fit the modes, or there is no such node.
+            The coordinates do not fit the modes.
         """
-        return self._combine("basis", coordinates, nodes)
+        return self._combine("basis", coordinates)
 
-    def stress(self, coordinates: np.ndarray, points: np.ndarray | None = None) -> np.ndarray:
+    def stress(self, coordinates: np.ndarray) -> np.ndarray:
         """Stresses in the order of `VOIGT`, shape (points, 6) or (t, points, 6) [Pa].
 
         Everything else as in `displacement`; a file without stresses raises BodyFileError.
         """
-        return self._combine("stress", coordinates, points)
+        return self._combine("stress", coordinates)
 
     def _table(self, name: str) -> h5py.Dataset:
         if self._file and name not in self._file:
             raise BodyFileError(f"basis file {self.path} holds no stresses: none were saved")
         return self._file[name]
 
-    def _combine(self, name: str, coordinates: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
-        """Rows of a table times coordinates, read block by block."""
+    def _combine(self, name: str, coordinates: np.ndarray) -> np.ndarray:
+        """A table times coordinates, read block by block."""
         table = self._table(name)
         size, components, modes = table.shape
         q = np.asarray(coordinates, dtype=float)
         if q.ndim not in (1, 2) or q.shape[-1] != modes:
             raise SettingsError(f"coordinates of shape {q.shape} for the {modes} modes of a basis")
-        wanted = np.arange(size) if rows is None else np.asarray(rows, dtype=np.int64).ravel()
-        if wanted.size and not 0 <= wanted.min() <= wanted.max() < size:
-            raise SettingsError(f"row {wanted.min()} or {wanted.max()} is not in 0 to {size - 1}")
         history = np.atleast_2d(q)
+        result = np.empty((len(history), size, components))
         step = max(1, _BLOCK_BYTES // (8 * components * max(*history.shape, 1)))
-        result = np.empty((len(history), len(wanted), components))
         for start in range(0, size, step):
-            there = np.flatnonzero((start <= wanted) & (wanted < start + step))
-            if len(there):
-                block = table[start : start + step]
-                result[:, there] = np.tensordot(history, block[wanted[there] - start], (1, 2))
+            rows = slice(start, start + step)
+            result[:, rows] = np.tensordot(history, table[rows], (1, 2))
         return result if q.ndim == 2 else result[0]

@@ -1,14 +1,8 @@
-"""Elastic parts of a scene: meshed or read, reduced, made again for a finer mesh.
+"""Elastic parts of a scene: meshed or read from a file, reduced, made again for another mesh.
 
-An elastic part reduced as the settings say, and what it was made from.
-
-Numbers of cells among the parameters of a part's model.
-
-An elastic part of a scene, meshed or read, then reduced.
-
-A flexible body of a run with its mesh and basis, which its folder does not hold, made again.
-
-What is said in place of a scene's parts: a body of a file, a method.
+A part is what its settings name: a Gmsh model or the reduced body of a file. Beside its reduction
+stands what it was made from, by which a run's part, whose folder holds neither mesh nor basis, is
+made again.
 """
 
 from __future__ import annotations
