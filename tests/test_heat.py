@@ -1,6 +1,5 @@
 """Balance of a film's heat: against bisection, a published example, and the energy put in."""
 
-from dataclasses import replace
 from math import exp, log10, pi
 
 import attrs
@@ -116,7 +115,7 @@ def state_of(film, eccentricity=(0.7, 0.0), rate=(0.0, 0.0), tilt=(0.0, 0.0)):
 @pytest.mark.parametrize("law", [None, ehd.Barus(2e-8), ehd.Roelands(OIL.viscosity(70.0), 0.6)])
 def test_a_warmed_film_is_one_of_that_temperature(law):
     changes = {} if law is None else {"viscosity_law": law}
-    lubricant = replace(ehd.Lubricant.of(OIL, 70.0), **changes)
+    lubricant = attrs.evolve(ehd.Lubricant.of(OIL, 70.0), **changes)
     film = film_of(lubricant)
     warmed = film.apart()
     warmed.warm(110.0)

@@ -44,7 +44,7 @@ Lubricants from settings.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import attrs
@@ -57,9 +57,11 @@ from fenics_ehd.base.fields import (
     DENSITY,
     NO_TEMPERATURE,
     NONE,
+    REQUIRED,
     SPECIFIC_HEAT,
     STIFFENING,
     OilSettings,
+    number,
 )
 
 #: Zero of the Celsius scale [K].
@@ -125,20 +127,9 @@ class WaltherLine:
         return float(10 ** (self.intercept - self.slope * np.log10(temperature + ZERO_CELSIUS)))
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Oil:
     """Viscosity and density of an oil at every temperature [C].
-
-    Attributes
-    ----------
-    viscosity_40, viscosity_100
-        Kinematic viscosity at 40 and 100 C [mm2/s].
-    density_15
-        At 15 C [kg/m3].
-    specific_heat
-        [J/(kg K)].
-    expansion
-        Relative fall of density per K, of that at 15 C [1/K].
 
     Raises
     ------
@@ -146,21 +137,15 @@ class Oil:
         A value is out of range.
     """
 
-    viscosity_40: float
-    viscosity_100: float
-    density_15: float = DENSITY
-    specific_heat: float = SPECIFIC_HEAT
-    expansion: float = EXPANSION
+    viscosity_40: float = number(REQUIRED, "kinematic viscosity at 40 C [mm2/s]", above=0)
+    viscosity_100: float = number(REQUIRED, "kinematic viscosity at 100 C [mm2/s]", above=0)
+    density_15: float = number(DENSITY, "at 15 C [kg/m3]", above=0)
+    specific_heat: float = number(SPECIFIC_HEAT, "[J/(kg K)]", above=0)
+    expansion: float = number(
+        EXPANSION, "relative fall of density, of that at 15 C [1/K]", least=0, below=1e-2
+    )
 
-    def __post_init__(self) -> None:
-        for name, unit in (("density_15", "kg/m3"), ("specific_heat", "J/(kg K)")):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise SettingsError(f"{name} = {value:g} {unit} of an oil must be above 0")
-        if not 0 <= self.expansion < 1e-2:
-            raise SettingsError(
-                f"expansion = {self.expansion:g} 1/K of an oil must be at least 0 and below 0.01"
-            )
+    def __attrs_post_init__(self) -> None:
         self._line()
 
     @property
@@ -228,34 +213,16 @@ ARRAYS = Functions(np.exp, erf, np.where)
 LARGEST_RELATIVE_RATE, LARGEST_EXPONENT, SMALLEST_RELATIVE_RATE = 1e30, 10.0, 1e-30
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Cross:
     """Cross's law ``eta = eta_2 + (eta_0 - eta_2) / (1 + (gamma / gamma_c)^m)``.
 
-    Attributes
-    ----------
-    rate
-        gamma_c [1/s], at which half of what can go is gone.
-    exponent
-        m [-]. Below 1 the slope at rest is infinite; it is taken as none.
-    second
-        ``eta_2 / eta_0``, the second viscosity over the first [-].
+    With an exponent m below 1 the slope at rest is infinite; it is taken as none.
     """
 
-    rate: float
-    exponent: float = 1.0
-    second: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.rate) and self.rate > 0):
-            raise SettingsError(f"rate = {self.rate:g} 1/s of Cross's law must be above 0")
-        if not 0 < self.exponent < LARGEST_EXPONENT:
-            raise SettingsError(
-                f"exponent = {self.exponent:g} of Cross's law must be above 0 and below "
-                f"{LARGEST_EXPONENT:g}"
-            )
-        if not 0 <= self.second <= 1:
-            raise SettingsError(f"second = {self.second:g} of Cross's law must lie in 0..1")
+    rate: float = number(REQUIRED, "gamma_c, at which half of what can go is gone [1/s]", above=0)
+    exponent: float = number(1.0, "m [-]", above=0, below=LARGEST_EXPONENT)
+    second: float = number(0.5, "eta_2 / eta_0 [-]", least=0, most=1)
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -399,11 +366,6 @@ class PressureLaw:
         return ratio
 
 
-def _positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise SettingsError(f"{name} = {value:g} must be above 0")
-
-
 @dataclass(frozen=True)
 class Constant(PressureLaw):
     """The same at every pressure."""
@@ -416,14 +378,11 @@ class Constant(PressureLaw):
         return 1.0
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class Barus(PressureLaw):
-    """``eta = eta_0 exp(alpha p)`` (Barus 1893), `coefficient` alpha [1/Pa]."""
+    """``eta = eta_0 exp(alpha p)`` (Barus 1893)."""
 
-    coefficient: float
-
-    def __post_init__(self) -> None:
-        _positive("the Barus pressure coefficient", self.coefficient)
+    coefficient: float = number(REQUIRED, "alpha [1/Pa]", above=0)
 
     @staticmethod
     def ratio(f: Functions, pressure: Any, coefficient: Any) -> Any:
@@ -431,27 +390,18 @@ class Barus(PressureLaw):
         return f.exp(coefficient * pressure)
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class Roelands(PressureLaw):
-    """``eta = eta_0 exp((ln eta_0 + 9.67) ((1 + p / 0.196 GPa)^Z - 1))`` (Roelands 1966).
+    """``eta = eta_0 exp((ln eta_0 + 9.67) ((1 + p / 0.196 GPa)^Z - 1))`` (Roelands 1966)."""
 
-    Attributes
-    ----------
-    viscosity
-        eta_0 at ambient pressure [Pa s], above exp(-9.67) = 6.3e-5.
-    index
-        Pressure index Z [-], 0.6 for mineral oils.
-    """
-
-    viscosity: float
-    index: float = 0.6
+    viscosity: float = number(REQUIRED, "eta_0 at ambient pressure, above exp(-9.67) [Pa s]")
+    index: float = number(0.6, "pressure index Z [-], 0.6 for mineral oils", above=0)
 
     #: ln of Roelands' limit viscosity 6.315e-5 Pa s and his reference pressure [Pa].
     LOG_LIMIT = -9.67
     REFERENCE = 1.96e8
 
-    def __post_init__(self) -> None:
-        _positive("the Roelands index", self.index)
+    def __attrs_post_init__(self) -> None:
         if not self.viscosity > np.exp(self.LOG_LIMIT):
             raise SettingsError(
                 f"viscosity = {self.viscosity:g} Pa s must be above 6.3e-5 Pa s for Roelands' law"
@@ -468,18 +418,12 @@ class Roelands(PressureLaw):
         return f.exp(strength * ((1 + pressure / Roelands.REFERENCE) ** index - 1))
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class DowsonHigginson(PressureLaw):
-    """``rho = rho_0 (1 + a p / (1 + b p))`` (Dowson and Higginson 1966).
+    """``rho = rho_0 (1 + a p / (1 + b p))`` (Dowson and Higginson 1966)."""
 
-    Attributes
-    ----------
-    compressibility, stiffening
-        a and b [1/Pa].
-    """
-
-    compressibility: float = COMPRESSIBILITY
-    stiffening: float = STIFFENING
+    compressibility: float = number(COMPRESSIBILITY, "a [1/Pa]", least=0)
+    stiffening: float = number(STIFFENING, "b [1/Pa]", least=0)
 
     @staticmethod
     def ratio(f: Functions, pressure: Any, compressibility: Any, stiffening: Any) -> Any:
@@ -491,45 +435,28 @@ class DowsonHigginson(PressureLaw):
 Field = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Lubricant:
-    """One oil.
+    """One oil."""
 
-    Attributes
-    ----------
-    viscosity
-        Dynamic viscosity at ambient pressure [Pa s].
-    viscosity_law, density_law
-        How they change with pressure.
-    viscosity_field, density_field
-        Factors that depend on the place, of a known temperature for instance;
-        None for an oil that is the same everywhere.
-    density, specific_heat
-        At ambient pressure [kg/m3], [J/(kg K)]. The film's pressure does not depend on them:
-        they make masses and heat of the volumes that flow.
-    oil
-        What the lubricant is at other temperatures; None: not known.
-    temperature
-        The one that `viscosity` and `density` belong to [C]; None: not known.
-    shear_law
-        How the viscosity falls with the shear rate; None: it does not.
-    """
-
-    viscosity: float
-    viscosity_law: PressureLaw = field(default_factory=Constant)
-    density_law: PressureLaw = field(default_factory=Constant)
+    viscosity: float = number(REQUIRED, "dynamic, at ambient pressure [Pa s]", above=0)
+    #: How viscosity and density change with pressure.
+    viscosity_law: PressureLaw = attrs.field(factory=Constant)
+    density_law: PressureLaw = attrs.field(factory=Constant)
+    #: Factors that depend on the place, of a known temperature for instance; None for an oil that
+    #: is the same everywhere.
     viscosity_field: Field | None = None
     density_field: Field | None = None
-    density: float = DENSITY
-    specific_heat: float = SPECIFIC_HEAT
+    # The film's pressure does not depend on these two: they make masses and heat of the volumes
+    # that flow.
+    density: float = number(DENSITY, "at ambient pressure [kg/m3]", above=0)
+    specific_heat: float = number(SPECIFIC_HEAT, "at ambient pressure [J/(kg K)]", above=0)
+    #: What it is at other temperatures; None: not known.
     oil: Oil | None = None
+    #: The one that viscosity and density belong to [C]; None: not known.
     temperature: float | None = None
+    #: How the viscosity falls with the shear rate; None: it does not.
     shear_law: Cross | None = None
-
-    def __post_init__(self) -> None:
-        _positive("viscosity", self.viscosity)
-        _positive("density", self.density)
-        _positive("specific_heat", self.specific_heat)
 
     @classmethod
     def of(cls, oil: Oil, temperature: float) -> Lubricant:
@@ -566,8 +493,8 @@ class Lubricant:
         there = self.of(self.oil, temperature)
         law = self.viscosity_law
         if isinstance(law, Roelands):
-            law = replace(law, viscosity=there.viscosity)
-        return replace(
+            law = attrs.evolve(law, viscosity=there.viscosity)
+        return attrs.evolve(
             self,
             viscosity=there.viscosity,
             viscosity_law=law,
