@@ -8,13 +8,13 @@ way to solve a step.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import fenics_ehd as ehd
 from fenics_ehd.film import FilmState
-from fenics_ehd.film.kinematics import GapDerivatives
+from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved
 from fenics_ehd.multibody.newton import CoupledState
 from fenics_ehd.multibody.run import Run, Steps
@@ -23,9 +23,31 @@ from fenics_ehd.multibody.step_equations import Point, StepEquations
 MAX_NEWTON = 12
 
 
-def pressure_derivative(
-    film: ehd.Film, state: FilmState, derivatives: GapDerivatives
-) -> np.ndarray:
+class GapChange(NamedTuple):
+    """Changes of a `Gap` in n directions, each (cells, points, n); the last None for none."""
+
+    thickness: np.ndarray
+    thickness_rate: np.ndarray
+    mean_velocity: np.ndarray
+    sliding_velocity: np.ndarray | None = None
+
+
+def residual_change(film: ehd.Film, gap: Gap, nodal: np.ndarray, change: GapChange) -> np.ndarray:
+    """Change of a film's residual, its nodal pressures held, shape (nodes, n)."""
+    thickness, rate, mean, sliding = (
+        None if own is None else own.reshape(gap.thickness.size, -1) for own in change
+    )
+    # Two shifts tell the thickness from its rate.
+    shift = film.parameters.rate
+    still, along_mean, along_sliding = film.equation.gap_derivatives(gap, nodal)
+    following, *_ = film.equation.gap_derivatives(gap, nodal, shift)
+    total: np.ndarray = still @ thickness + (following - still) @ rate / shift + along_mean @ mean
+    if along_sliding is not None and sliding is not None:
+        total += along_sliding @ sliding
+    return total
+
+
+def pressure_derivative(film: ehd.Film, state: FilmState, derivatives: GapChange) -> np.ndarray:
     """Derivative of a solved film's nodal pressures along n changes of the gap, (nodes, n) [Pa].
 
     The active set held: with ``A`` the residual's derivative and W its weights, the pressures of
@@ -33,9 +55,7 @@ def pressure_derivative(
     ``A_I dp_I - W_C dy_C = -dr``.
     """
     scale, problem, pattern = film.parameters.pressure_scale, state.problem, film.equation.pattern
-    change = film.equation.change(
-        state.gap, state.pressure / scale, derivatives, state.density_rate
-    )
+    change = residual_change(film, state.gap, state.pressure / scale, derivatives)[film.free]
     full = np.zeros(pattern.size, dtype=bool)
     full[state.cavitation.full_film] = True
     matrix = pattern.matrix(problem.entries(state.cavitation.pressure)).toarray()
@@ -89,7 +109,7 @@ class NestedSteps:
             thickness = np.hstack([film.thickness, unmoved])
             velocity = np.hstack([shift * film.mean_velocity, turning])
             slopes = (thickness, shift * thickness, velocity)
-            changes = GapDerivatives(*(s.reshape(shape) for s in slopes))
+            changes = GapChange(*(s.reshape(shape) for s in slopes))
             answer = pressure_derivative(film.film, state, changes)
             jacobian[place.xi] -= film.load @ answer @ border.spread
         return jacobian

@@ -103,15 +103,6 @@ def test_warm_start_gives_the_cold_pressure_at_once(family, cells):
     np.testing.assert_array_equal(warm.cavitation.full_film, cold.cavitation.full_film)
 
 
-@pytest.mark.parametrize("family", ["bilinear", "lagrange"])
-def test_start_from_coarser_meshes_changes_only_the_iterations(family):
-    film, plain = (make_film((128, 16), family) for _ in range(2))
-    plain.__dict__["_coarse"] = None
-    nested, zero = (solve(f, 0.8, 0.1, rate=(10.0, 10.0)) for f in (film, plain))
-    np.testing.assert_allclose(nested.pressure, zero.pressure, atol=1e-9 * zero.pressure.max())
-    assert nested.cavitation.iterations < 0.5 * zero.cavitation.iterations
-
-
 def test_steep_gap_gives_the_same_load_on_two_meshes():
     loads = []
     for cells in ((160, 24), (320, 32)):

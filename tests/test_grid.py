@@ -92,17 +92,6 @@ def test_edges_in_one_cell_are_refused_with_their_angles():
         aligned_grid(grid, np.radians([89.0, 91.0]))
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_coarser_grid_keeps_every_other_boundary(family):
-    fine = graded_grid(R, R, (64, 8), family, **GRADED)
-    coarse = fine.coarser()
-    assert coarse.cells == (32, 4)
-    np.testing.assert_array_equal(coarse.angles, fine.angles[::2])
-    assert coarse.coarser().cells == (16, 4)
-    assert coarse.coarser().coarser() is None
-    assert uniform_grid(R, R, (33, 8), family).coarser() is None
-
-
 @pytest.mark.parametrize(
     ("make", "named"),
     [

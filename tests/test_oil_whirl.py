@@ -7,14 +7,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from journal_cases import in_bearing, steady
-from nested_film import pressure_derivative
+from nested_film import GapChange, pressure_derivative
 from scipy.linalg import eig
 from scipy.optimize import brentq, least_squares
 from test_bearing import COEFFICIENTS
 
 import fenics_ehd as ehd
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.kinematics import GapDerivatives
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import Instant, System, assemble
 from fenics_ehd.multibody.run import Run, Steps
@@ -46,8 +45,8 @@ class Balance:
         shape = (*film.points.angle.shape, -1)
         fields = joint.thickness.reshape(shape), joint.mean_velocity.reshape(shape)
         nothing = np.zeros_like(fields[0])
-        along_place = pressure_derivative(film, state, GapDerivatives(fields[0], nothing, nothing))
-        along_rate = pressure_derivative(film, state, GapDerivatives(nothing, *fields))
+        along_place = pressure_derivative(film, state, GapChange(fields[0], nothing, nothing))
+        along_rate = pressure_derivative(film, state, GapChange(nothing, *fields))
         return joint.load @ state.pressure, joint.load @ along_place, joint.load @ along_rate
 
     def rest(self, place):

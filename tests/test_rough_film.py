@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from film_cases import ETA, OMEGA, C, R, make_film
+from nested_film import GapChange
 from rough_cases import surfaces
 from test_sensitivity import assert_exact
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import GapClosedError
-from fenics_ehd.film.kinematics import GapDerivatives, ShaftMotion, shaft_gap
+from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 
 ROUGH = {
     "average gap alone": surfaces(flow_factors=False),
@@ -30,7 +31,7 @@ def touching(film, seed=3):
     gap = replace(gap, thickness=gap.thickness + bump)
     assert gap.thickness.min() < 0.0 < gap.thickness.min() + 2 * p.surfaces.roughness
     thickness, rate, mean = (x[..., None] for x in direction)
-    return gap, GapDerivatives(thickness, rate, mean, 1.7 * mean)
+    return gap, GapChange(thickness, rate, mean, 1.7 * mean)
 
 
 @pytest.mark.parametrize("thickens", [False, True])

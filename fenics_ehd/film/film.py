@@ -1,9 +1,4 @@
-"""The oil film of one bore: pressure, losses, and first guesses.
-
-A film without history begins with the same film on coarser meshes. From nothing, SNES-VI moves the
-edge of the cavitated zone by about one row of nodes an iteration, so that iterations grow with the
-mesh. Solving first with half as many cells, and there first with a quarter, leaves a few iterations
-on every mesh.
+"""The oil film of one bore: pressure and losses.
 
 Here, too: the state of a film that conserves its oil at the end of a step, and a judgement on
 whether a film's mesh shows how its oil thickens with the pressure.
@@ -12,7 +7,7 @@ whether a film's mesh shows how its oil thickens with the pressure.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -23,66 +18,15 @@ from fenics_ehd.base.errors import (
     CavitationError,
     GapClosedError,
     SettingsError,
-    SolverError,
     ViscosityError,
 )
 from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Complementarity
-from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import DEEPEST_ITERATE, RoughSurfaces
 
 if TYPE_CHECKING:
-    from fenics_ehd.film.reynolds import DensityRate
     from fenics_ehd.film.weak_form import Flow
-
-
-class CoarseTransfer:
-    """Between a film mesh and its next coarser one.
-
-    Parameters
-    ----------
-    fine, coarse
-        A grid and its `FilmGrid.coarser`.
-    reference
-        Gauss points of a cell, shape (q, 2).
-    """
-
-    def __init__(self, fine: FilmGrid, coarse: FilmGrid, reference: np.ndarray):
-        self._prolongation = coarse.interpolation(*fine.node_positions.T)
-        from fenics_ehd.film.reynolds import gauss_points  # as in `Film`
-
-        here, there = (gauss_points(grid, reference) for grid in (fine, coarse))
-        self._shape = there.angle.shape
-        # The fine mesh's Gauss points as the nodes of a bilinear mesh, around first.
-        angles, i = np.unique(here.angle.round(12), return_inverse=True)
-        heights, j = np.unique((here.height / fine.radius).round(12), return_inverse=True)
-        turn = np.append(angles, angles[0] + 2 * np.pi)
-        points = FilmGrid(fine.radius, turn, fine.radius * heights, "bilinear")
-        columns = i.ravel() * len(heights) + j.ravel()
-        restriction = points.interpolation(there.angle.ravel(), there.height.ravel())
-        self._restriction = restriction[:, columns]
-
-    def restrict(self, gap: Gap) -> Gap:
-        """Gap at the coarse mesh's Gauss points."""
-
-        def sample(values: np.ndarray) -> np.ndarray:
-            return (self._restriction @ values.ravel()).reshape(self._shape)
-
-        # Interpolation may undershoot where the gap is steep.
-        thickness = np.maximum(sample(gap.thickness), gap.thickness.min())
-        return Gap(
-            thickness,
-            sample(gap.thickness_rate),
-            sample(gap.mean_velocity),
-            sample(gap.sliding_velocity),
-            gap.turn,
-            gap.time,
-        )
-
-    def prolong(self, pressure: np.ndarray) -> np.ndarray:
-        """Pressure at the fine mesh's nodes, not negative."""
-        return np.maximum(self._prolongation @ pressure, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +46,6 @@ class FilmState:
     fluid_fraction
         Share of the gap that holds oil, shape (nodes,); None where the
         cavitation condition does not tell.
-    density_rate
-        The one it was solved with.
     """
 
     pressure: np.ndarray
@@ -111,7 +53,6 @@ class FilmState:
     cavitation: CavitationResult
     problem: Complementarity
     fluid_fraction: np.ndarray | None = None
-    density_rate: DensityRate | None = None
 
 
 class Film:
@@ -160,7 +101,6 @@ class Film:
             options_prefix=options_prefix,
             tolerance=tolerance,
         )
-        self._prefix, self._tolerance = options_prefix, tolerance
 
     def apart(self) -> Film:
         """The same film with a temperature of its own."""
@@ -172,29 +112,7 @@ class Film:
         """Give the oil the viscosity of another temperature [C], see `ReynoldsEquation.warm`."""
         self.equation.warm(temperature)
 
-    @cached_property
-    def _coarse(self) -> tuple[Film, CoarseTransfer] | None:
-        grid = self.parameters.grid
-        coarse = grid.coarser()
-        if coarse is None:
-            return None
-        try:
-            film = Film(
-                replace(self.parameters, grid=coarse),
-                options_prefix=self._prefix,
-                tolerance=self._tolerance,
-            )
-        except SettingsError:  # a groove too narrow for the coarser mesh
-            return None
-        return film, CoarseTransfer(grid, coarse, self.assembly.reference)
-
-    def solve(
-        self,
-        gap: Gap,
-        guess: FilmState | None = None,
-        *,
-        density_rate: DensityRate | None = None,
-    ) -> FilmState:
+    def solve(self, gap: Gap, guess: FilmState | None = None) -> FilmState:
         """Pressure for a given gap.
 
         Parameters
@@ -202,10 +120,9 @@ class Film:
         gap
             At the Gauss points, shape (cells, points).
         guess
-            A former state, to start from its pressure and active set; without
-            one the start comes from coarser meshes.
-        density_rate
-            Of a compressible oil in transient motion; None: constant density.
+            A former state, to start from its pressure and active set; without one the start is a
+            film without pressure, and SNES-VI moves the edge of the cavitated zone by about one row
+            of nodes an iteration.
 
         Raises
         ------
@@ -218,23 +135,20 @@ class Film:
         """
         check_gap(gap, self.parameters.surfaces)
         closed = len(self.free) == self.assembly.size and not self.parameters.feeds
-        if closed and density_rate is None:
+        if closed:
             raise SettingsError(
                 "no pressure of the film is given, only its slopes follow: open a side or add a "
                 "groove"
             )
-        problem = self.equation.problem(gap, density_rate)
-        if guess is not None:
-            start = guess.cavitation.pressure
-        else:
-            start = self._cold_start(gap)
+        problem = self.equation.problem(gap)
+        start = problem.zero if guess is None else guess.cavitation.pressure
         try:
             result = self._from_either_end(problem, start)
         except CavitationError as error:
             error.state.update({name: getattr(gap, name) for name in Gap.__dataclass_fields__})
             raise
         pressure = self.parameters.pressure_scale * self.equation.nodal(result.pressure)
-        return FilmState(pressure, gap, result, problem, density_rate=density_rate)
+        return FilmState(pressure, gap, result, problem)
 
     def _from_either_end(self, problem: Complementarity, start: np.ndarray) -> CavitationResult:
         """Solve from a start, or else from a film that is full everywhere.
@@ -248,16 +162,6 @@ class Film:
             if self.equation.weights is None:
                 raise
             return self.cavitation.solve(problem, np.full_like(start, problem.unit))
-
-    def _cold_start(self, gap: Gap) -> np.ndarray:
-        if self._coarse is None:
-            return np.zeros(len(self.free))
-        coarse, transfer = self._coarse
-        try:
-            state = coarse.solve(transfer.restrict(gap))
-        except SolverError:  # only a guess is lost
-            return np.zeros(len(self.free))
-        return transfer.prolong(state.pressure)[self.free] / self.parameters.pressure_scale
 
     def density(self, state: FilmState) -> np.ndarray:
         """Density over that of the oil at zero pressure, at the Gauss points."""

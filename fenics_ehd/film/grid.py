@@ -151,14 +151,6 @@ class FilmGrid:
         shape = (len(values), len(self.node_positions))
         return sparse.csr_matrix((values.ravel(), columns.ravel(), starts), shape)
 
-    def coarser(self) -> FilmGrid | None:
-        """Grid with every other cell boundary, or None when it would be too coarse to help."""
-        around, along = self.cells
-        if around % 2 or around < 32:
-            return None
-        heights = self.heights[::2] if along % 2 == 0 and along > 4 else self.heights
-        return FilmGrid(self.radius, self.angles[::2], heights, self.family)
-
 
 def uniform_grid(
     radius: float,

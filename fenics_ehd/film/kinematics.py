@@ -301,17 +301,3 @@ def shaft_gap(
         mean_velocity=0.5 * (shaft + bore),
         sliding_velocity=shaft - bore,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class GapDerivatives:
-    """Derivatives of a gap, each (points..., n directions).
-
-    `thickness`, `thickness_rate`, `mean_velocity` and `sliding_velocity` as in `Gap`; the last,
-    which only an oil that thins asks for, may be None for zero.
-    """
-
-    thickness: np.ndarray
-    thickness_rate: np.ndarray
-    mean_velocity: np.ndarray
-    sliding_velocity: np.ndarray | None = None

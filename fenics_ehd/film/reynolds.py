@@ -7,7 +7,6 @@ no data of the gap: the derivative along its angle is algebra.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache, cached_property, partial
 
 import numpy as np
@@ -19,7 +18,7 @@ from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film_forms import FilmForms, Inputs
 from fenics_ehd.film.flow_factors import continuation_below
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.kinematics import Gap, GapDerivatives, SurfacePoints
+from fenics_ehd.film.kinematics import Gap, SurfacePoints
 from fenics_ehd.film.lubricant import ARRAYS
 from fenics_ehd.film.parameters import Feeds, FeedTerm, FilmParameters, recess_viscosity
 from fenics_ehd.film.supply import given_pressures
@@ -38,24 +37,6 @@ from fenics_ehd.film.weak_form import (
 #: gradients of a uniform gap leave 1e-15 of what it carries, and the problem of 8-node elements may
 #: have no solution for a source of round-off.
 SMALLEST_SOURCE = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class DensityRate:
-    """Rate of the density, ``d rho / dt = shift * rho + history``, the last term of (1).
-
-    Attributes
-    ----------
-    shift
-        Of the time integration formula, 1 / step for implicit Euler [1/s].
-    history
-        At the Gauss points, shape (cells, points), of the density over that of
-        the oil at zero pressure [1/s]; implicit Euler: minus the shift times
-        `Film.density` of the step before.
-    """
-
-    shift: float
-    history: np.ndarray
 
 
 class ReynoldsEquation:
@@ -186,7 +167,6 @@ class ReynoldsEquation:
     def inputs(
         self,
         gap: Gap,
-        density_rate: DensityRate | None = None,
         *,
         squeeze: float = 1.0,
         storage: float = 0.0,
@@ -197,14 +177,14 @@ class ReynoldsEquation:
 
         Parameters
         ----------
-        gap, density_rate
-            A gap, and the rate of the density of a compressible oil.
+        gap
+            At the Gauss points.
         squeeze, storage, rate_shift
-            See `Numbers`; a density's rate gives the storage.
+            See `Numbers`.
         supplied
             Whether supplies belong to the equation.
         """
-        rate, values = self.parameters.rate, {name: getattr(gap, name) for name in GAP}
+        values = {name: getattr(gap, name) for name in GAP}
         shape = gap.thickness.shape
         if self.laws.fields:
             fields = (np.broadcast_to(factor, shape) for factor in self.factors)
@@ -213,10 +193,6 @@ class ReynoldsEquation:
             assert self.feeds is not None
             supplies = self.feeds.values(gap) if supplied else np.zeros((len(SUPPLIES), *shape))
             values |= zip(SUPPLIES, supplies, strict=True)
-        if "history" in self.laws.values:
-            values["history"] = np.zeros(shape)
-            if density_rate is not None:
-                storage, values["history"] = density_rate.shift / rate, density_rate.history / rate
         numbers = self._numbers.flat.copy()
         level = self._numbers.density * gap.thickness.flat[0] / self.parameters.clearance
         level *= gap.mean_velocity.flat[0] / self._numbers.speed
@@ -236,9 +212,9 @@ class ReynoldsEquation:
             law(self.parameters.pressure_scale * np.maximum(nodal.max(keepdims=True), 0.0))
         return self.forms.vector(inputs, nodal)
 
-    def problem(self, gap: Gap, density_rate: DensityRate | None = None) -> Complementarity:
+    def problem(self, gap: Gap) -> Complementarity:
         """The complementarity problem (11) of a gap; what nobody asks for is not assembled."""
-        inputs = self.inputs(gap, density_rate)
+        inputs = self.inputs(gap)
 
         def residual(pressure: np.ndarray) -> np.ndarray:
             return self.balance(inputs, self.nodal(pressure))[self.free]
@@ -270,56 +246,19 @@ class ReynoldsEquation:
         values = self.inputs(gap, supplied=False).values
         return oil_density(self.laws, self._numbers, values, pressure, ARRAYS)
 
-    def change(
-        self,
-        gap: Gap,
-        pressure: np.ndarray,
-        derivatives: GapDerivatives,
-        density_rate: DensityRate | None = None,
-    ) -> np.ndarray:
-        """Change of the residual at the free nodes along changes of the gap.
-
-        Parameters
-        ----------
-        gap, pressure, density_rate
-            A gap and dimensionless nodal pressures, shape (nodes,).
-        derivatives
-            Changes of gap, its rate, the mean and the sliding velocity in n directions, each
-            (cells, points, n).
-
-        Returns
-        -------
-        numpy.ndarray
-            shape (free nodes, n).
-        """
-        # Two shifts tell the thickness from its rate.
-        shift = self.parameters.rate
-        still, *velocities = self.gap_derivatives(gap, pressure, 0.0, density_rate)
-        following, *_ = self.gap_derivatives(gap, pressure, shift, density_rate)
-        total = (following - still) @ _flat(derivatives.thickness_rate) / shift
-        for along, direction in (
-            (still, derivatives.thickness),
-            (velocities[0], derivatives.mean_velocity),
-            (velocities[1], derivatives.sliding_velocity),
-        ):
-            if along is not None and direction is not None:
-                total += along @ _flat(direction)
-        return total[self.free]
-
     def gap_derivatives(
         self,
         gap: Gap,
         pressure: np.ndarray,
         rate_shift: float = 0.0,
-        density_rate: DensityRate | None = None,
         *,
         inputs: Inputs | None = None,
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
-        """Sparse derivatives of the residual, for what moves many directions at once.
+        """Sparse derivatives of the residual along the gap.
 
         Parameters
         ----------
-        gap, pressure, density_rate
+        gap, pressure
             A gap and dimensionless nodal pressures, shape (nodes,).
         rate_shift
             ``d h' / d h`` [1/s].
@@ -333,7 +272,7 @@ class ReynoldsEquation:
             sliding velocity [m/s]: shape (nodes, c * q) each. The last is None for an oil that
             does not thin, unless one of the surfaces is rougher.
         """
-        inputs = inputs or self.inputs(gap, density_rate, rate_shift=rate_shift)
+        inputs = inputs or self.inputs(gap, rate_shift=rate_shift)
         thickness, sliding = self.forms.along_gap(inputs, pressure)
         carried = self.density(gap, pressure) * self.seen(gap).thickness / self.parameters.clearance
         drag = (carried / self._numbers.speed)[:, :, None] * self.assembly.drag
@@ -346,12 +285,6 @@ class ReynoldsEquation:
             return np.zeros(self.assembly.size)
         slope = feed.change(feed.along_turn, self.assembly.at_points(pressure)[0])
         return self.assembly.source(slope)
-
-
-def _flat(directions: np.ndarray) -> np.ndarray:
-    """Values (points..., n) as columns."""
-    *points, count = directions.shape
-    return directions.reshape(int(np.prod(points)), count)
 
 
 def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:

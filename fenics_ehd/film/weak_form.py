@@ -18,9 +18,8 @@ Between rough surfaces (`fenics_ehd.film.flow_factors`) H is the average gap ``h
 factors ``k = rho (sigma / c)^3 (h / sigma)^3 phi_p / eta`` and ``V + (U / 2) sigma w phi_s / h_T``
 stand for k and V.
 
-The source is written ``rho (a dH/dt + b H) + H g``: a = 1, b = 0 for density that is steady; b the
-shift and g the history of a time integration formula for one that is not; a = 0 and b one over the
-step for the content of a gap at the end of a step. Supplies add ``(H^3 q + t) P``, conductances of
+The source is written ``rho (a dH/dt + b H)``: a = 1, b = 0 for density that is steady; a = 0 and b
+one over the step for the content of a gap at the end of a step. Supplies add ``(H^3 q + t) P``, conductances of
 the film's own kind and of passages, and take ``H^3 q_s + t_s``, these times the pressures of the
 supplies.
 
@@ -42,7 +41,7 @@ from fenics_ehd.base import compat
 from fenics_ehd.fem.elements import quadratic_element
 from fenics_ehd.film import flow_factors
 from fenics_ehd.film.assembly import GAUSS_POINTS
-from fenics_ehd.film.lubricant import Constant, Cross, Functions, PressureLaw
+from fenics_ehd.film.lubricant import Cross, Functions, PressureLaw
 from fenics_ehd.film.parameters import FilmParameters
 
 #: Degree that the Gauss points integrate exactly.
@@ -102,9 +101,8 @@ class Laws:
     @property
     def values(self) -> tuple[str, ...]:
         """Names of all values at the Gauss points."""
-        history = () if issubclass(self.density, Constant) else ("history",)
         fields = FIELDS if self.fields else ()
-        return GAP + fields + (SUPPLIES if self.supplies else ()) + history
+        return GAP + fields + (SUPPLIES if self.supplies else ())
 
     @property
     def sliding(self) -> bool:
@@ -294,8 +292,6 @@ class WeakForm:
         around = flow.conductance * pressure.dx(0) - dragged
         growth = n.squeeze * flow.slope * q["thickness_rate"] / (n.clearance * n.rate)
         source = flow.density * (growth + n.storage * flow.thickness)
-        if "history" in q:
-            source += flow.thickness * q["history"]
         if laws.supplies:
             cube = flow.thickness * flow.thickness * flow.thickness
             source += (cube * q["film_conductance"] + q["passage_conductance"]) * pressure
