@@ -6,7 +6,7 @@ from rough_cases import MODULUS, surfaces
 from scipy.integrate import quad
 from scipy.special import gamma
 
-from fenics_ehd.film import flow_factors
+from fenics_ehd.film import rough_surfaces
 from fenics_ehd.film.rough_surfaces import APART, seven_halves
 
 
@@ -79,19 +79,19 @@ def test_flow_factors_are_those_of_patir_and_cheng():
     # By the coefficients of their tables (gamma = 1), by a pocket calculator, for H = 1, 3 and 6.
     ratio = np.array([1.0, 3.0, 6.0])
     np.testing.assert_allclose(
-        flow_factors.pressure_factor(ratio), [0.485912, 0.832264, 0.968738], atol=1e-6
+        rough_surfaces.pressure_factor(ratio), [0.485912, 0.832264, 0.968738], atol=1e-6
     )
     np.testing.assert_allclose(
-        flow_factors.shear_factor(ratio), [0.795589, 0.553202, 0.251245], atol=1e-6
+        rough_surfaces.shear_factor(ratio), [0.795589, 0.553202, 0.251245], atol=1e-6
     )
     np.testing.assert_allclose(
-        ratio * flow_factors.rough_stress_factor(ratio), [1.146765, 0.299614, 0.022958], atol=1e-6
+        ratio * rough_surfaces.rough_stress_factor(ratio), [1.146765, 0.299614, 0.022958], atol=1e-6
     )
     np.testing.assert_allclose(
-        flow_factors.stress_pressure_factor(ratio), [0.276408, 0.806703, 0.973312], atol=1e-6
+        rough_surfaces.stress_pressure_factor(ratio), [0.276408, 0.806703, 0.973312], atol=1e-6
     )
     # Both branches of the shear factor meet to the digits of its coefficients.
-    ends = flow_factors.shear_factor(np.array([5.0, 5.0 + 1e-12]))
+    ends = rough_surfaces.shear_factor(np.array([5.0, 5.0 + 1e-12]))
     assert abs(ends[1] - ends[0]) < 2e-4
 
 
@@ -103,7 +103,7 @@ def test_stress_factor_is_the_mean_of_one_over_the_film(ratio):
     mean = quad(integrand, max(-3.0, 0.01 - ratio), 3.0, epsrel=1e-12, limit=400)[0]
     # The published polynomial leaves out terms of the least film, 0.01 sigma.
     tolerance = 3e-3 if ratio <= 3 else 1e-8
-    assert flow_factors.stress_factor(np.array([ratio]))[0] == pytest.approx(mean, rel=tolerance)
+    assert rough_surfaces.stress_factor(np.array([ratio]))[0] == pytest.approx(mean, rel=tolerance)
 
 
 def test_mean_gap_is_the_mean_of_what_is_open():
@@ -114,26 +114,26 @@ def test_mean_gap_is_the_mean_of_what_is_open():
             max(-ratio, 0) + 12,
             epsabs=0,
         )
-        value, share = flow_factors.mean_gap(np.array([ratio]))
+        value, share = rough_surfaces.mean_gap(np.array([ratio]))
         assert value[0] == pytest.approx(open_, rel=1e-9)
         step = 1e-5
-        sides = [flow_factors.mean_gap(np.array([ratio + x])) for x in (-step, step)]
+        sides = [rough_surfaces.mean_gap(np.array([ratio + x])) for x in (-step, step)]
         assert (sides[1][0] - sides[0][0])[0] / (2 * step) == pytest.approx(share[0], rel=1e-6)
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 2.0, 7.0, 12.0])
 def test_mobility_is_as_published_and_goes_on_without_a_kink(ratio):
-    least, value, power = continuation = flow_factors.continuation_below()
+    least, value, power = continuation = rough_surfaces.continuation_below()
 
     def mobility(ratio):
-        return flow_factors.mobility(ratio, flow_factors.mean_gap(ratio)[0], continuation)
+        return rough_surfaces.mobility(ratio, rough_surfaces.mean_gap(ratio)[0], continuation)
 
-    published = ratio**3 * flow_factors.pressure_factor(ratio)
+    published = ratio**3 * rough_surfaces.pressure_factor(ratio)
     np.testing.assert_allclose(mobility(np.array([ratio])), published, rtol=1e-12)
-    step, end = 1e-6, flow_factors.PUBLISHED
+    step, end = 1e-6, rough_surfaces.PUBLISHED
     below, at, above = mobility(np.array([end - step, end, end + step]))
     assert at == pytest.approx(value, rel=1e-12)
     assert (at - below) == pytest.approx(above - at, rel=1e-4)
     deep = np.array([-2.0])
-    average = flow_factors.mean_gap(deep)[0]
+    average = rough_surfaces.mean_gap(deep)[0]
     np.testing.assert_allclose(mobility(deep), value * (average / least) ** power, rtol=1e-14)

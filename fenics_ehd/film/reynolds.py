@@ -16,7 +16,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, with_data
 from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film_forms import FilmForms, Inputs
-from fenics_ehd.film.flow_factors import continuation_below
+from fenics_ehd.film.rough_surfaces import continuation_below
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, SurfacePoints
 from fenics_ehd.film.lubricant import ARRAYS

@@ -24,7 +24,7 @@ A film between rough surfaces: what the Reynolds equation sees of the gap, and w
 The nominal gap h is the distance of the mean planes. Oil flows in the average gap ``h_T(h)``,
 which is positive however far the mean planes overlap: it takes the place of h in the Couette and
 squeeze terms (and, without flow factors, in the mobility ``h_T^3``). With flow factors
-(`fenics_ehd.film.flow_factors`) the mobility is ``h^3 phi_p`` and the mean velocity
+the mobility is ``h^3 phi_p`` and the mean velocity
 
     V + (U / 2) sigma w phi_s / h_T,
 
@@ -33,21 +33,165 @@ power of h_T that has its value and slope there: our own continuation.
 
 An update or an error of h is small beside ``h_T / (dh_T / dh)``: h itself where the surfaces are
 apart, about sigma where they touch.
+
+Mean flow and mean shear of oil between two rough surfaces (Patir and Cheng 1978, 1979).
+
+With ``H = h / sigma``, h the distance of the mean planes and sigma the combined rms roughness of
+two Gaussian surfaces without direction (gamma = 1), the mean flow and stress are
+
+    q   = -phi_p h^3 / (12 eta) grad p + V h_T + (U / 2) sigma w phi_s
+    tau = phi_f eta U / h,                         of the pressure: phi_fp (h / 2) grad p
+
+with V mean and ``U = v_1 - v_2`` sliding velocity, ``w = (sigma_1^2 - sigma_2^2) / sigma^2``:
+the rougher surface takes more oil with it. Factors as they are coded in R. Boman's program
+(github.com/rboman/progs, apps/EHD/EHD/ehd_flow_cisail.c: phi_f, phi_fs, phi_fp); phi_p and phi_s
+by the coefficients ``C = 0.9, r = 0.56`` and ``A_1 = 1.899, alpha_1 = 0.98, alpha_2 = 0.92,
+alpha_3 = 0.05, A_2 = 1.126`` of the papers' tables. They are published for H above 0.5
+(phi_fp: 0.75).
+
+``h_T = int_-h^inf (h + s) f(s) ds`` is the mean gap where the surfaces do not touch. It is
+positive, however far they overlap. Deep below, where the terms of ``H Phi(H) + f(H)`` cancel, it
+is taken from the even part of Laplace's continued fraction of ``Phi(-x) / f(x)``: exact to 6e-12
+at H = -4, 3e-14 at -5.
+
+What the Reynolds equation contains is written in `Functions`, for arrays and for symbols.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
 from scipy.special import erfc
 
 from fenics_ehd.base.fields import REQUIRED, Roughness, number
-from fenics_ehd.film import flow_factors
 from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.lubricant import ARRAYS, Functions
+
+#: H down to which the factors are published.
+PUBLISHED = 0.5
+
+#: phi_p = 1 - C exp(-r H).
+PRESSURE = 0.9, 0.56
+
+#: phi_s = A_1 H^alpha_1 exp(-alpha_2 H + alpha_3 H^2) up to H = 5, A_2 exp(-H / 4) above.
+SHEAR, SHEAR_ABOVE, SHEAR_END = (1.899, 0.98, 0.92, 0.05), 1.126, 5.0
+
+#: phi_fs = A_3 H^alpha_4 exp(-alpha_5 H + alpha_6 H^2) up to H = 7, 0 above.
+STRESS, STRESS_END = (11.1, 2.31, 2.38, 0.11), 7.0
+
+#: phi_fp = 1 - D exp(-s H).
+STRESS_PRESSURE = 1.4, 0.66
+
+#: Least local film over sigma that phi_f integrates over.
+LEAST_FILM = 0.01
+
+#: H above which the closed form of phi_f loses digits, and its series begins.
+SERIES_FROM = 30.0
+
+
+#: H below which h_T is evaluated as a continued fraction, and its levels.
+DEEP, LEVELS = -4.0, 10
+
+
+def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
+    """``h_T / sigma`` and its derivative: H Phi(H) + f(H) and Phi(H)."""
+    density = f.exp(-0.5 * ratio * ratio) / math.sqrt(2 * math.pi)
+    share = 0.5 * (1 + f.erf(ratio / math.sqrt(2)))
+    deep = ratio < DEEP
+    x = -f.where(deep, ratio, DEEP)
+    square, tail = x * x, 0.0
+    for k in range(LEVELS, 0, -1):
+        tail = 2 * k * (2 * k - 1) / (square + (4 * k + 1) - tail)
+    below = density / (square + 1 - tail)
+    return (
+        f.where(deep, below * (1 - tail), ratio * share + density),
+        f.where(deep, below * x, share),
+    )
+
+
+def pressure_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
+    """phi_p, as published."""
+    c, r = PRESSURE
+    return 1 - c * f.exp(-r * ratio)
+
+
+def mobility(ratio: Any, average: Any, continuation: Any, f: Functions = ARRAYS) -> Any:
+    """``H^3 phi_p``; below what is published the power of ``h_T / sigma`` that continues it.
+
+    Parameters
+    ----------
+    ratio, average
+        H and ``h_T / sigma``.
+    continuation
+        See `continuation_below`.
+    """
+    least, value, power = continuation
+    low = average < least
+    relative = f.where(low, average / least, 1.0)
+    published = ratio * ratio * ratio * pressure_factor(ratio, f)
+    return f.where(low, value * relative**power, published)
+
+
+def continuation_below() -> tuple[float, float, float]:
+    """``h_T / sigma`` and mobility at the end of what is published, and the power from there."""
+    average, share = mean_gap(PUBLISHED)
+    factor, (c, r) = pressure_factor(PUBLISHED), PRESSURE
+    slope = r * c * math.exp(-r * PUBLISHED)
+    power = average / share * (3 / PUBLISHED + slope / factor)
+    return float(average), float(PUBLISHED**3 * factor), float(power)
+
+
+def shear_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
+    """phi_s of a rough on a smooth surface; 0 for H below 0."""
+    a, power, decay, growth = SHEAR
+    is_open, above = ratio > 0.0, ratio > SHEAR_END
+    inside = f.where(is_open, f.where(above, SHEAR_END, ratio), 1.0)
+    near = a * inside**power * f.exp(-decay * inside + growth * inside * inside)
+    far = SHEAR_ABOVE * f.exp(-0.25 * ratio)
+    return f.where(above, far, f.where(is_open, near, 0.0))
+
+
+def stress_factor(ratio: np.ndarray) -> np.ndarray:
+    """``phi_f / H``: the mean of one over the local film, over sigma.
+
+    For heights of the density ``35 / 96 (1 - (s / 3)^2)^3``, films below `LEAST_FILM` left out;
+    it goes on without a jump to H = -3, from where on there is no film.
+    """
+    z = np.asarray(ratio, dtype=float) / 3
+    result = np.zeros(z.shape)
+    below, far = z <= 1, np.asarray(ratio) > SERIES_FROM
+    x = np.clip(z[below], -1 + LEAST_FILM / 3, None)
+    polynomial = np.polynomial.polynomial.polyval(x, [-55, 132, 345, -160, -405, 60, 147])
+    inside = (1 - x**2) ** 3 * np.log((x + 1) / (LEAST_FILM / 3)) + polynomial / 60
+    result[below] = np.maximum(35 / 32 * inside / 3, 0.0)
+    above = ~below & ~far
+    x = z[above]
+    inside = (1 - x**2) ** 3 * np.log((x + 1) / (x - 1)) + x / 15 * (66 + x**2 * (30 * x**2 - 80))
+    result[above] = 35 / 32 * inside / 3
+    # Moments of the density: 1, 1/9, 1/33 of (s / 3)^0, 2, 4.
+    inverse = 1 / z[far] ** 2
+    result[far] = (1 + inverse / 9 + inverse**2 / 33 + inverse**3 * 5 / 429) / (3 * z[far])
+    return result
+
+
+def rough_stress_factor(ratio: np.ndarray) -> np.ndarray:
+    """``phi_fs / H`` of a rough on a smooth surface; 0 for H below 0."""
+    a, power, decay, growth = STRESS
+    inside = np.clip(ratio, 0.0, STRESS_END)
+    value = a * inside ** (power - 1) * np.exp(-decay * inside + growth * inside**2)
+    return np.where(ratio < STRESS_END, value, 0.0)
+
+
+def stress_pressure_factor(ratio: np.ndarray) -> np.ndarray:
+    """phi_fp; 0 where its formula is negative, below H = 0.51."""
+    d, s = STRESS_PRESSURE
+    return np.maximum(1 - d * np.exp(-s * ratio), 0.0)
+
 
 #: Asperities are apart: beyond this H the pressure, below 1e-15 of that at H = 0, is zero.
 APART = 8.0
@@ -70,16 +214,15 @@ class Touch(NamedTuple):
     slope: np.ndarray
 
 
-def seven_halves(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F_7/2 and its first two derivatives, at H of any shape; below `DEEPEST` as there."""
-    shape, ratio = np.shape(ratio), np.ravel(ratio)
-    found = np.zeros((3, len(ratio)))
-    near = np.flatnonzero(ratio < APART)
-    if len(near):
-        inside = np.maximum(ratio[near], DEEPEST)
-        place = np.rint((inside - DEEPEST) / SPACING).astype(int)
-        found[:, near] = _series(_table()[place], inside - DEEPEST - SPACING * place)
-    return found[0].reshape(shape), found[1].reshape(shape), found[2].reshape(shape)
+def seven_halves(ratio: np.ndarray) -> np.ndarray:
+    """F_7/2 and its first two derivatives, (3, ...), at H of any shape; below `DEEPEST` as there."""
+    found = np.zeros((3, *np.shape(ratio)))
+    near = ratio < APART
+    if near.any():
+        inside = np.maximum(ratio[near], DEEPEST) - DEEPEST
+        place = np.rint(inside / SPACING).astype(int)
+        found[:, near] = _series(_table()[place], inside - SPACING * place)
+    return found
 
 
 def _series(coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -181,10 +324,10 @@ class RoughSurfaces(Roughness):
     def average(self, gap: Gap) -> Gap:
         """Average gap, which the film sees in place of a nominal one."""
         ratio = gap.thickness / self.roughness
-        value, share = flow_factors.mean_gap(ratio)
+        value, share = mean_gap(ratio)
         velocity = gap.mean_velocity
         if self.dragging:
-            drag = 0.5 * self.weight * flow_factors.shear_factor(ratio) / value
+            drag = 0.5 * self.weight * shear_factor(ratio) / value
             velocity = velocity + gap.sliding_velocity * drag
         return replace(
             gap,
@@ -195,7 +338,7 @@ class RoughSurfaces(Roughness):
 
     def excess(self, thickness: np.ndarray) -> np.ndarray:
         """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
-        return self.roughness * flow_factors.mean_gap(-thickness / self.roughness)[0]
+        return self.roughness * mean_gap(-thickness / self.roughness)[0]
 
     def rubbing(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Boundary friction over contact pressure at sliding velocities [m/s], its derivative."""
@@ -213,13 +356,13 @@ class RoughSurfaces(Roughness):
             average = self.average(gap).thickness
             return average, average
         ratio = gap.thickness / self.roughness
-        inverse = flow_factors.stress_factor(ratio)
+        inverse = stress_factor(ratio)
         if self.weight:
-            inverse = inverse + abs(self.weight) * flow_factors.rough_stress_factor(ratio)
-        deep = gap.thickness * flow_factors.stress_pressure_factor(ratio)
+            inverse = inverse + abs(self.weight) * rough_stress_factor(ratio)
+        deep = gap.thickness * stress_pressure_factor(ratio)
         return self.roughness / np.maximum(inverse, np.finfo(float).tiny), deep
 
     def length(self, gap: np.ndarray) -> np.ndarray:
         """``h_T / (dh_T / dh)`` of nominal gaps [m]: above 0 however far they overlap."""
-        value, share = flow_factors.mean_gap(gap / self.roughness)
+        value, share = mean_gap(gap / self.roughness)
         return self.roughness * value / np.maximum(share, np.finfo(float).tiny)

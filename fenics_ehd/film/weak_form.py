@@ -14,7 +14,7 @@ for arrays, from which losses, friction and heat are evaluated. Derivatives are 
 pressure, and along the gap's data, functions of the quadrature space. That along the mean velocity
 needs none: it is ``-rho H`` times the slope of v.
 
-Between rough surfaces (`fenics_ehd.film.flow_factors`) H is the average gap ``h_T``, and with flow
+Between rough surfaces (`fenics_ehd.film.rough_surfaces`) H is the average gap ``h_T``, and with flow
 factors ``k = rho (sigma / c)^3 (h / sigma)^3 phi_p / eta`` and ``V + (U / 2) sigma w phi_s / h_T``
 stand for k and V.
 
@@ -39,7 +39,7 @@ import ufl
 
 from fenics_ehd.base import compat
 from fenics_ehd.fem.elements import quadratic_element
-from fenics_ehd.film import flow_factors
+from fenics_ehd.film import rough_surfaces
 from fenics_ehd.film.assembly import GAUSS_POINTS
 from fenics_ehd.film.lubricant import Cross, Functions, PressureLaw
 from fenics_ehd.film.parameters import FilmParameters
@@ -130,7 +130,7 @@ class Numbers:
     viscosity_law, density_law, shear_law
         See `PressureLaw.numbers`.
     surfaces
-        sigma [m] and w, and what continues the mobility, see `flow_factors.mobility`.
+        sigma [m] and w, and what continues the mobility, see `rough_surfaces.mobility`.
     """
 
     squeeze: Any
@@ -213,13 +213,13 @@ def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Fun
     if laws.rough:
         sigma, weight, *continuation = n.surfaces
         ratio, unit = q["thickness"] / sigma, sigma / n.clearance
-        average, slope = flow_factors.mean_gap(ratio, f)
+        average, slope = rough_surfaces.mean_gap(ratio, f)
         thickness = unit * average
         mobility = thickness * thickness * thickness
         if laws.flow_factors:
-            mobility = unit * unit * unit * flow_factors.mobility(ratio, average, continuation, f)
+            mobility = unit * unit * unit * rough_surfaces.mobility(ratio, average, continuation, f)
         if laws.dragging:
-            drag = 0.5 * weight * flow_factors.shear_factor(ratio, f) / average
+            drag = 0.5 * weight * rough_surfaces.shear_factor(ratio, f) / average
             velocity = velocity + sliding * drag
     if laws.thinning is not None:
         speed = f.where(sliding < 0.0, -sliding, sliding)

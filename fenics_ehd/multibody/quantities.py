@@ -44,7 +44,7 @@ from fenics_ehd.base.columns import with_unit
 from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.film.film import OilState
 from fenics_ehd.film.flow import under_pressure
-from fenics_ehd.film.flow_factors import PUBLISHED
+from fenics_ehd.film.rough_surfaces import PUBLISHED
 from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.contact import JointContact
 from fenics_ehd.multibody.lubricated_joint import nearest_circle
