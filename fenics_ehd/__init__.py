@@ -42,7 +42,6 @@ _NAMES = {
         "CircumferentialGrooveSupply",
         "HoleSupply",
         "Sides",
-        "SupplyHole",
     ),
     "multibody.body": ("FlexibleBody", "RigidBody", "ground"),
     "multibody.forces": ("PointForce", "RotatingForce", "SpringDamper", "Torque"),

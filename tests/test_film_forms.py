@@ -17,8 +17,8 @@ from rough_cases import surfaces
 
 import fenics_ehd as ehd
 from fenics_ehd.base import compat
-from fenics_ehd.film.film_forms import compiled
 from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.weak_form import compiled
 
 
 def place(angle, height):

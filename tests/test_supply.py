@@ -94,18 +94,6 @@ def test_part_of_the_width_can_have_a_groove():
     assert np.abs(angle[inner] - 1.0).max() <= 0.3
 
 
-def test_hole_feeds_round_the_turn():
-    # Its disc crosses the seam of the angles.
-    hole = ehd.SupplyHole(0.0, 0.1 * R, 0.3 * R, 4e5)
-    film = make_film((60, 20), regions=(hole,))
-    angle, z = film.parameters.grid.node_positions.T
-    pressure = solve(film, -0.5).pressure
-    distance = np.hypot(R * (np.mod(angle + np.pi, 2 * np.pi) - np.pi), z - 0.1 * R)
-    assert np.all(pressure[distance < 0.3 * R] == 4e5)
-    assert np.sum(pressure == 4e5) == np.sum(distance <= 0.3 * R * (1 + 1e-9))
-    assert np.any(angle[distance < 0.3 * R] > np.pi)
-
-
 def test_line_at_the_widest_gap_matters_little_where_the_film_cavitates_anyway():
     film, lined = (
         make_film((60, 6), regions=regions) for regions in ((), (ehd.AxialGroove(np.pi, 0.0),))
@@ -129,11 +117,7 @@ def test_later_regions_win():
             lambda: make_film((20, 5), regions=(ehd.AxialGroove(0.1, 0.01, 1e5),)),
             "no node .* more cells",
         ),
-        (
-            lambda: make_film((20, 5), regions=(ehd.SupplyHole(0.1, 0.0, 1e-6),)),
-            "no node .* SupplyHole",
-        ),
-        (lambda: make_film((20, 5), regions=(ehd.SupplyHole(0.0, R, 10 * R),)), "every node"),
+        (lambda: make_film((20, 5), regions=(ehd.AxialGroove(0.1, 6.28),)), "every node"),
         (lambda: make_film((20, 5), regions=(ehd.AxialGroove(np.nan, 0.1),)), "no node"),
         (
             lambda: solve(make_film((20, 5), sides=ehd.Sides(None, None)), 0.5),
@@ -144,9 +128,6 @@ def test_later_regions_win():
         (lambda: ehd.AxialGroove(0.0, np.nan), "degrees wide"),
         (lambda: ehd.AxialGroove(0.0, 0.1, -1.0), "pressure of a groove = -1 Pa"),
         (lambda: ehd.AxialGroove(0.0, 0.1, np.nan), "pressure of a groove = nan"),
-        (lambda: ehd.SupplyHole(0.0, 0.0, 0.0), "radius of a supply hole"),
-        (lambda: ehd.SupplyHole(0.0, 0.0, np.nan), "radius of a supply hole"),
-        (lambda: ehd.SupplyHole(0.0, 0.0, 1.0, np.inf), "pressure of a supply hole = inf"),
         (lambda: ehd.Sides(-1.0), "lower side = -1 Pa"),
         (lambda: ehd.Sides(0.0, np.nan), "upper side = nan"),
     ],

@@ -1,7 +1,7 @@
 """Gauss points of a film mesh: shape functions there, and the sparsity pattern of film matrices.
 
 Vectors and matrices that contain the oil's laws are assembled by dolfinx
-(`fenics_ehd.film.film_forms`). Those that contain only shape functions, forces, contents, areas,
+(`fenics_ehd.film.weak_form`). Those that contain only shape functions, forces, contents, areas,
 are products of the matrices here.
 """
 

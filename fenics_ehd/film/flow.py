@@ -184,7 +184,7 @@ class FilmFlows:
         if feed is None:
             return {}
         pressure = film.assembly.at_points(self._state.pressure / p.pressure_scale)[0]
-        flows = np.sum(film.assembly.area * feed.inflow(pressure), axis=(1, 2))
+        flows = -np.sum(film.assembly.area * feed.outflow(pressure), axis=(1, 2))
         unit = p.clearance * p.grid.radius**2 * p.rate
         return {f.name: float(unit * flow) for f, flow in zip(p.feeds, flows, strict=True)}
 

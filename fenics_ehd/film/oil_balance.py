@@ -98,8 +98,7 @@ from fenics_ehd.film.parameters import FeedTerm
 from fenics_ehd.film.supply import in_regions
 
 if TYPE_CHECKING:
-    from fenics_ehd.film.film_forms import Inputs
-    from fenics_ehd.film.weak_form import Flow
+    from fenics_ehd.film.weak_form import Flow, Inputs
 
 #: Below this rate of the contents a source counts as none.
 SMALLEST_SOURCE = 1e-6
@@ -366,7 +365,7 @@ class OilBalance:
             forms = self.film.equation.forms
             matrix = forms.matrix(step.inputs, self.nodal(values))[self._places]
             if step.feed is not None:
-                lumped = self.assembly.source(step.feed.total)
+                lumped = self.assembly.source(step.feed.conductance.sum(axis=0))
                 matrix[self._near.diagonal] += lumped[self.unknown]
             matrix[self._dry_column] = 0.0
             matrix[self._dry_diagonal] = 1.0

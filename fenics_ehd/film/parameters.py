@@ -35,7 +35,7 @@ from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, SurfacePoints
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
-from fenics_ehd.film.supply import TURN, Region, Sides, Supply, blur_of, check_supply
+from fenics_ehd.film.supply import AxialGroove, Sides, Supply, blur_of, check_supply, covered
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class FilmParameters:
     lubricant: Lubricant
     rate: float
     sides: Sides = field(default_factory=Sides)
-    regions: tuple[Region, ...] = ()
+    regions: tuple[AxialGroove, ...] = ()
     feeds: tuple[Supply, ...] = ()
     recesses: tuple[Supply, ...] = ()
     surfaces: RoughSurfaces | None = None
@@ -97,12 +97,6 @@ class FilmParameters:
         return 12 * self.lubricant.viscosity * self.rate * ratio**2
 
 
-#: Width over which a region's edge is blurred, over the larger side of a cell. A groove of 36
-#: degrees turned with an eccentricity of 0.6 through a cell changes the load by 0.6 % with 1, 0.37
-#: with 1.5 and 0.19 % with 2 (9-node cells, 40 x 10; 0.19 % without groove), and the load itself is
-#: 0.4, 0.9 and 1.5 % off.
-BLUR = 1.5
-
 #: ``C = kappa d^2`` over the film's mobility for which an edge is where it should be: with
 #: ``q = p_s - p``, ``q'' = C w q`` decays into the region, and the straight line that it leaves
 #: with meets q = 0 at the edge for C = 33.1. A quarter of it moves the edge by 0.24 d inward, four
@@ -114,10 +108,6 @@ EDGES = {"lagrange": 33.119152, "serendipity": 33.119152, "bilinear": 24.0}
 
 #: Factor on it where flows are lumped at the nodes.
 LUMPED = 2.0 / 3.0
-
-#: How much better than the film a recess conducts: 1e3 leaves a thousandth of the pressure's change
-#: across it.
-DEEP = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,46 +129,32 @@ class FeedTerm:
     along_turn: np.ndarray
     pressure: np.ndarray
 
-    @property
-    def total(self) -> np.ndarray:
-        """Derivative of the outflow along the pressure."""
-        return self.conductance.sum(axis=0)
+    def outflow(self, pressure: np.ndarray, conductance: np.ndarray | None = None) -> np.ndarray:
+        """``kappa w (P - P_s)`` into every supply, for P at the Gauss points, (n, cells, points).
 
-    def inflow(self, pressure: np.ndarray) -> np.ndarray:
-        """``kappa w (P_s - P)`` of every supply, for P at the Gauss points, (n, cells, points)."""
-        return self.conductance * (self.pressure[:, None, None] - pressure)
-
-    def _supplied(self, conductance: np.ndarray) -> np.ndarray:
-        """Flow from supplies with such conductances into a film without pressure."""
-        return (self.pressure @ conductance.reshape(len(conductance), -1)).reshape(
-            conductance.shape[1:]
-        )
+        Changes of the conductance may stand for it, as in `lumped`.
+        """
+        own = self.conductance if conductance is None else conductance
+        return own * (pressure - self.pressure[:, None, None])
 
     def lumped(
         self, assembly: Assembly, nodal: np.ndarray, conductance: np.ndarray | None = None
     ) -> np.ndarray:
         """Outflow tested with every node, (nodes,), each with the pressure at its own node.
 
-        All flows stay what they are, and the matrix of the film an M-matrix. Changes of the
-        conductance may stand for it.
+        All flows stay what they are, and the matrix of the film an M-matrix.
         """
         own = self.conductance if conductance is None else conductance
-        return assembly.source(own.sum(axis=0)) * nodal - assembly.source(self._supplied(own))
+        supplied = np.tensordot(self.pressure, own, 1)
+        return assembly.source(own.sum(axis=0)) * nodal - assembly.source(supplied)
 
     def lumped_change(
         self, assembly: Assembly, slope: np.ndarray, nodal: np.ndarray
     ) -> sparse.csc_matrix:
         """Its derivative (nodes, c * q) for a change `slope` of the conductances."""
         at_nodes = slope.sum(axis=0)[:, :, None] * assembly.by_nodes(nodal)
-        return with_weights(assembly.tested, at_nodes - self._supplied(slope)[:, :, None])
-
-    def outflow(self, pressure: np.ndarray) -> np.ndarray:
-        """Source term of the weak form: out of the film into all supplies, (cells, points)."""
-        return -self.inflow(pressure).sum(axis=0)
-
-    def change(self, slope: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-        """Change of the outflow for a change `slope` of the conductances."""
-        return (slope * (pressure - self.pressure[:, None, None])).sum(axis=0)
+        supplied = np.tensordot(self.pressure, slope, 1)
+        return with_weights(assembly.tested, at_nodes - supplied[:, :, None])
 
 
 class Feeds:
@@ -211,20 +187,18 @@ class Feeds:
         names = [feed.name for feed in feeds]
         if len(set(names)) < len(names):
             raise SettingsError(f"two supplies of one name: {', '.join(sorted(names))}")
-        for feed in feeds:
-            check_supply(feed.name, feed, grid)
-        self._blurs = [blur_of(feed, grid, BLUR) for feed in feeds]
-        edge = EDGES[grid.family]
-        self._own = [
-            None if feed.resistance else edge * (grid.radius / blur) ** 2 * mobility
-            for feed, blur in zip(feeds, self._blurs, strict=True)
-        ]
-        # The pressure scale over a resistance, in units of the flow c Omega R^2.
+        # Of every supply either the film's own conductance over w H^3, or that of its passage: the
+        # pressure scale over a resistance, in units of the flow c Omega R^2.
+        self._film = np.zeros((len(feeds), *area.shape))
+        self._passage = np.zeros((len(feeds), 1, 1))
         flow = parameters.clearance * parameters.rate * grid.radius**2
-        self._conductance = [
-            parameters.pressure_scale / (feed.resistance * flow) if feed.resistance else 0.0
-            for feed in feeds
-        ]
+        for i, feed in enumerate(feeds):
+            check_supply(feed.name, feed, grid)
+            if feed.resistance:
+                self._passage[i] = parameters.pressure_scale / (feed.resistance * flow)
+            else:
+                scale = grid.radius / blur_of(feed, grid)
+                self._film[i] = EDGES[grid.family] * scale**2 * mobility
         self._turn = np.nan
 
     @property
@@ -237,32 +211,47 @@ class Feeds:
 
         `turn` is that angle less the bore's [rad].
         """
-        grid, points = self.parameters.grid, self._points
-        values, slopes = [], []
-        for feed, blur in zip(self.parameters.feeds, self._blurs, strict=True):
-            middle = feed.middle + (turn if feed.on_journal else 0.0)
-            offset = np.mod(points.angle - middle + np.pi, TURN) - np.pi
-            value, slope = feed.share(offset, points.height, grid.radius, blur)
+        grid, values, slopes = self.parameters.grid, [], []
+        for feed in self.parameters.feeds:
+            value, slope = covered(feed, grid, self._points, turn * feed.on_journal)
             values.append(value)
-            slopes.append(-slope if feed.on_journal else np.zeros_like(slope))
+            slopes.append(slope * feed.on_journal)
         return np.array(values), np.array(slopes)
+
+    def _at(self, turn: float) -> tuple[np.ndarray, ...]:
+        """Conductances at an angle, kept from the last one: over H^3 of the film, and of passages.
+
+        Behind them their derivatives along the angle.
+        """
+        if turn != self._turn:
+            share, slope = self.shares(turn)
+            area, change = (
+                np.sum(self._area * own, axis=(1, 2), keepdims=True) for own in (share, slope)
+            )
+            passage = self._passage * share / area
+            passage_slope = self._passage * slope / area - passage * change / area
+            self._kept = self._film * share, passage, self._film * slope, passage_slope
+            self._turn = turn
+        return self._kept
+
+    def _pressure(self, time: float) -> np.ndarray:
+        """Supply pressures at a time, dimensionless, shape (n,)."""
+        pressure = np.array([feed.pressure_at(time) for feed in self.parameters.feeds])
+        return pressure / self.parameters.pressure_scale
 
     def term(self, gap: Gap, thickness: np.ndarray, *, lumped: bool = False) -> FeedTerm:
         """At the angle and time of a gap, its dimensionless thickness given.
 
         `lumped` where it is for `FeedTerm.lumped`.
         """
-        conductance, along_turn = (kept.copy() for kept in self._at(gap.turn))
-        along_h = np.zeros_like(conductance)
-        for i, own in enumerate(self._own):
-            if own is not None:
-                film = (LUMPED if lumped else 1.0) * own * thickness**3
-                conductance[i] *= film
-                along_turn[i] *= film
-                along_h[i] = 3.0 * conductance[i] / thickness
-        pressure = np.array([feed.pressure_at(gap.time) for feed in self.parameters.feeds])
-        scale = self.parameters.pressure_scale
-        return FeedTerm(conductance, along_h, along_turn, pressure / scale)
+        film, passage, film_slope, passage_slope = self._at(gap.turn)
+        cube = (LUMPED if lumped else 1.0) * thickness**3
+        return FeedTerm(
+            film * cube + passage,
+            3.0 * film * cube / thickness,
+            film_slope * cube + passage_slope,
+            self._pressure(gap.time),
+        )
 
     def values(self, gap: Gap) -> np.ndarray:
         """Supplies in the weak form, shape (4, cells, points).
@@ -270,23 +259,14 @@ class Feeds:
         Conductances over H^3 of those without a resistance and these times the supplies' pressures;
         the same of those with one, not over H^3.
         """
-        term = self.term(gap, np.ones_like(gap.thickness))
-        own = np.array([value is not None for value in self._own], dtype=float)
-        weights = own, own * term.pressure, 1 - own, (1 - own) * term.pressure
-        return np.tensordot(np.array(weights), term.conductance, 1)
+        film, passage, *_ = self._at(gap.turn)
+        weights = np.array([np.ones(len(film)), self._pressure(gap.time)])
+        return np.concatenate([np.tensordot(weights, own, 1) for own in (film, passage)])
 
-    def _at(self, turn: float) -> tuple[np.ndarray, np.ndarray]:
-        """As `shares`, those of passages as conductances; kept from the last angle."""
-        if turn != self._turn:
-            shares, slopes = self.shares(turn)
-            for i, flow in enumerate(self._conductance):
-                if self._own[i] is None:
-                    covered = np.sum(self._area * shares[i])
-                    shares[i] *= flow / covered
-                    slopes[i] *= flow / covered
-                    slopes[i] -= shares[i] * (np.sum(self._area * slopes[i]) / flow)
-            self._turn, self._kept = turn, (shares, slopes)
-        return self._kept
+
+#: How much better than the film a recess conducts: 1e3 leaves a thousandth of the pressure's change
+#: across it.
+DEEP = 1e3
 
 
 def recess_viscosity(parameters: FilmParameters, points: SurfacePoints) -> np.ndarray:
@@ -299,11 +279,9 @@ def recess_viscosity(parameters: FilmParameters, points: SurfacePoints) -> np.nd
     SettingsError
         A recess that bearing or mesh cannot hold.
     """
-    grid, factor = parameters.grid, np.ones(points.angle.shape)
+    factor = np.ones(points.angle.shape)
     for region in parameters.recesses:
-        check_supply("a hole of the bore without supply", region, grid)
-        blur = blur_of(region, grid, BLUR)
-        offset = np.mod(points.angle - region.middle + np.pi, TURN) - np.pi
-        share, _ = region.share(offset, points.height, grid.radius, blur)
+        check_supply("a hole of the bore without supply", region, parameters.grid)
+        share, _ = covered(region, parameters.grid, points)
         factor *= 1.0 - (1.0 - 1.0 / DEEP) * share
     return factor

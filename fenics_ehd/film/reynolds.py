@@ -15,18 +15,19 @@ from scipy import sparse
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, with_data
 from fenics_ehd.film.cavitation import Complementarity
-from fenics_ehd.film.film_forms import FilmForms, Inputs
-from fenics_ehd.film.rough_surfaces import continuation_below
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, SurfacePoints
 from fenics_ehd.film.lubricant import ARRAYS
 from fenics_ehd.film.parameters import Feeds, FeedTerm, FilmParameters, recess_viscosity
+from fenics_ehd.film.rough_surfaces import continuation_below
 from fenics_ehd.film.supply import given_pressures
 from fenics_ehd.film.weak_form import (
     FIELDS,
     GAP,
     SUPPLIES,
+    FilmForms,
     Flow,
+    Inputs,
     Laws,
     Numbers,
     flow_law,
@@ -283,8 +284,8 @@ class ReynoldsEquation:
         feed = self.fed(gap)
         if feed is None:
             return np.zeros(self.assembly.size)
-        slope = feed.change(feed.along_turn, self.assembly.at_points(pressure)[0])
-        return self.assembly.source(slope)
+        slope = feed.outflow(self.assembly.at_points(pressure)[0], feed.along_turn)
+        return self.assembly.source(slope.sum(axis=0))
 
 
 def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:

@@ -215,7 +215,7 @@ class Touch(NamedTuple):
 
 
 def seven_halves(ratio: np.ndarray) -> np.ndarray:
-    """F_7/2 and its first two derivatives, (3, ...), at H of any shape; below `DEEPEST` as there."""
+    """F_7/2 and two derivatives, shape (3, ...), at H of any shape; below `DEEPEST` as there."""
     found = np.zeros((3, *np.shape(ratio)))
     near = ratio < APART
     if near.any():

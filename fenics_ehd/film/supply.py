@@ -1,6 +1,6 @@
-"""Supplies of a film: sides, axial grooves and holes of given pressure, regions, feeds.
+"""Supplies of a film: sides and axial grooves of given pressure, regions that conduct oil.
 
-Where the pressure is given: sides, axial grooves and supply holes, (9) and (10).
+Where the pressure is given: sides and axial grooves, (9) and (10).
 
 What supplies a film with oil through a region of its bore or of its journal: the share of the
 surface that regions cover, point by point. Angles are counted from the x axis of the body with the
@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import radians
-from typing import Protocol
 
 import attrs
 import numpy as np
@@ -20,6 +19,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import LARGEST_LENGTH, NONE, REQUIRED, choice, number, text
 from fenics_ehd.film.grid import FilmGrid
+from fenics_ehd.film.kinematics import SurfacePoints
 
 #: Slack in deciding whether a node lies in a region, relative to the radius.
 SLACK = 1e-9
@@ -51,17 +51,6 @@ class Sides:
             value = getattr(self, name)
             if value is not None:
                 _pressure(f"the ambient pressure at the {name} side", value)
-
-
-class Region(Protocol):
-    """Part of the bore with a given pressure."""
-
-    @property
-    def pressure(self) -> float:
-        """Given pressure [Pa]."""
-
-    def contains(self, angle: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-        """Mask of points, at angles [rad] and heights [m], in the region."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +86,7 @@ class AxialGroove:
         return (self.angle - half, self.angle + half) if half else (self.angle,)
 
     def contains(self, angle: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-        """Mask of points in the groove, as `Region` has it."""
+        """Mask of points, at angles [rad] and heights [m], in the groove."""
         offset = np.abs(np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi)
         inside = offset <= 0.5 * self.width + SLACK
         if self.length is not None:
@@ -105,30 +94,10 @@ class AxialGroove:
         return inside
 
 
-@dataclass(frozen=True)
-class SupplyHole:
-    """Round hole of given pressure: centre at an angle [rad] and a height [m], radius [m]."""
-
-    angle: float
-    height: float
-    hole_radius: float
-    pressure: float = 0.0
-
-    def __post_init__(self) -> None:
-        _pressure("the pressure of a supply hole", self.pressure)
-        if not self.hole_radius > 0:
-            raise SettingsError(f"the radius of a supply hole is {self.hole_radius:g} m")
-
-    def contains(self, angle: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-        """Mask of points in the hole, as `Region` has it."""
-        arc = radius * (np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi)
-        return np.hypot(arc, height - self.height) <= self.hole_radius + SLACK * radius
-
-
 def in_regions(
-    regions: Sequence[Region], angle: np.ndarray, height: np.ndarray, radius: float
+    regions: Sequence[AxialGroove], angle: np.ndarray, height: np.ndarray, radius: float
 ) -> np.ndarray:
-    """Mask of points, at angles [rad] and heights [m], in any of the regions."""
+    """Mask of points, at angles [rad] and heights [m], in any of the grooves."""
     inside = np.zeros(np.shape(angle), dtype=bool)
     for region in regions:
         inside |= region.contains(angle, height, radius)
@@ -136,7 +105,7 @@ def in_regions(
 
 
 def given_pressures(
-    grid: FilmGrid, sides: Sides, regions: Sequence[Region]
+    grid: FilmGrid, sides: Sides, regions: Sequence[AxialGroove]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nodes with given pressure.
 
@@ -337,11 +306,27 @@ class CircumferentialGrooveSupply(GrooveSupply):
     )
 
 
-def blur_of(region: Supply, grid: FilmGrid, cells: float) -> float:
-    """Width of a region's blurred edge [m]: so many cells, at most its size, twice its land."""
+#: Width over which a region's edge is blurred, over the larger side of a cell. A groove of 36
+#: degrees turned with an eccentricity of 0.6 through a cell changes the load by 0.6 % with 1, 0.37
+#: with 1.5 and 0.19 % with 2 (9-node cells, 40 x 10; 0.19 % without groove), and the load itself is
+#: 0.4, 0.9 and 1.5 % off.
+BLUR = 1.5
+
+
+def covered(
+    region: Supply, grid: FilmGrid, points: SurfacePoints, turn: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Share of a region at points, turned by an angle [rad], and its derivative along that."""
+    offset = np.mod(points.angle - region.middle - turn + np.pi, TURN) - np.pi
+    share, slope = region.share(offset, points.height, grid.radius, blur_of(region, grid))
+    return share, -slope
+
+
+def blur_of(region: Supply, grid: FilmGrid) -> float:
+    """Width of a region's blurred edge [m]: `BLUR` cells, at most its size, twice its land."""
     sizes = region.sizes(grid.radius)
     cell = max(c for c, size in zip(_cells(grid), sizes, strict=True) if np.isfinite(size))
-    return min(cells * cell, 2 * _land(region, grid), *sizes)
+    return min(BLUR * cell, 2 * _land(region, grid), *sizes)
 
 
 def _cells(grid: FilmGrid) -> tuple[float, float]:
