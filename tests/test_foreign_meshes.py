@@ -272,7 +272,7 @@ def test_a_full_disk_leaves_no_model(check, tmp_path):
         import resource, sys
         from mpi4py import MPI
         from fenics_ehd.cli.main import main
-        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
         main(sys.argv[1:])"""
     asked = ["part", "ring.inp", "--bore", "20mm", check, "-o", "ring.msh"]
     command = [sys.executable, "-c", code, *asked]

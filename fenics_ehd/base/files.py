@@ -70,9 +70,6 @@ def read_json(path: str | Path) -> Any:
 #: Room for what HDF5 notes of its datasets [bytes].
 BOOKKEEPING = 1 << 18
 
-#: What a disk that was filled to its end has no room for [bytes].
-BLOCK = 1 << 12
-
 #: How the name ends that a file has until it is whole.
 PART = ".part"
 

@@ -10,14 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import meshio
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import in_unit
-from fenics_ehd.base.files import BLOCK, require_room
 from fenics_ehd.fem.faces import SHARP, Cylinder, Face, find_faces, fit_cylinder, rounded_middles
-from fenics_ehd.fem.gmsh_session import COARSE, CellSizes, gmsh, mesh_drawing, session
-from fenics_ehd.fem.solid import FACES, GMSH_HEX, GMSH_TET, Solid, refined
+from fenics_ehd.fem.gmsh_session import COARSE, CellSizes, mesh_drawing
+from fenics_ehd.fem.solid import Solid, refined
 from fenics_ehd.fem.solid_file import DRAWINGS, read_mesh
 
 #: Largest distance that a bore's node is moved onto the cylinder, relative to the radius: of
@@ -28,8 +28,14 @@ PROJECTED = 1e-3
 #: relative to the radius: 0.1 um at 12 mm is 1e-5.
 FLAT = 1e-4
 
-#: Gmsh's cells of 10 and 27 nodes with their facets.
-_GMSH = {"tet": (11, 9), "hex": (12, 10)}
+#: Names in meshio of cells of 10 and 27 nodes, and of their facets.
+_NAMES = {"tet": ("tetra10", "triangle6"), "hex": ("hexahedron27", "quad9")}
+
+#: Faces of a hexahedron in VTK's order: low x, high x, low y and so on.
+_VTK_FACES = (
+    *((0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4)),
+    *((3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7)),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,42 +162,34 @@ def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> 
     surfaces
         Facets of each surface by its name, as `Solid.facets` gives them.
     """
-    points, cells, facets = solid.points, solid.cells, dict(surfaces)
+    points, cells, facets = solid.points, solid.cells, surfaces
     if solid.kind == "hex":
-        points, cells, facets = _with_centres(solid, facets)
-    else:
-        cells = cells[:, GMSH_TET]
-    cell, facet = _GMSH[solid.kind]
-    with session():
-        gmsh.option.setNumber("Mesh.Binary", 1)
-        gmsh.model.addDiscreteEntity(3, 1)
-        gmsh.model.mesh.addNodes(3, 1, np.arange(1, len(points) + 1), points.ravel())
-        gmsh.model.mesh.addElementsByType(1, cell, [], cells.ravel() + 1)
-        gmsh.model.addPhysicalGroup(3, [1], 1)
-        gmsh.model.setPhysicalName(3, 1, "part")
-        for number, (name, nodes) in enumerate(facets.items(), 1):
-            gmsh.model.addDiscreteEntity(2, number)
-            gmsh.model.mesh.addElementsByType(number, facet, [], nodes.ravel() + 1)
-            gmsh.model.addPhysicalGroup(2, [number], 1 + number)
-            gmsh.model.setPhysicalName(2, 1 + number, name)
-        gmsh.write(str(path))
-        require_room(path, BLOCK)  # Gmsh does not tell when the disk was full
+        points, cells, facets = _with_centres(solid, surfaces)
+    cell, facet = _NAMES[solid.kind]
+    blocks = [(cell, cells.astype(np.int32))]
+    blocks += [(facet, nodes.astype(np.int32)) for nodes in facets.values()]
+    groups = [np.full(len(nodes), i, dtype=np.int32) for i, (_, nodes) in enumerate(blocks, 1)]
+    names = {"part": np.array([1, 3])}
+    names |= {name: np.array([i, 2]) for i, name in enumerate(facets, 2)}
+    data = {"gmsh:physical": groups, "gmsh:geometrical": groups}
+    mesh = meshio.Mesh(points, blocks, cell_data=data, field_data=names)
+    mesh.write(path, file_format="gmsh22")
 
 
 def _with_centres(
     solid: Solid, surfaces: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Nodes, 27-node cells and 9-node facets of 20-node hexahedra, as Gmsh orders them.
+    """Nodes, 27-node cells and 9-node facets of 20-node hexahedra, as VTK orders them.
 
     Centres are where the other nodes put them: the solid is the same.
     """
-    element, n = solid.element, len(solid.points)
-    places = [*(element.nodes[list(face)].mean(axis=0) for face in FACES["hex"]), np.full(3, 0.5)]
-    made = element.shapes(np.array(places)) @ solid.points[solid.cells]
-    corners = np.sort(solid.cells[:, np.array(FACES["hex"])].reshape(-1, 4), axis=1)
+    element, n, faces = solid.element, len(solid.points), np.array(_VTK_FACES)
+    places = np.vstack([element.nodes[faces].mean(axis=1), np.full(3, 0.5)])
+    made = element.shapes(places) @ solid.points[solid.cells]
+    corners = np.sort(solid.cells[:, faces].reshape(-1, 4), axis=1)
     _, first, numbers = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     whole = n + len(first) + np.arange(len(made))[:, None]
-    full = np.hstack([solid.cells[:, GMSH_HEX], n + numbers.reshape(-1, 6), whole])
+    full = np.hstack([solid.cells, n + numbers.reshape(-1, 6), whole])
     place = {tuple(row): n + i for i, row in enumerate(corners[first])}
     named = {
         name: np.hstack([nodes, [[place[tuple(sorted(row[:4]))]] for row in nodes]])
