@@ -23,7 +23,7 @@ from fenics_ehd.multibody.bdf import Step, blended
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.tracking import Tracker, gathered
+from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.scenes.build import build
 
 FOLDER = Path(__file__).parent / "golden" / "house"
@@ -145,14 +145,13 @@ def held(machine: ehd.Machine, times: np.ndarray, corners: np.ndarray) -> Curve:
     tracker = Tracker(run.equations, run.norm)
     for step in _follow(run, times, corners):
         tracker.add(step)
-    columns, fields = tracker.history().columns, gathered(tracker.rows)
+    history = tracker.history()
+    columns, fields = history.columns, history.pressures
     rows = np.unique(np.linspace(0, len(times) - 1, min(ROWS, len(times))).astype(int))
     kept = {
         name: values[rows] for name, values in columns.items() if name.rpartition(".")[2] in COLUMNS
     }
-    pressures = {
-        path: values[-1] for path, values in fields.items() if path.endswith("film/pressure")
-    }
+    pressures = {f"joints/{name}/film/pressure": values[-1] for name, values in fields.items()}
     return Curve(kept, pressures)
 
 

@@ -101,9 +101,8 @@ def test_wear_is_where_the_surfaces_rub():
     assert 0 < figures["contact_sliding_Pa_m"] < largest * distance
     # What a tracker knows goes on where it was.
     other = Tracker(equations.equations, equations.norm)
-    record, stored = other.contacts["big_end"], tracker.contacts["big_end"].state
-    record.state = stored
-    assert record.figures() == tracker.contacts["big_end"].figures()
+    other.state, other.rows = tracker.state, tracker.rows
+    np.testing.assert_equal(other.figures(), figures)
 
 
 def test_surfaces_that_overlap_too_far_end_a_run_with_a_named_error():

@@ -10,7 +10,7 @@ from fenics_ehd.film import uniform_grid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.multibody.lubricated_joint import nearest_circle
 from fenics_ehd.multibody.quantities import upper_most
-from fenics_ehd.multibody.tracking import EXTREMES, UsedCycle
+from fenics_ehd.multibody.tracking import EXTREMES, used_cycle
 
 TURN = 2 * np.pi / OMEGA
 
@@ -133,26 +133,27 @@ def test_search_that_was_stopped_tells_its_last_whole_cycle():
     numbers = np.repeat([1, 2, 3], [4, 5, 2])
     clock = np.concatenate([np.linspace(0.5, 2.0, 4), np.linspace(0.4, 2.0, 5), [0.4, 0.8]])
     peak = 10.0 * numbers + np.arange(len(clock)) % 3
-    columns = {name: peak for e in EXTREMES for name in (e.column, *e.places)}
-    columns |= {"time_s": 2.0 * (numbers - 1) + clock, "cycle": numbers, "cycle_time_s": clock}
-    columns |= {"flow_m3_per_s": clock, "crank_angle_deg": 180.0 * clock}
+    own = {name: peak for _, column, *_, places in EXTREMES for name in (column, *places)}
+    columns = {f"joints/pin/{name}": v for name, v in (own | {"flow_m3_per_s": clock}).items()}
+    columns |= {"time_s": 2.0 * (numbers - 1) + clock, "run/crank_angle_deg": 180.0 * clock}
+    columns |= {"run/cycle": numbers, "run/cycle_time_s": clock}
 
     def answer(steps):
         part = {name: values[:steps] for name, values in columns.items()}
-        return UsedCycle.of(None, part)
+        used = used_cycle(None, part)
+        return used, used.figures(part, "pin", ["flow_m3_per_s"])
 
-    stopped, whole, first = answer(11), answer(9), answer(3)
-    assert stopped.figures() == whole.figures()
-    assert stopped.figures()["cycle_used"] == "last of 2"
-    assert stopped.figures()["cycle_start_s"] == pytest.approx(2.0)
-    assert stopped.figures()["cycle_end_s"] == pytest.approx(4.0)
-    found = stopped.joint("", ["flow_m3_per_s"])
+    (stopped, found), (whole, others), (first, _) = (answer(steps) for steps in (11, 9, 3))
+    assert (stopped.told, stopped.start, stopped.end) == (whole.told, whole.start, whole.end)
+    assert stopped.told == "last of 2"
+    assert stopped.start == pytest.approx(2.0)
+    assert stopped.end == pytest.approx(4.0)
     assert found["cycle_max_pressure_Pa"] == peak[4:9].max()
     assert found["cycle_min_film_thickness_m"] == peak[4:9].min()
     # Means of models are those of the cycle under way, unless that is not the one.
     assert found["cycle_mean_flow_m3_per_s"] == pytest.approx(1.2, abs=0.1)
-    assert "cycle_mean_flow_m3_per_s" not in whole.joint("", ["flow_m3_per_s"])
-    assert first.figures()["cycle_used"] == "first cycle: films build up"
+    assert "cycle_mean_flow_m3_per_s" not in others
+    assert first.told == "first cycle: films build up"
 
 
 def test_one_mean_of_a_flow_is_printed():

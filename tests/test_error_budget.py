@@ -340,7 +340,7 @@ def test_a_budget_that_was_interrupted_is_the_same_after_all(folders, monkeypatc
 
     folder = folders / "stopped"
     with monkeypatch.context() as patched:
-        patched.setattr("fenics_ehd.results.recorded_run.RecordedRun.estimate_errors", stop)
+        patched.setattr("fenics_ehd.scenes.run.estimate_errors", stop)
         assert call("run", folders / "scene.toml", "--no-plots", "-o", folder) == 130
     assert json.loads((folder / "summary.json").read_text())["status"] == "interrupted"
     assert call("run", "--resume", folder, "--no-plots") == 0

@@ -85,7 +85,7 @@ def test_a_search_goes_on_as_if_it_had_not_stopped():
     for search in (one, two):
         search.move(200.0, 3e-6)
         search.move(201.0, 3.1e-6)
-    np.testing.assert_equal(vars(one.state), vars(two.state))
+    np.testing.assert_equal(one.state, two.state)
 
 
 @pytest.mark.parametrize(

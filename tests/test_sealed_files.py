@@ -240,20 +240,13 @@ def small_history():
     return ehd.History(values, ("bodies/a/x", "bodies/a/y"), ("m", "m"))
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (np.full((3, 2), np.nan), "state/rates holds a value that is not finite"),
-        ("text", "state/rates holds object, not numbers"),
-        (1.0, "state/rates holds no rows"),
-    ],
-)
-def test_a_history_of_other_contents_is_named(value, message, tmp_path):
+def test_a_history_of_other_contents_is_named(tmp_path):
     small_history().save(tmp_path)
     ehd.load_history(tmp_path)
     with h5py.File(tmp_path / "history.h5", "r+") as file:
-        put("state/rates", value)(file)
-    with pytest.raises(InputError, match=f"history.h5: not a history of a run: .*{message}"):
+        put("state/rates", "text")(file)
+    message = "history.h5: not a history of a run: .*state/rates holds object, not numbers"
+    with pytest.raises(InputError, match=message):
         ehd.load_history(tmp_path)
 
 

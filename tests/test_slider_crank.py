@@ -38,10 +38,11 @@ import fenics_ehd as ehd
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import cavitation as snes_vi
 from fenics_ehd.multibody.bdf import ImplicitStep
-from fenics_ehd.multibody.energy import SIGNS, EnergyBalance, balance_error, step_powers
+from fenics_ehd.multibody.energy import Powers, balance_error, energy_row, step_powers
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.tracking import columns_of
 
 pytestmark = pytest.mark.kernels
 
@@ -298,24 +299,14 @@ def test_newton_needs_few_iterations_in_a_run(joint):
 
 
 def test_an_energy_balance_sees_what_leaks():
-    class Steady:
-        def __init__(self, stored):
-            self.stored, self.drive, self.drag, self.film, self.damping = stored, 5.0, 2.0, 2.0, 1.0
-            self.applied = 1.0
-
-    balances = [EnergyBalance.begin(0.0, Steady(10.0))]
-    for time, stored in ((0.5, 12.5), (2.0, 20.0), (3.0, 24.0)):
-        balances.append(balances[-1].after(time, Steady(stored)))
-
-    def error(steps):
-        columns = {f"run/{n}_work_J": np.array([own.work[n] for own in balances]) for n in SIGNS}
-        columns["run/energy_defect_J"] = np.array([own.defect for own in balances])
-        return balance_error({name: values[:steps] for name, values in columns.items()})
-
-    assert error(3) == pytest.approx(0.0, abs=1e-14)
+    rows = []
+    for time, stored in ((0.0, 10.0), (0.5, 12.5), (2.0, 20.0), (3.0, 24.0)):
+        powers = Powers(stored, 0.0, drive=5.0, drag=2.0, film=2.0, damping=1.0, applied=1.0)
+        rows.append({"time_s": time} | energy_row(rows, time, powers))
+    assert balance_error(columns_of(rows[:3])) == pytest.approx(0.0, abs=1e-14)
     # One of 15 J by the drive is missing.
-    assert balances[-1].defect == pytest.approx(-1.0)
-    assert error(4) == pytest.approx(1 / 15)
+    assert rows[-1]["run/energy_defect_J"] == pytest.approx(-1.0)
+    assert balance_error(columns_of(rows)) == pytest.approx(1 / 15)
 
 
 def steps_of(mechanism, revolutions, tolerance):
@@ -338,7 +329,8 @@ def test_every_power_is_needed_to_close_the_energy_balance(joint, kind):
         total = CubicSpline(times, [getattr(power, name) for power in powers]).antiderivative()
         return total(times) - total(times[0])
 
-    stored = np.array([power.stored - powers[0].stored for power in powers])
+    stored = np.array([power.kinetic + power.strain for power in powers])
+    stored -= stored[0]
     defect = stored - work("drive") - work("drag") + work("film") + work("damping")
     # Without the drag, the smallest of them, the flexible rod's defect is 1 % of the losses.
     losses = work("film") + work("damping")

@@ -317,7 +317,8 @@ def _again(
     cycles = Cycles(replay, period, slack * PERIODICITY, before + MOST)
     cycles.number = before + 1
     if cycles.heat and search.heat:
-        cycles.heat.state = replace(cycles.heat.state, searches=search.heat.state.searches)
+        searches = search.heat.state["searches"]
+        cycles.heat.state = {**cycles.heat.state, "searches": searches}
     return followed(replay, period, cycles)
 
 

@@ -11,18 +11,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar
 
 import h5py
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import put_in_place, write_whole
-
-T = TypeVar("T")
 
 #: Bytes before the HDF5 superblock, and how they begin.
 HEAD = 512
@@ -240,66 +238,26 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
         raise ValueError(f"{item.name} claims {item.nbytes} bytes, its file can hold {most}")
 
 
-def rebuilt(kind: Any, tree: Any, place: str = "") -> Any:
-    """A value from the tree that `save_tree` stored it as; None where nothing was stored.
-
-    Parameters
-    ----------
-    kind
-        Its type: a dataclass, ``dict[str, X]``, ``X | None``, an array, a number or text.
-    tree, place
-        From `read_tree`, and its name there.
-
-    Raises
-    ------
-    TypeError, ValueError
-        The tree lacks a field, has one more, or holds what is no such value.
-    """
-    origin: Any = get_origin(kind) or kind
-    arguments = get_args(kind)
-    if type(None) in arguments:
-        return None if tree is None else rebuilt(arguments[0], tree, place)
-    if tree is None:
-        raise ValueError(f"{place} is missing")
-    known = is_dataclass(origin)
-    if known:
-        own = {field.name: get_type_hints(origin)[field.name] for field in fields(origin)}
-        if unknown := set(tree) - set(own):
-            raise ValueError(f"{min(unknown)} is of no use in {place}")
-        return origin(
-            **{
-                name: rebuilt(_given(hint, arguments), tree.get(name), f"{place}/{name}")
-                for name, hint in own.items()
-            }
-        )
-    if origin is dict:
-        return {key: rebuilt(arguments[1], own, f"{place}/{key}") for key, own in tree.items()}
-    return np.asarray(tree) if origin is np.ndarray else origin(tree)
-
-
-def _given(hint: Any, arguments: tuple[Any, ...]) -> Any:
-    """A type of a generic class with its parameters filled in."""
-    return hint[arguments] if arguments and getattr(hint, "__parameters__", ()) else hint
-
-
 class Stateful:
-    """Something whose state is a frozen dataclass, `State`, of some of its attributes.
+    """Something that carries some of its attributes, those in `carried`, from step to step.
 
-    Attributes that are stateful themselves, or dictionaries of such, appear by their states.
-    A state is never changed: what it was taken from replaces its arrays and dictionaries.
+    Its state is a dictionary of them; attributes that are stateful themselves, or dictionaries of
+    such, appear by their states. A state is never changed: what it was taken from replaces its
+    arrays and dictionaries.
     """
 
-    State: ClassVar[type]
+    carried: ClassVar[tuple[str, ...]]
 
     @property
-    def state(self) -> Any:
-        """All that it carries from step to step."""
-        return self.State(*(_state_of(getattr(self, field.name)) for field in fields(self.State)))
+    def state(self) -> dict[str, Any]:
+        """All that it carries, by name."""
+        return {name: _state_of(getattr(self, name)) for name in self.carried}
 
     @state.setter
-    def state(self, state: Any) -> None:
-        for name, value in vars(state).items():
+    def state(self, state: dict[str, Any]) -> None:
+        for name in self.carried:
             there = getattr(self, name)
+            value: Any = state.get(name)
             if isinstance(there, Stateful):
                 there.state = value
             elif isinstance(there, dict) and any(isinstance(x, Stateful) for x in there.values()):

@@ -18,7 +18,6 @@ temperature.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import attrs
@@ -119,18 +118,11 @@ class TemperatureSearch(Stateful):
         What the last move was made of.
     without_balance
         Whether no temperature balanced that.
+    exponent, last
+        Of the power law, and logarithms of viscosity and rise at the last temperature.
     """
 
-    @dataclass(frozen=True)
-    class State:
-        """State that the next move is made from; `last` has logarithms of viscosity and rise."""
-
-        temperature: float
-        power: float
-        flow: float
-        without_balance: bool
-        exponent: float
-        last: np.ndarray | None
+    carried = ("temperature", "power", "flow", "without_balance", "exponent", "last")
 
     def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
         self.heat, self.oil, self._telling = heat, oil, telling

@@ -11,8 +11,9 @@ Heat of lubricated joints: what their films dissipate, and temperatures cycle af
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,67 +24,14 @@ from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.lubricant import Oil
 from fenics_ehd.multibody.mechanism import FilmPlace
 from fenics_ehd.multibody.newton import MechanismStep
-from fenics_ehd.multibody.step_equations import FilmIntegrals, StepEquations
-
-
-@dataclass(frozen=True, eq=False)
-class Integrals:
-    """Integrals since the first point, of the cubic through the last four.
-
-    A crank lends its rod hundreds of times what is lost, and by a parabola the error of that
-    integral would be ten times the defect of the integration itself.
-
-    Attributes
-    ----------
-    names
-        Of the integrands.
-    start
-        First point [s].
-    times, rows
-        Last points [s] and values there, shape (k,), (k, names).
-    totals
-        shape (names,).
-    """
-
-    names: tuple[str, ...]
-    start: float
-    times: np.ndarray
-    rows: np.ndarray
-    totals: np.ndarray
-
-    @classmethod
-    def begin(cls, time: float, values: Mapping[str, float]) -> Integrals:
-        """At the first point."""
-        row = np.array([[*values.values()]], dtype=float)
-        return cls(tuple(values), time, np.array([time]), row, np.zeros(len(values)))
-
-    def after(self, time: float, values: Mapping[str, float]) -> Integrals:
-        """With the next point: a value of every name."""
-        row = np.array([values[name] for name in self.names])
-        times = np.append(self.times[-3:], time)
-        rows = np.vstack([self.rows[-3:], row])
-        totals = self.totals + last_interval(times) @ rows
-        return replace(self, times=times, rows=rows, totals=totals)
-
-    def restarted(self) -> Integrals:
-        """From the last point on."""
-        return replace(self, start=float(self.times[-1]), totals=np.zeros(len(self.names)))
-
-    @property
-    def by_name(self) -> dict[str, float]:
-        """Integrals by name."""
-        return dict(zip(self.names, map(float, self.totals), strict=True))
-
-    @property
-    def means(self) -> dict[str, float]:
-        """Integrals over the duration, by name; of one point its values."""
-        duration = float(self.times[-1] - self.start)
-        found = self.totals / duration if duration else self.rows[-1]
-        return dict(zip(self.names, map(float, found), strict=True))
+from fenics_ehd.multibody.step_equations import StepEquations
 
 
 def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarray:
-    """Integral as of `Integrals`, from the point of a number to the last.
+    """Integral of the cubic through four points at a time, from the point of a number to the last.
+
+    A crank lends its rod hundreds of times what is lost, and by a parabola the error of that
+    integral would be ten times the defect of the integration itself.
 
     Parameters
     ----------
@@ -134,51 +82,40 @@ class Powers:
     damping: float
     applied: float = 0.0
 
-    @property
-    def stored(self) -> float:
-        """Kinetic and strain energy [J]."""
-        return self.kinetic + self.strain
 
+def energy_row(
+    former: Sequence[Mapping[str, Any]], time: float, powers: Powers, *, begins: bool = False
+) -> dict[str, Any]:
+    """Columns of the energy at a step: what is stored, works since the start, and the defect.
 
-@dataclass(frozen=True, eq=False)
-class EnergyBalance:
-    """Defect of the balance [J].
-
-    Attributes
+    Parameters
     ----------
-    integrals
-        Of the powers.
-    start
-        Energy stored at the start of the run or cycle; nan until it is known.
-    defect
-        At the last step.
+    former
+        Rows of the steps before, none at the first one; the last three count.
+    time, powers
+        Of the step [s].
+    begins
+        Whether works begin anew, of a cycle whose first step it is. What a move of its start has
+        stored is no defect.
     """
-
-    integrals: Integrals
-    start: float
-    defect: float = 0.0
-
-    @classmethod
-    def begin(cls, time: float, powers: Powers) -> EnergyBalance:
-        """At the first step."""
-        return cls(Integrals.begin(time, _exchanged(powers)), powers.stored)
-
-    def restarted(self) -> EnergyBalance:
-        """From the last step on, but for what a move of its start has stored."""
-        return EnergyBalance(self.integrals.restarted(), np.nan)
-
-    def after(self, time: float, powers: Powers) -> EnergyBalance:
-        """With one more accepted step."""
-        integrals = self.integrals.after(time, _exchanged(powers))
-        work = integrals.by_name
-        gained = sum(sign * work[name] for name, sign in SIGNS.items())
-        start = powers.stored - gained if np.isnan(self.start) else self.start
-        return EnergyBalance(integrals, start, powers.stored - start - gained)
-
-    @property
-    def work(self) -> Mapping[str, float]:
-        """Work of every power since the start [J], by the names of `SIGNS`."""
-        return self.integrals.by_name
+    now = np.array([getattr(powers, name) for name in SIGNS])
+    near, work, defect = former[-3:], np.zeros(len(SIGNS)), 0.0
+    if near:
+        times = np.array([*(row["time_s"] for row in near), time])
+        work = last_interval(times) @ np.vstack([*(row["state/powers"] for row in near), now])
+    if near and not begins:
+        last = near[-1]
+        stored = last["run/kinetic_energy_J"] + last["run/strain_energy_J"]
+        gained = float(work @ [*SIGNS.values()])
+        defect = last["run/energy_defect_J"] + powers.kinetic + powers.strain - stored - gained
+        work += [last[f"run/{name}_work_J"] for name in SIGNS]
+    return {
+        "run/kinetic_energy_J": powers.kinetic,
+        "run/strain_energy_J": powers.strain,
+        **{f"run/{name}_work_J": own for name, own in zip(SIGNS, work.tolist(), strict=True)},
+        "run/energy_defect_J": defect,
+        "state/powers": now,
+    }
 
 
 def balance_error(columns: Mapping[str, np.ndarray]) -> float:
@@ -190,21 +127,8 @@ def balance_error(columns: Mapping[str, np.ndarray]) -> float:
     return float(np.abs(defect).max() / exchanged) if exchanged else 0.0
 
 
-def _exchanged(powers: Powers) -> dict[str, float]:
-    """Powers by the names of `SIGNS`."""
-    return {name: getattr(powers, name) for name in SIGNS}
-
-
-def heat_rates(film: FilmIntegrals) -> dict[str, float]:
-    """Columns that the balance is made of: means over a cycle are P and Q."""
-    return {
-        "dissipated_power_W": film.dissipated,
-        "leaving_flow_m3_per_s": film.flows.leaving,
-    }
-
-
 def temperatures(place: FilmPlace, means: Mapping[str, float]) -> dict[str, float]:
-    """Figures of a joint whose heat is balanced, of mean `heat_rates`; no others have any."""
+    """Figures of a joint whose heat is balanced, of mean power and flow; no others have any."""
     heat, now = place.joint.heat, place.film.film.equation.lubricant.temperature
     if heat is None or now is None or not means:
         return {}
@@ -236,56 +160,50 @@ class FilmTemperatures(Stateful):
     thinning
         Relative change of each film, about, for which the last move stands: a bearing under load
         runs with a film as the square root of the viscosity.
+    times, rates
+        Of the steps of the cycle under way and the three before it [s], and power [W] and flow
+        [m3/s] of every film there, shape (k,), (k, 2 count).
+    first
+        Number of the step that the cycle begins with.
     """
 
-    @dataclass(frozen=True)
-    class State:
-        """Temperatures, and what the cycle under way says of them."""
-
-        searches: dict[str, TemperatureSearch.State]
-        rates: dict[str, Integrals]
+    carried = ("searches", "times", "rates", "first")
 
     def __init__(self, places: Sequence[FilmPlace]):
         self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
         self.searches: dict[str, TemperatureSearch] = {}
-        self.rates: dict[str, Integrals] = {}
         for place in self._places.values():
             assert place.joint.heat is not None
             self.searches[place.name] = TemperatureSearch(place.joint.heat, _oil(place))
+        self.count = len(self.searches)
+        self.times, self.rates, self.first = np.zeros(0), np.zeros((0, 2 * self.count)), 0
         self.thinning = np.zeros(self.count)
-        self._warm()
+        self._resume()
 
-    @property
-    def count(self) -> int:
-        """Number of temperatures."""
-        return len(self.searches)
-
-    def _warm(self) -> None:
+    def _resume(self) -> None:
+        """Have the films as warm as the searches say."""
         for place in self._places.values():
             place.film.film.warm(self.searches[place.name].temperature)
 
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""
-        for i, place in self._places.items():
-            rates = heat_rates(step.solution.integrals[i])
-            former = self.rates.get(place.name)
-            begun = former.after(step.time, rates) if former else Integrals.begin(step.time, rates)
-            self.rates[place.name] = begun
+        films = [step.solution.integrals[i] for i in self._places]
+        rates = [rate for film in films for rate in (film.dissipated, film.flows.leaving)]
+        self.times = np.append(self.times, step.time)
+        self.rates = np.vstack([self.rates, rates])
 
-    def _means(self, name: str) -> tuple[float, float]:
-        """Power and flow over the cycle."""
-        power, flow = self.rates[name].means.values()
-        return power, flow
-
-    def _settled(self, name: str) -> bool:
-        search = self.searches[name]
-        return abs(search.defect(*self._means(name))) <= search.heat.tolerance
+    def _balances(self) -> Iterator[tuple[str, TemperatureSearch, list[float]]]:
+        """Name and search of every film, mean power and flow over the cycle."""
+        whole = integral(self.times, self.rates, self.first)
+        means = (whole / (self.times[-1] - self.times[self.first])).reshape(-1, 2)
+        for (name, search), own in zip(self.searches.items(), means.tolist(), strict=True):
+            yield name, search, own
 
     def unsettled(self) -> str:
         """Message about the first temperature that is off its balance; else empty."""
-        for name, search in self.searches.items():
-            if not self._settled(name):
-                defect = search.defect(*self._means(name))
+        for name, search, means in self._balances():
+            defect = search.defect(*means)
+            if not abs(defect) <= search.heat.tolerance:
                 return (
                     f"the effective temperature of {name}, {search.temperature:.4g} C, is "
                     f"{defect:.2g} K off its balance, above joints.{name}.heat.tolerance = "
@@ -303,16 +221,17 @@ class FilmTemperatures(Stateful):
         HeatError
             The heat of a film cannot leave.
         """
-        for i, (name, search) in enumerate(self.searches.items()):
+        for i, (name, search, means) in enumerate(self._balances()):
             self.thinning[i] = 0.0
-            if self._settled(name):
+            if abs(search.defect(*means)) <= search.heat.tolerance:
                 continue
             before = search.viscosity
-            if not search.move(*self._means(name)):
+            if not search.move(*means):
                 raise run_away(f"joints.{name}.heat", search)
             self.thinning[i] = 0.5 * np.log(before / search.viscosity)
-        self.rates = {name: found.restarted() for name, found in self.rates.items()}
-        self._warm()
+        self.times, self.rates = self.times[-3:], self.rates[-3:]
+        self.first = len(self.times) - 1
+        self._resume()
 
     def end(self) -> np.ndarray:
         """Temperatures as coordinates and their rates, shape (2, count)."""
@@ -325,7 +244,7 @@ class FilmTemperatures(Stateful):
         for search, own, moved in found:
             if moved:
                 search.shift(float(own))
-        self._warm()
+        self._resume()
 
     def failed(self, error: Exception) -> HeatError | None:
         """The error behind that of a cycle whose film the heat has thinned; None: it has not."""
@@ -333,9 +252,6 @@ class FilmTemperatures(Stateful):
             if search.without_balance:
                 return run_away(f"joints.{name}.heat", search, error)
         return None
-
-    def _resume(self) -> None:
-        self._warm()
 
 
 def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:

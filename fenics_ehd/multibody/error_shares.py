@@ -8,7 +8,6 @@ of whether the run may be trusted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,14 +57,11 @@ class BasisErrorEstimate(Stateful):
         Time that a start takes [s].
     known
         Whether there is a flexibility to tell by.
+    filtered, accelerated
+        Pressures and accelerations behind their lags.
     """
 
-    @dataclass(frozen=True)
-    class State:
-        """Pressures and accelerations behind their lags."""
-
-        filtered: np.ndarray
-        accelerated: np.ndarray
+    carried = ("filtered", "accelerated")
 
     def __init__(
         self,

@@ -194,6 +194,7 @@ FIELD_UNITS = {
     "gap": "m",
     "fluid_fraction": DIMENSIONLESS,
     "quasi_static": "Pa",
+    "powers": "W",
     "angle": "rad",
     "height": "m",
     "radius": "m",
@@ -202,7 +203,7 @@ FIELD_UNITS = {
 }
 
 #: How paths begin of what has one number a step, unless it is of the nodes of a film.
-COLUMNS = ("run/", "bodies/", "joints/")
+COLUMNS = ("time", "run/", "bodies/", "joints/")
 
 #: What a film has once.
 MESH = ("angle", "height", "cells", "radius", "clearance")
@@ -241,8 +242,8 @@ def fixed(path: str) -> bool:
 
 
 def is_column(path: str) -> bool:
-    """True of the path of a column, one number a step."""
-    return path == "time" or (path.startswith(COLUMNS) and not of_film(path))
+    """True of the path of a column, one number a step, with its unit or without."""
+    return path.startswith(COLUMNS) and not of_film(path)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,20 +7,19 @@ angle, which the curves of a machine are drawn over, is chosen here, too.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_ehd.base.errors import FilmTooThinError, PeriodicityError, SettingsError, StepSizeError
 from fenics_ehd.base.sealed_file import Stateful
-from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.body import PlanarBody
 from fenics_ehd.multibody.energy import FilmTemperatures
 from fenics_ehd.multibody.forces import RotatingForce, Torque
 from fenics_ehd.multibody.joints import SpeedTable
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism, System
-from fenics_ehd.multibody.newton import MechanismStep, SolverState
+from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
 
@@ -190,24 +189,10 @@ class Cycles(Stateful):
         There is no film to repeat; or see `check_period`.
     """
 
-    @dataclass(frozen=True)
-    class State:
-        """Progress of a search, and what the next cycle's start is chosen from."""
-
-        number: int
-        most: int
-        defect: float
-        moved: float
-        left: float
-        contraction: float
-        gaps: np.ndarray
-        contents: np.ndarray
-        former: np.ndarray
-        starts: np.ndarray
-        ends: np.ndarray
-        changes: np.ndarray
-        began: IntegratorState[SolverState]
-        heat: FilmTemperatures.State | None
+    carried = (
+        "number", "defect", "moved", "left", "contraction", "gaps", "contents", "former",
+        "starts", "ends", "changes", "began", "heat",
+    )  # fmt: skip
 
     def __init__(self, run: Run, period: float, periodicity: float = 1e-4, most: int = 20):
         if not run.equations.system.films:

@@ -41,16 +41,14 @@ from typing import TypeVar
 import numpy as np
 
 from fenics_ehd.base.columns import with_unit
-from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.film.film import OilState
 from fenics_ehd.film.flow import under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED
 from fenics_ehd.multibody.body import ANGLE
-from fenics_ehd.multibody.contact import JointContact
 from fenics_ehd.multibody.lubricated_joint import nearest_circle
 from fenics_ehd.multibody.mechanism import FilmPlace, System
 from fenics_ehd.multibody.newton import MechanismStep
-from fenics_ehd.multibody.step_equations import FilmIntegrals, StepEquations
+from fenics_ehd.multibody.step_equations import FilmIntegrals
 
 #: Values that differ by less than this share are equal: of the two mirrored places of a film
 #: without misalignment the upper one is told, not the one that round-off chose.
@@ -552,57 +550,19 @@ def in_degrees(angle: float) -> float:
     return float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi))
 
 
-class ContactRecord(Stateful):
-    """Contact of one joint over a run, or over its last cycle.
+def rubbing(film: FilmIntegrals) -> np.ndarray:
+    """Contact pressure times sliding speed at the Gauss points, shape (g,) [Pa m/s]."""
+    return film.touch.pressure * np.abs(film.state.gap.sliding_velocity.ravel())
 
-    Attributes
-    ----------
-    contact
-        The joint's.
-    slid
-        ``int p_c |U| dt`` at the Gauss points, shape (g,) [Pa m].
-    """
 
-    @dataclass(frozen=True)
-    class State:
-        """Slid distance so far, and the last step."""
-
-        time: float
-        last: np.ndarray
-        slid: np.ndarray
-
-    def __init__(self, contact: JointContact, place: FilmPlace):
-        self.contact = contact
-        self._points = place.film.film.points
-        self.time = np.nan
-        self.last = np.zeros(len(contact.area))
-        self.slid = np.zeros(len(contact.area))
-
-    @classmethod
-    def of_all(cls, equations: StepEquations) -> dict[str, ContactRecord]:
-        """Records of every joint with rough surfaces, by its name."""
-        joints = zip(equations.system.films, equations.contacts.joints, strict=True)
-        return {place.name: cls(own, place) for place, own in joints if own is not None}
-
-    def restart(self) -> None:
-        """Forget what was, but for the last step."""
-        self.slid = np.zeros(len(self.contact.area))
-
-    def add(self, time: float, film: FilmIntegrals) -> None:
-        """Account for a step at a time [s]."""
-        now = film.touch.pressure * np.abs(film.state.gap.sliding_velocity.ravel())
-        if np.isfinite(self.time):
-            self.slid = self.slid + 0.5 * (time - self.time) * (self.last + now)
-        self.time, self.last = time, now
-
-    def figures(self) -> dict[str, float]:
-        """Entries of ``summary.json``."""
-        worst = int(np.argmax(self.slid))
-        return {
-            "contact_sliding_Pa_m": float(self.slid[worst]),
-            "contact_sliding_angle_deg": in_degrees(self._points.angle.ravel()[worst]),
-            "contact_sliding_height_m": float(self._points.height.ravel()[worst]),
-        }
+def wear(place: FilmPlace, slid: np.ndarray) -> dict[str, float]:
+    """Entries of ``summary.json`` on ``int p_c |U| dt`` [Pa m], where it is largest."""
+    worst, points = int(np.argmax(slid)), place.film.film.points
+    return {
+        "contact_sliding_Pa_m": float(slid[worst]),
+        "contact_sliding_angle_deg": in_degrees(points.angle.ravel()[worst]),
+        "contact_sliding_height_m": float(points.height.ravel()[worst]),
+    }
 
 
 #: Column of the content.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from time import perf_counter, process_time
 from typing import Any
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -16,8 +18,10 @@ from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.tracking import Tracker
 
 
-class Simulation:
+class Simulation(Stateful):
     """A run on its way, with its history so far; ended, for those who look at it again.
+
+    Its state is all that a run goes on from, beside its history.
 
     Parameters
     ----------
@@ -32,11 +36,25 @@ class Simulation:
     ----------
     tracker
         Keeps its history.
+    wall_time, processor_time
+        Of its steps so far [s].
     """
+
+    carried = ("integrator", "tracker", "cycles", "wall_time", "processor_time")
 
     def __init__(self, run: Run, end: float, cycles: Cycles | None = None):
         self.run, self.end, self.cycles = run, end, cycles
         self.tracker, self._start = Tracker(run.equations, run.norm, run.state.time), run.state
+        self.wall_time = self.processor_time = 0.0
+
+    @property
+    def integrator(self) -> IntegratorState[SolverState]:
+        """State of the integration."""
+        return self.run.state
+
+    @integrator.setter
+    def integrator(self, state: IntegratorState[SolverState]) -> None:
+        self.run.state = state
 
     @property
     def began(self) -> IntegratorState[SolverState]:
@@ -45,8 +63,11 @@ class Simulation:
 
     def steps(self) -> Iterator[tuple[MechanismStep, dict[str, float]]]:
         """Accepted steps, which the history then has, and their rows of ``history.csv``."""
+        began, busy = perf_counter() - self.wall_time, process_time() - self.processor_time
         for step in self.run.until(self.end) if self.cycles is None else self.cycles:
-            yield step, self.tracker.add(step, self.cycles)
+            row = self.tracker.add(step, self.cycles)
+            self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
+            yield step, row
 
     def figures(self) -> dict[str, Any]:
         """Entries of ``summary.json``."""

@@ -20,24 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.columns import (
-    Quantity,
-    joint_prefix,
-    split_unit,
-    with_unit,
-)
+from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.film.film import steepest_thickening
 from fenics_ehd.multibody.energy import (
     ENERGY_LIMIT,
-    EnergyBalance,
     balance_error,
+    energy_row,
     integral,
     step_powers,
     temperatures,
 )
 from fenics_ehd.multibody.error_shares import (
-    BasisErrorEstimate,
     above,
     bore_body,
     bore_loads,
@@ -58,12 +52,13 @@ from fenics_ehd.multibody.newton import MechanismStep, unresolved
 from fenics_ehd.multibody.periodic import WHOLE, Cycles, crank
 from fenics_ehd.multibody.quantities import (
     CONTENT,
-    ContactRecord,
     JointPlaces,
     JointStep,
     averaged,
     joint_row,
     oil_balance,
+    rubbing,
+    wear,
 )
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
@@ -78,97 +73,79 @@ Columns = Mapping[str, np.ndarray]
 Row = Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Extreme:
-    """An extreme of a column over the cycle, by `name`, and other columns at that step."""
-
-    name: str
-    column: str
-    sign: int
-    before: str
-    places: tuple[str, ...]
-
-
+#: Extremes over a cycle: name, column, how it is found, what stands before that in the summary, and
+#: columns that are told of the same step.
 EXTREMES = (
-    Extreme(
+    (
         "max_pressure",
         "max_pressure_Pa",
-        +1,
+        np.argmax,
         "",
         ("max_pressure_angle_deg", "max_pressure_height_m"),
     ),
-    Extreme(
-        "min_film", "min_film_thickness_m", -1, "", ("min_film_angle_deg", "min_film_height_m")
+    (
+        "min_film",
+        "min_film_thickness_m",
+        np.argmin,
+        "",
+        ("min_film_angle_deg", "min_film_height_m"),
     ),
-    Extreme("max_force", "force_N", +1, "max_", ("force_angle_deg",)),
-    Extreme("max_eccentricity", "eccentricity_ratio", +1, "max_", ()),
+    ("max_force", "force_N", np.argmax, "max_", ("force_angle_deg",)),
+    ("max_eccentricity", "eccentricity_ratio", np.argmax, "max_", ()),
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class UsedCycle:
     """Part of a run that its places, extremes and means are of.
 
     Attributes
     ----------
-    columns
-        Of the run's history, of a search those of its last cycle at least.
     start, end
         [s].
     told
         Which one, in words.
     rows
         Steps after its start, and up to its end.
+    under_way
+        Whether it is the cycle under way of a search, or all of another run.
     """
 
-    columns: Columns
     start: float
     end: float
     told: str
     rows: slice
+    under_way: bool
 
-    @classmethod
-    def of(cls, system: System, columns: Columns) -> UsedCycle:
-        """Of a run, or of a search so far."""
-        return cls(columns, *(_searched(columns) if "cycle" in columns else _last(system, columns)))
-
-    @property
-    def under_way(self) -> bool:
-        """Whether it is the cycle under way of a search, or all of another run."""
-        return self.rows.stop is None if "cycle" in self.columns else not self.start
-
-    def figures(self) -> dict[str, object]:
-        """Entries of the summary on the cycle itself."""
-        return {"cycle_used": self.told, "cycle_start_s": self.start, "cycle_end_s": self.end}
-
-    def joint(self, prefix: str, rates: Iterable[str]) -> dict[str, float]:
-        """Entries on a joint, whose columns begin with a prefix, with means of some of its rates.
+    def figures(self, columns: Columns, joint: str, rates: Iterable[str]) -> dict[str, float]:
+        """Entries on a joint, with means of some of its rates.
 
         Those of the cycle under way, or of the run, are told without a cycle.
         """
         found: dict[str, float] = {}
-        for extreme in EXTREMES:
-            found |= self._extreme(prefix, extreme)
-        names = ["force_N", *(() if self.under_way else rates)]
-        return found | {f"cycle_mean_{name}": self._mean(prefix + name) for name in names}
+        for name, column, extreme, before, places in EXTREMES:
+            row = self.rows.start + int(extreme(columns[f"joints/{joint}/{column}"][self.rows]))
+            for own in (column, *places):
+                found[f"cycle_{before}{own}"] = float(columns[f"joints/{joint}/{own}"][row])
+            angle = columns["run/crank_angle_deg"][row]
+            found[f"cycle_{name}_crank_angle_deg"] = float(angle)
+        for name in ("force_N", *(() if self.under_way else rates)):
+            found[f"cycle_mean_{name}"] = self._mean(columns, f"joints/{joint}/{name}")
+        return found
 
-    def _extreme(self, prefix: str, extreme: Extreme) -> dict[str, float]:
-        """The largest or smallest value of a column, with what was true at that step."""
-        values = extreme.sign * self.columns[prefix + extreme.column][self.rows]
-        row = self.rows.start + int(np.argmax(values))
-        found = {
-            f"cycle_{extreme.before}{name}": float(self.columns[prefix + name][row])
-            for name in (extreme.column, *extreme.places)
-        }
-        crank_angle = float(self.columns["crank_angle_deg"][row])
-        return found | {f"cycle_{extreme.name}_crank_angle_deg": crank_angle}
-
-    def _mean(self, name: str) -> float:
+    def _mean(self, columns: Columns, name: str) -> float:
         """Mean of a column over time."""
-        time, values = self.columns["time_s"], self.columns[name]
+        time, values = columns["time_s"], columns[name]
         times = np.append(self.start, time[self.rows])
         values = np.append(np.interp(self.start, time, values), values[self.rows])
         return float(integral(times, values[:, None])[0] / (times[-1] - times[0]))
+
+
+def used_cycle(system: System, columns: Columns) -> UsedCycle:
+    """Cycle of a run, from its columns by path; of a search of its last cycle at least."""
+    if "run/cycle" in columns:
+        return _searched(columns)
+    return _last(system, columns)
 
 
 def cycle_length(system: System) -> tuple[float, float]:
@@ -185,9 +162,9 @@ def cycle_length(system: System) -> tuple[float, float]:
     return degrees, seconds
 
 
-def _last(system: System, columns: Columns) -> tuple[float, float, str, slice]:
+def _last(system: System, columns: Columns) -> UsedCycle:
     """The last full cycle of a run from time zero that is no search for a periodic solution."""
-    time, angle = columns["time_s"], columns["crank_angle_deg"]
+    time, angle = columns["time_s"], columns["run/crank_angle_deg"]
     degrees, seconds = cycle_length(system)
     end, ahead = float(time[-1]), np.abs(angle[-1] - angle)
     counts, starts = [], []
@@ -202,20 +179,21 @@ def _last(system: System, columns: Columns) -> tuple[float, float, str, slice]:
         starts.append(float(np.interp(-degrees, -ahead[pair], time[pair])))
     full = int(min(counts, default=0.0) + MISSING)
     if not full:
-        return 0.0, end, "whole run: no full cycle", slice(0, None)
+        return UsedCycle(0.0, end, "whole run: no full cycle", slice(0, None), True)
     start = min(starts)
     start = start if start > MISSING * end else 0.0
     first = int(np.searchsorted(time, start + 1e-9 * (end - start), side="right"))
-    return start, end, f"last of {full}", slice(min(first, len(time) - 1), None)
+    rows = slice(min(first, len(time) - 1), None)
+    return UsedCycle(start, end, f"last of {full}", rows, not start)
 
 
-def _searched(columns: Columns) -> tuple[float, float, str, slice]:
-    """That of a search, from its columns: of the last cycle at least."""
-    rows, time = last_whole_cycle(columns["cycle"], columns["cycle_time_s"]), columns["time_s"]
-    end, number = float(time[rows][-1]), int(columns["cycle"][rows][-1])
-    start = float(time[rows][0] - columns["cycle_time_s"][rows][0])
-    told = f"last of {number}" if columns["cycle"][-1] > 1 else "first cycle: films build up"
-    return start, end, told, rows
+def _searched(columns: Columns) -> UsedCycle:
+    """The last whole cycle of a search."""
+    numbers, clock, time = (columns[name] for name in ("run/cycle", "run/cycle_time_s", "time_s"))
+    rows = last_whole_cycle(numbers, clock)
+    start = float(time[rows][0] - clock[rows][0])
+    told = f"last of {numbers[rows][-1]:.0f}" if numbers[-1] > 1 else "first cycle: films build up"
+    return UsedCycle(start, float(time[rows][-1]), told, rows, rows.stop is None)
 
 
 #: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
@@ -267,9 +245,10 @@ def meshes_of(system: System) -> dict[str, np.ndarray]:
 def history_of(system: System, rows: Sequence[Row]) -> History:
     """History of rows at its steps."""
     values: dict[str, Quantity] = {}
-    for name, own in {**gathered(rows), **meshes_of(system)}.items():
+    found = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+    for name, own in {**found, **meshes_of(system)}.items():
         path, unit = split_unit(name)
-        number = own.astype(float) if is_column(path) else own
+        number = own.astype(float) if is_column(name) else own
         values[path] = Quantity(number, FIELD_UNITS.get(path.rpartition("/")[2], unit))
     known = _coordinates(system)
     return History(values, tuple(name for name, _ in known), tuple(unit for _, unit in known))
@@ -307,21 +286,10 @@ def _coordinates(system: System) -> list[tuple[str, str]]:
     return found
 
 
-def _of_joint(joint: str, columns: Columns) -> dict[str, np.ndarray]:
-    """Columns of a joint, of columns by path."""
-    start = f"joints/{joint}/"
-    return {key.removeprefix(start): v for key, v in columns.items() if key.startswith(start)}
-
-
-def gathered(rows: Sequence[Row]) -> dict[str, np.ndarray]:
-    """Columns of rows, of none nothing."""
-    return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
-
-
-def _rows_of(columns: Columns, count: int) -> list[Row]:
-    """The inverse of `gathered`."""
-    plain = {name: np.asarray(values) for name, values in columns.items()}
-    return [{name: values[i] for name, values in plain.items()} for i in range(count)]
+def columns_of(rows: Sequence[Row]) -> dict[str, np.ndarray]:
+    """Columns of rows by path, of no rows nothing."""
+    names = filter(is_column, rows[0] if rows else ())
+    return {name: np.array([row[name] for row in rows]) for name in names}
 
 
 class Tracker(Stateful):
@@ -340,32 +308,27 @@ class Tracker(Stateful):
     ----------
     system
         The mechanism.
-    turned
-        Whole turns of the crank before the cycle under way [degrees]; every cycle but the first
-        begins in 0 to 360 degrees.
     rows
         Of every step.
+    counts, rejected_because
+        Of all steps, also of those whose rows are not kept.
+    estimates
+        Of errors of the basis, by joint.
+    rubbing, slid
+        Of rough surfaces by joint, see `fenics_ehd.multibody.quantities.rubbing`: at the last step,
+        and its integral over the run, or the cycle.
     worth
         What is known of how far figures of joints are off, by joint, see `error_budget`.
     """
 
-    @dataclass(frozen=True)
-    class State:
-        """State that rows do not have."""
-
-        turned: float
-        counts: dict[str, int]
-        rejected_because: dict[str, int]
-        estimates: dict[str, BasisErrorEstimate.State]
-        balance: EnergyBalance | None
-        contacts: dict[str, ContactRecord.State]
+    carried = ("counts", "rejected_because", "estimates", "rubbing", "slid")
 
     def __init__(self, equations: StepEquations, norm: StepNorm, began: float = 0.0):
         self._equations, self._norm, self.system = equations, norm, equations.system
         films = self.system.films
         self.rows: list[Row] = []
         self.worth: dict[str, dict[str, Any]] = {}
-        self._crank, self.turned, self.began = crank(self.system), 0.0, began
+        self._crank, self.began = crank(self.system), began
         self._coordinates = _coordinates(self.system)
         self._places = {place.name: JointPlaces(self.system, place) for place in films}
         self.estimates = {
@@ -373,8 +336,9 @@ class Tracker(Stateful):
             for place in films
             if place.film.bore
         }
-        self.balance: EnergyBalance | None = None
-        self.contacts = ContactRecord.of_all(equations)
+        rough = zip(films, equations.contacts.joints, strict=True)
+        self.slid = {p.name: np.zeros(len(own.area)) for p, own in rough if own is not None}
+        self.rubbing = dict(self.slid)
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
 
@@ -383,35 +347,20 @@ class Tracker(Stateful):
         """Time of the last step [s]."""
         return self.rows[-1]["time_s"] if self.rows else self.began
 
-    def _angle(self, x: np.ndarray) -> float:
-        """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns."""
-        return 0.0 if self._crank is None else float(np.degrees(x[self._crank])) - self.turned
-
     @property
     def first(self) -> int:
         """Row of the first step of the cycle under way."""
         cycles = [row.get("run/cycle") for row in self.rows]
         return cycles.index(cycles[-1]) if cycles else 0
 
-    def _restart(self, cycles: Cycles) -> None:
-        """Begin another cycle of a search; counts and the estimates' past go on."""
-        self.rows = self.rows[self.first :]
-        if self.balance is not None:
-            self.balance = self.balance.restarted()
-        # An engine's last cycle is 0 to 720 degrees, not 1440 to 2160.
-        self.turned = 0.0
-        self.turned = 360.0 * float(np.floor(self._angle(cycles.began.x[0]) / 360.0 + WHOLE))
-        for contact in self.contacts.values():
-            contact.restart()
-
     def take(self, history: History) -> None:
         """Go on after the steps of a history."""
         columns = {
-            with_unit(path, own.units) if is_column(path) else path: own
+            with_unit(path, own.units) if is_column(path) else path: np.asarray(own)
             for path, own in history.values.items()
             if not fixed(path)
         }
-        self.rows = _rows_of(columns, len(history))
+        self.rows = [{name: own[i] for name, own in columns.items()} for i in range(len(history))]
 
     def add(self, step: MechanismStep, cycles: Cycles | None = None) -> dict[str, float]:
         """Account for an accepted step, of a search in its current cycle.
@@ -421,38 +370,66 @@ class Tracker(Stateful):
         dict
             Its row of ``history.csv``.
         """
-        if cycles is not None:
-            former = self.rows[-1]["run/cycle"] if self.rows else 1
-            if cycles.number != former:
-                self._restart(cycles)
-        system, state = self.system, step.solution
-        rejected = sum(step.rejected.values())
+        begins = bool(cycles and self.rows and cycles.number != self.rows[-1]["run/cycle"])
+        if begins:
+            # Works and wear begin anew; counts and the estimates' past go on.
+            self.rows = self.rows[self.first :]
+            self.slid = {name: np.zeros_like(own) for name, own in self.slid.items()}
+        size, rejected = step.time - self.time, sum(step.rejected.values())
         self.counts["steps"] += 1
         self.counts["newton_iterations"] += step.newton_iterations
         self.counts["rejected_steps"] += rejected
         for reason, count in step.rejected.items():
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
-        size = step.time - self.time
-        row = {"time_s": step.time, "run/crank_angle_deg": self._angle(step.x)}
-        loads = bore_loads(system, [film.pressure for film in state.films])
         gaps = self._norm.film_gaps(step.observed)
-        for place, own, gap in zip(system.films, state.integrals, gaps, strict=True):
-            figures = joint_row(JointStep(self._places[place.name], step, own, gap))
-            if place.name in self.contacts:
-                self.contacts[place.name].add(step.time, own)
-            if place.name in self.estimates:
-                amplitudes = self._equations.responses.of_body(place.bore_body)
-                figures["basis_error_estimate_m"] = self.estimates[place.name].add(
-                    size, loads[place.bore_body], step.acceleration[amplitudes]
-                )
-            row |= {f"joints/{place.name}/{name}": value for name, value in figures.items()}
-        row |= self._bodies(step) | self._energy(step)
+        row: dict[str, Any] = {"time_s": step.time}
+        row["run/crank_angle_deg"] = self._angle(step, cycles)
+        row |= self._joints(step, size, gaps) | self._bodies(step)
+        powers = step_powers(self._equations, step)
+        row |= energy_row(self.rows, step.time, powers, begins=begins)
         row |= {"run/step_s": size, "run/newton_iterations": step.newton_iterations}
         row["run/rejected_steps"] = rejected
         if cycles is not None:
             row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
-        self.rows.append(row | solution(self._equations, step, gaps))
-        return {column_name(name, system.films): value for name, value in row.items()}
+        row |= solution(self._equations, step, gaps)
+        self.rows.append(row)
+        films = self.system.films
+        return {column_name(name, films): own for name, own in row.items() if is_column(name)}
+
+    def _angle(self, step: MechanismStep, cycles: Cycles | None) -> float:
+        """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns.
+
+        Every cycle but the first begins in 0 to 360 degrees: an engine's last one is 0 to 720
+        degrees, not 1440 to 2160.
+        """
+        if self._crank is None:
+            return 0.0
+        turns = 0.0
+        if cycles is not None and cycles.number > 1:
+            turns = np.floor(cycles.began.x[0, self._crank] / (2 * np.pi) + WHOLE)
+        return float(np.degrees(step.x[self._crank]) - 360.0 * turns)
+
+    def _joints(
+        self, step: MechanismStep, size: float, gaps: Sequence[np.ndarray]
+    ) -> dict[str, float]:
+        """Columns of the lubricated joints at a step of a size [s]; wear and estimates go on."""
+        row: dict[str, float] = {}
+        loads = bore_loads(self.system, [film.pressure for film in step.solution.films])
+        for place, own, gap in zip(self.system.films, step.solution.integrals, gaps, strict=True):
+            name = place.name
+            figures = joint_row(JointStep(self._places[name], step, own, gap))
+            if name in self.slid:
+                former, self.rubbing[name] = self.rubbing[name], rubbing(own)
+                if self.rows:
+                    slid = 0.5 * size * (former + self.rubbing[name])
+                    self.slid[name] = self.slid[name] + slid
+            if name in self.estimates:
+                amplitudes = self._equations.responses.of_body(place.bore_body)
+                figures["basis_error_estimate_m"] = self.estimates[name].add(
+                    size, loads[place.bore_body], step.acceleration[amplitudes]
+                )
+            row |= {f"joints/{name}/{column}": value for column, value in figures.items()}
+        return row
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; a shaft has an angle alone."""
@@ -463,20 +440,6 @@ class Tracker(Stateful):
                 if path.endswith("/angle"):
                     row[f"{path.removesuffix('angle')}speed_rad_per_s"] = rate
         return row
-
-    def _energy(self, step: MechanismStep) -> dict[str, float]:
-        powers = step_powers(self._equations, step)
-        self.balance = (
-            self.balance.after(step.time, powers)
-            if self.balance
-            else EnergyBalance.begin(step.time, powers)
-        )
-        return {
-            "run/kinetic_energy_J": powers.kinetic,
-            "run/strain_energy_J": powers.strain,
-            **{f"run/{name}_work_J": work for name, work in self.balance.work.items()},
-            "run/energy_defect_J": self.balance.defect,
-        }
 
     def history(self) -> History:
         """History of the steps that are kept."""
@@ -493,16 +456,16 @@ class Tracker(Stateful):
         return self._extremes(self.rows[: self.first])
 
     def _extremes(self, rows: Sequence[Row]) -> dict[str, Extremes]:
-        clock = [float(row.get("run/cycle_time_s", row["time_s"])) for row in rows]
         found: dict[str, Extremes] = {}
+        columns = columns_of(rows)
         for place in self.system.films if rows else ():
             own = found[place.name] = {}
-            for column, extreme in PEAKS.items():
-                path = f"joints/{place.name}/{column}"
-                if path in rows[0]:
-                    values = [float(row[path]) for row in rows]
-                    step = extreme(values)
-                    own[split_unit(column)[0]] = values[step], clock[step]
+            for name in PEAKS:
+                values = columns.get(f"joints/{place.name}/{name}")
+                if values is not None:
+                    step = PEAKS[name](values)
+                    clock = columns.get("run/cycle_time_s", columns["time_s"])
+                    own[split_unit(name)[0]] = float(values[step]), float(clock[step])
         return found
 
     def steepest_thickening(self, place: FilmPlace) -> float:
@@ -514,20 +477,18 @@ class Tracker(Stateful):
     @property
     def energy_error(self) -> float:
         """Largest defect over the largest energy exchanged, of the cycle under way, or the run."""
-        return balance_error(gathered(self.rows[self.first :])) if self.rows else 0.0
+        return balance_error(columns_of(self.rows[self.first :])) if self.rows else 0.0
 
     def figures(self) -> dict[str, Any]:
         """Entries of ``summary.json`` on the run and its last cycle, see `UsedCycle`."""
-        system, columns = self.system, gathered(self.rows)
-        joints = {place.name: self._joint(place, columns) for place in system.films}
+        columns = columns_of(self.rows)
+        joints: dict[str, dict[str, Any]] = {place.name: {} for place in self.system.films}
         cycle: dict[str, Any] = {}
         if self.rows:
-            named = {column_name(name, system.films): values for name, values in columns.items()}
-            used = UsedCycle.of(system, named)
-            cycle = used.figures()
-            for name, found in joints.items():
-                rates = averaged(_of_joint(name, columns))
-                found |= used.joint(joint_prefix(name, joints), rates)
+            used = used_cycle(self.system, columns)
+            cycle = {"cycle_used": used.told, "cycle_start_s": used.start, "cycle_end_s": used.end}
+            for place in self.system.films:
+                joints[place.name] = self._joint(place, columns, used)
         alone: dict[str, Any] = {"joints": joints}
         if len(joints) == 1:
             ((name, found),) = joints.items()
@@ -542,12 +503,12 @@ class Tracker(Stateful):
             "notices": self._notices(),
         }
 
-    def _joint(self, place: FilmPlace, columns: Columns) -> dict[str, Any]:
+    def _joint(self, place: FilmPlace, columns: Columns, used: UsedCycle) -> dict[str, Any]:
         """Entries on a lubricated joint, from columns by path."""
-        name, own = place.name, _of_joint(place.name, columns)
-        if not own:
-            return {}
-        time, found, extremes = columns["time_s"], {}, self.extremes[name]
+        name, start = place.name, f"joints/{place.name}/"
+        own = {key.removeprefix(start): v for key, v in columns.items() if key.startswith(start)}
+        time, extremes = columns["time_s"], self.extremes[name]
+        found: dict[str, Any] = {}
         for column in filter(own.__contains__, PEAKS):
             quantity = split_unit(column)[0]
             found[column], found[f"{quantity}_time_s"] = extremes[quantity]
@@ -557,16 +518,18 @@ class Tracker(Stateful):
             counted = errors[self.first :][time[self.first :] > estimate.start]
             least = 0.0 if estimate.known else float("nan")
             found["basis_error_estimate_m"] = float(np.max(counted, initial=least))
-        found |= self._means(place, time, own)
-        if name in self.contacts:
-            found |= self.contacts[name].figures()
-        return found | ({"error_budget": self.worth[name]} if name in self.worth else {})
+        rates = averaged(own)
+        if rates:
+            found |= self._means(place, time, rates)
+        if name in self.slid:
+            found |= wear(place, self.slid[name])
+        if name in self.worth:
+            found["error_budget"] = self.worth[name]
+        return found | used.figures(columns, name, rates)
 
-    def _means(self, place: FilmPlace, time: np.ndarray, own: Columns) -> dict[str, float]:
+    def _means(self, place: FilmPlace, time: np.ndarray, rates: Columns) -> dict[str, float]:
         """Means of a joint's rates over the run, or the cycle, and what follows from them."""
-        rates, begin = averaged(own), max(self.first - 1, 0)
-        if not rates:
-            return {}
+        begin = max(self.first - 1, 0)
         values = np.column_stack([*rates.values()])
         whole, length = integral(time, values, begin), time[-1] - time[begin]
         means = dict(zip(rates, (whole / length if length else values[-1]).tolist(), strict=True))

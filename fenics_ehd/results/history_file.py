@@ -11,8 +11,7 @@ dictionaries of arrays and numbers in one sealed HDF5 file.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -44,7 +43,6 @@ from fenics_ehd.multibody.history import (
     FORMAT_VERSION,
     MIXED,
     History,
-    fixed,
     of_film,
 )
 
@@ -88,43 +86,9 @@ class CsvFile:
         return open(self._path, "ab", buffering=0)
 
 
-def _no_results(path: Path) -> str:
-    """Explanation of a missing file of a run."""
-    if path.parent.is_dir():
-        return f"{path.parent}: not a results folder, it has no {path.name}"
-    return f"{path.parent}: no such folder"
-
-
-@contextmanager
-def opened_history(directory: str | Path) -> Iterator[h5py.File]:
-    """``history.h5`` of a run.
-
-    Raises
-    ------
-    InputError
-        The directory holds no such file, or one that is damaged or of another version; or what is
-        done with it fails.
-    """
-    path = Path(directory) / FIELDS_NAME
-    if not path.exists():
-        raise InputError(_no_results(path))
-    with named(InputError, f"{path}: not a history of a run"), open_hdf5(path) as file:
-        version = file.attrs.get("format_version", 1)
-        if version != FORMAT_VERSION:
-            raise InputError(
-                f"{path}: a history of layout {version}, this program reads {FORMAT_VERSION}: run "
-                f"the scene anew, or read {CSV_NAME} beside it"
-            )
-        # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
-        whole, size = file.id.get_filesize(), path.stat().st_size
-        if size < whole:
-            raise OSError(f"it ends after {size} of {whole} bytes")
-        yield file
-
-
 CHECKPOINT = "checkpoint.h5"
 CHECKPOINT_FORMAT = "fenics_ehd checkpoint"
-CHECKPOINT_VERSION = 3
+CHECKPOINT_VERSION = 4
 
 
 def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
@@ -155,7 +119,7 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
     """
     folder = Path(path).parent
     if not Path(path).exists():
-        missing = "no such folder" if not folder.is_dir() else f"it has no {Path(path).name}"
+        missing = _missing(Path(path), "it has no")
         raise InputError(f"{folder}: no checkpoint to go on from, {missing}")
     with (
         named(InputError, f"{path}: no checkpoint to go on from"),
@@ -164,6 +128,11 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
         ) as file,
     ):
         return read_tree(file)
+
+
+def _missing(path: Path, lacks: str) -> str:
+    """Explanation of a missing file of a run."""
+    return f"{lacks} {path.name}" if path.parent.is_dir() else "no such folder"
 
 
 def load_history(directory: str | Path, *, films: bool = True) -> History:
@@ -188,18 +157,24 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         The folder holds no run of at least one step, or files that are damaged or of another
         version.
     """
-    folder = Path(directory)
-    summary = _summary(folder)
-    with opened_history(folder) as file:
-        values = _read(file, films)
-        steps = {len(found) for path, found in values.items() if not fixed(path)}
-        if len(steps) > 1:
-            raise ValueError(f"its arrays have {min(steps)} to {max(steps)} steps")
-        if not max(steps):
-            raise ValueError("no steps")
+    folder, path = Path(directory), Path(directory) / FIELDS_NAME
+    summary, scene = _summary(folder), _scene(folder)
+    if not path.exists():
+        raise InputError(f"{folder}: {_missing(path, 'not a results folder, it has no')}")
+    with named(InputError, f"{path}: not a history of a run"), open_hdf5(path) as file:
+        version = file.attrs.get("format_version", 1)
+        if version != FORMAT_VERSION:
+            raise InputError(
+                f"{path}: a history of layout {version}, this program reads {FORMAT_VERSION}: run "
+                f"the scene anew, or read {CSV_NAME} beside it"
+            )
+        # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
+        whole, size = file.id.get_filesize(), path.stat().st_size
+        if size < whole:
+            raise OSError(f"it ends after {size} of {whole} bytes")
         state = file["state/coordinates"].attrs
         names, units = (tuple(text.decode() for text in state[n]) for n in ("names", "units"))
-        return History(values, names, units, summary, _scene(folder))
+        return History(_read(file, films), names, units, summary, scene)
 
 
 #: Its name in version 0.2.
@@ -208,31 +183,18 @@ load_results = load_history
 
 def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
     """Every array of a history by path, columns in their order."""
-    order = [path.decode() for path in file.attrs.get("columns", ())]
-    values = {path: _quantity(path, file[path]) for path in order if path in file}
-
-    def read(path: str, item: Any) -> None:
-        wanted = path not in values and (films or not of_film(path))
-        if isinstance(item, h5py.Dataset) and wanted:
-            values[path] = _quantity(path, item)
-
-    file.visititems(read)
-    return values
-
-
-def _quantity(path: str, data: h5py.Dataset) -> Quantity:
-    # Of quantities, one that was not computed is nan.
-    strict = path == "time" or path.startswith("state/") or of_film(path)
-    require_numbers(data)
-    if not (data.ndim or fixed(path)):
-        raise ValueError(f"{data.name} holds no rows")
-    values = np.array(data)
-    if strict and not np.isfinite(values).all():
-        raise ValueError(f"{data.name} holds a value that is not finite")
-    if values.dtype.kind == "f":
-        values = values.astype(float, copy=False)
-    units = data.attrs["units"]
-    return Quantity(values, units.decode() if isinstance(units, bytes) else MIXED)
+    paths = [path.decode() for path in file.attrs["columns"]]
+    file.visit(paths.append)
+    found = {}
+    for path in dict.fromkeys(paths):
+        data = file[path]
+        if isinstance(data, h5py.Dataset) and (films or not of_film(path)):
+            require_numbers(data)
+            units = data.attrs["units"]
+            # One for every column, of the state.
+            mixed = isinstance(units, np.ndarray)
+            found[path] = Quantity(np.array(data), MIXED if mixed else units.decode())
+    return found
 
 
 def _summary(folder: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ film on its bore with pressure, gap and the share of oil in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -17,13 +17,14 @@ from xml.sax.saxutils import quoteattr
 import meshio
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import claim
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import Body, FlexibleBody
 from fenics_ehd.multibody.history import FilmResult, History
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint, bore_surface
+from fenics_ehd.multibody.lubricated_joint import bore_surface
 from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.reduction import BasisFile, ReducedBody, Structure
@@ -151,9 +152,6 @@ FILM_CELLS = {
 #: Largest distance of a node of a part from a pressure node that it is, over the bore's radius.
 _SAME = 1e-4
 
-#: Points, elastic displacement, each (p, 3) [m], and other fields at an instant.
-View = tuple[np.ndarray, np.ndarray, Mapping[str, np.ndarray]]
-
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -165,15 +163,34 @@ class Block:
         ``bodies`` or ``films``, and of it.
     kind, cells
         meshio's name of its cells, and their nodes.
-    at
-        Of every instant by its number.
+    points, displacement
+        At all instants, and the elastic part of it, shape (t, p, 3) [m].
+    fields
+        Others by name, shape (t, p).
     """
 
     group: str
     name: str
     kind: str
     cells: np.ndarray
-    at: Callable[[int], View]
+    points: np.ndarray
+    displacement: np.ndarray
+    fields: Mapping[str, np.ndarray]
+
+
+def moved_along(
+    poses: np.ndarray, points: np.ndarray, displacement: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (p, 3) of a frame and displacements (t, p, 3) there in space, shapes (t, p, 3) [m].
+
+    Parameters
+    ----------
+    poses
+        Of the frame, ``(x, y, angle)``, shape (t, 3).
+    """
+    turns = Rotation.from_euler("z", poses[:, 2]).as_matrix().transpose(0, 2, 1)
+    origins = np.pad(poses[:, None, :2], [(0, 0), (0, 0), (0, 1)])
+    return origins + points @ turns, displacement @ turns
 
 
 def mechanism_blocks(
@@ -199,45 +216,38 @@ def mechanism_blocks(
 
 def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
     """A flexible body by the nodes of its part, with the films' pressure on its bores."""
-    body, poses = replay.part(name), replay.marker(name, "")
-    elastic, pressures = replay.elastic(name), replay.bore_pressure(name)
+    body = replay.part(name)
     distance, nearest = cKDTree(body.places(of_pressures=True)).query(part.nodes)
     on_bore = distance < _SAME * min(bore.radius for bore in body.bores.values())
-
-    def at(i: int) -> View:
-        turn, origin = frame(poses[i])
-        moved = part.displacement(*(values[i] for values in elastic))
-        pressure = np.where(on_bore, pressures[i][nearest], 0.0)
-        return origin + part.nodes @ turn.T, moved @ turn.T, {PRESSURE: pressure}
-
-    return Block("bodies", name, CELL_NAMES[part.cells.shape[1]], part.cells, at)
+    pressure = np.where(on_bore, replay.bore_pressure(name)[:, nearest], 0.0)
+    states = zip(*replay.elastic(name), strict=True)
+    bent = np.array([part.displacement(*state) for state in states])
+    there = moved_along(replay.marker(name, ""), part.nodes, bent)
+    kind = CELL_NAMES[part.cells.shape[1]]
+    return Block("bodies", name, kind, part.cells, *there, {PRESSURE: pressure})
 
 
 def line_block(replay: RecordedMotion, name: str) -> Block:
     """A body by lines from its origin to its points, or from one end of a shaft to the other."""
     body, own = replay.bodies[name], replay.coordinates(name)
     points = ["", *body.points()]
-    heights = np.zeros(len(points))
+    first = np.zeros(len(points) - 1, dtype=int)
     if isinstance(body, ShaftBody):
         points = sorted(body.points(), key=lambda point: body.stations[point]) or [""]
-        heights = np.array([height_at(replay, name, point) for point in points])
-        pairs = np.column_stack([np.arange(len(points) - 1), np.arange(1, len(points))])
-    else:
-        pairs = np.array([(0, i) for i in range(1, len(points))])
+        first = np.arange(len(points) - 1)
+    kind, cells = "line", np.column_stack([first, np.arange(1, len(first) + 1)])
+    if len(points) == 1:
+        kind, cells = "vertex", np.array([[0]])
     # Coordinates that the films see are small motions, all others large ones.
     resting = np.where(body.weights < 1.0, 0.0, own)
     there, rest = (
-        np.stack([replay.marker(name, point, z)[:, :2] for point in points], axis=1)
+        np.stack([replay.marker(name, point, z) for point in points], axis=1)
         for z in (own, resting)
     )
-
-    def at(i: int) -> View:
-        moved = np.column_stack([there[i] - rest[i], np.zeros(len(points))])
-        return np.column_stack([rest[i], heights]), moved, {}
-
-    alone = len(pairs) == 0
-    cells = np.arange(len(points))[:, None] if alone else pairs
-    return Block("bodies", name, "vertex" if alone else "line", cells, at)
+    moved = there - rest
+    moved[..., 2] = 0.0
+    rest[..., 2] = [height_at(replay, name, point) for point in points]
+    return Block("bodies", name, kind, cells, rest, moved, {})
 
 
 def film_block(replay: RecordedMotion, place: FilmPlace, film: FilmResult) -> Block:
@@ -246,23 +256,20 @@ def film_block(replay: RecordedMotion, place: FilmPlace, film: FilmResult) -> Bl
     angle, height = np.asarray(film.angle), np.asarray(film.height)
     local = np.column_stack([film.radius * np.cos(angle), film.radius * np.sin(angle), height])
     point = replay.system.bore_at_rest(place).partition(".")[2]
-    poses, bend = replay.marker(place.bore_body, point), np.zeros((len(local), 3, 0))
+    poses = replay.marker(place.bore_body, point)
+    bent = np.zeros((len(poses), *local.shape))
     if place.bore:
-        bore, bend = _bending(replay, place, angle, height)
+        bore, bending = _bending(replay, place, angle, height)
         local[:, 2] += bore[2]
-        amplitudes = np.hstack(replay.elastic(place.bore_body))
+        bent = np.tensordot(np.hstack(replay.elastic(place.bore_body)), bending, (1, 2))
     else:
-        local[:, 2] += _journal_height(replay, place.joint)
-        amplitudes = np.zeros((len(poses), 0))
-
-    def at(i: int) -> View:
-        turn, origin = frame(poses[i])
-        fields = {PRESSURE: film.pressure[i], "gap_m": film.gap[i]}
-        if film.fluid_fraction is not None:
-            fields["fluid_fraction"] = film.fluid_fraction[i]
-        return origin + local @ turn.T, (bend @ amplitudes[i]) @ turn.T, fields
-
-    return Block("films", place.name, kind, film.cells[:, order], at)
+        journal, _, station = place.joint.journal.partition(".")
+        local[:, 2] += height_at(replay, journal, station)
+    fields = {PRESSURE: film.pressure, "gap_m": film.gap}
+    if film.fluid_fraction is not None:
+        fields["fluid_fraction"] = film.fluid_fraction
+    there = moved_along(poses, local, bent)
+    return Block("films", place.name, kind, film.cells[:, order], *there, fields)
 
 
 def _bending(
@@ -276,12 +283,6 @@ def _bending(
     share = interpolation_matrix(surface, angle, height)
     moved = share @ fields.reshape(len(fields), -1)
     return rows.surface.centre, moved.reshape(len(angle), 3, -1)
-
-
-def _journal_height(replay: RecordedMotion, joint: LubricatedJoint) -> float:
-    """Height of a journal in a rigid bore along z: of a shaft, that of its point [m]."""
-    name, _, point = joint.journal.partition(".")
-    return height_at(replay, name, point)
 
 
 def height_at(replay: RecordedMotion, name: str, point: str) -> float:
@@ -299,13 +300,6 @@ def height_at(replay: RecordedMotion, name: str, point: str) -> float:
             centre = replay.part(place.bore_body).rows_of(place.bore).surface.centre
             start = float(centre[2]) - length * body.stations[station]
     return start + length * body.stations.get(point, 0.0)
-
-
-def frame(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and origin (3,) of a frame at ``(x, y, angle)``."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return turn, np.array([pose[0], pose[1], 0.0])
 
 
 #: What ParaView opens, in the folder of a series.
@@ -385,11 +379,11 @@ def write_series(directory: str | Path, times: np.ndarray, blocks: Sequence[Bloc
 
 
 def _write_block(path: Path, block: Block, instant: int) -> None:
-    points, displacement, fields = block.at(instant)
-    data = {DISPLACEMENT: displacement, **{name: np.asarray(v) for name, v in fields.items()}}
-    meshio.Mesh(points, [(block.kind, block.cells)], point_data=data).write(path)
+    data = {DISPLACEMENT: block.displacement[instant]}
+    data |= {name: np.asarray(values[instant]) for name, values in block.fields.items()}
+    meshio.Mesh(block.points[instant], [(block.kind, block.cells)], point_data=data).write(path)
     # The fields that ParaView shows at first, which meshio does not name.
-    scalars = f' Scalars="{PRESSURE}"' if PRESSURE in fields else ""
+    scalars = f' Scalars="{PRESSURE}"' if PRESSURE in block.fields else ""
     named = f'<PointData{scalars} Vectors="{DISPLACEMENT}">'.encode()
     path.write_bytes(path.read_bytes().replace(b"<PointData>", named, 1))
 

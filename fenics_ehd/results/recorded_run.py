@@ -15,12 +15,12 @@ later ones, and takes bitwise the steps of one that was not interrupted.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from time import monotonic, perf_counter, process_time
+from time import monotonic
 from types import TracebackType
 from typing import Any
 
@@ -52,14 +52,11 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.processes import interrupt_between_steps
-from fenics_ehd.base.sealed_file import Stateful, named, rebuilt
+from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.newton import MechanismStep, SolverState
-from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.results.history_file import (
     CHECKPOINT,
     CSV_NAME,
@@ -279,7 +276,7 @@ CHECKPOINT_EVERY = 10.0
 REST = 10.0
 
 #: What else a summary says of a complete run, whose history is in a folder.
-Judge = Callable[["RecordedRun", Path], Mapping[str, Any]]
+Judge = Callable[[Simulation, Path], Mapping[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,19 +289,21 @@ class Checkpoint:
         Of the run that began: time of its reductions [s], name of its scene, and digests of what
         it must go on with, by the names of files.
     state
-        After its last step.
-    arrays
-        Names of the arrays of its history, a line each.
+        After its last step, see `Simulation`.
     history
-        Up to that step, which has a file of its own.
+        Up to that step.
     """
 
     reduction_seconds: float
     name: str
     scene: dict[str, str]
-    state: RecordedRun.State
-    arrays: str
-    history: History | None = None
+    state: dict[str, Any]
+    history: History
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What the summary says of the run that began."""
+        return {"reduction_time_s": self.reduction_seconds, "scene": self.name}
 
 
 def load_run_state(folder: Path) -> Checkpoint:
@@ -317,147 +316,104 @@ def load_run_state(folder: Path) -> Checkpoint:
     """
     tree = load_checkpoint(folder / CHECKPOINT)
     with named(InputError, f"{folder / CHECKPOINT}: no checkpoint to go on from"):
-        found = rebuilt(Checkpoint, tree)
-        history, state = load_history(folder), found.state.integrator
-        if missing := set(found.arrays.splitlines()) - set(history.values):
-            raise ValueError(f"the history lacks {min(missing)}: start anew")
+        state, history = tree["state"], load_history(folder)
+        integrator = state["integrator"] = _integration(state["integrator"])
+        if "cycles" in state:
+            state["cycles"]["began"] = _integration(state["cycles"]["began"])
         # The history may be of a later step: the checkpoint is written after it.
-        rows = int(np.searchsorted(history.values["time"], state.time, side="right"))
+        rows = int(np.searchsorted(history.values["time"], integrator.time, side="right"))
         row = history.coordinates[rows - 1]
-        if not rows or not np.array_equal(row, state.x[0][: len(row)]):
+        if not rows or not np.array_equal(row, integrator.x[0][: len(row)]):
             raise ValueError("it is not of a step of the history: start anew")
-    return replace(found, history=history.each(lambda values: values[:rows]))
+        return Checkpoint(**tree, history=history.each(lambda values: values[:rows]))
 
 
-class RecordedRun(Simulation, Stateful):
-    """A simulation with all that a run into a folder carries from step to step.
+def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
+    """State of an integration that was stored as a tree; its first one has no solver's."""
+    solver = tree.get("solver")
+    return IntegratorState(**{**tree, "solver": solver and SolverState(**solver)})
+
+
+def save_run_state(run: Simulation, directory: Path, about: Mapping[str, Any]) -> None:
+    """Store a run and its history.
 
     Parameters
     ----------
-    run, end, cycles
-        As of `Simulation`.
-    multiplier
-        Whether its largest multiplier is to be found, with more cycles.
-
-    Attributes
-    ----------
-    margin
-        What the summary has of that.
-    wall_time, processor_time
-        So far [s].
+    run, directory
+        The run, and its folder.
+    about
+        Fields of `Checkpoint` on the run that began.
     """
-
-    @dataclass(frozen=True, eq=False)
-    class State:
-        """State that a run goes on from, beside its history."""
-
-        integrator: IntegratorState[SolverState]
-        tracker: Tracker.State
-        cycles: Cycles.State | None
-        wall_time: float
-        processor_time: float
-
-    def __init__(self, run: Run, end: float, cycles: Cycles | None, multiplier: bool = False):
-        super().__init__(run, end, cycles)
-        self.multiplier = multiplier
-        self.margin: dict[str, Any] = {}
-        self.wall_time = self.processor_time = 0.0
-
-    @property
-    def integrator(self) -> IntegratorState[SolverState]:
-        """State of the integration."""
-        return self.run.state
-
-    @integrator.setter
-    def integrator(self, state: IntegratorState[SolverState]) -> None:
-        self.run.state = state
-
-    def written(self, table: CsvFile) -> Iterator[MechanismStep]:
-        """Accepted steps, which the history then has, on the disk too."""
-        began, busy = perf_counter() - self.wall_time, process_time() - self.processor_time
-        for step, row in self.steps():
-            table.write(row)
-            self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
-            yield step
-
-    def find_multiplier(self, between: Callable[[], None]) -> None:
-        """Find the multiplier of the periodic solution if wanted; `between` every two steps."""
-        if self.multiplier and self.cycles is not None:
-            from fenics_ehd.analysis.multiplier import largest_multiplier
-
-            try:
-                self.margin = largest_multiplier(self.run, self.cycles.period, between).figures()
-            except SolverError as error:  # the solution stays
-                self.margin = {"multiplier_failure": str(error)}
-
-    def figures(self) -> dict[str, Any]:
-        """Entries of ``summary.json``."""
-        return super().figures() | self.margin
-
-    def estimate_errors(self, directory: Path) -> dict[str, Any]:
-        """Estimate the errors of a run that is complete, and leave them in its folder.
-
-        Returns
-        -------
-        dict
-            For ``summary.json``: processor time, Newton iterations, why what is not estimated is
-            not. The tracker has the budgets.
-        """
-        budget = Estimator(self).budget()
-        over_time = budget.over_time(self.began.time)
-        write_whole(directory / ERROR_BUDGET, to_json(over_time) + "\n")
-        self.tracker.worth = budget.joints
-        return {
-            "error_budget_notes": budget.notes,
-            "error_budget_iterations": budget.iterations,
-            "error_budget_processor_time_s": budget.seconds,
-        }
+    run.tracker.history().write(directory / FIELDS_NAME)
+    save_checkpoint(directory / CHECKPOINT, {**about, "state": run.state})
 
 
-class Checkpoints:
-    """Stores a run and its history every so often, and where it ends.
+def recorded_steps(
+    run: Simulation, directory: Path, about: Mapping[str, Any], interval: float
+) -> Generator[MechanismStep, None, None]:
+    """Accepted steps, whose rows are on the disk, and checkpoints: the last one where they end.
 
     Parameters
     ----------
-    directory
-        Of the run.
+    run, directory, about
+        As of `save_run_state`.
     interval
         Seconds between two checkpoints, at least `REST` times what the last one took; the first
         one is due at once.
-    figures
-        What each says of the run that began, see `Checkpoint`.
     """
-
-    def __init__(self, directory: Path, interval: float, figures: Mapping[str, Any]):
-        self._directory, self._interval, self._figures = directory, interval, figures
-        self._next = -inf
-        self._run: RecordedRun | None = None
-
-    def follow(self, run: RecordedRun) -> None:
-        """Account for a step whose row is in the history."""
-        self._run, self._state = run, run.run.state
-        if monotonic() >= self._next:
-            self._save(run)
-
-    def __enter__(self) -> Checkpoints:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    table = CsvFile(directory / CSV_NAME, run.tracker.counts["steps"])
+    due, whole = -inf, None
+    try:
+        for step, row in run.steps():
+            table.write(row)
+            whole, began = run.run.state, monotonic()
+            if began >= due:
+                save_run_state(run, directory, about)
+                due = monotonic() + max(interval, REST * (monotonic() - began))
+            yield step
+    finally:
         # In the middle of a step, by a second Ctrl-C say, there is nothing to go on from.
-        if self._run is not None and self._run.run.state is self._state:
-            self._save(self._run)
+        if run.run.state is whole:
+            save_run_state(run, directory, about)
 
-    def _save(self, run: RecordedRun) -> None:
-        began = monotonic()
-        history = run.tracker.history()
-        history.write(self._directory / FIELDS_NAME)
-        checkpoint = Checkpoint(state=run.state, arrays="\n".join(history.values), **self._figures)
-        save_checkpoint(self._directory / CHECKPOINT, vars(checkpoint))
-        self._next = monotonic() + max(self._interval, REST * (monotonic() - began))
+
+def estimate_errors(run: Simulation, directory: Path) -> dict[str, Any]:
+    """Estimate the errors of a run that is complete, and leave them in its folder.
+
+    Returns
+    -------
+    dict
+        For ``summary.json``: processor time, Newton iterations, why what is not estimated is
+        not. The tracker has the budgets.
+    """
+    budget = Estimator(run).budget()
+    over_time = budget.over_time(run.began.time)
+    write_whole(directory / ERROR_BUDGET, to_json(over_time) + "\n")
+    run.tracker.worth = budget.joints
+    return {
+        "error_budget_notes": budget.notes,
+        "error_budget_iterations": budget.iterations,
+        "error_budget_processor_time_s": budget.seconds,
+    }
+
+
+def multiplier_figures(run: Simulation, between: Callable[[], None]) -> dict[str, Any]:
+    """Entries of the summary on the multiplier of a periodic solution; `between` every two steps.
+
+    It takes more cycles of the run.
+    """
+    from fenics_ehd.analysis.multiplier import largest_multiplier
+
+    if run.cycles is None:
+        return {}
+    try:
+        return largest_multiplier(run.run, run.cycles.period, between).figures()
+    except SolverError as error:  # the solution stays
+        return {"multiplier_failure": str(error)}
 
 
 def record_run(
-    recorded: RecordedRun,
+    run: Simulation,
     directory: Path,
     about: Mapping[str, Any],
     fingerprints: Mapping[str, str],
@@ -465,13 +421,14 @@ def record_run(
     interval: float,
     bar: tqdm,
     former: Checkpoint | None = None,
+    multiplier: bool = False,
     judge: Judge | None = None,
 ) -> dict[str, Any]:
     """Integrate to the end, or until the films repeat, and return the summary.
 
     Parameters
     ----------
-    recorded
+    run
         At its start.
     directory
         For ``history.csv``, ``history.h5``, ``summary.json`` and the checkpoint.
@@ -485,6 +442,8 @@ def record_run(
         Shows the progress.
     former
         Checkpoint to go on from.
+    multiplier
+        Whether the largest multiplier of a periodic solution is found, too.
     judge
         Says what the figures of the complete run are worth; None: nobody asks.
 
@@ -495,28 +454,18 @@ def record_run(
     SolverError
         See `Run.until` and `Cycles`.
     """
-    tracker = recorded.tracker
+    tracker, more = run.tracker, dict[str, Any]()
     if former is not None:
         require_same_scene(former, fingerprints, directory)
-        recorded.state = former.state
-        if former.history is not None:
-            tracker.take(former.history)
-        about = {
-            **about,
-            "reduction_time_s": former.reduction_seconds,
-            "scene": former.name,
-        }
-    before = tracker.counts["steps"]
-    table = CsvFile(directory / CSV_NAME, before)
-    stored = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
-    checkpoints = Checkpoints(directory, interval, {**stored, "scene": fingerprints})
-
-    worth: dict[str, Any] = {}
+        run.state = former.state
+        tracker.take(former.history)
+        about = {**about, **former.about}
+    began = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
+    steps = recorded_steps(run, directory, {**began, "scene": fingerprints}, interval)
 
     def leave(status: str) -> dict[str, Any]:
-        times = {name: getattr(recorded, name) for name in ("wall_time", "processor_time")}
-        seconds = {f"{name}_s": value for name, value in times.items()}
-        summary = {"status": status, **about, **recorded.figures(), **seconds, **worth}
+        seconds = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
+        summary = {"status": status, **about, **run.figures(), **seconds, **more}
         if tracker.rows:
             write_summary(directory, summary)
         return summary
@@ -526,27 +475,27 @@ def record_run(
             keeping_failed_film(directory),
             bar,
             interrupt_between_steps() as check,
-            checkpoints,
+            closing(steps),
         ):
-            for step in recorded.written(table):
-                if before and tracker.counts["steps"] == before + 1:
+            for number, step in enumerate(steps):
+                if former is not None and number == 0:
                     clear_made(directory)
-                checkpoints.follow(recorded)
-                _show(bar, recorded, step)
+                _show(bar, run, step)
                 check()
-            recorded.find_multiplier(check)
+            if multiplier:
+                more |= multiplier_figures(run, check)
             status = tracker.verdict()
         if judge is not None:
-            worth |= judge(recorded, directory)
+            more |= judge(run, directory)
     except BaseException as error:
         with suppress(OutputError):  # the disk may be full
             leave(_how_it_ended(error, directory))
         raise
     summary = leave(status)
-    if recorded.cycles is not None:
+    if run.cycles is not None:
         # What is left is no run to go on with.
         (directory / CHECKPOINT).unlink()
-        replace(recorded.history(), told=summary).save(directory)
+        replace(run.history(), told=summary).save(directory)
     return summary
 
 
@@ -559,15 +508,14 @@ def _how_it_ended(error: BaseException, directory: Path) -> str:
     return f"failed: {' '.join(str(error).replace(f'{directory}/', '').split())}"
 
 
-def _show(bar: tqdm, recorded: RecordedRun, step: MechanismStep) -> None:
+def _show(bar: tqdm, run: Simulation, step: MechanismStep) -> None:
     pressure = max((film.pressure.max() for film in step.solution.films), default=0.0)
-    cycle = f"cycle {recorded.cycles.number}, " if recorded.cycles else ""
+    cycle = f"cycle {run.cycles.number}, " if run.cycles else ""
+    start = run.cycles.start if run.cycles else 0.0
     bar.set_postfix_str(
-        f"{cycle}step {recorded.tracker.counts['steps']}, p {pressure * 1e-6:.1f} MPa",
-        refresh=False,
+        f"{cycle}step {run.tracker.counts['steps']}, p {pressure * 1e-6:.1f} MPa", refresh=False
     )
-    into = 1e3 * (step.time - (recorded.cycles.start if recorded.cycles else 0.0))
-    bar.update(min(into, bar.total) - bar.n)
+    bar.update(min(1e3 * (step.time - start), bar.total) - bar.n)
 
 
 def require_same_scene(former: Checkpoint, scene: Mapping[str, str], directory: Path) -> None:

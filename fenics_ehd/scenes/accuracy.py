@@ -35,13 +35,13 @@ from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.error_shares import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
-from fenics_ehd.results.recorded_run import RecordedRun
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.part import counts, part_cells, with_counts
 from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints, meshed, stored
 
 if TYPE_CHECKING:
     from fenics_ehd.multibody.mechanism import FilmPlace
+from fenics_ehd.multibody.simulation import Simulation
 
 #: Least tolerance of a step, least periodicity, most film cells, vibration modes that a basis may
 #: have, and cells of a part's mesh around a bore.
@@ -262,7 +262,7 @@ Errors = Mapping[tuple[str, str], Mapping[str, float]]
 
 
 def account(
-    search: Search, scene: Scene, recorded: RecordedRun, worth: Mapping[str, Any]
+    search: Search, scene: Scene, recorded: Simulation, worth: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Add a judged run to its search, which then wants other settings or is over.
 
@@ -316,7 +316,7 @@ def account(
     return found
 
 
-def _errors(search: Search, recorded: RecordedRun, notes: Mapping[str, str]) -> Errors:
+def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> Errors:
     """Components that count."""
     found: dict[tuple[str, str], dict[str, float]] = {}
     for joint, budget in recorded.tracker.worth.items():
@@ -336,7 +336,7 @@ def _errors(search: Search, recorded: RecordedRun, notes: Mapping[str, str]) -> 
     return found
 
 
-def _refined(search: Search, scene: Scene, recorded: RecordedRun, errors: Errors) -> dict[str, Any]:
+def _refined(search: Search, scene: Scene, recorded: Simulation, errors: Errors) -> dict[str, Any]:
     """Values by key that bring the errors of every figure to the aim together, within limits."""
     films = {place.name: place for place in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
@@ -387,7 +387,7 @@ def _setting(component: str, place: FilmPlace) -> str:
 def _value(
     search: Search,
     scene: Scene,
-    recorded: RecordedRun,
+    recorded: Simulation,
     share: float,
     component: str,
     place: FilmPlace,

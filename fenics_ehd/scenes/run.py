@@ -20,6 +20,7 @@ from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, wri
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.results.history_file import CHECKPOINT, load_history
 from fenics_ehd.results.recorded_run import (
@@ -27,8 +28,8 @@ from fenics_ehd.results.recorded_run import (
     CHECKPOINT_EVERY,
     SCENE_NAME,
     Checkpoint,
-    RecordedRun,
     RunFolder,
+    estimate_errors,
     load_run_state,
     progress_bar,
     record_run,
@@ -143,7 +144,7 @@ def run_scene(
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     return record_run(
-        RecordedRun(run, scene.span, cycles, multiplier),
+        Simulation(run, scene.span, cycles),
         directory,
         {
             "warnings": list(scene.warnings),
@@ -156,18 +157,19 @@ def run_scene(
         interval=interval,
         bar=bar,
         former=former,
+        multiplier=multiplier,
         judge=judge,
     )
 
 
 def _worth(
-    recorded: RecordedRun,
+    recorded: Simulation,
     directory: Path,
     scene: Scene,
     search: Search | None,
 ) -> dict[str, Any]:
     """Part of the summary about a run's budget, and about the search for an accuracy."""
-    found = recorded.estimate_errors(directory)
+    found = estimate_errors(recorded, directory)
     if search is not None:
         return found | account(search, scene, recorded, found)
     return found | {"status": recorded.tracker.verdict(scene.output.error_limit)}
