@@ -25,8 +25,8 @@ from typing import Any
 from error_budget import METHOD, SCENES, References, extremes_of, finer, reduced, strict
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.energy import ENERGY_LIMIT
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Tracker
+from fenics_ehd.multibody.trust import ENERGY_LIMIT
 from fenics_ehd.scenes.accuracy import begun
 from fenics_ehd.scenes.run import run_accurately
 from fenics_ehd.scenes.scene import changed, lubricated_joints, stored

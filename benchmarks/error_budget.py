@@ -40,11 +40,10 @@ import numpy as np
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import ErrorCurves, Estimator
 from fenics_ehd.analysis.replay import course_of
-from fenics_ehd.multibody.error_shares import QUANTITIES
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Simulation, Tracker
+from fenics_ehd.multibody.trust import QUANTITIES
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.scene import changed
 

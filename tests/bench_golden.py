@@ -23,7 +23,7 @@ from fenics_ehd.multibody.bdf import Step, blended
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.scenes.build import build
 
 FOLDER = Path(__file__).parent / "golden" / "house"

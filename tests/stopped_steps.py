@@ -3,7 +3,7 @@
 import json
 
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Tracker
 
 
 def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):

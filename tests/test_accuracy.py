@@ -14,7 +14,7 @@ from scene_cases import LOADED_JOURNAL, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import AccuracyError, SettingsError
 from fenics_ehd.cli.run import accuracy_lines
-from fenics_ehd.multibody.error_shares import (
+from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,
     NOT_ESTIMATED,

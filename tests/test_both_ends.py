@@ -13,10 +13,9 @@ from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.film import uniform_grid
 from fenics_ehd.film.grid import film_grid
-from fenics_ehd.multibody.error_shares import bore_loads
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
-from fenics_ehd.multibody.simulation import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Run, Steps, Tracker
+from fenics_ehd.multibody.trust import bore_loads
 from fenics_ehd.plotting.animated_bodies import shape_of_bores
 from fenics_ehd.reduction import (
     full_interface,

@@ -14,7 +14,7 @@ from csv_history import read_history
 from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
 
 from fenics_ehd.cli import check
-from fenics_ehd.multibody.energy import SIGNS
+from fenics_ehd.multibody.trust import SIGNS
 from fenics_ehd.reduction import BasisFile
 
 #: The rod without elasticity over the first degrees of crank angle: everything but the many modes.

@@ -39,8 +39,8 @@ from fenics_ehd.multibody.bdf import NEWTON_FRACTION
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.scene import scene_of
 

@@ -15,8 +15,8 @@ from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.multibody import step_equations
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import FilmFriction
-from fenics_ehd.multibody.tracking import Tracker
 from fenics_ehd.reduction import full_interface, residual_flexibility
 from fenics_ehd.scenes.films import rough_surfaces
 from fenics_ehd.scenes.scene import scene_text

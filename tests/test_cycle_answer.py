@@ -10,7 +10,7 @@ from fenics_ehd.film import uniform_grid
 from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.multibody.lubricated_joint import nearest_circle
 from fenics_ehd.multibody.quantities import upper_most
-from fenics_ehd.multibody.tracking import EXTREMES, used_cycle
+from fenics_ehd.multibody.simulation import EXTREMES, used_cycle
 
 TURN = 2 * np.pi / OMEGA
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 import fenics_ehd as ehd
 from fenics_ehd.analysis.sensitivity import derivatives, figure_of, smooth_extreme, smooth_mean
 from fenics_ehd.base.errors import SensitivityError, SettingsError
-from fenics_ehd.multibody.energy import Integrals
+from fenics_ehd.multibody.trust import Integrals
 from fenics_ehd.scenes.scene import scene_of
 from fenics_ehd.study.sensitivity import (
     mechanism_number,

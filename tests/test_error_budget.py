@@ -30,14 +30,14 @@ from fenics_ehd.base.columns import Quantity
 from fenics_ehd.cli.run import beside, budget_table
 from fenics_ehd.film import uniform_grid
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.error_shares import (
+from fenics_ehd.multibody.lubricated_joint import ConservedContent
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,
     NOT_ESTIMATED,
     QUANTITIES,
 )
-from fenics_ehd.multibody.lubricated_joint import ConservedContent
-from fenics_ehd.multibody.run import Run, Steps
 
 #: Largest true error over the estimate, and least.
 WITHIN = 2.0

@@ -10,7 +10,7 @@ from scene_cases import tables_of, toml
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.scene import scene_of, stored
 

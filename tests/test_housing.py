@@ -3,6 +3,7 @@
 import attrs
 import numpy as np
 import pytest
+from fenics_ehd.reduction.checks import check_structure
 from foreign_parts import to_scipy
 from mpi4py import MPI
 from scene_cases import tables_of
@@ -11,7 +12,7 @@ from scipy.sparse.linalg import eigsh
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.multibody.energy import ENERGY_LIMIT
+from fenics_ehd.multibody.trust import ENERGY_LIMIT
 from fenics_ehd.reduction.static import rigid_body_modes
 from fenics_ehd.reduction.structure import check_structure
 from fenics_ehd.scenes.build import build

@@ -27,8 +27,8 @@ from fenics_ehd.film import uniform_grid
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.quantities import JointPlaces, JointStep, averaged, joint_row
 from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import film_friction
-from fenics_ehd.multibody.tracking import Tracker
 
 pytestmark = pytest.mark.kernels
 

@@ -12,8 +12,8 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody import step_equations
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.tracking import Tracker
 
 #: Modules that no run with a ready body needs, and what each is for.
 NEVER = {

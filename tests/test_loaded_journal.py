@@ -21,7 +21,7 @@ from scipy.integrate import quad, solve_ivp
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import PeriodicityError
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Tracker
 
 
 def constant(force):

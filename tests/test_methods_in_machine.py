@@ -12,10 +12,10 @@ from snapshot_cases import reduce_by
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.film import uniform_grid
-from fenics_ehd.multibody.error_shares import neglected_inertia
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Tracker
+from fenics_ehd.multibody.trust import neglected_inertia
 from fenics_ehd.reduction import (
     craig_bampton,
     full_interface,

@@ -11,7 +11,7 @@ from fenics_ehd.base.errors import SolverError, StepSizeError, ViscosityError
 from fenics_ehd.film import ShaftMotion, shaft_gap
 from fenics_ehd.multibody.newton import told_apart
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.simulation import Tracker
 
 GROUP = "oil"
 

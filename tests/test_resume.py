@@ -35,8 +35,15 @@ from fenics_ehd.multibody.history import fixed
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.results.history_file import CHECKPOINT, CsvFile, load_checkpoint, save_checkpoint
-from fenics_ehd.results.recorded_run import load_run_state, recorded_steps, save_run_state
+from fenics_ehd.results.recorded_run import (
+    CHECKPOINT,
+    CsvFile,
+    load_checkpoint,
+    load_run_state,
+    recorded_steps,
+    save_checkpoint,
+    save_run_state,
+)
 
 #: Changes of a short run of a journal, by the model whose state it carries.
 MODELS = {

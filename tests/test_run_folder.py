@@ -14,8 +14,7 @@ from scene_cases import ROD_OF_A_FILE, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError, InUseError
 from fenics_ehd.base.files import HEADER, clear, complete_result
-from fenics_ehd.results.history_file import CHECKPOINT
-from fenics_ehd.results.recorded_run import RunFolder
+from fenics_ehd.results.recorded_run import CHECKPOINT, RunFolder
 
 SCENE = ROD_OF_A_FILE | {"time.revolutions": 0.005, "time.tolerance": 1e-4}
 COARSER = SCENE | {"time.tolerance": 1e-3}

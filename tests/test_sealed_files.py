@@ -27,7 +27,7 @@ from fenics_ehd.reduction import (
     save_basis,
     save_structure,
 )
-from fenics_ehd.results.history_file import load_checkpoint, save_checkpoint
+from fenics_ehd.results.recorded_run import load_checkpoint, save_checkpoint
 
 TREE = {"rows": 3, "state": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
 
@@ -257,7 +257,7 @@ def test_a_damaged_history_is_not_waited_for(tmp_path):
     content[content.rindex(b"OHDR") + 20] ^= 4
     (tmp_path / "history.h5").write_bytes(content)
     code = (
-        "import sys; from fenics_ehd.results.history_file import load_history\n"
+        "import sys; from fenics_ehd.multibody.history import load_history\n"
         "load_history(sys.argv[1])"
     )
     command = [sys.executable, "-c", code, tmp_path]

@@ -38,11 +38,11 @@ import fenics_ehd as ehd
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import cavitation as snes_vi
 from fenics_ehd.multibody.bdf import ImplicitStep
-from fenics_ehd.multibody.energy import Powers, balance_error, energy_row, step_powers
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import columns_of
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.tracking import columns_of
+from fenics_ehd.multibody.trust import Powers, balance_error, energy_row, step_powers
 
 pytestmark = pytest.mark.kernels
 

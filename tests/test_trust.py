@@ -16,23 +16,25 @@ from scene_cases import ROD_OF_A_FILE, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import summed
 from fenics_ehd.cli.run import report
-from fenics_ehd.multibody import tracking
-from fenics_ehd.multibody.energy import ENERGY_LIMIT, Powers, energy_row
-from fenics_ehd.multibody.error_shares import (
+from fenics_ehd.multibody import simulation
+from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.simulation import Tracker
+from fenics_ehd.multibody.trust import (
     COMPONENTS,
+    ENERGY_LIMIT,
     QUANTITIES,
     BasisErrorEstimate,
+    Powers,
+    energy_row,
     neglected_inertia,
     slowest_pattern,
 )
-from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
 
 # --- What is printed
 
 
 def test_times_add_up_and_a_pressure_that_nothing_bears_is_noticed(tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr(tracking, "HIGHEST", 1e4)
+    monkeypatch.setattr(simulation, "HIGHEST", 1e4)
     coarse = {"joints.bearing.cells": [12, 2]}
     once = {"time.periodic": False, "time.revolutions": 0.02, "time.tolerance": 1e-2}
     path = write_scene(tmp_path / "s.toml", "loaded-journal", coarse | once)

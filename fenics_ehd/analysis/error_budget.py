@@ -50,7 +50,13 @@ from fenics_ehd.analysis.replay import (
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.error_shares import (
+from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_places, sampling_grid
+from fenics_ehd.multibody.mechanism import FilmPlace, Instant, Motion, System
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,
     NOT_ESTIMATED,
@@ -60,12 +66,6 @@ from fenics_ehd.multibody.error_shares import (
     bore_loads,
     estimate_at,
 )
-from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_places, sampling_grid
-from fenics_ehd.multibody.mechanism import FilmPlace, Instant, Motion, System
-from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.reduction.mesh_error import smooth_part
 
 #: Newton stops when what is left of its update is below so many tolerances of a step, but not above

@@ -31,16 +31,15 @@ from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid
 from fenics_ehd.film.supply import AxialGroove
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step
-from fenics_ehd.multibody.error_shares import QUANTITIES
 from fenics_ehd.multibody.history import History, fixed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import LEADING, CoupledState, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.simulation import Simulation, history_of, solution
 from fenics_ehd.multibody.tabulated import blended
-from fenics_ehd.multibody.tracking import history_of, solution
+from fenics_ehd.multibody.trust import QUANTITIES
 
 #: Angles and shares of the width that differ by less are equal.
 EQUAL = 1e-9

@@ -38,7 +38,6 @@ from fenics_ehd.analysis.replay import (
 )
 from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.errors import SensitivityError
-from fenics_ehd.multibody.energy import integral
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -47,6 +46,7 @@ from fenics_ehd.multibody.periodic import Cycles, repeats
 from fenics_ehd.multibody.quantities import JointPlaces, JointStep, joint_row
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import derivative_weights
+from fenics_ehd.multibody.trust import integral
 
 #: Change of a number over its scale: differences are off by its square, and friction, whose oil in
 #: cavities comes and goes point by point, has a derivative only over such a share.

@@ -141,8 +141,8 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
 
     DIRECTORY holds a run, also one that was stopped or still goes on. Nothing is meshed for it.
     """
+    from fenics_ehd.multibody.history import load_history
     from fenics_ehd.plotting.shown import recorded
-    from fenics_ehd.results.history_file import load_history
     from fenics_ehd.results.paraview import parts_of_bases, write_run
     from fenics_ehd.results.recorded_run import SERIES
 

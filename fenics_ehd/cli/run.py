@@ -20,9 +20,9 @@ from fenics_ehd.base.files import complete_result, require_writable
 from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, say_reducing, warn_of
-from fenics_ehd.multibody.error_shares import NOT_APPLICABLE, NOT_ESTIMATED
-from fenics_ehd.results.history_file import CHECKPOINT
+from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
+    CHECKPOINT,
     Checkpoint,
     RunFolder,
     first_rank_folder,
@@ -329,7 +329,7 @@ def _write_series(
     scene: Scene, built: Machine, directory: Path, parts: Mapping[str, PartFields]
 ) -> None:
     """The run for ParaView; bodies from files, and all of a run that goes on, have no mesh."""
-    from fenics_ehd.results.history_file import load_history
+    from fenics_ehd.multibody.history import load_history
     from fenics_ehd.results.paraview import write_run
 
     if without := sorted(built.bodies.keys() - parts.keys()):

@@ -20,9 +20,8 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.cli.options import say_reducing
 from fenics_ehd.multibody.body import FlexibleBody, RigidBody
-from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.plotting.shown import recorded
-from fenics_ehd.results.history_file import load_history
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME, SERIES, STRESS
 from fenics_ehd.results.stress import cycle_stress, figures, write_fields

@@ -12,6 +12,7 @@ before.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,12 +20,23 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+import h5py
 import numpy as np
 
 from fenics_ehd import __version__
 from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, csv_line, with_unit
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.files import naming, whole_hdf5, write_summary, write_whole
+from fenics_ehd.base.files import (
+    SCENE_NAME,
+    SUMMARY,
+    naming,
+    read_json,
+    read_text,
+    whole_hdf5,
+    write_summary,
+    write_whole,
+)
+from fenics_ehd.base.sealed_file import named, open_hdf5, require_numbers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -529,3 +541,97 @@ def _wanted(package: str, method: str) -> Any:
 def _text(value: str | list[str]) -> np.ndarray:
     """Text of fixed length: of any length it lies where HDF5 has no checksums, and crashes it."""
     return np.char.encode(np.array(value, dtype=str), "utf-8")
+
+
+def missing(path: Path, lacks: str) -> str:
+    """Explanation of a missing file of a run."""
+    return f"{lacks} {path.name}" if path.parent.is_dir() else "no such folder"
+
+
+def load_history(directory: str | Path, *, films: bool = True) -> History:
+    """History of a run: complete, interrupted, failed, killed, or one that goes on.
+
+    Parameters
+    ----------
+    directory
+        Of the run.
+    films
+        Whether to read pressures and gaps at all nodes, most of the file.
+
+    Returns
+    -------
+    History
+        Steps up to the last checkpoint; of a periodic run that is complete its last cycle, of
+        another the last two.
+
+    Raises
+    ------
+    InputError
+        The folder holds no run of at least one step, or files that are damaged or of another
+        version.
+    """
+    folder, path = Path(directory), Path(directory) / FIELDS_NAME
+    summary, scene = _summary(folder), _scene(folder)
+    if not path.exists():
+        raise InputError(f"{folder}: {missing(path, 'not a results folder, it has no')}")
+    with named(InputError, f"{path}: not a history of a run"), open_hdf5(path) as file:
+        version = file.attrs.get("format_version", 1)
+        if version != FORMAT_VERSION:
+            raise InputError(
+                f"{path}: a history of layout {version}, this program reads {FORMAT_VERSION}: run "
+                f"the scene anew, or read {CSV_NAME} beside it"
+            )
+        # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
+        whole, size = file.id.get_filesize(), path.stat().st_size
+        if size < whole:
+            raise OSError(f"it ends after {size} of {whole} bytes")
+        state = file["state/coordinates"].attrs
+        names, units = (tuple(text.decode() for text in state[n]) for n in ("names", "units"))
+        return History(_read(file, films), names, units, summary, scene)
+
+
+#: Its name in version 0.2.
+load_results = load_history
+
+
+def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
+    """Every array of a history by path, columns in their order."""
+    paths = [path.decode() for path in file.attrs["columns"]]
+    file.visit(paths.append)
+    found = {}
+    for path in dict.fromkeys(paths):
+        data = file[path]
+        if isinstance(data, h5py.Dataset) and (films or not of_film(path)):
+            require_numbers(data)
+            units = data.attrs["units"]
+            # One for every column, of the state.
+            mixed = isinstance(units, np.ndarray)
+            found[path] = Quantity(np.array(data), MIXED if mixed else units.decode())
+    return found
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    """Summary of the folder, empty where there is none yet."""
+    path = folder / SUMMARY
+    if not path.exists():
+        return {}
+    with named(InputError, f"{path}: not a summary of a run"):
+        found = read_json(path)
+        if not isinstance(found, dict):
+            raise ValueError("not an object")
+        return _with_nan(found)
+
+
+def _with_nan(value: Any) -> Any:
+    """JSON has null for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {name: _with_nan(entry) for name, entry in value.items()}
+    return float("nan") if value is None else value
+
+
+def _scene(folder: Path) -> dict[str, Any]:
+    path = folder / SCENE_NAME
+    if not path.exists():
+        return {}
+    with named(InputError, f"{path}: not a scene"):
+        return tomllib.loads(read_text(path))

@@ -1,27 +1,36 @@
 """Periodic solutions: cycle after cycle of a run, until its films repeat.
 
-Each cycle begins where the last one ended, or where the last ones together point to. The crank's
-angle, which the curves of a machine are drawn over, is chosen here, too.
+Each cycle begins where the last one ended, or where the last ones together point to, and with
+other effective temperatures of the films whose heat is balanced over a cycle. The crank's angle,
+which the curves of a machine are drawn over, is chosen here, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from fenics_ehd.base.errors import FilmTooThinError, PeriodicityError, SettingsError, StepSizeError
+from fenics_ehd.base.errors import (
+    FilmTooThinError,
+    HeatError,
+    PeriodicityError,
+    SettingsError,
+    StepSizeError,
+)
 from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.film.heat import TemperatureSearch, run_away
+from fenics_ehd.film.lubricant import Oil
 from fenics_ehd.multibody.body import PlanarBody
-from fenics_ehd.multibody.energy import FilmTemperatures
 from fenics_ehd.multibody.forces import RotatingForce, Torque
 from fenics_ehd.multibody.joints import SpeedTable
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism, System
+from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
+from fenics_ehd.multibody.trust import integral
 
 
 def crank(system: System) -> int | None:
@@ -141,6 +150,133 @@ def check_period(
                 f"{key} repeats {count:.9g} times in the cycle of {period:g} s, which must be a "
                 f"whole number: make time.revolutions or time.period {longer} the period of {key}"
             )
+
+
+def temperatures(place: FilmPlace, means: Mapping[str, float]) -> dict[str, float]:
+    """Figures of a joint whose heat is balanced, of mean power and flow; no others have any."""
+    heat, now = place.joint.heat, place.film.film.equation.lubricant.temperature
+    if heat is None or now is None or not means:
+        return {}
+    power, flow = (means[name] for name in ("dissipated_power_W", "leaving_flow_m3_per_s"))
+    return {
+        "supply_temperature_C": heat.supply_temperature,
+        "effective_temperature_C": now,
+        "outlet_temperature_C": heat.outlet(_oil(place), now, power, flow),
+    }
+
+
+def _oil(place: FilmPlace) -> Oil:
+    oil = place.film.film.parameters.lubricant.oil
+    assert oil is not None  # `LubricatedJoint` has seen to it
+    return oil
+
+
+class FilmTemperatures(Stateful):
+    """Effective temperatures of the films whose heat is balanced over a cycle.
+
+    Parameters
+    ----------
+    places
+        Joints; those without `LubricatedJoint.heat` are left alone, the others' films begin at
+        the supply's temperature.
+
+    Attributes
+    ----------
+    thinning
+        Relative change of each film, about, for which the last move stands: a bearing under load
+        runs with a film as the square root of the viscosity.
+    times, rates
+        Of the steps of the cycle under way and the three before it [s], and power [W] and flow
+        [m3/s] of every film there, shape (k,), (k, 2 count).
+    first
+        Number of the step that the cycle begins with.
+    """
+
+    carried = ("searches", "times", "rates", "first")
+
+    def __init__(self, places: Sequence[FilmPlace]):
+        self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
+        self.searches: dict[str, TemperatureSearch] = {}
+        for place in self._places.values():
+            assert place.joint.heat is not None
+            self.searches[place.name] = TemperatureSearch(place.joint.heat, _oil(place))
+        self.count = len(self.searches)
+        self.times, self.rates, self.first = np.zeros(0), np.zeros((0, 2 * self.count)), 0
+        self.thinning = np.zeros(self.count)
+        self._resume()
+
+    def _resume(self) -> None:
+        """Have the films as warm as the searches say."""
+        for place in self._places.values():
+            place.film.film.warm(self.searches[place.name].temperature)
+
+    def add(self, step: MechanismStep) -> None:
+        """Account for an accepted step of the cycle under way."""
+        films = [step.solution.integrals[i] for i in self._places]
+        rates = [rate for film in films for rate in (film.dissipated, film.flows.leaving)]
+        self.times = np.append(self.times, step.time)
+        self.rates = np.vstack([self.rates, rates])
+
+    def _balances(self) -> Iterator[tuple[str, TemperatureSearch, list[float]]]:
+        """Name and search of every film, mean power and flow over the cycle."""
+        whole = integral(self.times, self.rates, self.first)
+        means = (whole / (self.times[-1] - self.times[self.first])).reshape(-1, 2)
+        for (name, search), own in zip(self.searches.items(), means.tolist(), strict=True):
+            yield name, search, own
+
+    def unsettled(self) -> str:
+        """Message about the first temperature that is off its balance; else empty."""
+        for name, search, means in self._balances():
+            defect = search.defect(*means)
+            if not abs(defect) <= search.heat.tolerance:
+                return (
+                    f"the effective temperature of {name}, {search.temperature:.4g} C, is "
+                    f"{defect:.2g} K off its balance, above joints.{name}.heat.tolerance = "
+                    f"{search.heat.tolerance:g} K"
+                )
+        return ""
+
+    def move(self) -> None:
+        """Take other temperatures for the next cycle, where they are off their balance.
+
+        Those that are not stay: another one would change the steps of the cycle for nothing.
+
+        Raises
+        ------
+        HeatError
+            The heat of a film cannot leave.
+        """
+        for i, (name, search, means) in enumerate(self._balances()):
+            self.thinning[i] = 0.0
+            if abs(search.defect(*means)) <= search.heat.tolerance:
+                continue
+            before = search.viscosity
+            if not search.move(*means):
+                raise run_away(f"joints.{name}.heat", search)
+            self.thinning[i] = 0.5 * np.log(before / search.viscosity)
+        self.times, self.rates = self.times[-3:], self.rates[-3:]
+        self.first = len(self.times) - 1
+        self._resume()
+
+    def end(self) -> np.ndarray:
+        """Temperatures as coordinates and their rates, shape (2, count)."""
+        temperatures = [search.temperature for search in self.searches.values()]
+        return np.stack([temperatures, np.zeros(self.count)])
+
+    def shift(self, change: np.ndarray) -> None:
+        """Change the temperatures that have moved once more, shape (count,) [K]."""
+        found = zip(self.searches.values(), change, self.thinning, strict=True)
+        for search, own, moved in found:
+            if moved:
+                search.shift(float(own))
+        self._resume()
+
+    def failed(self, error: Exception) -> HeatError | None:
+        """The error behind that of a cycle whose film the heat has thinned; None: it has not."""
+        for name, search in self.searches.items():
+            if search.without_balance:
+                return run_away(f"joints.{name}.heat", search, error)
+        return None
 
 
 class Cycles(Stateful):

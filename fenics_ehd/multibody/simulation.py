@@ -1,21 +1,591 @@
-"""A mechanism from its start to an end time or a cycle that repeats itself, and its history."""
+"""A mechanism from its start to an end time or a cycle that repeats itself, and its history.
+
+A `Tracker` makes a row of every accepted step and keeps it. Figures are extremes, means and
+energies over columns of these rows; what no row has, past loads of an estimate, say, goes on from
+step to step, and is what a run that goes on needs beside its history.
+
+Last cycle of a search for a periodic solution: its last whole one, see `last_whole_cycle`. Of
+another run: its last full one, the turn of the crank before its end, or the two turns of a load
+over 720 degrees, or the period of loads over time if that is longer; else all of it. Which one it
+was is told.
+
+With one lubricated joint its columns and figures stand alone, with several they bear its name.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from time import perf_counter, process_time
 from typing import Any
 
+import numpy as np
+
+from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.film.film import steepest_thickening
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.newton import MechanismStep, SolverState
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.forces import RotatingForce
+from fenics_ehd.multibody.history import (
+    FIELD_UNITS,
+    History,
+    column_name,
+    fixed,
+    is_column,
+    last_whole_cycle,
+)
+from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
+from fenics_ehd.multibody.newton import MechanismStep, SolverState, unresolved
+from fenics_ehd.multibody.periodic import WHOLE, Cycles, crank, temperatures
+from fenics_ehd.multibody.quantities import (
+    CONTENT,
+    JointPlaces,
+    JointStep,
+    averaged,
+    joint_row,
+    oil_balance,
+    rubbing,
+    wear,
+)
 from fenics_ehd.multibody.run import Run, Steps
-from fenics_ehd.multibody.tracking import Tracker
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.tabulated import Curve
+from fenics_ehd.multibody.trust import (
+    ENERGY_LIMIT,
+    above,
+    balance_error,
+    bore_body,
+    bore_loads,
+    energy_row,
+    estimate_at,
+    integral,
+    stated,
+    step_powers,
+    too_coarse,
+)
+
+#: Share of a cycle that may be missing at its start, whose first step has a length.
+MISSING = 1e-4
+
+Columns = Mapping[str, np.ndarray]
+
+#: A step: numbers by path with unit, ``joints/big_end/force_x_N``, arrays by path.
+Row = Mapping[str, Any]
+
+
+#: Extremes over a cycle: name, column, how it is found, what stands before that in the summary, and
+#: columns that are told of the same step.
+EXTREMES = (
+    (
+        "max_pressure",
+        "max_pressure_Pa",
+        np.argmax,
+        "",
+        ("max_pressure_angle_deg", "max_pressure_height_m"),
+    ),
+    (
+        "min_film",
+        "min_film_thickness_m",
+        np.argmin,
+        "",
+        ("min_film_angle_deg", "min_film_height_m"),
+    ),
+    ("max_force", "force_N", np.argmax, "max_", ("force_angle_deg",)),
+    ("max_eccentricity", "eccentricity_ratio", np.argmax, "max_", ()),
+)
+
+
+@dataclass(frozen=True)
+class UsedCycle:
+    """Part of a run that its places, extremes and means are of.
+
+    Attributes
+    ----------
+    start, end
+        [s].
+    told
+        Which one, in words.
+    rows
+        Steps after its start, and up to its end.
+    under_way
+        Whether it is the cycle under way of a search, or all of another run.
+    """
+
+    start: float
+    end: float
+    told: str
+    rows: slice
+    under_way: bool
+
+    def figures(self, columns: Columns, joint: str, rates: Iterable[str]) -> dict[str, float]:
+        """Entries on a joint, with means of some of its rates.
+
+        Those of the cycle under way, or of the run, are told without a cycle.
+        """
+        found: dict[str, float] = {}
+        for name, column, extreme, before, places in EXTREMES:
+            row = self.rows.start + int(extreme(columns[f"joints/{joint}/{column}"][self.rows]))
+            for own in (column, *places):
+                found[f"cycle_{before}{own}"] = float(columns[f"joints/{joint}/{own}"][row])
+            angle = columns["run/crank_angle_deg"][row]
+            found[f"cycle_{name}_crank_angle_deg"] = float(angle)
+        for name in ("force_N", *(() if self.under_way else rates)):
+            found[f"cycle_mean_{name}"] = self._mean(columns, f"joints/{joint}/{name}")
+        return found
+
+    def _mean(self, columns: Columns, name: str) -> float:
+        """Mean of a column over time."""
+        time, values = columns["time_s"], columns[name]
+        times = np.append(self.start, time[self.rows])
+        values = np.append(np.interp(self.start, time, values), values[self.rows])
+        return float(integral(times, values[:, None])[0] / (times[-1] - times[0]))
+
+
+def used_cycle(system: System, columns: Columns) -> UsedCycle:
+    """Cycle of a run, from its columns by path; of a search of its last cycle at least."""
+    if "run/cycle" in columns:
+        return _searched(columns)
+    return _last(system, columns)
+
+
+def cycle_length(system: System) -> tuple[float, float]:
+    """Angle of the crank [degrees] and time [s] after which the loads repeat; time 0: no matter."""
+    degrees, seconds = 360.0, 0.0
+    for force in system.mechanism.forces.values():
+        table, body = force.table or (None, "")
+        if isinstance(table, Curve) and table.periodic and body:
+            degrees = max(degrees, float(np.degrees(table.period)))
+        elif isinstance(table, Curve) and table.periodic:
+            seconds = max(seconds, table.period)
+        if isinstance(force, RotatingForce) and force.speed:
+            seconds = max(seconds, 2 * np.pi / abs(force.speed))
+    return degrees, seconds
+
+
+def _last(system: System, columns: Columns) -> UsedCycle:
+    """The last full cycle of a run from time zero that is no search for a periodic solution."""
+    time, angle = columns["time_s"], columns["run/crank_angle_deg"]
+    degrees, seconds = cycle_length(system)
+    end, ahead = float(time[-1]), np.abs(angle[-1] - angle)
+    counts, starts = [], []
+    if seconds:
+        counts.append(end / seconds)
+        starts.append(end - seconds)
+    if ahead[0] > 0.0:
+        counts.append(float(ahead[0]) / degrees)
+        # A crank may swing back: the last time that it was a cycle behind.
+        before = int(np.flatnonzero(ahead >= min(degrees, ahead[0]))[-1])
+        pair = slice(before, before + 2)
+        starts.append(float(np.interp(-degrees, -ahead[pair], time[pair])))
+    full = int(min(counts, default=0.0) + MISSING)
+    if not full:
+        return UsedCycle(0.0, end, "whole run: no full cycle", slice(0, None), True)
+    start = min(starts)
+    start = start if start > MISSING * end else 0.0
+    first = int(np.searchsorted(time, start + 1e-9 * (end - start), side="right"))
+    rows = slice(min(first, len(time) - 1), None)
+    return UsedCycle(start, end, f"last of {full}", rows, not start)
+
+
+def _searched(columns: Columns) -> UsedCycle:
+    """The last whole cycle of a search."""
+    numbers, clock, time = (columns[name] for name in ("run/cycle", "run/cycle_time_s", "time_s"))
+    rows = last_whole_cycle(numbers, clock)
+    start = float(time[rows][0] - clock[rows][0])
+    told = f"last of {numbers[rows][-1]:.0f}" if numbers[-1] > 1 else "first cycle: films build up"
+    return UsedCycle(start, float(time[rows][-1]), told, rows, rows.stop is None)
+
+
+#: Pressure beyond which a notice asks for the reason [Pa]: bearing metals yield far below, and
+#: films of gears and rollers, whose solids are not those of a bearing, begin there.
+HIGHEST = 1e9
+
+#: Pressure over that of a film which moves in the time simulated, below which it is rounding.
+RESTING = 1e-6
+
+#: Names of a body's frame coordinates in a history.
+FRAME = ("x_m", "y_m", "angle_rad")
+
+
+#: Columns of which a summary has the extreme over the run, or the cycle under way, and when it is.
+PEAKS = {
+    "max_pressure_Pa": np.argmax,
+    "min_film_thickness_m": np.argmin,
+    "max_contact_pressure_Pa": np.argmax,
+}
+
+#: Value and time [s], in a periodic run since the start of the cycle, by quantity.
+Extremes = dict[str, tuple[float, float]]
+
+#: A joint's own coordinates, as columns.
+JOURNAL = ("eccentricity_x_m", "eccentricity_y_m", "tilt_x_rad", "tilt_y_rad")
+
+#: Unit of the amplitude of an elastic mode: as its basis is scaled.
+MODAL = "modal"
+
+
+def meshes_of(system: System) -> dict[str, np.ndarray]:
+    """Nodes, cells and sizes of every film, by path."""
+    found: dict[str, np.ndarray] = {}
+    for place in system.films:
+        parameters, path = place.film.film.parameters, f"joints/{place.name}/film"
+        grid = parameters.grid
+        found[f"{path}/radius"] = np.array(grid.radius)
+        found[f"{path}/clearance"] = np.array(parameters.clearance)
+        found[f"{path}/angle"], found[f"{path}/height"] = grid.node_positions.T
+        found[f"{path}/cells"] = grid.cell_nodes.astype(np.int32)
+    return found
+
+
+def history_of(system: System, rows: Sequence[Row]) -> History:
+    """History of rows at its steps."""
+    values: dict[str, Quantity] = {}
+    found = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+    for name, own in {**found, **meshes_of(system)}.items():
+        path, unit = split_unit(name)
+        number = own.astype(float) if is_column(name) else own
+        values[path] = Quantity(number, FIELD_UNITS.get(path.rpartition("/")[2], unit))
+    known = _coordinates(system)
+    return History(values, tuple(name for name, _ in known), tuple(unit for _, unit in known))
+
+
+def solution(
+    equations: StepEquations, step: MechanismStep, gaps: Sequence[np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Arrays by path that a history has of an accepted step, of gaps where they are observed."""
+    system, patterns = equations.system, equations.responses.size
+    found = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
+    if patterns:
+        found["state/quasi_static"] = step.x[system.n : system.n + patterns]
+    for place, film, gap in zip(system.films, step.solution.films, gaps, strict=True):
+        path = f"joints/{place.name}/film"
+        found[f"{path}/pressure"] = film.pressure
+        found[f"{path}/gap"] = gap[-len(film.pressure) :]
+        if film.fluid_fraction is not None:
+            found[f"{path}/fluid_fraction"] = film.fluid_fraction
+    # Copies: parts of larger arrays would keep these.
+    return {path: np.array(values) for path, values in found.items()}
+
+
+def _coordinates(system: System) -> list[tuple[str, str]]:
+    """Path and unit of every coordinate of a mechanism."""
+    found: list[tuple[str, str]] = []
+    for name, body in system.each_name():
+        own = system.bodies[name]
+        frame = [] if body.angle is None else FRAME[2 - body.angle :]
+        found += [split_unit(f"bodies/{name}/{column}") for column in frame]
+        modes = own.stop - own.start - len(frame)
+        found += [(f"bodies/{name}/mode_{i + 1}", MODAL) for i in range(modes)]
+    for place in system.films:
+        found += [split_unit(f"joints/{place.name}/{n}") for n in JOURNAL[: place.film.own]]
+    return found
+
+
+def columns_of(rows: Sequence[Row]) -> dict[str, np.ndarray]:
+    """Columns of rows by path, of no rows nothing."""
+    names = filter(is_column, rows[0] if rows else ())
+    return {name: np.array([row[name] for row in rows]) for name in names}
+
+
+class Tracker(Stateful):
+    """Keeps the history of a run and says what it has shown.
+
+    Of a search for a periodic solution rows are those of the last two cycles.
+
+    Parameters
+    ----------
+    equations, norm
+        Of the mechanism.
+    began
+        Time before the first step [s].
+
+    Attributes
+    ----------
+    system
+        The mechanism.
+    rows
+        Of every step.
+    counts, rejected_because
+        Of all steps, also of those whose rows are not kept.
+    estimates
+        Of errors of the basis, by joint.
+    rubbing, slid
+        Of rough surfaces by joint, see `fenics_ehd.multibody.quantities.rubbing`: at the last step,
+        and its integral over the run, or the cycle.
+    worth
+        What is known of how far figures of joints are off, by joint, see `error_budget`.
+    """
+
+    carried = ("counts", "rejected_because", "estimates", "rubbing", "slid")
+
+    def __init__(self, equations: StepEquations, norm: StepNorm, began: float = 0.0):
+        self._equations, self._norm, self.system = equations, norm, equations.system
+        films = self.system.films
+        self.rows: list[Row] = []
+        self.worth: dict[str, dict[str, Any]] = {}
+        self._crank, self.began = crank(self.system), began
+        self._coordinates = _coordinates(self.system)
+        self._places = {place.name: JointPlaces(self.system, place) for place in films}
+        self.estimates = {
+            place.name: estimate_at(bore_body(self.system, place), place.bore)
+            for place in films
+            if place.film.bore
+        }
+        rough = zip(films, equations.contacts.joints, strict=True)
+        self.slid = {p.name: np.zeros(len(own.area)) for p, own in rough if own is not None}
+        self.rubbing = dict(self.slid)
+        self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
+        self.rejected_because: dict[str, int] = {}
+
+    @property
+    def time(self) -> float:
+        """Time of the last step [s]."""
+        return self.rows[-1]["time_s"] if self.rows else self.began
+
+    @property
+    def first(self) -> int:
+        """Row of the first step of the cycle under way."""
+        cycles = [row.get("run/cycle") for row in self.rows]
+        return cycles.index(cycles[-1]) if cycles else 0
+
+    def take(self, history: History) -> None:
+        """Go on after the steps of a history."""
+        columns = {
+            with_unit(path, own.units) if is_column(path) else path: np.asarray(own)
+            for path, own in history.values.items()
+            if not fixed(path)
+        }
+        self.rows = [{name: own[i] for name, own in columns.items()} for i in range(len(history))]
+
+    def add(self, step: MechanismStep, cycles: Cycles | None = None) -> dict[str, float]:
+        """Account for an accepted step, of a search in its current cycle.
+
+        Returns
+        -------
+        dict
+            Its row of ``history.csv``.
+        """
+        begins = bool(cycles and self.rows and cycles.number != self.rows[-1]["run/cycle"])
+        if begins:
+            # Works and wear begin anew; counts and the estimates' past go on.
+            self.rows = self.rows[self.first :]
+            self.slid = {name: np.zeros_like(own) for name, own in self.slid.items()}
+        size, rejected = step.time - self.time, sum(step.rejected.values())
+        self.counts["steps"] += 1
+        self.counts["newton_iterations"] += step.newton_iterations
+        self.counts["rejected_steps"] += rejected
+        for reason, count in step.rejected.items():
+            self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
+        gaps = self._norm.film_gaps(step.observed)
+        row: dict[str, Any] = {"time_s": step.time}
+        row["run/crank_angle_deg"] = self._angle(step, cycles)
+        row |= self._joints(step, size, gaps) | self._bodies(step)
+        powers = step_powers(self._equations, step)
+        row |= energy_row(self.rows, step.time, powers, begins=begins)
+        row |= {"run/step_s": size, "run/newton_iterations": step.newton_iterations}
+        row["run/rejected_steps"] = rejected
+        if cycles is not None:
+            row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
+        row |= solution(self._equations, step, gaps)
+        self.rows.append(row)
+        films = self.system.films
+        return {column_name(name, films): own for name, own in row.items() if is_column(name)}
+
+    def _angle(self, step: MechanismStep, cycles: Cycles | None) -> float:
+        """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns.
+
+        Every cycle but the first begins in 0 to 360 degrees: an engine's last one is 0 to 720
+        degrees, not 1440 to 2160.
+        """
+        if self._crank is None:
+            return 0.0
+        turns = 0.0
+        if cycles is not None and cycles.number > 1:
+            turns = np.floor(cycles.began.x[0, self._crank] / (2 * np.pi) + WHOLE)
+        return float(np.degrees(step.x[self._crank]) - 360.0 * turns)
+
+    def _joints(
+        self, step: MechanismStep, size: float, gaps: Sequence[np.ndarray]
+    ) -> dict[str, float]:
+        """Columns of the lubricated joints at a step of a size [s]; wear and estimates go on."""
+        row: dict[str, float] = {}
+        loads = bore_loads(self.system, [film.pressure for film in step.solution.films])
+        for place, own, gap in zip(self.system.films, step.solution.integrals, gaps, strict=True):
+            name = place.name
+            figures = joint_row(JointStep(self._places[name], step, own, gap))
+            if name in self.slid:
+                former, self.rubbing[name] = self.rubbing[name], rubbing(own)
+                if self.rows:
+                    slid = 0.5 * size * (former + self.rubbing[name])
+                    self.slid[name] = self.slid[name] + slid
+            if name in self.estimates:
+                amplitudes = self._equations.responses.of_body(place.bore_body)
+                figures["basis_error_estimate_m"] = self.estimates[name].add(
+                    size, loads[place.bore_body], step.acceleration[amplitudes]
+                )
+            row |= {f"joints/{name}/{column}": value for column, value in figures.items()}
+        return row
+
+    def _bodies(self, step: MechanismStep) -> dict[str, float]:
+        """Columns of the bodies' frames; a shaft has an angle alone."""
+        row: dict[str, float] = {}
+        for (path, unit), x, rate in zip(self._coordinates, step.x, step.rate, strict=False):
+            if path.startswith("bodies/") and unit != MODAL:
+                row[with_unit(path, unit)] = x
+                if path.endswith("/angle"):
+                    row[f"{path.removesuffix('angle')}speed_rad_per_s"] = rate
+        return row
+
+    def history(self) -> History:
+        """History of the steps that are kept."""
+        return history_of(self.system, self.rows)
+
+    @property
+    def extremes(self) -> dict[str, Extremes]:
+        """Extremes of every film over the cycle under way, or the run."""
+        return self._extremes(self.rows[self.first :])
+
+    @property
+    def former(self) -> dict[str, Extremes]:
+        """Those over the cycle before."""
+        return self._extremes(self.rows[: self.first])
+
+    def _extremes(self, rows: Sequence[Row]) -> dict[str, Extremes]:
+        found: dict[str, Extremes] = {}
+        columns = columns_of(rows)
+        for place in self.system.films if rows else ():
+            own = found[place.name] = {}
+            for name in PEAKS:
+                values = columns.get(f"joints/{place.name}/{name}")
+                if values is not None:
+                    step = PEAKS[name](values)
+                    clock = columns.get("run/cycle_time_s", columns["time_s"])
+                    own[split_unit(name)[0]] = float(values[step]), float(clock[step])
+        return found
+
+    def steepest_thickening(self, place: FilmPlace) -> float:
+        """Largest factor of a film's viscosity within a cell, over the cycle, or the run."""
+        path = f"joints/{place.name}/film/pressure"
+        own = [row[path] for row in self.rows[self.first :]]
+        return max((steepest_thickening(place.film.film, p) for p in own), default=1.0)
+
+    @property
+    def energy_error(self) -> float:
+        """Largest defect over the largest energy exchanged, of the cycle under way, or the run."""
+        return balance_error(columns_of(self.rows[self.first :])) if self.rows else 0.0
+
+    def figures(self) -> dict[str, Any]:
+        """Entries of ``summary.json`` on the run and its last cycle, see `UsedCycle`."""
+        columns = columns_of(self.rows)
+        joints: dict[str, dict[str, Any]] = {place.name: {} for place in self.system.films}
+        cycle: dict[str, Any] = {}
+        if self.rows:
+            used = used_cycle(self.system, columns)
+            cycle = {"cycle_used": used.told, "cycle_start_s": used.start, "cycle_end_s": used.end}
+            for place in self.system.films:
+                joints[place.name] = self._joint(place, columns, used)
+        alone: dict[str, Any] = {"joints": joints}
+        if len(joints) == 1:
+            ((name, found),) = joints.items()
+            alone = {"joint": name, **found}
+        return {
+            **alone,
+            **cycle,
+            "energy_balance_error": self.energy_error,
+            "simulated_time_s": self.time,
+            **self.counts,
+            "rejected_because": dict(self.rejected_because),
+            "notices": self._notices(),
+        }
+
+    def _joint(self, place: FilmPlace, columns: Columns, used: UsedCycle) -> dict[str, Any]:
+        """Entries on a lubricated joint, from columns by path."""
+        name, start = place.name, f"joints/{place.name}/"
+        own = {key.removeprefix(start): v for key, v in columns.items() if key.startswith(start)}
+        time, extremes = columns["time_s"], self.extremes[name]
+        found: dict[str, Any] = {}
+        for column in filter(own.__contains__, PEAKS):
+            quantity = split_unit(column)[0]
+            found[column], found[f"{quantity}_time_s"] = extremes[quantity]
+        found["basis_error_estimate_m"] = float("nan")
+        if name in self.estimates:
+            estimate, errors = self.estimates[name], own["basis_error_estimate_m"]
+            counted = errors[self.first :][time[self.first :] > estimate.start]
+            least = 0.0 if estimate.known else float("nan")
+            found["basis_error_estimate_m"] = float(np.max(counted, initial=least))
+        rates = averaged(own)
+        if rates:
+            found |= self._means(place, time, rates)
+        if name in self.slid:
+            found |= wear(place, self.slid[name])
+        if name in self.worth:
+            found["error_budget"] = self.worth[name]
+        return found | used.figures(columns, name, rates)
+
+    def _means(self, place: FilmPlace, time: np.ndarray, rates: Columns) -> dict[str, float]:
+        """Means of a joint's rates over the run, or the cycle, and what follows from them."""
+        begin = max(self.first - 1, 0)
+        values = np.column_stack([*rates.values()])
+        whole, length = integral(time, values, begin), time[-1] - time[begin]
+        means = dict(zip(rates, (whole / length if length else values[-1]).tolist(), strict=True))
+        found = {f"mean_{name}": value for name, value in means.items()}
+        if CONTENT in rates:
+            totals = dict(zip(rates, whole.tolist(), strict=True))
+            content = rates[CONTENT]
+            found |= oil_balance(float(content[begin]), float(content[-1]), totals)
+        return found if place.joint.heat is None else found | temperatures(place, means)
+
+    def _notices(self) -> list[str]:
+        """One line each of what is hardly meant."""
+        largest = {name: own["max_pressure"][0] for name, own in self.extremes.items()}
+        told = [
+            f"{name}: {1e-6 * largest[name]:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: no "
+            "lining bears that, and no model here is made for it: see loads, units, size and "
+            "whether a bore is meant to be rigid"
+            for name in largest
+            if largest[name] > HIGHEST
+        ]
+        for name in self._resting:
+            told.append(
+                f"{name}: nothing moves or loads its film, the {largest[name]:.2g} Pa in it are "
+                "rounding"
+            )
+        return told
+
+    @property
+    def _resting(self) -> list[str]:
+        """Names of the films whose pressures are nothing beside what a motion would make."""
+        scales = {p.name: p.film.film.parameters.pressure_scale for p in self.system.films}
+        extremes = self.extremes.items()
+        return [name for name, own in extremes if own["max_pressure"][0] < RESTING * scales[name]]
+
+    def verdict(self, limit: float = np.inf) -> str:
+        """``"complete"``, or why the figures cannot be trusted.
+
+        They cannot where what is known of their errors exceeds a relative limit, or a defect of the
+        energy what is known of the steps. What stands for errors of the films' meshes counts as far
+        as they are not known.
+        """
+        if self.system.films and len(self._resting) == len(self.system.films):
+            return "complete"  # errors of nothing are no shares
+        if told := above(self.worth, limit):
+            return told
+        mesh, steps = (stated(self.worth, component) for component in ("film_mesh", "step_size"))
+        extremes = self.extremes
+        for place in self.system.films if mesh is None else ():
+            told = too_coarse(place, extremes[place.name]["min_film_thickness"][0])
+            told = told or unresolved(place, self.steepest_thickening(place))
+            if told:
+                return told
+        error, known = self.energy_error, max(steps or 0.0, ENERGY_LIMIT)
+        if error <= known:
+            return "complete"
+        return (
+            f"untrustworthy: energy balance error {100 * error:.2g} % of the energy exchanged, "
+            f"above {100 * known:.2g} %: lower time.tolerance or time.largest_step"
+        )
 
 
 class Simulation(Stateful):

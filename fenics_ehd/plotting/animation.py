@@ -25,6 +25,7 @@ from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.files import written_aside
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import FlexibleBody
+from fenics_ehd.multibody.history import load_history
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
 from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism
 from fenics_ehd.plotting.animated_bodies import (
@@ -41,7 +42,6 @@ from fenics_ehd.plotting.curves import clearance_circle
 from fenics_ehd.plotting.maps import ANGLES, draw_section, lay_out_section, sampled
 from fenics_ehd.plotting.picture import BLUE, PRESSURES, RED, require_format
 from fenics_ehd.plotting.shown import recorded
-from fenics_ehd.results.history_file import load_history
 from fenics_ehd.results.motion import RecordedMotion, between_steps
 from fenics_ehd.results.paraview import parts_of_bases
 from fenics_ehd.results.recorded_run import SCENE_NAME

@@ -18,9 +18,8 @@ from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.forces import in_supply
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.multibody.history import FilmResult, History, last_whole_cycle
+from fenics_ehd.multibody.history import FilmResult, History, last_whole_cycle, load_history
 from fenics_ehd.multibody.periodic import WHOLE
-from fenics_ehd.results.history_file import load_history
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.run import stored_scene

@@ -9,14 +9,13 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, interp1d
 
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.multibody.body import Body, FlexibleBody, ground
-from fenics_ehd.multibody.error_shares import bore_loads
-from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.history import FIELDS_NAME, History
 from fenics_ehd.multibody.lubricated_joint import nearest_circle
 from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.trust import bore_loads
 from fenics_ehd.reduction import ReducedBody
-from fenics_ehd.results.history_file import FIELDS_NAME
 
 
 def between_steps(history: History, time: np.ndarray) -> History:

@@ -18,6 +18,7 @@ import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, replace
+from io import FileIO
 from math import inf
 from pathlib import Path
 from time import monotonic
@@ -30,6 +31,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.analysis.error_budget import Estimator
+from fenics_ehd.base.columns import csv_line
 from fenics_ehd.base.errors import EhdError, InputError, OutputError, SolverError
 from fenics_ehd.base.files import (
     ACCURACY,
@@ -46,26 +48,18 @@ from fenics_ehd.base.files import (
     let_go,
     listed,
     locked,
+    naming,
     require_writable,
     to_json,
     write_summary,
     write_whole,
 )
 from fenics_ehd.base.processes import interrupt_between_steps
-from fenics_ehd.base.sealed_file import named
+from fenics_ehd.base.sealed_file import named, open_sealed, read_tree, save_tree
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.history import CSV_NAME, FIELDS_NAME, History, load_history, missing
 from fenics_ehd.multibody.newton import MechanismStep, SolverState
 from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.results.history_file import (
-    CHECKPOINT,
-    CSV_NAME,
-    FIELDS_NAME,
-    CsvFile,
-    load_checkpoint,
-    load_history,
-    save_checkpoint,
-)
 
 
 class _Unobserved:
@@ -102,6 +96,11 @@ BODY_FILE = "body-{}.h5"
 
 #: Series for ParaView; and a run that is to replace the complete result beside it.
 SERIES, REPLACEMENT = "vtk/", "replacement/"
+
+#: A run that can go on: its file, and name and version of the format.
+CHECKPOINT = "checkpoint.h5"
+CHECKPOINT_FORMAT = "fenics_ehd checkpoint"
+CHECKPOINT_VERSION = 4
 
 #: What a run consists of, beside its bodies. The history is there as soon as there is a step.
 RUN = (FIELDS_NAME, CSV_NAME, CHECKPOINT, SCENE_NAME, ACCURACY)
@@ -267,6 +266,85 @@ class RunFolder:
         with suppress(OSError):  # whoever was reading may be gone
             for line in lines:
                 click.echo(line, err=True)
+
+
+class CsvFile:
+    """Append-only rows, after as many of a former run.
+
+    Raises
+    ------
+    InputError
+        With the first row: the file is not that of the former run.
+    OutputError
+        It cannot be written; all rows before stay, and can be read.
+    """
+
+    def __init__(self, path: Path, rows: int):
+        self._path, self._rows = path, rows
+        self._file: FileIO | None = None
+
+    def write(self, row: Mapping[str, float]) -> None:
+        """The next row, by names of columns."""
+        if self._file is None:
+            self._file = self._begun(csv_line([*row]))
+        line = csv_line([f"{value:.10g}" for value in row.values()])
+        with naming(self._path):
+            while line:
+                line = line[self._file.write(line) :]
+
+    def _begun(self, header: bytes) -> FileIO:
+        """The file with its header and the rows before."""
+        lines = [header]
+        if self._rows:
+            lines = self._path.read_bytes().splitlines(keepends=True)[: 1 + self._rows]
+            # A killed writer may have left its last row unfinished.
+            if len(lines) <= self._rows or lines[0] != header or lines[-1][-1:] != b"\n":
+                raise InputError(
+                    f"{self._path}: not the history of the run to go on with: start anew"
+                )
+        write_whole(self._path, b"".join(lines))
+        # Without a buffer, which would be written once more when there is no room for it.
+        return open(self._path, "ab", buffering=0)
+
+
+def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
+    """Write a checkpoint aside, put it on the disk and rename it over the former one.
+
+    Parameters
+    ----------
+    path
+        File.
+    tree
+        Dictionaries of dictionaries, arrays, numbers and text.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written; the former one stays.
+    """
+    save_tree(path, tree, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
+
+
+def load_checkpoint(path: str | Path) -> dict[str, Any]:
+    """The tree of a checkpoint: arrays, and Python numbers and text in place of scalars.
+
+    Raises
+    ------
+    InputError
+        There is no checkpoint, or the file is none, or it changed since it was written.
+    """
+    folder = Path(path).parent
+    if not Path(path).exists():
+        raise InputError(
+            f"{folder}: no checkpoint to go on from, {missing(Path(path), 'it has no')}"
+        )
+    with (
+        named(InputError, f"{path}: no checkpoint to go on from"),
+        open_sealed(
+            path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, remedy="run the scene anew"
+        ) as file,
+    ):
+        return read_tree(file)
 
 
 #: Seconds between two checkpoints, unless told otherwise.

@@ -33,7 +33,7 @@ import numpy as np
 from fenics_ehd.base.errors import AccuracyError, InputError, SettingsError
 from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
-from fenics_ehd.multibody.error_shares import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
+from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.part import counts, part_cells, with_counts

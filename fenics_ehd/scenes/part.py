@@ -164,7 +164,7 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
             f"reduction.snapshots = {reduction.snapshots!r}: a run's pressures are those of one "
             f"bore, the part has {', '.join(structure.bores)}"
         )
-    from fenics_ehd.results.history_file import load_history
+    from fenics_ehd.multibody.history import load_history
 
     joints = load_history(reduction.snapshots).joints
     if len(joints) != 1:

@@ -17,14 +17,14 @@ import attrs
 from tqdm import tqdm
 
 from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, write_whole
-from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
-from fenics_ehd.results.history_file import CHECKPOINT, load_history
 from fenics_ehd.results.recorded_run import (
     BODY_FILE,
+    CHECKPOINT,
     CHECKPOINT_EVERY,
     SCENE_NAME,
     Checkpoint,

@@ -15,8 +15,7 @@ from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import read_json
 from fenics_ehd.base.sealed_file import named
-from fenics_ehd.multibody.history import FilmResult
-from fenics_ehd.results.history_file import load_history
+from fenics_ehd.multibody.history import FilmResult, load_history
 from fenics_ehd.study.cases import read_table
 from fenics_ehd.study.compare import COLUMNS, LIMITING, errors_path, read_errors
 from fenics_ehd.study.plan import REFERENCE
