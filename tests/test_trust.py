@@ -150,7 +150,8 @@ def test_an_estimate_that_is_large_is_called_so(tmp_path):
         "scene": "case", "steps": 3, "newton_iterations": 5, "bodies": {}, "joint": "bearing",
         "max_pressure_Pa": 1e7, "max_pressure_time_s": 0.0, "min_film_thickness_m": 1e-6,
         "min_film_thickness_time_s": 0.0, "energy_balance_error": 0.01,
-        "reduction_time_s": 0.0, "wall_time_s": 0.0,
+        "reduction_time_s": 0.0, "wall_time_s": 0.0, "cycle_used": "last of 1",
+        "cycle_start_s": 0.0, "cycle_end_s": 1e-3,
     }  # fmt: skip
     texts = [report(figures | {"basis_error_estimate_m": e}, tmp_path) for e in (1e-7, 3e-7)]
     assert ["not small against the film" in text for text in texts] == [False, True]
