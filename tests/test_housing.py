@@ -3,7 +3,6 @@
 import attrs
 import numpy as np
 import pytest
-from fenics_ehd.reduction.checks import check_structure
 from foreign_parts import to_scipy
 from mpi4py import MPI
 from scene_cases import tables_of

@@ -25,7 +25,7 @@ from oracle_walls import walls
 import fenics_ehd as ehd
 from fenics_ehd.film import uniform_grid
 from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.quantities import JointPlaces, JointStep, averaged, joint_row
+from fenics_ehd.multibody.quantities import JointStep, averaged, joint_row
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import film_friction
@@ -53,10 +53,7 @@ def rows_of(mechanism, end, tolerance):
         yield (
             going,
             step,
-            [
-                joint_row(JointStep(JointPlaces(system, place), step, film, gap))
-                for place, film, gap in films
-            ],
+            [joint_row(JointStep(place, step, film, gap)) for place, film, gap in films],
         )
 
 

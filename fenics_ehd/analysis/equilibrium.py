@@ -35,7 +35,7 @@ from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.multibody.bdf import ImplicitStep, Step
 from fenics_ehd.multibody.mechanism import Instant, Mechanism, System, assemble
 from fenics_ehd.multibody.newton import CoupledState, CoupledSteps, SolverState
-from fenics_ehd.multibody.quantities import JointPlaces, JointStep
+from fenics_ehd.multibody.quantities import JointStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 
@@ -86,10 +86,7 @@ class Equilibrium:
         observed = norm.observe(self.x)
         step = Step(0.0, self.x, self.rate, still, observed, self.state, self.iterations)
         each = zip(system.films, self.state.integrals, norm.film_gaps(observed), strict=True)
-        return {
-            place.name: JointStep(JointPlaces(system, place), step, own, gap)
-            for place, own, gap in each
-        }
+        return {place.name: JointStep(place, step, own, gap) for place, own, gap in each}
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import Cycles, repeats
-from fenics_ehd.multibody.quantities import JointPlaces, JointStep, joint_row
+from fenics_ehd.multibody.quantities import JointStep, joint_row
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import derivative_weights
 from fenics_ehd.multibody.trust import integral
@@ -157,20 +157,20 @@ def look(run: Run) -> Callable[[MechanismStep], dict[str, float]]:
     one to another.
     """
     system = run.equations.system
-    places = {place.name: JointPlaces(system, place) for place in system.films}
     nodes: dict[str, Rows] = {}
     points: dict[str, Rows] = {}
-    for name, own in places.items():
-        film = own.place.film.film
-        width, inside = film.parameters.grid.width, film.points
-        nodes[name] = Rows(own.nodes[:, 0], own.nodes[:, 1], width)
-        points[name] = Rows(inside.angle.ravel(), inside.height.ravel(), width)
+    for place in system.films:
+        grid, inside = place.film.film.parameters.grid, place.film.film.points
+        width = grid.width
+        angles, heights = grid.node_positions.T
+        nodes[place.name] = Rows(angles, heights, width)
+        points[place.name] = Rows(inside.angle.ravel(), inside.height.ravel(), width)
 
     def columns(step: MechanismStep) -> dict[str, float]:
         found: dict[str, float] = {}
         gaps = run.norm.film_gaps(step.observed)
-        for name, own, gap in zip(places, step.solution.integrals, gaps, strict=True):
-            row = joint_row(JointStep(places[name], step, own, gap))
+        for place, own, gap in zip(system.films, step.solution.integrals, gaps, strict=True):
+            name, row = place.name, joint_row(JointStep(place, step, own, gap))
             row["max_pressure_Pa"] = nodes[name].extreme(own.state.pressure, 1)
             nodal = gap[-len(own.state.pressure) :]
             row["min_film_thickness_m"] = nodes[name].extreme(nodal, -1)

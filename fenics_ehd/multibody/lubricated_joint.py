@@ -57,7 +57,7 @@ of the journal in the circle, ``d - e``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -555,6 +555,13 @@ class JointFilm:
     def size(self) -> int:
         """Number n of coordinates."""
         return self.thickness.shape[1]
+
+    @cached_property
+    def circle(self) -> np.ndarray | None:
+        """Journal's place of gaps at nodes, see `nearest_circle`; None in a round, rigid bore."""
+        if self.bore is None and self.shape is None:
+            return None
+        return nearest_circle(self.film)[1:]
 
     def lengths(self, thickness: np.ndarray) -> np.ndarray:
         """Lengths that changes of gaps are compared with [m]: the gaps, if surfaces are smooth."""

@@ -96,6 +96,8 @@ class FilmPlace:
         Places of the bodies' angles in z, None for one that cannot turn.
     bore_body, bore
         Name of the body that has the bore, and of the bore where it is flexible, else empty.
+    mounted
+        Angle of a bore that cannot turn [rad].
     """
 
     name: str
@@ -107,6 +109,7 @@ class FilmPlace:
     bore_angle: int | None
     bore_body: str
     bore: str
+    mounted: float
 
     def ahead(self, values: np.ndarray) -> float:
         """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
@@ -235,6 +238,8 @@ class System:
             part = bore.reduced.at_bore(point)
         tilting = len(journal.marker(self._named(joint.journal)[2], journal.start).values) == 5
         film = JointFilm(joint, part, tilting)
+        bore_angle = self._angle(joint.bore)
+        mounted = bore.marker("", bore.start).values[ANGLE] if bore_angle is None else 0.0
         last = self.bodies[bore_name].stop
         modes = np.arange(last - film.size + film.own, last)
         return FilmPlace(
@@ -244,9 +249,10 @@ class System:
             np.concatenate([np.arange(self.n, self.n + film.own), modes]),
             slice(self.m, self.m + film.own),
             self._angle(joint.journal),
-            self._angle(joint.bore),
+            bore_angle,
             bore_name,
             "" if part is None else point,
+            float(mounted),
         )
 
     def bore_at_rest(self, place: FilmPlace) -> str:

@@ -44,9 +44,8 @@ from fenics_ehd.base.columns import with_unit
 from fenics_ehd.film.film import OilState
 from fenics_ehd.film.flow import under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED
-from fenics_ehd.multibody.body import ANGLE
-from fenics_ehd.multibody.lubricated_joint import nearest_circle
-from fenics_ehd.multibody.mechanism import FilmPlace, System
+from fenics_ehd.multibody.lubricated_joint import observed_places
+from fenics_ehd.multibody.mechanism import FilmPlace
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.step_equations import FilmIntegrals
 
@@ -55,65 +54,29 @@ from fenics_ehd.multibody.step_equations import FilmIntegrals
 EQUAL = 1e-9
 
 
-class JointPlaces:
-    """Places at which the film of a lubricated joint is observed.
-
-    Parameters
-    ----------
-    system, place
-        Which.
-    """
-
-    def __init__(self, system: System, place: FilmPlace):
-        self.place, self._system = place, system
-        self.nodes = place.film.film.parameters.grid.node_positions
-
-    @cached_property
-    def observed(self) -> np.ndarray:
-        """Angle [rad] and height [m] of Gauss points, then of nodes, shape (k, 2)."""
-        points = self.place.film.film.points
-        inside = np.column_stack([points.angle.ravel(), points.height.ravel()])
-        return np.vstack([inside, self.nodes])
-
-    @cached_property
-    def circle(self) -> np.ndarray | None:
-        """Journal's place, of gaps at nodes, in a bore that is not round and rigid."""
-        film = self.place.film
-        return None if film.bore is None and film.shape is None else nearest_circle(film.film)[1:]
-
-    @cached_property
-    def turned(self) -> float:
-        """Angle by which a bore is mounted that cannot turn [rad]."""
-        place, bodies = self.place, self._system.mechanism.bodies
-        body = bodies.get(place.bore_body)
-        if place.bore_angle is not None or body is None:
-            return 0.0
-        return float(body.marker("", body.start).values[ANGLE])
-
-
 @dataclass(frozen=True, eq=False)
 class JointStep:
     """A lubricated joint at an accepted step.
 
     Attributes
     ----------
-    places, step
-        Of which joint, and the step.
+    place, step
+        Which joint, and the step.
     own
         The film's integrals.
     gap
         Film thickness where it is observed, at Gauss points, then at nodes [m].
     """
 
-    places: JointPlaces
+    place: FilmPlace
     step: MechanismStep
     own: FilmIntegrals
     gap: np.ndarray
 
     @property
-    def place(self) -> FilmPlace:
-        """Which joint."""
-        return self.places.place
+    def nodes(self) -> np.ndarray:
+        """Angle [rad] and height [m] of the film's nodes, shape (k, 2)."""
+        return self.place.film.film.parameters.grid.node_positions
 
     @property
     def pressure(self) -> np.ndarray:
@@ -130,19 +93,20 @@ class JointStep:
         """Direction of the journal's load on the bore, in the bore's frame [rad]."""
         # The joint's own force is the one on the journal.
         load = np.arctan2(-self.force[1], -self.force[0])
-        return float(load - self.place.angles(self.step.x)[1] - self.places.turned)
+        return float(load - self.place.angles(self.step.x)[1] - self.place.mounted)
 
     @cached_property
     def journal(self) -> np.ndarray:
         """Centre of the journal in the bore as it is, shape (2,) [m]."""
-        if self.places.circle is None:
+        circle = self.place.film.circle
+        if circle is None:
             return self.step.x[self.place.xi[:2]]
-        return self.places.circle @ self.gap[-len(self.places.nodes) :]
+        return circle @ self.gap[-len(self.nodes) :]
 
     @cached_property
     def thinnest(self) -> tuple[float, float]:
         """Angle [rad] and height [m] of the thinnest film."""
-        return upper_most(self.places.observed, self.gap)
+        return upper_most(np.column_stack(observed_places(self.place.film.film)), self.gap)
 
     @cached_property
     def load(self) -> np.ndarray:
@@ -296,7 +260,7 @@ def min_film_thickness(joint: JointStep) -> float:
 @quantity("max_pressure_angle", "deg")
 def max_pressure_angle(joint: JointStep) -> float:
     """Angle of the place of the largest pressure."""
-    return in_degrees(joint.places.nodes[np.argmax(joint.pressure), 0])
+    return in_degrees(joint.nodes[np.argmax(joint.pressure), 0])
 
 
 @quantity("eccentricity_x", "m")
@@ -362,7 +326,7 @@ def attitude_angle(joint: JointStep) -> float:
 @quantity("max_pressure_height", "m")
 def max_pressure_height(joint: JointStep) -> float:
     """Height of the place of the largest pressure."""
-    return upper_most(joint.places.nodes, -joint.pressure)[1]
+    return upper_most(joint.nodes, -joint.pressure)[1]
 
 
 @quantity("min_film_angle", "deg")

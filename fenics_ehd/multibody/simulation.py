@@ -40,7 +40,6 @@ from fenics_ehd.multibody.newton import MechanismStep, SolverState, unresolved
 from fenics_ehd.multibody.periodic import WHOLE, Cycles, crank, temperatures
 from fenics_ehd.multibody.quantities import (
     CONTENT,
-    JointPlaces,
     JointStep,
     averaged,
     joint_row,
@@ -327,7 +326,6 @@ class Tracker(Stateful):
         self.worth: dict[str, dict[str, Any]] = {}
         self._crank, self.began = crank(self.system), began
         self._coordinates = _coordinates(self.system)
-        self._places = {place.name: JointPlaces(self.system, place) for place in films}
         self.estimates = {
             place.name: estimate_at(bore_body(self.system, place), place.bore)
             for place in films
@@ -414,7 +412,7 @@ class Tracker(Stateful):
         loads = bore_loads(self.system, [film.pressure for film in step.solution.films])
         for place, own, gap in zip(self.system.films, step.solution.integrals, gaps, strict=True):
             name = place.name
-            figures = joint_row(JointStep(self._places[name], step, own, gap))
+            figures = joint_row(JointStep(place, step, own, gap))
             if name in self.slid:
                 former, self.rubbing[name] = self.rubbing[name], rubbing(own)
                 if self.rows:
