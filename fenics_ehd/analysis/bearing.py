@@ -20,8 +20,8 @@ mean over four meshes with slightly different cells cancels most of that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -160,14 +160,15 @@ class _Held(Revolute):
 class _Bearing:
     """Mechanism of a bearing, its film's mesh made for a place of the journal [m].
 
-    Its frame is turned from the load's by an angle: so is everything in it.
+    The bore's frame, in which film, grooves and shape are, is turned from the load's by an angle.
     """
 
     def __init__(self, settings: BearingSettings, position: np.ndarray):
         s = self.settings = settings
         minimum_film(s, position)
         self.angle = 0.0 if s.bore_shape is not None else _direction(position)
-        self.made_for = self._profile(position)
+        self._surfaces = RoughSurfaces.of(s, s.contact_modulus)
+        self._made_for = self._profile(position)
         regions = tuple(replace(g, angle=g.angle - self.angle) for g in s.grooves)
         if s.line_at_max_film:
             regions = (AxialGroove(np.pi, 0.0),)
@@ -175,23 +176,21 @@ class _Bearing:
         grid = gap_graded_grid(
             s.radius, s.width, (s.cells_around, s.cells_along), s.element, self._thickness, edges
         )
-        lubricant = make_lubricant(s, 0.0 if s.graded else s.viscosity)
+        oil = make_lubricant(s, 0.0 if s.graded else s.viscosity)
         squeeze = float(np.hypot(*s.squeeze)) / s.clearance
         rate = max(abs(s.speed), abs(s.bore_speed), squeeze) or 1.0
         sides = Sides(lower=s.ambient, upper=s.ambient)
-        surfaces = RoughSurfaces.of(s, s.contact_modulus)
         self.film = Film(
-            FilmParameters(grid, s.clearance, lubricant, rate, sides, regions, surfaces=surfaces)
+            FilmParameters(grid, s.clearance, oil, rate, sides, regions, surfaces=self._surfaces)
         )
 
     def _profile(self, position: np.ndarray) -> np.ndarray:
         """Thickness that the mesh follows: smallest by angle, or length of rough surfaces there."""
         thickness = gaps(self.settings, position).min(axis=1)
-        surfaces = RoughSurfaces.of(self.settings, self.settings.contact_modulus)
-        return thickness if surfaces is None else surfaces.length(thickness)
+        return thickness if self._surfaces is None else self._surfaces.length(thickness)
 
     def _thickness(self, angle: np.ndarray) -> np.ndarray:
-        return np.asarray(np.interp(angle + self.angle, AROUND, self.made_for, period=2 * np.pi))
+        return np.asarray(np.interp(angle + self.angle, AROUND, self._made_for, period=2 * np.pi))
 
     def suits(self, position: np.ndarray) -> bool:
         """True where the mesh is good for an eccentricity, too."""
@@ -199,21 +198,24 @@ class _Bearing:
             off = _direction(rotation(-self.angle) @ position)
             if abs(off) > (LINED if self.settings.line_at_max_film else ALIGNED):
                 return False
-        now = self._profile(position)
-        return bool(np.all((now < MESH_REACH * self.made_for) & (self.made_for < MESH_REACH * now)))
+        factor = self._profile(position) / self._made_for
+        return bool(np.all((factor < MESH_REACH) & (factor > 1 / MESH_REACH)))
 
-    def mechanism(self, position: np.ndarray, load: float | None) -> Mechanism:
-        """The journal under a load [N], or held where it is."""
-        s, turn = self.settings, rotation(-self.angle)
-        place, squeeze = turn @ position, turn @ s.squeeze
-        # In the frame of the bore.
-        rate = squeeze - s.direction * s.bore_speed * np.array([-place[1], place[0]])
+    def fitting(self, position: np.ndarray) -> _Bearing:
+        """A bearing whose mesh suits an eccentricity: itself, or another one."""
+        return self if self.suits(position) else _Bearing(self.settings, position)
+
+    def rest(self, position: np.ndarray, load: float | None = None) -> _Found:
+        """The journal at rest under a load [N], or held where it is."""
+        s, held, back = self.settings, tuple(position), rotation(-self.angle)
+        # As the bore sees it, which turns.
+        rate = s.squeeze - s.direction * s.bore_speed * np.array([-position[1], position[0]])
         joint = LubricatedJoint(
             "shaft",
             "bore",
             self.film,
-            eccentricity=tuple(place),
-            eccentricity_rate=tuple(rate),
+            eccentricity=tuple(back @ position),
+            eccentricity_rate=tuple(back @ rate),
             bore_shape=shape_of(s, self.angle),
             shear_rule=s.shear_rule,
             oil=ConservedContent() if s.cavitation == "mass-conserving" else None,
@@ -221,14 +223,16 @@ class _Bearing:
         joints: dict[str, Any] = {"film": joint, "axis": Revolute(("bore", "ground"))}
         forces = {}
         if load is None:
-            joints["held"] = _Held(("shaft", "ground.place"), squeeze)
+            joints["held"] = _Held(("shaft", "ground.place"), np.array(s.squeeze))
         else:
-            forces["load"] = PointForce("shaft", tuple(turn[:, 0]), lambda _: (load, 0.0))
-        shaft = RigidBody(0.0, position=tuple(place), velocity=tuple(squeeze))
-        bodies = {"shaft": shaft, "bore": RigidBody(0.0), "ground": ground({"place": tuple(place)})}
-        speeds = {"shaft": s.speed, "bore": s.bore_speed}
-        drives = {name: Speed(s.direction * speed) for name, speed in speeds.items()}
-        return Mechanism(bodies, joints, drives, forces)
+            forces["load"] = PointForce("shaft", (1.0, 0.0), lambda _: (load, 0.0))
+        shaft = RigidBody(0.0, position=held, velocity=s.squeeze)
+        bodies = {"shaft": shaft, "bore": RigidBody(0.0), "ground": ground({"place": held})}
+        drives = {
+            "shaft": Speed(s.direction * s.speed),
+            "bore": Speed(s.direction * s.bore_speed, self.angle),
+        }
+        return _Found(self, equilibrium(Mechanism(bodies, joints, drives, forces)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,20 +255,14 @@ class _Found:
     @property
     def position(self) -> np.ndarray:
         """Eccentricity from the load line, shape (2,) [m]."""
-        own = self.rest.z[self.rest.system.films[0].xi[:2]]
-        if np.hypot(*own) < ROUND_OFF * self.bearing.settings.clearance:
-            return np.zeros(2)
-        return np.asarray(rotation(self.bearing.angle) @ own)
+        own = self.rest.z[self.rest.system.bodies["shaft"]][:2]
+        centred = np.hypot(*own) < ROUND_OFF * self.bearing.settings.clearance
+        return np.zeros(2) if centred else own
 
     @property
     def push(self) -> np.ndarray:
         """Force on the bore, x along the load, shape (2,) [N]."""
-        place, state = self.rest.system.films[0], self.state
-        force = -place.film.load[:2] @ state.pressure
-        own = self.joint.own
-        if own.contact is not None:
-            force -= own.contact.forces(own.touch, state.gap)[:2]
-        return np.asarray(rotation(self.bearing.angle) @ force)
+        return -self.joint.force
 
     @property
     def carries(self) -> bool:
@@ -286,7 +284,7 @@ def _expected_attitude(settings: BearingSettings) -> float:
     return _direction(np.array(settings.squeeze))
 
 
-def _settled(settings: BearingSettings, load: float, start: _Found) -> _Found:
+def _settled(start: _Found, load: float) -> _Found:
     """Under a load, the mesh made for where the journal is then.
 
     Raises
@@ -296,9 +294,8 @@ def _settled(settings: BearingSettings, load: float, start: _Found) -> _Found:
     """
     bearing, position = start.bearing, start.position
     for _ in range(MOST_MESHES):
-        if not bearing.suits(position):
-            bearing = _Bearing(settings, position)
-        found = _Found(bearing, equilibrium(bearing.mechanism(position, load)))
+        bearing = bearing.fitting(position)
+        found = bearing.rest(position, load)
         position = found.position
         if bearing.suits(position):
             return found
@@ -322,7 +319,7 @@ def _at_load(settings: BearingSettings, load: float) -> _Found:
     found, reached, aim = start, float(np.hypot(*start.push)), load
     while True:
         try:
-            found = _settled(settings, aim, found)
+            found = _settled(found, aim)
         except (SolverError, GapClosedError) as error:
             if max(aim / reached, reached / aim) < NEAREST:
                 raise SolverError(f"load = {load:g} N: no equilibrium found: {error}") from error
@@ -339,13 +336,6 @@ def _at_load(settings: BearingSettings, load: float) -> _Found:
         reached, aim = aim, load
 
 
-def _held(settings: BearingSettings, position: np.ndarray, bearing: _Bearing | None) -> _Found:
-    """Journal held at a place; on a mesh that serves there, if it is given."""
-    if bearing is None or not bearing.suits(position):
-        bearing = _Bearing(settings, position)
-    return _Found(bearing, equilibrium(bearing.mechanism(position, None)))
-
-
 def _open(settings: BearingSettings, ratio: float) -> _Found:
     """Journal held at an eccentricity, as near to the expected attitude as it leaves a film.
 
@@ -358,8 +348,9 @@ def _open(settings: BearingSettings, ratio: float) -> _Found:
     # Across the way that the tilted shaft's ends go there is most room.
     across = np.arctan2(settings.tilt[1], settings.tilt[0])
     for angle in (*(first + np.radians([0, 90, -90, 180])), across, across + np.pi):
+        position = rotation(angle)[:, 0] * ratio * settings.clearance
         try:
-            return _held(settings, rotation(angle)[:, 0] * ratio * settings.clearance, None)
+            return _Bearing(settings, position).rest(position)
         except GapClosedError as error:
             message = str(error)
     raise SettingsError(f"eccentricity and tilt close the gap at every attitude: {message}")
@@ -392,7 +383,7 @@ def _at_eccentricity(settings: BearingSettings, ratio: float) -> _Found:
             return found
         position = rotation(turn) @ found.position
         try:
-            found = _held(settings, position, found.bearing)
+            found = found.bearing.fitting(position).rest(position)
         except GapClosedError:
             turn *= 0.5
             continue
@@ -526,11 +517,9 @@ def _coefficients(found: _Found, load: float) -> DynamicCoefficients:
     parts = []
     for extra in (0, *EXTRA_CELLS):
         other = attrs.evolve(settings, cells_around=settings.cells_around + extra)
-        bearing = _Bearing(other, found.position)
-        rest = equilibrium(bearing.mechanism(found.position, load))
+        rest = _Bearing(other, found.position).rest(found.position, load).rest
         linear = linearise(rest).along(rest.system.bodies["shaft"].start + np.arange(2))
-        turn = rotation(bearing.angle)
-        parts.append([turn @ part @ turn.T for part in (linear.stiffness, linear.damping)])
+        parts.append([linear.stiffness, linear.damping])
     stiffness, damping = np.mean(parts, axis=0)
     mass, whirl = stability(stiffness, damping)
     speed = abs(settings.speed)
@@ -663,7 +652,12 @@ def solve_bearing(
         heat, found = _balanced(settings, find) if settings.heated else (None, find(settings))
         _require_resolved(found)
         result = _result(found, with_coefficients, heat)
-    unknown = [name for name, value in _figures("", result) if not np.isfinite(value).all()]
+    unknown = []
+    for part in (result, result.flow, result.contact, result.coefficients, result.heat):
+        figures = {} if part is None else vars(part)
+        for name, value in figures.items():
+            if isinstance(value, float | np.ndarray) and not np.isfinite(value).all():
+                unknown.append(name)
     if unknown:
         raise VerificationError(
             f"{', '.join(unknown)}: no finite number: is one of radius, clearance, width, "
@@ -697,15 +691,6 @@ def _require_resolved(found: _Found) -> None:
             f"{MOST_WITHIN_A_CELL:g}: use more cells; where that does not help the viscosity runs "
             "away, lower load, eccentricity or the pressure coefficient (barus, roelands)"
         )
-
-
-def _figures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Numbers of a result by name, those of its parts too, without the film itself."""
-    if isinstance(value, float | np.ndarray):
-        yield name, value
-    elif is_dataclass(value) and not isinstance(value, FilmState):
-        for field in fields(value):
-            yield from _figures(field.name, getattr(value, field.name))
 
 
 def _tilting_moment(found: _Found) -> np.ndarray:

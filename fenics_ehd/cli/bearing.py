@@ -140,18 +140,14 @@ def summary(result: BearingResult) -> dict[str, Any]:
             "critical_mass_kg": linear.critical_mass,
             "whirl_frequency_ratio": linear.whirl_ratio,
         }
-    return {**values, "settings": _plain(result.settings)}
+    return values | {"settings": attrs.asdict(result.settings, value_serializer=_plain)}
 
 
-def _plain(value: Any) -> Any:
-    """Settings as JSON has them, a shape with its kind."""
-    if attrs.has(type(value)):
-        return {a.name: _plain(getattr(value, a.name)) for a in attrs.fields(type(value))}
+def _plain(_: Any, __: Any, value: Any) -> Any:
+    """A groove, or the table of a shape, with its kind, and numbers as JSON has them."""
     if is_dataclass(value):
-        own = {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.init}
+        own = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
         return {"kind": type(value).__name__, **own}
-    if isinstance(value, tuple | list):
-        return [_plain(entry) for entry in value]
     return value.tolist() if hasattr(value, "tolist") else value
 
 
