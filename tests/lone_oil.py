@@ -25,7 +25,7 @@ class LoneOil:
     def filled(self, gap, fluid_fraction=1.0):
         """Oil content of a gap without pressure [m^3]."""
         flow = self.film.equation.flow(gap)
-        stored = self.balance.stored(flow.density * flow.thickness)
+        stored = self.film.assembly.source(flow.density * flow.thickness)
         return self.balance.volume_scale * fluid_fraction * stored
 
     def solve(self, gap, content, time_step, former=None):
@@ -41,9 +41,9 @@ class LoneOil:
             pressure = np.where(balance.dry, 0.0, former.pressure[nodes] / scale)
             void = 1.0 - former.fluid_fraction[nodes]
             full = pressure > void
-        settled, limit = False, 1e-14 * problem.rows.max()
+        settled, limit = False, 1e-14 * balance.rows(step, problem).max()
         for count in range(100):
-            carried = problem.transport(void)
+            carried = balance.transport(step, void)
             defect = problem.residual(pressure) - carried.values
             if settled and np.abs(defect).max() < limit:
                 return self._state(gap, step, problem, pressure, void, count)
@@ -65,17 +65,18 @@ class LoneOil:
 
     def _state(self, gap, step, problem, values, void, count):
         balance, scale = self.balance, self.balance.volume_scale
-        nodal, nodal_void = balance.nodal(values), balance.spread(void)
-        lost, outflow = balance.ends(step, nodal, values, nodal_void)
-        stored = balance.stored(balance.density(step, nodal) * step.flow.thickness)
+        nodal, carried = balance.nodal(values), balance.transport(step, void)
+        lost, outflow = balance.ends(step, nodal, values, carried)
+        density = self.film.equation.flow(gap, nodal).density
+        stored = self.film.assembly.source(density * step.flow.thickness)
         rate = self.film.parameters.rate
         return OilState(
             pressure=self.film.parameters.pressure_scale * nodal,
             gap=gap,
             cavitation=CavitationResult(values, void, np.flatnonzero(values > 0), count),
             problem=problem,
-            fluid_fraction=1.0 - nodal_void,
-            content=scale * (stored - step.length * step.full * nodal_void),
+            fluid_fraction=1.0 - carried.void,
+            content=scale * (stored - step.length * step.full * carried.void),
             outflow=scale * rate * outflow,
             time_step=step.length / rate,
             imbalance=float(np.abs(lost + outflow).sum()),

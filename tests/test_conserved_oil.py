@@ -328,7 +328,7 @@ def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
     for step in run.until(end):
         (state,) = step.solution.films
         # What the integration keeps is what the gap holds.
-        filled = oil.balance.volume_scale * oil.balance.stored(
+        filled = oil.balance.volume_scale * place.film.film.assembly.source(
             state.gap.thickness / place.film.clearance
         )
         held = filled * state.fluid_fraction

@@ -115,19 +115,21 @@ def test_active_set_is_the_only_one_that_satisfies_all_signs():
     bearing = film((6, 1), CLOSED, (ehd.AxialGroove(np.pi, 0.0, 1e5),), width=R)
     oil = LoneOil(bearing)
     gap = eccentric(bearing, 0.6, 0.2)
-    state = oil.solve(gap, oil.filled(gap), 2.0 / OMEGA)
-    problem, n = state.problem, len(oil.balance.unknown)
-    pattern, found = oil.balance.pattern, []
+    state, length = oil.solve(gap, oil.filled(gap), 2.0 / OMEGA), 2.0
+    step = oil.balance.ending(gap, length, oil.filled(gap) / (oil.balance.volume_scale * length))
+    problem, n = oil.balance.problem(step), len(oil.balance.unknown)
+    rows, pattern, found = oil.balance.rows(step, problem), oil.balance.pattern, []
     for full in np.array(list(product([False, True], repeat=n))):
         pressure, void, left = np.zeros(n), np.zeros(n), np.inf
         for _ in range(30):
-            defect = problem.residual(pressure) - problem.transport(void).values
-            left = np.abs(defect / problem.rows).max()
+            transport = oil.balance.transport(step, void)
+            defect = problem.residual(pressure) - transport.values
+            left = np.abs(defect / rows).max()
             if left < 1e-13:
                 break
-            entries = problem.entries(pressure), problem.transport(void).entries
-            stiffness, transport = (pattern.matrix(own).toarray() for own in entries)
-            both = pressure + void - np.linalg.solve(np.where(full, stiffness, -transport), defect)
+            entries = problem.entries(pressure), transport.entries
+            along_p, along_s = (pattern.matrix(own).toarray() for own in entries)
+            both = pressure + void - np.linalg.solve(np.where(full, along_p, -along_s), defect)
             pressure, void = np.where(full, both, 0.0), np.where(full, 0.0, both)
         signs = min(pressure.min() / problem.unit, void.min())
         if left < 1e-13 and signs > -1e-12:

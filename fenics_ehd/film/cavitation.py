@@ -62,79 +62,6 @@ def _defaults(size: int, symmetric: bool) -> dict[str, str]:
     return LARGE_OPTIONS if size >= LARGE else SYMMETRIC_OPTIONS
 
 
-class FactoredMatrix:
-    """Factorisations of matrices that share a sparsity pattern.
-
-    Parameters
-    ----------
-    pattern
-        Of the n x n matrices.
-    symmetric
-        Whether they are symmetric positive definite.
-    options_prefix
-        Prefix of the KSP's options.
-    """
-
-    def __init__(
-        self,
-        pattern: Pattern,
-        *,
-        symmetric: bool,
-        options_prefix: str,
-    ):
-        n = pattern.size
-        # PETSc uses these arrays themselves.
-        self._csr = (
-            np.array(pattern.indptr, dtype=PETSc.IntType),
-            np.array(pattern.indices, dtype=PETSc.IntType),
-            np.zeros(len(pattern.indices)),
-        )
-        self._matrix = PETSc.Mat().createAIJWithArrays((n, n), self._csr, comm=PETSc.COMM_SELF)
-        self._matrix.setOption(PETSc.Mat.Option.SPD, symmetric)
-        self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-        self._ksp.setOperators(self._matrix)
-        configure(self._ksp, options_prefix, _defaults(n, symmetric))
-        self._rhs, self._solution = self._matrix.createVecs()
-        destroy_with(self, self._ksp, self._matrix, self._rhs, self._solution)
-
-    def factorise(self, entries: np.ndarray) -> None:
-        """Take a matrix given by its entries in the order of the pattern."""
-        self._csr[2][:] = entries
-        # Assembly tells PETSc that the values behind its back have changed.
-        self._matrix.assemble()
-        # The PC's, not the KSP's: that leaves it to its own solve, which `solve_columns` avoids.
-        self._ksp.pc.setUp()
-
-    def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for one right-hand side, shape (n,).
-
-        Raises
-        ------
-        CavitationError
-            The factorisation failed.
-        """
-        self._rhs.array[:] = rhs
-        self._ksp.solve(self._rhs, self._solution)
-        if self._ksp.getConvergedReason() < 0:
-            raise CavitationError(
-                "the film matrix cannot be factorised (KSP reason "
-                f"{self._ksp.getConvergedReason()}): is the gap extremely uneven?"
-            )
-        return self._solution.array.copy()
-
-    def solve_columns(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for many right-hand sides, shape (n, k)."""
-        right = PETSc.Mat().createDense(
-            rhs.shape, array=np.asfortranarray(rhs), comm=self._matrix.comm
-        )
-        solution = right.duplicate()
-        solve_columns(self._ksp, right, solution)
-        values = np.array(solution.getDenseArray())
-        right.destroy()
-        solution.destroy()
-        return values
-
-
 class ActiveSetSystem:
     """Systems of a complementarity problem ``y = W^-1 (A p - b)`` on any active set.
 
@@ -149,31 +76,36 @@ class ActiveSetSystem:
     Parameters
     ----------
     pattern
-        Of A and W.
+        Of A and W, n x n.
     weighted
         Whether there is a W.
     symmetric
-        Whether A is symmetric.
+        Whether A is symmetric positive definite.
+    options_prefix
+        Prefix of the KSP's options.
     """
 
-    def __init__(
-        self,
-        pattern: Pattern,
-        *,
-        weighted: bool,
-        symmetric: bool,
-        options_prefix: str,
-    ):
+    def __init__(self, pattern: Pattern, *, weighted: bool, symmetric: bool, options_prefix: str):
         # Of the type NumPy indexes with: it would convert others at every active set.
         self._counts = np.diff(pattern.indptr)
         self._columns = pattern.indices.astype(np.intp)
         self._diagonal = pattern.diagonal
         self._weighted, self._size = weighted, pattern.size
-        self._factor = FactoredMatrix(
-            pattern,
-            symmetric=symmetric and not weighted,
-            options_prefix=options_prefix,
+        # PETSc uses these arrays themselves.
+        self._csr = (
+            np.array(pattern.indptr, dtype=PETSc.IntType),
+            np.array(pattern.indices, dtype=PETSc.IntType),
+            np.zeros(len(pattern.indices)),
         )
+        size = (pattern.size, pattern.size)
+        self._matrix = PETSc.Mat().createAIJWithArrays(size, self._csr, comm=PETSc.COMM_SELF)
+        symmetric = symmetric and not weighted
+        self._matrix.setOption(PETSc.Mat.Option.SPD, symmetric)
+        self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        self._ksp.setOperators(self._matrix)
+        configure(self._ksp, options_prefix, _defaults(pattern.size, symmetric))
+        self._rhs, self._solution = self._matrix.createVecs()
+        destroy_with(self, self._ksp, self._matrix, self._rhs, self._solution)
         self._current: tuple[np.ndarray, np.ndarray | None, np.ndarray] | None = None
 
     def prepare(
@@ -202,15 +134,44 @@ class ActiveSetSystem:
             values = entries * (full[self._columns] & np.repeat(full, self._counts))
             values[self._diagonal[~full]] = 1.0
         self._current = None
-        self._factor.factorise(values)
+        self._csr[2][:] = values
+        # Assembly tells PETSc that the values behind its back have changed.
+        self._matrix.assemble()
+        # The PC's, not the KSP's: that leaves it to its own solve, which `solve_columns` avoids.
+        self._ksp.pc.setUp()
         self._current = (entries, weights, full_film.copy())
 
     def solution(self, rhs: np.ndarray) -> np.ndarray:
-        """Pressure of the full and defect of the other nodes, right-hand sides (n,) or (n, k)."""
+        """Pressure of the full and defect of the other nodes, right-hand sides (n,) or (n, k).
+
+        Raises
+        ------
+        CavitationError
+            The factorisation failed.
+        """
         if not self._weighted:
             rhs = np.where(self.full if rhs.ndim == 1 else self.full[:, None], rhs, 0.0)
-        solve = self._factor.solve if rhs.ndim == 1 else self._factor.solve_columns
-        return solve(rhs)
+        if rhs.ndim == 2:
+            return self._columns_of(rhs)
+        self._rhs.array[:] = rhs
+        self._ksp.solve(self._rhs, self._solution)
+        if self._ksp.getConvergedReason() < 0:
+            raise CavitationError(
+                "the film matrix cannot be factorised (KSP reason "
+                f"{self._ksp.getConvergedReason()}): is the gap extremely uneven?"
+            )
+        return self._solution.array.copy()
+
+    def _columns_of(self, rhs: np.ndarray) -> np.ndarray:
+        right = PETSc.Mat().createDense(
+            rhs.shape, array=np.asfortranarray(rhs), comm=self._matrix.comm
+        )
+        solution = right.duplicate()
+        solve_columns(self._ksp, right, solution)
+        values = np.array(solution.getDenseArray())
+        right.destroy()
+        solution.destroy()
+        return values
 
 
 #: The problems are linear on each active set: with full steps the reduced-space
@@ -240,10 +201,6 @@ class VariationalInequality(Protocol):
     def update(self, rhs: np.ndarray) -> np.ndarray:
         """Solve with that block."""
 
-
-class SelfJudging(VariationalInequality, Protocol):
-    """A system that tells itself when an iterate is good enough."""
-
     def converged(self, iteration: int) -> bool:
         """True after so many iterations where the last call of `function` was good enough."""
 
@@ -266,14 +223,14 @@ class SnesVi:
         Prefix of the PETSc options.
     tolerance
         On the 2-norm of the reduced function; the option ``snes_atol`` overrides it. None: the
-        system is `SelfJudging`.
+        system itself judges, by `VariationalInequality.converged`.
     max_iterations
         Of one solve.
     """
 
     def __init__(
         self,
-        system: VariationalInequality | SelfJudging,
+        system: VariationalInequality,
         lower: np.ndarray,
         *,
         options_prefix: str,
@@ -286,8 +243,7 @@ class SnesVi:
         bounds[1].set(PETSc.INFINITY)
         self._unknown, self._function = bounds[0].duplicate(), bounds[0].duplicate()
         self._callbacks = callbacks = _Callbacks(system)
-        jacobian = PETSc.Mat().createPython((len(lower),) * 2, _Jacobian(), comm=PETSc.COMM_SELF)
-        jacobian.setUp()
+        jacobian = _Jacobian(np.arange(len(lower))).matrix()
         self._snes = snes = PETSc.SNES().create(comm=PETSc.COMM_SELF)
         snes.setType("vinewtonrsls")
         snes.setFunction(callbacks.function, self._function)
@@ -299,11 +255,9 @@ class SnesVi:
         block.setPythonContext(callbacks)
         configure(snes, options_prefix, DEFAULT_OPTIONS)
         if tolerance is None:
-            self.tolerance = 0.0
             snes.setConvergenceTest(callbacks.converged)
         else:
-            self.tolerance = PETSc.Options(options_prefix).getReal("snes_atol", tolerance)
-            snes.setTolerances(atol=self.tolerance)
+            snes.setTolerances(atol=PETSc.Options(options_prefix).getReal("snes_atol", tolerance))
         self.solves = 0
         destroy_with(self, snes, jacobian, self._unknown, self._function)
 
@@ -335,15 +289,11 @@ class SnesVi:
         if reason <= 0:
             raise CavitationError(
                 f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
-                f"{self._snes.getFunctionNorm():.2e}{self._limit} (of the source): "
+                f"{self._snes.getFunctionNorm():.2e} (of the source): "
                 f"see -{self._prefix}snes_monitor",
                 state={"x": x, "function": function},
             )
         return x, function, iterations
-
-    @property
-    def _limit(self) -> str:
-        return f" above {self.tolerance:.2e}" if self.tolerance else ""
 
 
 class _Callbacks:
@@ -400,22 +350,21 @@ class _Callbacks:
 
 
 class _Jacobian:
-    """Python context of the Jacobian: hands out the block of an active set unassembled."""
+    """Python context of a Jacobian of some unknowns: which they are, nothing is assembled."""
+
+    def __init__(self, nodes: np.ndarray):
+        self.nodes = nodes
+
+    def matrix(self) -> PETSc.Mat:
+        """PETSc's matrix of this context."""
+        matrix = PETSc.Mat().createPython((len(self.nodes),) * 2, self, comm=PETSc.COMM_SELF)
+        matrix.setUp()
+        return matrix
 
     def createSubMatrix(
         self, mat: PETSc.Mat, rows: PETSc.IS, columns: PETSc.IS, out: PETSc.Mat | None = None
     ) -> PETSc.Mat:
-        nodes = rows.getIndices().copy()
-        block = PETSc.Mat().createPython((len(nodes),) * 2, _Block(nodes), comm=PETSc.COMM_SELF)
-        block.setUp()
-        return block
-
-
-class _Block:
-    """Python context of the block of an active set: only which unknowns are inactive."""
-
-    def __init__(self, nodes: np.ndarray):
-        self.nodes = nodes
+        return _Jacobian(rows.getIndices().copy()).matrix()
 
 
 #: Largest allowed violation of p >= 0, y >= 0 and p y = 0, relative to max |p|, |b|.
@@ -518,31 +467,25 @@ class CavitationSolver:
         options_prefix: str = "film_",
         tolerance: float = 1e-10,
     ):
-        self._pattern = pattern
+        self._pattern, self._every = pattern, np.arange(pattern.size)
         self.system = ActiveSetSystem(
             pattern,
             weighted=weighted,
             symmetric=symmetric,
             options_prefix=f"{options_prefix}linear_",
         )
-        self._weight_factor = (
-            FactoredMatrix(
+        if weighted:
+            self._weights = ActiveSetSystem(
                 pattern,
+                weighted=False,
                 symmetric=False,
                 options_prefix=f"{options_prefix}weights_",
             )
-            if weighted
-            else None
-        )
-        self._weights: np.ndarray | None = None
         self._snes = SnesVi(
-            self,
-            np.zeros(pattern.size),
-            options_prefix=options_prefix,
-            tolerance=tolerance,
+            self, np.zeros(pattern.size), options_prefix=options_prefix, tolerance=tolerance
         )
 
-    # The following four are called by SNES-VI during a solve.
+    # The following are called by SNES-VI during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:
         """Defect over its scale."""
@@ -565,16 +508,17 @@ class CavitationSolver:
             whole = self._pattern.multiply(self._problem.weights, whole)
         return self.system.solution(whole)[self._nodes] * (self._problem.scale / self._problem.unit)
 
+    def converged(self, iteration: int) -> bool:
+        """Not asked, as there is a tolerance."""
+        raise NotImplementedError
+
     def defect(self, problem: Complementarity, pressure: np.ndarray) -> np.ndarray:
         """``y``: r, with the weights taken out, shape (n,)."""
         residual = problem.residual(pressure)
         if problem.weights is None:
             return residual
-        assert self._weight_factor is not None
-        if self._weights is not problem.weights:
-            self._weight_factor.factorise(problem.weights)
-            self._weights = problem.weights
-        return self._weight_factor.solve(residual)
+        self._weights.prepare(problem.weights, None, self._every)
+        return self._weights.solution(residual)
 
     def solve(self, problem: Complementarity, guess: np.ndarray) -> CavitationResult:
         """Solve a complementarity problem.

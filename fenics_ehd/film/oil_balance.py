@@ -81,8 +81,7 @@ first: a front lies between two nodes, of which one has no void.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -127,8 +126,8 @@ class Strips:
         Nodes whose flows pass the nodes of every cell, these ascending, shape (c, k).
     ratio
         Length of a flow's cell over that of the cell behind it, for flows on and back.
-    near, pattern
-        Of cells on the unknown nodes; the same with second neighbours, of the derivative of t.
+    pattern
+        Of the derivative of t on the unknown nodes, second neighbours included.
     places
         Of what every flow puts into two rows of it, those of other nodes behind the last one.
     """
@@ -158,22 +157,14 @@ class Strips:
         n = len(self.unknown)
         number = np.full(self.assembly.size, -1)
         number[self.unknown] = np.arange(n)
-        self.near = self.assembly.pattern(self.unknown)
+        cells = self.assembly.pattern(self.unknown)
         rows = number[np.stack([self._own, self.following])][:, None]
         columns = number[np.stack([self.preceding, self._own, self.following, self.second])]
         codes = np.where((rows < 0) | (columns < 0), -1, rows * n + columns)
-        near = self.near.rows * n + self.near.indices
-        every = np.union1d(near, codes[codes >= 0])
+        every = np.union1d(cells.rows * n + cells.indices, codes[codes >= 0])
         starts = np.searchsorted(every, n * np.arange(n + 1))
         self.pattern = Pattern(starts.astype(np.int32), (every % n).astype(np.int32))
-        self._near = np.searchsorted(every, near)
         self.places = np.where(codes < 0, len(every), np.searchsorted(every, codes))
-
-    def widened(self, entries: np.ndarray) -> np.ndarray:
-        """Entries of a matrix of the pattern `near` in the order of `pattern`."""
-        found = np.zeros(len(self.pattern.indices))
-        found[self._near] = entries
-        return found
 
     def flows(self, transport: np.ndarray) -> np.ndarray:
         """Full-film flow ``F_i`` from every node to the following one, shape (nodes,).
@@ -271,28 +262,6 @@ class OilStep:
     feed: FeedTerm | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class OilProblem(Complementarity):
-    """``r(p) = t(s)``, pressure and void fraction complementary.
-
-    Attributes
-    ----------
-    transport
-        t of the void fractions of the unknown nodes, shape (m,).
-    places
-        Places of the diagonal in the solver's pattern, shape (m,).
-    """
-
-    transport: Callable[[np.ndarray], Transport] = field(kw_only=True)
-    places: np.ndarray = field(kw_only=True)
-
-    @property
-    def rows(self) -> np.ndarray:
-        """Size of the equations of a nearly full film, shape (m,)."""
-        both = self.unit * self.entries(self.zero) + self.transport(self.zero).entries
-        return both[self.places]
-
-
 class OilBalance:
     """Balance of one film.
 
@@ -323,20 +292,15 @@ class OilBalance:
         self.dry = dry[self.unknown]
         self.assembly = film.assembly
         self.strips = Strips(self.assembly, self.unknown)
-        self.pattern, self._near = self.strips.pattern, self.strips.near
-        self._places = film.equation.forms.places(self._near, self.unknown)
-        self._dry_column = self.dry[self._near.indices]
-        self._dry_diagonal = self._near.diagonal[self.dry]
+        self.pattern = self.strips.pattern
+        self._places = film.equation.forms.places(self.pattern, self.unknown)
+        self._dry_column = self.dry[self.pattern.indices]
 
     @property
     def volume_scale(self) -> float:
         """``c R^2`` [m^3], the unit of oil contents."""
         p = self.film.parameters
         return p.clearance * p.grid.radius**2
-
-    def stored(self, filling: np.ndarray) -> np.ndarray:
-        """``int rho H N_i`` at all nodes."""
-        return self.assembly.source(filling)
 
     def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
         """A step of a length that ends with a gap, see `OilStep`."""
@@ -349,48 +313,49 @@ class OilBalance:
             equation.inputs(gap, squeeze=0.0, storage=1.0 / length, supplied=False),
             length,
             flows=self.strips.flows(flow.density * flow.thickness * flow.velocity),
-            full=self.stored(flow.density * flow.thickness) / length,
+            full=self.assembly.source(flow.density * flow.thickness) / length,
             former=former,
             feed=equation.fed(gap, lumped=True),
         )
 
-    def problem(self, step: OilStep) -> OilProblem:
-        """``r`` and t of the unknown nodes; an outflow stands for the pressure of a dry side."""
+    def problem(self, step: OilStep) -> Complementarity:
+        """``r`` of the unknown nodes; an outflow stands for the pressure of a dry side."""
 
         def residual(values: np.ndarray) -> np.ndarray:
             defect = self.full_film(step, self.nodal(values))[self.unknown]
             return defect + np.where(self.dry, values, 0.0)
 
         def entries(values: np.ndarray) -> np.ndarray:
-            forms = self.film.equation.forms
-            matrix = forms.matrix(step.inputs, self.nodal(values))[self._places]
+            whole = self.film.equation.forms.matrix(step.inputs, self.nodal(values))
+            # Second neighbours have no place in it.
+            matrix = np.append(whole, 0.0)[self._places]
             if step.feed is not None:
                 lumped = self.assembly.source(step.feed.conductance.sum(axis=0))
-                matrix[self._near.diagonal] += lumped[self.unknown]
+                matrix[self.pattern.diagonal] += lumped[self.unknown]
             matrix[self._dry_column] = 0.0
-            matrix[self._dry_diagonal] = 1.0
-            return self.strips.widened(matrix)
+            matrix[self.pattern.diagonal[self.dry]] = 1.0
+            return matrix
 
         unit = np.ones(len(self.unknown))
         first = cache(partial(entries, np.zeros_like(unit)))
-        return OilProblem(
+        return Complementarity(
             residual,
             (lambda p: first()) if self.film.parameters.lubricant.linear else entries,
             unit,
             SMALLEST_SOURCE,
-            transport=lambda void: self.transport(step, self.spread(void)),
-            places=self.pattern.diagonal,
         )
 
     def transport(self, step: OilStep, void: np.ndarray) -> Transport:
-        """Transport of the void fractions of all nodes."""
-        return Transport(self.strips, step.flows, step.full, void)
-
-    def spread(self, void: np.ndarray) -> np.ndarray:
-        """Void fractions of all nodes from those of the unknown ones."""
+        """Transport of the void fractions of the unknown nodes, shape (m,); others have none."""
         nodal = np.zeros(self.assembly.size)
         nodal[self.unknown] = void
-        return nodal
+        return Transport(self.strips, step.flows, step.full, nodal)
+
+    def rows(self, step: OilStep, problem: Complementarity) -> np.ndarray:
+        """Size of the equations of a nearly full film, shape (m,)."""
+        carried = self.transport(step, problem.zero)
+        both = problem.unit * problem.entries(problem.zero) + carried.entries
+        return both[self.pattern.diagonal]
 
     def nodal(self, values: np.ndarray) -> np.ndarray:
         """Dimensionless pressures at all nodes."""
@@ -398,33 +363,30 @@ class OilBalance:
         nodal[self.unknown] = np.where(self.dry, 0.0, values)
         return nodal
 
-    def density(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
-        """Density at the Gauss points, dimensionless."""
-        return self.film.equation.density(step.gap, nodal)
-
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Balance at all nodes without the void fraction."""
         # Contents are summed in one way only: what is counted twice differs by round-off, and oil
         # would be lost in every step.
         full = step.full
         if not self.film.parameters.lubricant.density_law.constant:
-            full = self.stored(self.density(step, nodal) * step.flow.thickness) / step.length
+            density = self.film.equation.flow(step.gap, nodal).density
+            full = self.assembly.source(density * step.flow.thickness) / step.length
         lost = self.film.equation.balance(step.driven, nodal) + full - step.former
         return lost if step.feed is None else lost + step.feed.lumped(self.assembly, nodal)
 
     def ends(
-        self, step: OilStep, nodal: np.ndarray, values: np.ndarray, void: np.ndarray
+        self, step: OilStep, nodal: np.ndarray, values: np.ndarray, transport: Transport
     ) -> tuple[np.ndarray, np.ndarray]:
         """Defect of the balance at all nodes, and flow through the ends of the film.
 
         Parameters
         ----------
-        step, nodal, void
-            One time step, pressures and void fractions of all nodes.
+        step, nodal, transport
+            One time step, pressures of all nodes, and the transport of their void fractions.
         values
             Of the unknown nodes; an outflow stands for the pressure of a dry side.
         """
-        lost = self.full_film(step, nodal) - self.transport(step, void).nodal
+        lost = self.full_film(step, nodal) - transport.nodal
         outflow = -lost
         outflow[self.film.free] = 0.0
         outflow[self.unknown[self.dry]] = values[self.dry]

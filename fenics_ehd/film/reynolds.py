@@ -31,7 +31,6 @@ from fenics_ehd.film.weak_form import (
     Laws,
     Numbers,
     flow_law,
-    oil_density,
 )
 
 #: Below this dimensionless rate of gap change the source of (11) counts as zero. Assembled
@@ -241,12 +240,6 @@ class ReynoldsEquation:
             self.laws, self._numbers, self.inputs(gap, supplied=False).values, pressure, ARRAYS
         )
 
-    def density(self, gap: Gap, nodal: np.ndarray) -> np.ndarray:
-        """Density at the Gauss points, dimensionless."""
-        pressure = self.assembly.at_points(nodal)[0]
-        values = self.inputs(gap, supplied=False).values
-        return oil_density(self.laws, self._numbers, values, pressure, ARRAYS)
-
     def gap_derivatives(
         self,
         gap: Gap,
@@ -275,8 +268,9 @@ class ReynoldsEquation:
         """
         inputs = inputs or self.inputs(gap, rate_shift=rate_shift)
         thickness, sliding = self.forms.along_gap(inputs, pressure)
-        carried = self.density(gap, pressure) * self.seen(gap).thickness / self.parameters.clearance
-        drag = (carried / self._numbers.speed)[:, :, None] * self.assembly.drag
+        flow = self.flow(gap, pressure)
+        carried = flow.density * flow.thickness / self._numbers.speed
+        drag = carried[:, :, None] * self.assembly.drag
         return thickness, with_data(self.assembly.tested, drag.ravel()), sliding
 
     def along_turn(self, gap: Gap, pressure: np.ndarray) -> np.ndarray:

@@ -204,23 +204,14 @@ class Flow(NamedTuple):
     velocity: Any
 
 
-def _oil_pressure(n: Numbers, pressure: Any, f: Functions) -> Any:
-    """Pressure [Pa] of the oil's laws; shape functions undershoot between nodes, laws do not."""
-    return n.pressure_scale * f.where(pressure >= 0.0, pressure, 0.0)
-
-
-def oil_density(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Functions) -> Any:
-    """Density of the oil at a dimensionless pressure, dimensionless."""
-    p = _oil_pressure(n, pressure, f)
-    density = n.density * laws.density.ratio(f, p, *n.density_law)
-    return density * q["density_field"] if laws.fields else density
-
-
 def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Functions) -> Flow:
     """Flow at a dimensionless pressure through a gap whose data are `q`."""
-    p, density = _oil_pressure(n, pressure, f), oil_density(laws, n, q, pressure, f)
+    # Shape functions undershoot between nodes, the oil's laws do not.
+    p = n.pressure_scale * f.where(pressure >= 0.0, pressure, 0.0)
+    density = n.density * laws.density.ratio(f, p, *n.density_law)
     viscosity = n.viscosity * laws.viscosity.ratio(f, p, *n.viscosity_law)
     if laws.fields:
+        density = density * q["density_field"]
         viscosity = viscosity * q["viscosity_field"]
     thickness, slope = q["thickness"] / n.clearance, 1.0
     velocity, sliding = q["mean_velocity"], q["sliding_velocity"]
@@ -407,7 +398,10 @@ class FilmForms:
         return with_data(self._columns, thickness), with_data(self._columns, sliding)
 
     def places(self, pattern: Pattern, nodes: np.ndarray) -> np.ndarray:
-        """Places of a pattern's entries, that of some nodes alone, among those of `matrix`."""
+        """Places of a pattern's entries, that of some nodes alone, among those of `matrix`.
+
+        One that it has not is behind its last.
+        """
         self._form("pressure")
         matrix = self._matrices["nodes"]
         starts, columns = np.array(matrix.indptr), np.array(matrix.indices)
@@ -415,7 +409,9 @@ class FilmForms:
         codes = rows * self._size + columns
         order = np.argsort(codes)
         wanted = nodes[pattern.rows] * self._size + nodes[pattern.indices]
-        return order[np.searchsorted(codes, wanted, sorter=order)]
+        found = np.searchsorted(codes, wanted, sorter=order)
+        places = order[np.minimum(found, len(order) - 1)]
+        return np.where(codes[places] == wanted, places, len(codes))
 
     def _form(self, name: str) -> Any:
         """A form on this mesh, and a matrix for it."""

@@ -460,7 +460,7 @@ class ConservedOil(FilmModel[OilPoint]):
         self.balance = b = OilBalance(place.film.film, oil_outside=joint.oil.oil_outside)
         super().__init__(place, b.unknown, ~b.dry, b.pattern)
         self.volumes = slice(first, first + b.assembly.size)
-        self._areas = b.stored(np.ones_like(b.assembly.area))[self.nodes]
+        self._areas = b.assembly.source(np.ones_like(b.assembly.area))[self.nodes]
         # Void fractions are free.
         self.lower = np.concatenate([self.lower, np.full(len(self.nodes), -np.inf)])
 
@@ -473,7 +473,7 @@ class ConservedOil(FilmModel[OilPoint]):
         """``int rho h N`` at all nodes of a gap at the Gauss points, over the volume scale."""
         shape, clearance = self.film.assembly.area.shape, self.film.parameters.clearance
         thickness = thickness.reshape(shape) / clearance
-        return self.balance.stored(self.film.equation.factors[1] * thickness)
+        return self.film.assembly.source(self.film.equation.factors[1] * thickness)
 
     def _closed(self, z: np.ndarray) -> np.ndarray | float:
         """Gap that a turning journal's shape takes from the affine one at the Gauss points [m]."""
@@ -567,14 +567,13 @@ class ConservedOil(FilmModel[OilPoint]):
         """The balance, and the equations of the pressures before it."""
         pressures, void = np.split(values, 2)
         step = self.balance.ending(gap, self._length, self._former)
-        problem = self.balance.problem(step)
-        transport = problem.transport(void)
+        problem, transport = self.balance.problem(step), self.balance.transport(step, void)
         defect = problem.residual(pressures) - transport.values
         if self._rows is None:
             source = (problem.source + self._past_void[self.nodes])[self.inside]
             least = SMALLEST_SOURCE * float(np.linalg.norm(self._areas))
             self._source = max(float(np.linalg.norm(source)), least)
-            self._rows = problem.rows
+            self._rows = self.balance.rows(step, problem)
         defects = np.concatenate([void + DEFECT_WEIGHT * defect / self._rows, defect])
         return OilPoint(pressures, self.nodal(values), gap, problem, defects, void, step, transport)
 
@@ -629,8 +628,9 @@ class ConservedOil(FilmModel[OilPoint]):
         volumes = point.step.full * point.transport.void
         volumes[self.nodes] += point.balance
         if not self.film.parameters.lubricant.density_law.constant:
-            denser = self.balance.density(point.step, point.nodal) - self.film.equation.factors[1]
-            volumes -= self.balance.stored(denser * point.step.flow.thickness / point.step.length)
+            flow, denser = point.step.flow, self.film.equation.flow(point.gap, point.nodal).density
+            denser = (denser - self.film.equation.factors[1]) * flow.thickness / point.step.length
+            volumes -= self.film.assembly.source(denser)
         return self.balance.volume_scale * point.step.length * volumes
 
     def end(self, point: OilPoint, tolerance: float) -> OilState:
@@ -646,7 +646,7 @@ class ConservedOil(FilmModel[OilPoint]):
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:
             raise CavitationError(f"fluid fraction below 0: by {excess:.2g}, at most {UNDERSHOOT}")
-        lost, outflow = balance.ends(step, point.nodal, point.values, point.transport.void)
+        lost, outflow = balance.ends(step, point.nodal, point.values, point.transport)
         reference = np.sum(np.abs(step.flows) + step.full + np.abs(step.former))
         return OilState(
             **vars(self.state(point)),

@@ -532,7 +532,7 @@ class CoupledSteps:
         return self._fraction * np.concatenate([*films, found.rest])[self._nodes]
 
     def converged(self, iteration: int) -> bool:
-        """True if the rest of the update is small by the last derivatives; see `SelfJudging`."""
+        """True if the rest of the update is small by the last derivatives."""
         if not iteration or self._fraction < 1.0:
             return False
         if not all(film.settled(point, self._tolerance) for film, point, _ in self._films):
