@@ -91,19 +91,6 @@ def test_thickness_rate_is_the_rate_of_that_distance_whatever_the_spin(position,
     assert np.abs(velocity - tangential).max() < 1e-13 * R * (1 + abs(speed))
 
 
-def test_bore_displacement_adds_to_the_gap_and_its_motion():
-    random = np.random.default_rng(1)
-    u_r, u_t, v_r, v_t = random.uniform(-1, 1, (4, len(POINTS.angle))) * C
-    position, rate = np.array([0.3, -0.2, 0.1, 0.2]), np.array([10.0, 20, 5, 5])
-    rigid = shaft_gap(POINTS, R, C, motion(position, rate))
-    found = shaft_gap(POINTS, R, C, motion(position, rate), bore_displacement=(u_r, u_t),
-                      bore_velocity=(v_r, v_t))  # fmt: skip
-    np.testing.assert_allclose(found.thickness - rigid.thickness, u_r, atol=1e-14 * C)
-    np.testing.assert_allclose(found.thickness_rate - rigid.thickness_rate, v_r, atol=1e-12 * C)
-    np.testing.assert_allclose(found.mean_velocity - rigid.mean_velocity, v_t / 2, atol=1e-13)
-    np.testing.assert_allclose(rigid.sliding_velocity - found.sliding_velocity, v_t, atol=1e-13)
-
-
 def turned_pressure(clearance, frame_speed):
     """Pressure of one motion, seen from a frame that turns about the bore's centre."""
     film = make_film(
@@ -141,12 +128,6 @@ def test_turning_bore_drags_the_oil_as_a_turning_shaft():
     np.testing.assert_allclose(bore, shaft, atol=1e-6 * shaft.max())
     against = shaft_gap(film.points, R, 1e-8 * R, ShaftMotion(e, OMEGA, bore_speed=-OMEGA))
     assert film.solve(against).pressure.max() < 1e-5 * shaft.max()
-
-
-def test_deformed_bore_must_carry_the_frame():
-    zero = np.zeros_like(POINTS.angle)
-    with pytest.raises(SettingsError, match="bore_speed = 3 rad/s"):
-        shaft_gap(POINTS, R, C, motion(np.zeros(4), bore_speed=3.0), bore_displacement=(zero, zero))
 
 
 def test_shaft_far_off_is_refused():

@@ -68,39 +68,28 @@ class FilmFlows:
 
     @cached_property
     def balance(self) -> FlowBalance:
-        """All flows."""
-        if isinstance(self._state, OilState):
-            return self._oil_balance(self._state)
-        film, (defect, growth) = self._film, self._defects
-        grid = film.parameters.grid
-        supply = float(defect[self._region].sum()) + sum(self._feeds.values())
-        cavities = float(defect[film.free].sum())
+        """All flows; of a film that keeps account of its oil no cavity makes any."""
+        film, inflow, feeds = self._film, self._inflow, self._feeds
+        grid, conserved = film.parameters.grid, self._lumped
+        supply = float(inflow[self._region].sum()) + sum(feeds.values())
+        cavities = 0.0 if conserved else float(inflow[film.free].sum())
         sides = {}
         for name, end in (("lower", grid.heights[0]), ("upper", grid.heights[-1])):
+            entering = _side_inflow(film, inflow, self._region, end)
             ambient = getattr(film.parameters.sides, name)
             if ambient is None:
-                sides[name] = 0.0
-                continue
-            inflow = _side_inflow(film, defect, self._region, end)
+                entering = np.zeros_like(entering)
             # Where the sides are at the cavitation pressure nothing can flow in: what
             # appears to is the growth of cavities beside them. Told apart edge by edge,
             # for a corner of the 8-node element alone has the wrong sign.
-            cavity = np.maximum(inflow, 0.0).sum() if ambient == 0.0 else 0.0
-            cavities += float(cavity)
-            sides[name] = float(cavity - inflow.sum())
-        return FlowBalance(sides["lower"], sides["upper"], supply, cavities, growth, self._feeds)
-
-    def _oil_balance(self, state: OilState) -> FlowBalance:
-        """Balance of a film that keeps account of its oil: no cavity makes any."""
-        grid, region, feeds = self._film.parameters.grid, self._region, self._feeds
-        height = grid.node_positions[:, 1]
-        lower, upper = (
-            float(state.outflow[(np.abs(height - end) <= SLACK * grid.radius) & ~region].sum())
-            for end in (grid.heights[0], grid.heights[-1])
-        )
-        supply = sum(feeds.values()) - float(state.outflow[region].sum())
-        squeeze = supply - lower - upper
-        return FlowBalance(lower, upper, supply, cavities=0.0, squeeze=squeeze, feeds=feeds)
+            cavity = 0.0
+            if ambient == 0.0 and not conserved:
+                cavity = float(np.maximum(entering, 0.0).sum())
+            cavities += cavity
+            sides[name] = cavity - float(entering.sum())
+        lower, upper = sides["lower"], sides["upper"]
+        squeeze = supply - lower - upper if conserved else self._defects[1]
+        return FlowBalance(lower, upper, supply, cavities, squeeze, feeds)
 
     @cached_property
     def leaving(self) -> float:

@@ -38,6 +38,8 @@ _OFFSETS = {
 
 FAMILIES = tuple(_OFFSETS)
 
+TURN = 2 * np.pi
+
 
 @dataclass(frozen=True, eq=False)
 class FilmGrid:
@@ -79,7 +81,7 @@ class FilmGrid:
             )
         if not (np.all(np.diff(self.angles) > 0) and np.all(np.diff(self.heights) > 0)):
             raise SettingsError("the cell boundaries of the film must ascend")
-        if not abs(self.angles[-1] - self.angles[0] - 2 * np.pi) < 1e-9:
+        if not abs(self.angles[-1] - self.angles[0] - TURN) < 1e-9:
             raise SettingsError(
                 f"the film's cells span {self.angles[-1] - self.angles[0]:.6g} rad, not one turn"
             )
@@ -146,7 +148,7 @@ class FilmGrid:
 
     def interpolation(self, angle: np.ndarray, height: np.ndarray) -> sparse.csr_matrix:
         """Matrix from nodal values to values at points of the bore, shape (points, n)."""
-        relative = np.mod(angle - self.angles[0], 2 * np.pi) + self.angles[0]
+        relative = np.mod(angle - self.angles[0], TURN) + self.angles[0]
         around, along = self.cells
         i = np.clip(np.searchsorted(self.angles, relative, "right") - 1, 0, around - 1)
         j = np.clip(np.searchsorted(self.heights, height, "right") - 1, 0, along - 1)
@@ -168,7 +170,7 @@ def uniform_grid(
     start: float = 0.0,
 ) -> FilmGrid:
     """Grid of equal cells, a cell boundary at angle `start` [rad]."""
-    angles = start + np.linspace(0.0, 2 * np.pi, max(int(cells[0]), 0) + 1)
+    angles = start + np.linspace(0.0, TURN, max(int(cells[0]), 0) + 1)
     heights = np.linspace(-width / 2, width / 2, max(int(cells[1]), 0) + 1)
     return FilmGrid(radius, angles, heights, family)
 
@@ -188,38 +190,28 @@ def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:
     SettingsError
         Two edges are nearest to the same boundary: the mesh is too coarse.
     """
-    around = grid.cells[0]
-    angles = grid.angles[:-1].copy()
-    wanted = np.mod(np.asarray(edges, dtype=float) - angles[0], 2 * np.pi)
-    wanted = np.sort(np.where(wanted > 2 * np.pi - 1e-9, 0.0, wanted))
-    wanted = wanted[np.append(np.diff(wanted) > 1e-9, True)] if len(wanted) else wanted
-    relative = angles - angles[0]
-    moved: dict[int, float] = {}
-    for edge in wanted:
-        distance = np.abs(np.mod(relative - edge + np.pi, 2 * np.pi) - np.pi)
-        nearest = int(np.argmin(distance))
-        if nearest in moved:
-            raise SettingsError(
-                f"{around} cells around cannot resolve groove edges at "
-                f"{np.degrees(angles[0] + moved[nearest]):.4g} and "
-                f"{np.degrees(angles[0] + edge):.4g} degrees: "
-                "use more cells"
-            )
-        moved[nearest] = float(edge)
-    if not moved:
+    if not len(edges):
         return grid
+    start, relative = grid.angles[0], grid.angles[:-1] - grid.angles[0]
+    wanted = _offsets(start, edges)
+    apart = np.mod(wanted - relative[:, None] + np.pi, TURN) - np.pi
+    nearest = np.argmin(np.abs(apart), axis=0)
+    order = np.argsort(nearest, kind="stable")
+    fixed, wanted = nearest[order], wanted[order]
+    clash = np.flatnonzero(np.diff(fixed) == 0)
+    if clash.size:
+        first, second = np.degrees(start + wanted[clash[0] :][:2])
+        raise SettingsError(
+            f"{grid.cells[0]} cells around cannot resolve groove edges at {first:.4g} and "
+            f"{second:.4g} degrees: use more cells"
+        )
     # The boundaries between two moved ones keep their proportions.
-    fixed = sorted(moved)
-    targets = []
-    for index in fixed:
-        shift = np.mod(moved[index] - relative[index] + np.pi, 2 * np.pi) - np.pi
-        targets.append(relative[index] + shift)
-    source = np.append(relative[fixed], relative[fixed[0]] + 2 * np.pi)
-    target = np.append(targets, targets[0] + 2 * np.pi)
-    unrolled = np.where(relative < source[0], relative + 2 * np.pi, relative)
-    result = np.interp(unrolled, source, target)
-    result = np.sort(result)
-    boundaries = grid.angles[0] + np.append(result, result[0] + 2 * np.pi)
+    source = np.append(relative[fixed], relative[fixed[0]] + TURN)
+    target = relative[fixed] + apart[fixed, order]
+    target = np.append(target, target[0] + TURN)
+    unrolled = np.where(relative < source[0], relative + TURN, relative)
+    moved = np.sort(np.interp(unrolled, source, target))
+    boundaries = start + np.append(moved, moved[0] + TURN)
     return FilmGrid(grid.radius, boundaries, grid.heights, grid.family)
 
 
@@ -262,18 +254,18 @@ def gap_graded_grid(
         Fewer cells around than edges.
     """
     around, along = cells
-    even = np.linspace(0.0, 2 * np.pi, SAMPLES + 1)
-    thinnest = even[np.argmin(thickness(even))]
-    start = float(edges[0]) if len(edges) else float(thinnest)
-    breaks = _breaks(start, edges)
+    even = np.linspace(0.0, TURN, SAMPLES + 1)
+    edges = edges if len(edges) else [even[np.argmin(thickness(even))]]
+    start = float(edges[0])
+    breaks = np.append(_offsets(start, edges), TURN)
     if around < len(breaks) - 1:
         raise SettingsError(
             f"{around} cells around cannot resolve {len(breaks) - 1} groove edges: use more cells"
         )
     density = 1.0 / thickness(start + even)
     share = cumulative_trapezoid(density, even, initial=0)
-    share_of_turn = share[-1] / (2 * np.pi * density.max())
-    share = THIN_SHARE * share / share[-1] + (1 - THIN_SHARE) * even / (2 * np.pi)
+    share_of_turn = share[-1] / (TURN * density.max())
+    share = THIN_SHARE * share / share[-1] + (1 - THIN_SHARE) * even / (TURN)
     at_breaks = np.interp(breaks, even, share)
     counts = _apportion(np.diff(at_breaks), around)
     targets = np.concatenate(
@@ -285,18 +277,17 @@ def gap_graded_grid(
     angles = np.interp(targets, share, even)
     # The given angles themselves, not what the two interpolations make of them.
     angles[np.cumsum(counts) - counts] = breaks[:-1]
-    angles = start + np.append(angles, 2 * np.pi)
+    angles = start + np.append(angles, TURN)
     # 1 / h has a hump as wide as this angle, half a turn when the shaft is centred.
     layer = radius * share_of_turn * np.pi
     return FilmGrid(radius, angles, _towards_ends(width, along, layer), family)
 
 
-def _breaks(start: float, edges: Sequence[float]) -> np.ndarray:
-    """Offsets from `start` that must be boundaries, with 0 and a full turn, ascending."""
-    offsets = np.mod(np.asarray(edges, dtype=float) - start, 2 * np.pi)
-    offsets = np.sort(np.append(offsets[offsets < 2 * np.pi - 1e-9], 0.0))
-    kept = offsets[np.append(True, np.diff(offsets) > 1e-9)]
-    return np.append(kept, 2 * np.pi)
+def _offsets(start: float, edges: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Distinct angles from `start` on to given ones, ascending, below a turn [rad]."""
+    offsets = np.mod(np.asarray(edges, dtype=float) - start, TURN)
+    offsets = np.sort(np.where(offsets > TURN - 1e-9, 0.0, offsets))
+    return offsets[np.append(True, np.diff(offsets) > 1e-9)]
 
 
 def _apportion(shares: np.ndarray, total: int) -> np.ndarray:
@@ -350,7 +341,7 @@ def film_layout(nodes: np.ndarray) -> tuple[tuple[int, int], str]:
     InterfaceMismatchError
         The nodes are not those of a structured quadratic mesh.
     """
-    angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]) + 1e-6, 2 * np.pi)
+    angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]) + 1e-6, TURN)
     around = _positions(angle, 1e-5) // 2
     radius = np.linalg.norm(nodes[:, :2], axis=1).mean()
     along = (_positions(nodes[:, 2], 1e-5 * radius) - 1) // 2
@@ -374,7 +365,7 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     """
     cells, family = film_layout(nodes)
     radius = float(np.linalg.norm(nodes[:, :2], axis=1).mean())
-    angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]), 2 * np.pi / cells[0])
+    angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]), TURN / cells[0])
     # Corner columns lie at whole multiples of the cell from here, mid columns half way.
     first = nodes[:, 2] <= nodes[:, 2].min() + MATCH_TOLERANCE * radius
     half = angle[first] % (np.pi / cells[0])

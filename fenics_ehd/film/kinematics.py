@@ -40,7 +40,7 @@ a tilted shaft (w in (6), which the paper drops too).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -105,17 +105,10 @@ class ShapeTable:
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
         """Spline around, linear between heights."""
         angle, height = np.broadcast_arrays(angle, height)
-        columns = self._around(angle, order)
-        if len(self.heights) == 1:
-            return columns[..., 0]
-        inside = np.clip(height, self.heights[0], self.heights[-1])
-        below = np.clip(np.searchsorted(self.heights, inside) - 1, 0, len(self.heights) - 2)
-        share = (inside - self.heights[below]) / np.diff(self.heights)[below]
-        low, high = (
-            np.take_along_axis(columns, place[..., None], -1)[..., 0]
-            for place in (below, below + 1)
-        )
-        return (1.0 - share) * low + share * high
+        columns = np.moveaxis(self._around(angle, order), -1, 0)
+        units = np.eye(len(self.heights))
+        hats = [np.interp(height, self.heights, unit) for unit in units]
+        return np.sum(columns * hats, axis=0)
 
 
 @attrs.frozen(kw_only=True, slots=False)
@@ -204,8 +197,8 @@ class Gap:
         )
 
 
-def _pair() -> np.ndarray:
-    return np.zeros(2)
+#: Components along or about x and y.
+Pair = np.ndarray | tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,15 +216,15 @@ class ShaftMotion:
         is given [rad/s].
     """
 
-    eccentricity: np.ndarray
+    eccentricity: Pair
     shaft_speed: float
-    eccentricity_rate: np.ndarray = field(default_factory=_pair)
-    tilt: np.ndarray = field(default_factory=_pair)
-    tilt_rate: np.ndarray = field(default_factory=_pair)
+    eccentricity_rate: Pair = (0.0, 0.0)
+    tilt: Pair = (0.0, 0.0)
+    tilt_rate: Pair = (0.0, 0.0)
     bore_speed: float = 0.0
 
 
-def _local(points: SurfacePoints, pair: np.ndarray, tilt: np.ndarray) -> tuple:
+def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, np.ndarray]:
     """Radial and tangential components (3) at every point of a centre and a tilt."""
     cosine, sine = points.normal
     x = pair[0] + points.height * tilt[1]
@@ -249,16 +242,8 @@ def _half_chord(radius: float, tangential: np.ndarray) -> np.ndarray:
     return np.sqrt(radius**2 - tangential**2)
 
 
-def shaft_gap(
-    points: SurfacePoints,
-    radius: float,
-    clearance: float,
-    motion: ShaftMotion,
-    *,
-    bore_displacement: tuple[np.ndarray, np.ndarray] | None = None,
-    bore_velocity: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Gap:
-    """Gap between a round shaft and a bore, rigid or deformed.
+def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: ShaftMotion) -> Gap:
+    """Gap between a round shaft and a rigid bore; what deforms it adds to gap and velocities.
 
     Parameters
     ----------
@@ -268,9 +253,6 @@ def shaft_gap(
         Bore radius R_2 and radial clearance c [m].
     motion
         The shaft's.
-    bore_displacement, bore_velocity
-        Radial and tangential components of the bore's elastic displacement [m]
-        and velocity [m/s] at the points, in the bore's frame; None: rigid.
 
     Returns
     -------
@@ -279,25 +261,17 @@ def shaft_gap(
     Raises
     ------
     SettingsError
-        The bore is deformed and turns in the frame at once, or the shaft's
-        centre lies outside the shaft.
+        The shaft's centre lies outside the shaft.
     """
-    if bore_displacement is not None and motion.bore_speed:
-        raise SettingsError(
-            f"bore_speed = {motion.bore_speed:g} rad/s: a deformed bore carries the frame and "
-            "must be at rest in it"
-        )
     e_r, e_t = _local(points, motion.eccentricity, motion.tilt)
     rate_r, rate_t = _local(points, motion.eccentricity_rate, motion.tilt_rate)
     shaft_radius = radius - clearance
     s = _half_chord(shaft_radius, e_t)
-    delta_r = 0.0 if bore_displacement is None else bore_displacement[0]
-    velocity_r, velocity_t = (0.0, 0.0) if bore_velocity is None else bore_velocity
     shaft = rate_t + motion.shaft_speed * s
-    bore = motion.bore_speed * radius + velocity_t
+    bore = motion.bore_speed * radius
     return Gap(
-        thickness=clearance + delta_r - e_r + e_t**2 / (shaft_radius + s),
-        thickness_rate=velocity_r - rate_r + rate_t * e_t / s,
+        thickness=clearance - e_r + e_t**2 / (shaft_radius + s),
+        thickness_rate=rate_t * e_t / s - rate_r,
         mean_velocity=0.5 * (shaft + bore),
         sliding_velocity=shaft - bore,
     )

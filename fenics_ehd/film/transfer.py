@@ -196,7 +196,7 @@ class Surface:
 #: Largest distance of a located point from its cell, in reference coordinates.
 OUTSIDE_TOLERANCE = 1e-6
 
-#: Points located, or triangles integrated, at once.
+#: Triangles integrated at once.
 BLOCK = 20_000
 
 
@@ -312,18 +312,11 @@ def interpolation_matrix(surface: Surface, phi: np.ndarray, z: np.ndarray) -> sp
 
 def _within(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
     """Shape functions at points of the cells."""
-    blocks = [sparse.csr_matrix((0, len(surface.nodes)))]
-    for start in range(0, len(points), BLOCK):
-        cells, xi = locate(surface, points[start : start + BLOCK])
-        values = ELEMENTS[surface.family].shapes(xi)
-        starts = np.arange(0, values.size + 1, values.shape[1])
-        blocks.append(
-            sparse.csr_matrix(
-                (values.ravel(), surface.cells[cells].ravel(), starts),
-                shape=(len(cells), len(surface.nodes)),
-            )
-        )
-    return sparse.vstack(blocks, format="csr")
+    cells, xi = locate(surface, points)
+    values = ELEMENTS[surface.family].shapes(xi)
+    starts = np.arange(0, values.size + 1, values.shape[1])
+    shape = (len(cells), len(surface.nodes))
+    return sparse.csr_matrix((values.ravel(), surface.cells[cells].ravel(), starts), shape)
 
 
 def _around_holes(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
@@ -499,9 +492,9 @@ class Mortar:
     """``P_s = H_sf P_f`` (14), the L2 projection of film pressures onto the bore's mesh.
 
     ``H = D^-1 M`` with ``D = int N_s N_s dA`` and ``M = int N_s N_f dA``, the
-    latter integrated exactly over the true intersections of the cells: what
-    both meshes can represent is reproduced, and the integral of every pressure
-    is kept. H itself is full and is not formed.
+    latter integrated exactly over the true intersections of the cells, D over those of the bore's
+    with themselves: what both meshes can represent is reproduced, and the integral of every
+    pressure is kept. H itself is full and is not formed.
 
     Parameters
     ----------
@@ -524,7 +517,7 @@ class Mortar:
     """
 
     def __init__(self, structure: Surface, film: Surface, radius: float):
-        self.mass = radius * _mass(structure)
+        self.mass = radius * _coupling(structure, structure)
         self.coupling = radius * _coupling(structure, film)
         self._factor = splu(self.mass.tocsc())
 
@@ -535,19 +528,6 @@ class Mortar:
     def matrix(self) -> np.ndarray:
         """H as a dense array, shape (m, k): bore size, to be projected with J of a body."""
         return self._factor.solve(self.coupling.toarray())
-
-
-def _mass(surface: Surface) -> sparse.csr_matrix:
-    """``int N N dphi dz`` on the whole cells."""
-    barycentric, weights = triangle_rule(2 * ELEMENTS[surface.family].degree)
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    halves = [corners] if surface.triangular else [corners, 1.0 - corners]
-    points = np.vstack([barycentric @ half for half in halves])
-    values = ELEMENTS[surface.family].shapes(points)
-    local = values.T @ (0.5 * np.tile(weights, len(halves))[:, None] * values)
-    entries = surface.determinants[:, None, None] * local
-    size = len(surface.nodes)
-    return _assemble(surface.cells, surface.cells, entries, (size, size))
 
 
 def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:

@@ -72,8 +72,7 @@ def ends_of_gap(e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points on shaft and bore at the shown angle, a gap apart that the program computes."""
     angle = np.radians([SHOWN])
     at, motion = SurfacePoints(angle, np.zeros(1)), ehd.ShaftMotion(e, shaft_speed=1.0)
-    displacement = bent(angle), np.zeros(1)
-    gap = ehd.shaft_gap(at, 1.0, CLEARANCE, motion, bore_displacement=displacement).thickness
+    gap = ehd.shaft_gap(at, 1.0, CLEARANCE, motion).thickness + bent(angle)
     outer = 1 + bent(angle)
     return point(float(outer[0] - gap[0]), SHOWN), point(float(outer[0]), SHOWN)
 
