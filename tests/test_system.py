@@ -96,7 +96,7 @@ def test_every_derivative_is_exact(system, seed):
         "jacobian": (differences(lambda x: Instant(system, 0.1, x).defect, z), instant.jacobian),
         "carry": (
             differences(lambda x: Instant(system, 0.1, x).rate_defect(v), z),
-            motion.carry(),
+            motion.carried[1],
         ),
         "bend": (
             differences(lambda x: multipliers @ Instant(system, 0.1, x).jacobian, z),

@@ -171,10 +171,10 @@ def test_a_force_half_way_does_not_tilt():
 
 def test_a_ramp_begins_gently():
     force = ehd.RotatingForce("shaft", 3600.0, 600.0, 1e-3)
-    sizes = [np.hypot(*force.load(t, np.zeros(5), np.zeros(5), (5,)).value[:2])
+    sizes = [np.hypot(*force.load(t, np.zeros(5), np.zeros(5)).value[:2])
              for t in (0.0, 1e-6, 5e-4, 1e-3, 2e-3)]  # fmt: skip
     assert sizes[0] == 0.0
     assert sizes[1] < 1e-5 * sizes[3]
     assert sizes[2:] == pytest.approx([1800.0, 3600.0, 3600.0])
-    turned = force.load(1e-3, np.zeros(5), np.zeros(5), (5,)).value[:2]
+    turned = force.load(1e-3, np.zeros(5), np.zeros(5)).value[:2]
     assert turned == pytest.approx(3600.0 * np.array([np.cos(0.6), np.sin(0.6)]))

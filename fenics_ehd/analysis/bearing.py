@@ -57,7 +57,7 @@ from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT, RoughSurfaces
 from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.body import RigidBody, ground
 from fenics_ehd.multibody.forces import PointForce
-from fenics_ehd.multibody.joints import Imposed, Revolute, Speed
+from fenics_ehd.multibody.joints import Revolute, Speed
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.quantities import JointStep, film_power
@@ -152,9 +152,9 @@ class _Held(Revolute):
 
     velocity: np.ndarray = attrs.field(factory=lambda: np.zeros(2))
 
-    def imposed(self, time: float) -> Imposed:  # type: ignore[override]
+    def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Motion of the point, as of `Joint`."""
-        return Imposed(np.zeros(2), self.velocity)
+        return np.zeros(2), self.velocity
 
 
 class _Bearing:

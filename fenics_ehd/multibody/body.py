@@ -26,10 +26,11 @@ A reduced part as a body, free or held.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -38,24 +39,24 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
-#: Places of position, angle and tilt in a marker's values.
-POSITION, ANGLE, TILT = slice(0, 2), 2, slice(3, 5)
+#: Places of position, angle and the first of two tilts in a marker's values, and their number.
+POSITION, ANGLE, TILT, WIDTH = slice(0, 2), 2, 3, 5
 
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """One marker at one instant, k values of n coordinates.
+    """One marker at one instant, its values of n coordinates.
 
     Attributes
     ----------
     values
-        ``u``, shape (k,) [m], [rad].
+        ``u = (x, y, angle, psi_x, psi_y)``, shape (5,) [m], [rad].
     jacobian
-        ``du/dz``, shape (k, n).
+        ``du/dz``, shape (5, n).
     bend
-        For f of shape (k,), the derivative of ``jacobian^T f``, shape (n, n); None: zero.
+        For f of shape (5,), the derivative of ``jacobian^T f``, shape (n, n); None: zero.
     carry
-        For rates of shape (n,), the derivative of ``jacobian @ rates``, shape (k, n); None: zero.
+        For rates of shape (n,), the derivative of ``jacobian @ rates``, shape (5, n); None: zero.
     """
 
     values: np.ndarray
@@ -247,47 +248,61 @@ class Balance:
     derivatives: Callable[[], Derivatives]
 
 
-class Body(Protocol):
+class Body(ABC):
     """A body with n coordinates."""
 
+    #: Whether its points tilt.
+    tilts = False
+
     @property
+    @abstractmethod
     def size(self) -> int:
         """Number n of coordinates."""
 
     @property
+    @abstractmethod
     def weights(self) -> np.ndarray:
         """Share of the multipliers that each coordinate takes (`FINE_WEIGHT`), shape (n,)."""
 
     @property
-    def mobility(self) -> np.ndarray:
-        """Readiness of each coordinate to change in assembly, shape (n,)."""
-
-    @property
+    @abstractmethod
     def start(self) -> np.ndarray:
         """Coordinates of the rough pose, shape (n,)."""
 
     @property
+    @abstractmethod
     def start_rates(self) -> np.ndarray:
         """Their rates, shape (n,)."""
 
     @property
+    @abstractmethod
     def angle(self) -> int | None:
         """Place of the body's angle among its coordinates; None: it cannot turn."""
 
     @property
-    def least_damping(self) -> float:
-        """Smallest damping ratio of its modes, infinite without any."""
-
-    @property
+    @abstractmethod
     def reach(self) -> float:
         """Largest distance of a point from the body's origin [m]."""
 
+    @property
+    def least_damping(self) -> float:
+        """Smallest damping ratio of its modes, infinite without any."""
+        return np.inf
+
+    @property
+    def mobility(self) -> np.ndarray:
+        """Readiness of each coordinate to change in assembly, shape (n,)."""
+        return self.weights
+
+    @abstractmethod
     def points(self) -> tuple[str, ...]:
         """Names of its points beside the origin."""
 
+    @abstractmethod
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
         """A point, or the origin for an empty name, at given coordinates."""
 
+    @abstractmethod
     def balance(
         self,
         coordinates: np.ndarray,
@@ -301,9 +316,11 @@ class Body(Protocol):
         `lift` is the acceleration that gravity is felt as, against its pull, shape (2,) [m/s^2].
         """
 
+    @abstractmethod
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
         """Energies at an instant."""
 
+    @abstractmethod
     def error_measure(self) -> np.ndarray:
         """Rows that make coordinates dimensionless for the step control, shape (k, n)."""
 
@@ -313,28 +330,51 @@ class Body(Protocol):
 ELASTIC_SHARE = 1e-3
 
 
-class PlanarBody:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanarBody(Body):
     """Coordinates ``(x, y, theta, q)`` of which `held` bodies have q alone.
 
-    A subclass offers `integrals`, `fields` and, with elastic coordinates, `stiffness` and
-    `damping_time`.
+    Attributes
+    ----------
+    position, orientation, velocity, speed
+        Rough pose of origin and angle at the start, in the frame at rest [m], [rad], and their
+        rates where nothing else gives them [m/s], [rad/s].
     """
 
-    position: tuple[float, float]
-    orientation: float
-    velocity: tuple[float, float]
-    speed: float
-    held: bool = False
-    integrals: InertiaIntegrals
-    #: Fields of every point, shape (2, 3 + n): position, unit translations, elastic modes.
-    fields: Mapping[str, np.ndarray]
-    stiffness: np.ndarray | None = None
-    damping_time: float = 0.0
+    position: tuple[float, float] = (0.0, 0.0)
+    orientation: float = 0.0
+    velocity: tuple[float, float] = (0.0, 0.0)
+    speed: float = 0.0
+
+    @property
+    @abstractmethod
+    def held(self) -> bool:
+        """Whether it stays there: a part of the ground."""
+
+    @property
+    @abstractmethod
+    def integrals(self) -> InertiaIntegrals:
+        """Integrals of its inertia."""
+
+    @property
+    @abstractmethod
+    def fields(self) -> Mapping[str, np.ndarray]:
+        """Fields of its points, shape (2, 3 + n): position, unit translations, elastic modes."""
+
+    @property
+    @abstractmethod
+    def stiffness(self) -> np.ndarray:
+        """Stiffness of the elastic coordinates, shape (n, n)."""
+
+    @property
+    @abstractmethod
+    def damping_time(self) -> float:
+        """Structural damping zeta of ``D_e = zeta K_e`` [s]."""
 
     @cached_property
-    def _frame(self) -> int:
-        """Coordinates of the frame."""
-        return 0 if self.held else 3
+    def _own(self) -> slice:
+        """Places of the coordinates among those of a free body."""
+        return slice(3 if self.held else 0, None)
 
     @cached_property
     def modes(self) -> int:
@@ -342,44 +382,33 @@ class PlanarBody:
         return len(self.integrals.mass) - 3
 
     @cached_property
-    def size(self) -> int:
-        """Number of coordinates."""
-        return self._frame + self.modes
-
-    @cached_property
     def weights(self) -> np.ndarray:
         """Share of the multipliers: 1 of the frame, `FINE_WEIGHT` of elastic coordinates."""
-        return np.concatenate([np.ones(self._frame), np.full(self.modes, FINE_WEIGHT)])
+        return np.repeat([1.0, FINE_WEIGHT], [3, self.modes])[self._own]
 
-    @property
-    def mobility(self) -> np.ndarray:
-        """Readiness to change in assembly: the frame moves, elastic coordinates hardly do."""
-        return self.weights
+    @cached_property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return len(self.weights)
 
     @cached_property
     def _pose(self) -> np.ndarray:
-        return np.array([*self.position, self.orientation])
+        return np.array([*self.position, self.orientation, *np.zeros(self.modes)])
 
     @cached_property
     def start(self) -> np.ndarray:
         """Coordinates of the rough pose, undeformed."""
-        return np.concatenate([self._pose[: self._frame], np.zeros(self.modes)])
+        return self._pose[self._own]
 
     @cached_property
     def start_rates(self) -> np.ndarray:
         """Rates of the rough pose."""
-        motion = np.array([*self.velocity, self.speed])
-        return np.concatenate([motion[: self._frame], np.zeros(self.modes)])
+        return np.array([*self.velocity, self.speed, *np.zeros(self.modes)])[self._own]
 
     @property
     def angle(self) -> int | None:
         """Place of the angle among the coordinates; None of a held body."""
-        return None if self.held else 2
-
-    @property
-    def least_damping(self) -> float:
-        """Smallest damping ratio; infinite of a rigid body."""
-        return float("inf")
+        return None if self.held else ANGLE
 
     @cached_property
     def reach(self) -> float:
@@ -390,24 +419,40 @@ class PlanarBody:
         """Names of the points beside the origin."""
         return tuple(self.fields)
 
-    def _whole(self, values: np.ndarray, pose: np.ndarray | float) -> np.ndarray:
+    def _whole(self, values: np.ndarray, frame: np.ndarray | float = 0.0) -> np.ndarray:
         """Values of frame and elastic coordinates, of a held body too."""
         if not self.held:
             return values
-        return np.concatenate([np.broadcast_to(pose, 3), values])
+        return np.concatenate([np.broadcast_to(frame, 3), values])
+
+    @cached_property
+    def _unit(self) -> np.ndarray:
+        """Jacobian of the origin."""
+        unit = np.zeros((WIDTH, 3 + self.modes))
+        unit[:3, :3] = np.eye(3)
+        return unit
+
+    @cached_property
+    def _arms(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Position and elastic modes of the points that do not stay at the origin."""
+        arms = {name: (field[:, 0], field[:, 3:]) for name, field in self.fields.items()}
+        return {name: arm for name, arm in arms.items() if any(part.any() for part in arm)}
 
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
         """Marker of a point at given coordinates, see `Body`."""
-        z = self._whole(coordinates, self._pose)
+        z = self._whole(coordinates, self._pose[:3])
+        values = np.zeros(WIDTH)
+        values[:3] = z[:3]
         if point not in self._arms:
-            return self._cut(Marker(z[:3], self._unit))
+            return Marker(values, self._unit[:, self._own])
         field, shapes = self._arms[point]
         turn = rotation(z[2])
         arm, shape = turn @ (field + shapes @ z[3:]), turn @ shapes
         jacobian = self._unit.copy()
         jacobian[0, 2], jacobian[1, 2], jacobian[:2, 3:] = -arm[1], arm[0], shape
-        values = z[:3].copy()
         values[:2] += arm
+        if self.held:
+            return Marker(values, jacobian[:, self._own])
 
         def bend(force: np.ndarray) -> np.ndarray:
             result = np.zeros((len(z), len(z)))
@@ -416,48 +461,16 @@ class PlanarBody:
             return result
 
         def carry(rates: np.ndarray) -> np.ndarray:
-            result, spun = np.zeros((3, len(z))), np.stack([-shape[1], shape[0]])
+            result, spun = np.zeros((WIDTH, len(z))), np.stack([-shape[1], shape[0]])
             result[:2, 2] = spun @ rates[3:] - arm * rates[2]
             result[:2, 3:] = spun * rates[2]
             return result
 
-        return self._cut(Marker(values, jacobian, bend, carry))
+        return Marker(values, jacobian, bend, carry)
 
     @cached_property
-    def _arms(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Position and elastic modes of the points that do not stay at the origin."""
-        arms = {name: (field[:, 0], field[:, 3:]) for name, field in self.fields.items()}
-        return {name: arm for name, arm in arms.items() if any(part.any() for part in arm)}
-
-    @cached_property
-    def _unit(self) -> np.ndarray:
-        """Jacobian of the origin."""
-        return np.eye(3, 3 + self.modes)
-
-    def _cut(self, marker: Marker) -> Marker:
-        """The marker of a held body: linear in its elastic coordinates."""
-        if not self.held:
-            return marker
-        return Marker(marker.values, marker.jacobian[:, 3:])
-
-    @cached_property
-    def _inertia_integrals(self) -> InertiaIntegrals:
+    def _ordered(self) -> InertiaIntegrals:
         return in_order_of_coordinates(self.integrals)
-
-    def _inertia(
-        self,
-        coordinates: np.ndarray,
-        rates: np.ndarray,
-        accelerations: np.ndarray,
-        lift: np.ndarray,
-    ) -> FrameInertia:
-        return FrameInertia(
-            self._inertia_integrals,
-            self._whole(coordinates, self._pose),
-            self._whole(rates, 0.0),
-            self._whole(accelerations, 0.0),
-            lift,
-        )
 
     def balance(
         self,
@@ -468,51 +481,36 @@ class PlanarBody:
         lift: np.ndarray,
     ) -> Balance:
         """Inertia, stiffness and damping forces, see `Body`."""
-        inertia = self._inertia(coordinates, rates, accelerations, lift)
-        forces = inertia.forces[3 - self._frame :]
-        if self.stiffness is not None:
-            q = coordinates[self._frame :] + self.damping_time * rates[self._frame :]
-            forces[self._frame :] += self.stiffness @ q
-        return Balance(forces, partial(self._derivatives, inertia))
+        z, v = self._whole(coordinates, self._pose[:3]), self._whole(rates)
+        inertia = FrameInertia(self._ordered, z, v, self._whole(accelerations), lift)
+        forces = inertia.forces
+        forces[3:] += self.stiffness @ (z[3:] + self.damping_time * v[3:])
+        return Balance(forces[self._own], partial(self._derivatives, inertia))
 
     def _derivatives(self, inertia: FrameInertia) -> Derivatives:
-        whole = inertia.derivatives()
-        own = slice(3 - self._frame, None)
-        parts = Derivatives(
-            whole.position[own, own], whole.rate[own, own], whole.acceleration[own, own]
-        )
-        if self.stiffness is not None:
-            elastic = slice(self._frame, None)
-            parts.position[elastic, elastic] += self.stiffness
-            parts.rate[elastic, elastic] += self.damping_time * self.stiffness
-        return parts
+        whole, own = inertia.derivatives(), self._own
+        whole.position[3:, 3:] += self.stiffness
+        whole.rate[3:, 3:] += self.damping_time * self.stiffness
+        return Derivatives(*(part[own, own] for part in vars(whole).values()))
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
         """Kinetic and strain energy, and the power that damping takes."""
-        rest = np.zeros_like(rates), np.zeros(2)
-        kinetic = self._inertia(coordinates, rates, *rest).kinetic_energy
-        if self.stiffness is None:
-            return Energies(kinetic)
-        q, q_rate = coordinates[self._frame :], rates[self._frame :]
-        return Energies(
-            kinetic,
-            float(0.5 * q @ self.stiffness @ q),
-            float(self.damping_time * q_rate @ self.stiffness @ q_rate),
-        )
+        z, v = self._whole(coordinates, self._pose[:3]), self._whole(rates)
+        inertia = FrameInertia(self._ordered, z, v, np.zeros_like(v), np.zeros(2))
+        strain = 0.5 * z[3:] @ self.stiffness @ z[3:]
+        dissipated = self.damping_time * v[3:] @ self.stiffness @ v[3:]
+        return Energies(inertia.kinetic_energy, float(strain), float(dissipated))
 
     def error_measure(self) -> np.ndarray:
         """Error measure: angle in rad, positions over the size, elastic motion in mass norm."""
         size = self.reach or 1.0
-        measure = np.zeros((self.size, self.size))
-        for place in range(self._frame):
-            measure[place, place] = 1.0 if place == 2 else 1.0 / size
+        measure = np.diag([1.0 / size, 1.0 / size, 1.0])
         if self.modes:
-            elastic = self.integrals.mass[ELASTIC, ELASTIC]
-            values, vectors = linalg.eigh(elastic)
+            values, vectors = linalg.eigh(self.integrals.mass[ELASTIC, ELASTIC])
             root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
             scale = ELASTIC_SHARE * size * np.sqrt(self.integrals.total_mass)
-            measure[self._frame :, self._frame :] = root / scale
-        return measure
+            measure = linalg.block_diag(measure, root / scale)
+        return measure[self._own, self._own]
 
 
 @dataclass(frozen=True, eq=False)
@@ -527,9 +525,6 @@ class RigidBody(PlanarBody):
         Centre of mass from the body's origin, in the body's frame [m].
     named_points
         Points by name, in the body's frame [m].
-    position, orientation, velocity, speed
-        Rough pose of origin and angle at the start, in the frame at rest [m], [rad], and their
-        rates where nothing else gives them [m/s], [rad/s].
     held
         Whether it stays there: a part of the ground.
     """
@@ -538,11 +533,9 @@ class RigidBody(PlanarBody):
     inertia: float = 0.0
     named_points: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     centre: tuple[float, float] = (0.0, 0.0)
-    position: tuple[float, float] = (0.0, 0.0)
-    orientation: float = 0.0
-    velocity: tuple[float, float] = (0.0, 0.0)
-    speed: float = 0.0
     held: bool = False
+    stiffness: ClassVar[np.ndarray] = np.zeros((0, 0))
+    damping_time: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         for name in ("mass", "inertia"):
@@ -551,12 +544,12 @@ class RigidBody(PlanarBody):
                 raise SettingsError(f"{name} = {value:g} of a rigid body must be at least 0")
 
     @cached_property
-    def integrals(self) -> InertiaIntegrals:  # type: ignore[override]
+    def integrals(self) -> InertiaIntegrals:
         """Inertia integrals of mass, inertia and centre."""
         return rigid_integrals(self.mass, self.inertia, np.array(self.centre))
 
     @cached_property
-    def fields(self) -> dict[str, np.ndarray]:  # type: ignore[override]
+    def fields(self) -> dict[str, np.ndarray]:
         """Fields of the named points, see `PlanarBody`."""
         return {
             name: np.column_stack([np.array(at, dtype=float), np.eye(2)])
@@ -583,24 +576,18 @@ class FlexibleBody(PlanarBody):
         The part.
     damping_time
         zeta of ``D_e = zeta K_e`` [s].
-    position, orientation, velocity, speed
-        Rough pose at the start and its rates, of a held body its place [m], [rad], [m/s], [rad/s].
     mass, inertia, centre
         In place of the part's own: [kg], [kg m^2] about the centre of mass, [m].
     """
 
     reduced: ReducedBody
     damping_time: float = 0.0
-    position: tuple[float, float] = (0.0, 0.0)
-    orientation: float = 0.0
-    velocity: tuple[float, float] = (0.0, 0.0)
-    speed: float = 0.0
     mass: float | None = None
     inertia: float | None = None
     centre: tuple[float, float] | None = None
 
     @cached_property
-    def held(self) -> bool:  # type: ignore[override]
+    def held(self) -> bool:
         """True of a part that was clamped when it was reduced."""
         return self.reduced.frame == "clamped"
 
@@ -611,18 +598,18 @@ class FlexibleBody(PlanarBody):
         return float(ratios.min(initial=np.inf))
 
     @cached_property
-    def integrals(self) -> InertiaIntegrals:  # type: ignore[override]
+    def integrals(self) -> InertiaIntegrals:
         """Inertia integrals, with the total that the body gives in place of the part's."""
         centre = None if self.centre is None else np.array(self.centre)
         return with_total(self.reduced.inertia, self.mass, self.inertia, centre)
 
     @cached_property
-    def stiffness(self) -> np.ndarray | None:  # type: ignore[override]
+    def stiffness(self) -> np.ndarray:
         """Stiffness of the elastic coordinates, shape (n, n) [N/m]."""
-        return self.reduced.stiffness if self.reduced.modes else None
+        return self.reduced.stiffness
 
     @cached_property
-    def fields(self) -> dict[str, np.ndarray]:  # type: ignore[override]
+    def fields(self) -> dict[str, np.ndarray]:
         """Fields of bores and boundary points, see `PlanarBody`."""
         elastic = np.zeros((2, self.reduced.modes))
         bores = {

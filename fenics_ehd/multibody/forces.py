@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import attrs
 import numpy as np
@@ -12,31 +12,50 @@ import numpy as np
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.fields import REQUIRED, names, number, text
 from fenics_ehd.multibody.body import ANGLE
-from fenics_ehd.multibody.joints import Load
-
-
-class Force(Protocol):
-    """Force or torque on the bodies of a mechanism."""
-
-    @property
-    def markers(self) -> tuple[str, ...]:
-        """Whose values and rates it depends on or acts on."""
-
-    @property
-    def table(self) -> tuple[Table, str] | None:
-        """Its table and the body whose angle it is read at, empty: at the time; None without."""
-
-    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
-        """Force on the values of markers of these sizes, at their values and rates."""
-
+from fenics_ehd.multibody.joints import SECOND
 
 #: A number over time or over an angle, with its derivative; made of rows, which no step may jump
 #: over, it is a `Curve`.
 Table = Callable[[float], tuple[float, float]]
 
 
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Generalised force on the values u of a force's markers with its derivatives.
+
+    Attributes
+    ----------
+    value
+        shape (k,).
+    position, rate
+        Along u and u', shape (k, k); None: zero.
+    """
+
+    value: np.ndarray
+    position: np.ndarray | None = None
+    rate: np.ndarray | None = None
+
+
+class Force(ABC):
+    """Force or torque on the bodies of a mechanism."""
+
+    @property
+    @abstractmethod
+    def markers(self) -> tuple[str, ...]:
+        """Whose values and rates it depends on or acts on."""
+
+    @property
+    def table(self) -> tuple[Table, str] | None:
+        """Its table and the body whose angle it is read at, empty: at the time; None without."""
+        return None
+
+    @abstractmethod
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
+        """Force on the values of its markers, at their values and rates."""
+
+
 @dataclass(frozen=True)
-class PointForce:
+class PointForce(Force):
     """Force along a line at rest, as large as a table says.
 
     Attributes
@@ -66,14 +85,14 @@ class PointForce:
         """Table of its size, see `Force`."""
         return self.size, self.angle_of
 
-    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Force on the point, see `Force`."""
         along = np.array(self.direction) / np.hypot(*self.direction)
         value = np.zeros(len(u))
         if not self.angle_of:
             value[:2] = self.size(time)[0] * along
             return Load(value)
-        turning = sizes[0] + ANGLE
+        turning = SECOND + ANGLE
         size, derivative = self.size(float(u[turning]))
         position = np.zeros((len(u),) * 2)
         value[:2], position[:2, turning] = size * along, derivative * along
@@ -81,7 +100,7 @@ class PointForce:
 
 
 @dataclass(frozen=True)
-class Torque:
+class Torque(Force):
     """Torque on a body, in the sense of its angle.
 
     Attributes
@@ -112,7 +131,7 @@ class Torque:
         """Table of its size, None without one; see `Force`."""
         return None if self.size is None else (self.size, self.body if self.over_angle else "")
 
-    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Torque on the body, see `Force`."""
         value, position, rate = np.zeros(len(u)), np.zeros((len(u),) * 2), np.zeros((len(u),) * 2)
         torque, derivative = (0.0, 0.0)
@@ -125,7 +144,7 @@ class Torque:
 
 
 @attrs.frozen
-class RotatingForce:
+class RotatingForce(Force):
     """A force that turns at constant speed, along x at time zero.
 
     It grows as a cosine does from its minimum to its maximum.
@@ -137,14 +156,13 @@ class RotatingForce:
     )
     speed: float = quantities.speed(REQUIRED, "[rad/s]")
     ramp: float = number(0.0, "time over which it grows [s], 0: there from the start", least=0)
-    table = None
 
     @property
     def markers(self) -> tuple[str, ...]:
         """Marker of the point."""
         return (self.point,)
 
-    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Force at a time, see `Force`."""
         share = 1.0
         if time < self.ramp:
@@ -155,24 +173,23 @@ class RotatingForce:
 
 
 @attrs.frozen
-class SpringDamper:
+class SpringDamper(Force):
     """A spring and a damper between two points, the same in all directions of the plane."""
 
     between: tuple[str, ...] = names("the points", REQUIRED, count=2)
     stiffness: float = number(0.0, "[N/m]", least=0, below=1e18)
     damping: float = number(0.0, "[N s/m]", least=0, below=1e18)
-    table = None
 
     @property
     def markers(self) -> tuple[str, ...]:
         """Markers of the two points."""
         return self.between
 
-    def load(self, time: float, u: np.ndarray, rates: np.ndarray, sizes: tuple[int, ...]) -> Load:
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Forces of spring and damper, see `Force`."""
         apart = np.zeros((2, len(u)))
         for place in range(2):
-            apart[place, place], apart[place, sizes[0] + place] = 1.0, -1.0
+            apart[place, place], apart[place, SECOND + place] = 1.0, -1.0
         form = apart.T @ apart
         position, rate = -self.stiffness * form, -self.damping * form
         return Load(position @ u + rate @ rates, position, rate)

@@ -57,7 +57,7 @@ of the journal in the circle, ``d - e``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -70,7 +70,7 @@ from fenics_ehd.film.kinematics import Gap, Shape
 from fenics_ehd.film.oil_balance import require_monotone
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
-from fenics_ehd.multibody.joints import Geometry, Pair
+from fenics_ehd.multibody.joints import OWN, SECOND, Geometry, Joint
 from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
 from fenics_ehd.reduction.bore import BoreSurface, turned
 from fenics_ehd.reduction.mesh_error import SAMPLED
@@ -339,6 +339,13 @@ def nearest_circle(film: Film) -> np.ndarray:
 #: Unit matrix of the plane, and a quarter turn.
 UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
 
+#: Rows of e and of psi, their places in u, and those of what they are tied to: position and tilt
+#: of the journal.
+TIED = (
+    (slice(0, 2), slice(OWN, OWN + 2), slice(SECOND, SECOND + 2)),
+    (slice(2, 4), slice(OWN + 2, OWN + 4), slice(SECOND + TILT, SECOND + TILT + 2)),
+)
+
 
 @dataclass(frozen=True)
 class ConservedContent:
@@ -425,7 +432,7 @@ class LubricatedJoint:
 
 
 @dataclass(frozen=True)
-class Eccentric(Pair):
+class Eccentric(Joint):
     """The joint's constraints, a `Joint`.
 
     Attributes
@@ -446,20 +453,20 @@ class Eccentric(Pair):
         return self.first, self.second
 
     @property
-    def own(self) -> int:
+    def own(self) -> int:  # type: ignore[override]
         """Number of own coordinates: the eccentricity and, of a journal that tilts, its tilt."""
         return 4 if self.tilting else 2
 
     @property
-    def rows(self) -> int:
+    def rows(self) -> int:  # type: ignore[override]
         """Number of constraints, one for each own coordinate."""
         return self.own
 
-    def geometry(self, u: np.ndarray, sizes: tuple[int, ...]) -> Geometry:
+    def geometry(self, u: np.ndarray) -> Geometry:
         """Distance of the journal from its place in the bore, see `Joint`."""
         turn = rotation(u[ANGLE])
         turned = QUARTER @ turn
-        pairs = _pairs(self.tilting, sizes)
+        pairs = TIED[: self.own // 2]
         value, jacobian = np.empty(self.rows), np.zeros((self.rows, len(u)))
         for rows, own, tied in pairs:
             value[rows] = turn @ u[own] - u[tied]
@@ -476,20 +483,6 @@ class Eccentric(Pair):
             return result
 
         return Geometry(value, jacobian, curvature)
-
-
-@cache
-def _pairs(tilting: bool, sizes: tuple[int, ...]) -> list[tuple[slice, slice, slice]]:
-    """Rows of e and psi, and where they and what they are tied to are in u."""
-    own, other = sum(sizes), sizes[0]
-    return [
-        (
-            slice(row, row + 2),
-            slice(own + row, own + row + 2),
-            slice(other + place.start, other + place.stop),
-        )
-        for row, place in zip((0, 2), (POSITION, TILT) if tilting else (POSITION,), strict=False)
-    ]
 
 
 class JointFilm:

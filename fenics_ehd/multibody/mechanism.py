@@ -18,7 +18,7 @@ Positions and velocities that satisfy every constraint, from a rough pose.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise
@@ -32,24 +32,16 @@ from fenics_ehd.multibody.body import (
     ANGLE,
     FINE_WEIGHT,
     POSITION,
+    WIDTH,
     Balance,
     Body,
     Derivatives,
     FlexibleBody,
+    Marker,
     ground,
 )
-from fenics_ehd.multibody.forces import Force
-from fenics_ehd.multibody.joints import (
-    AngleDrive,
-    AngleOverTime,
-    Geometry,
-    Joint,
-    Layout,
-    Load,
-    Relations,
-    SpeedTable,
-    Values,
-)
+from fenics_ehd.multibody.forces import Force, Load
+from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, SpeedTable
 from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
 
@@ -138,13 +130,41 @@ class FilmPlace:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """A constraint of the mechanism."""
+class Seen:
+    """A marker that joints or forces see.
+
+    Attributes
+    ----------
+    body, point
+        Whose.
+    places
+        Of the body's coordinates in z.
+    columns
+        Of the marker's values in u, once for every joint and force that sees it.
+    """
+
+    body: Body
+    point: str
+    places: slice
+    columns: list[slice] = field(default_factory=list)
+
+    @cached_property
+    def _rough(self) -> Marker:
+        return self.body.marker(self.point, self.body.start)
+
+    def at(self, z: np.ndarray) -> Marker:
+        """The marker at coordinates of the mechanism; that of a body without any stays."""
+        return self.body.marker(self.point, z[self.places]) if self.body.size else self._rough
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """A joint of the mechanism: its rows of g, and where its values are in u."""
 
     name: str
     joint: Joint
     rows: slice
-    layout: Layout
+    columns: slice
 
 
 class System:
@@ -154,12 +174,20 @@ class System:
     ----------
     mechanism
         What it is of.
-    n, m
-        Numbers of coordinates and constraints.
+    n, m, k
+        Numbers of coordinates z, constraints g, and values u of all joints and forces.
     bodies
         Places of every body's coordinates in z, by name.
+    seen
+        Markers by name.
+    own
+        Columns of joints' own coordinates in u, and their places in z.
     films
         Lubricated joints.
+    constraints
+        Joints, ideal and lubricated, then drives.
+    forces
+        With the places of their values in u.
     weights, mobility
         Diagonal of W, and how readily assembly changes each coordinate, shape (n,).
     """
@@ -169,35 +197,32 @@ class System:
         bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         # By name: results do not depend on the order in which things are listed.
         self._bodies = {name: bodies[name] for name in sorted(bodies)}
-        self.relations = Relations()
         self.bodies: dict[str, slice] = {}
-        self.n = 0
+        self.n = self.m = self.k = 0
         for name, body in self._bodies.items():
             self.bodies[name] = slice(self.n, self.n + body.size)
             self.n += body.size
-        self.m = 0
+        weights = np.concatenate([body.weights for body in self._bodies.values()])
+        mobility = np.concatenate([body.mobility for body in self._bodies.values()])
+        self.seen: dict[str, Seen] = {}
+        self.own: list[tuple[slice, slice]] = []
         self.films: list[FilmPlace] = []
-        self.constraints: list[Place] = []
-        weights = [body.weights for body in self._bodies.values()]
-        mobility = [body.mobility for body in self._bodies.values()]
+        self.constraints: list[Constraint] = []
         for name in sorted(mechanism.joints):
             joint = mechanism.joints[name]
             if isinstance(joint, LubricatedJoint):
                 film = self._film(name, joint)
                 self.films.append(film)
-                bore = self.bore_at_rest(film)
-                self._constrain(name, Eccentric(bore, joint.journal, film.film.own == 4))
-                weights.append(np.full(film.film.own, FINE_WEIGHT))
-            else:
-                self._constrain(name, joint)
+                tilting = film.film.own == 4
+                joint = Eccentric(self.bore_at_rest(film), joint.journal, tilting)
+            self._constrain(name, joint)
         for name in sorted(mechanism.drives):
             self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
-        self.weights = np.concatenate(weights)
-        self.mobility = np.concatenate([*mobility, *weights[len(mobility) :]])
-        self.forces = [
-            (force, self._layout(force.markers))
-            for force in (mechanism.forces[name] for name in sorted(mechanism.forces))
-        ]
+        fine = np.full(self.n - len(weights), FINE_WEIGHT)
+        self.weights = np.concatenate([weights, fine])
+        self.mobility = np.concatenate([mobility, fine])
+        forces = [mechanism.forces[name] for name in sorted(mechanism.forces)]
+        self.forces = [(force, self._see(force.markers)) for force in forces]
         self.lift = -np.array(mechanism.gravity)
 
     @property
@@ -206,23 +231,27 @@ class System:
         return any(place.joint.heat is not None for place in self.films)
 
     def _constrain(self, name: str, joint: Joint) -> None:
-        own = slice(self.n, self.n + joint.own)
         rows = slice(self.m, self.m + joint.rows)
-        self.constraints.append(Place(name, joint, rows, self._layout(joint.markers, own)))
-        self.n, self.m = self.n + joint.own, self.m + joint.rows
+        columns = self._see(joint.markers, joint.own)
+        self.constraints.append(Constraint(name, joint, rows, columns))
+        self.m += joint.rows
 
-    def _layout(self, markers: tuple[str, ...], own: slice = slice(0, 0)) -> Layout:
-        """Layout of a relation between markers with own coordinates."""
-        named = [(marker, *self._named(marker)) for marker in markers]
-        return self.relations.add(
-            [(marker, body, point, self.bodies[name]) for marker, name, body, point in named], own
-        )
+    def _see(self, markers: tuple[str, ...], own: int = 0) -> slice:
+        """Places in u of the values of markers, and of so many own coordinates behind them."""
+        first = self.k
+        for marker in markers:
+            name, body, point = self._named(marker)
+            seen = self.seen.setdefault(marker, Seen(body, point, self.bodies[name]))
+            seen.columns.append(slice(self.k, self.k + WIDTH))
+            self.k += WIDTH
+        if own:
+            self.own.append((slice(self.k, self.k + own), slice(self.n, self.n + own)))
+            self.k, self.n = self.k + own, self.n + own
+        return slice(first, self.k)
 
     def _film(self, name: str, joint: LubricatedJoint) -> FilmPlace:
-        (bore_name, bore, point), (journal_name, journal, _) = (
-            self._named(joint.bore),
-            self._named(joint.journal),
-        )
+        bore_name, bore, point = self._named(joint.bore)
+        journal_name, journal, _ = self._named(joint.journal)
         if journal_name == bore_name:
             raise SettingsError(
                 f"joint {name}: journal and bore are points of one body, {bore_name}"
@@ -236,8 +265,7 @@ class System:
         part = None
         if isinstance(bore, FlexibleBody) and point in bore.reduced.bores:
             part = bore.reduced.at_bore(point)
-        tilting = len(journal.marker(self._named(joint.journal)[2], journal.start).values) == 5
-        film = JointFilm(joint, part, tilting)
+        film = JointFilm(joint, part, journal.tilts)
         bore_angle = self._angle(joint.bore)
         mounted = bore.marker("", bore.start).values[ANGLE] if bore_angle is None else 0.0
         last = self.bodies[bore_name].stop
@@ -316,21 +344,6 @@ class System:
         return found
 
     @cached_property
-    def linear_constraints(self) -> tuple[np.ndarray, np.ndarray, list[Place]]:
-        """Gradient (m, k) and constants (m,) of those linear in the values, and the other ones."""
-        gradient, constant = np.zeros((self.m, self.relations.size)), np.zeros(self.m)
-        curved = []
-        for place in self.constraints:
-            columns, sizes = place.layout.columns, place.layout.sizes
-            geometry = place.joint.geometry(np.zeros(columns.stop - columns.start), sizes)
-            if geometry.curvature is None:
-                gradient[place.rows, columns] = geometry.jacobian
-                constant[place.rows] = geometry.value
-            else:
-                curved.append(place)
-        return gradient, constant, curved
-
-    @cached_property
     def start(self) -> np.ndarray:
         """Coordinates of the rough pose, shape (n,)."""
         z = np.zeros(self.n)
@@ -389,8 +402,8 @@ class Instant:
 
     Attributes
     ----------
-    values
-        Of all relations.
+    u, values_along
+        Values of all joints and forces, shape (k,), and U, shape (k, n).
     gradient
         Derivative of all constraints along the values, shape (m, k).
     jacobian, defect
@@ -401,48 +414,72 @@ class Instant:
 
     def __init__(self, system: System, time: float, z: np.ndarray):
         self.system, self.time, self.z = system, time, z
-        self.values = Values(system.relations, z)
-        gradient, constant, curved = system.linear_constraints
-        self.gradient, self.defect = gradient.copy(), gradient @ self.values.u + constant
-        self.imposed_rate = np.zeros(system.m)
-        self._geometries: list[tuple[Place, Geometry]] = []
-        for place in curved:
-            rows, layout = place.rows, place.layout
-            geometry = place.joint.geometry(self.values.u[layout.columns], layout.sizes)
-            self._geometries.append((place, geometry))
-            self.gradient[rows, layout.columns] = geometry.jacobian
+        self.u, self.values_along = np.zeros(system.k), np.zeros((system.k, system.n))
+        self._markers = [(seen, seen.at(z)) for seen in system.seen.values()]
+        for seen, marker in self._markers:
+            for columns in seen.columns:
+                self.u[columns] = marker.values
+                self.values_along[columns, seen.places] = marker.jacobian
+        for columns, places in system.own:
+            self.u[columns] = z[places]
+            self.values_along[columns, places] = np.eye(places.stop - places.start)
+        self.gradient = np.zeros((system.m, system.k))
+        self.defect, self.imposed_rate = np.zeros(system.m), np.zeros(system.m)
+        self._curved: list[tuple[Constraint, Callable[[], np.ndarray]]] = []
+        for constraint in system.constraints:
+            rows, joint = constraint.rows, constraint.joint
+            geometry = joint.geometry(self.u[constraint.columns])
+            self.gradient[rows, constraint.columns] = geometry.jacobian
             self.defect[rows] = geometry.value
-        for place in system.constraints:
-            imposed = place.joint.imposed(time)
+            if geometry.curvature is not None:
+                self._curved.append((constraint, geometry.curvature))
+            imposed = joint.imposed(time)
             if imposed is not None:
-                self.defect[place.rows] -= imposed.value
-                self.imposed_rate[place.rows] = imposed.rate
-        self.jacobian = self.gradient @ self.values.jacobian
+                self.defect[rows] -= imposed[0]
+                self.imposed_rate[rows] = imposed[1]
+        self.jacobian = self.gradient @ self.values_along
 
     @cached_property
-    def curvatures(self) -> list[tuple[Place, np.ndarray]]:
-        """Constraints that are not linear in the values, and their second derivatives."""
-        return [
-            (place, geometry.curvature())
-            for place, geometry in self._geometries
-            if geometry.curvature is not None
-        ]
+    def _curvatures(self) -> list[tuple[Constraint, np.ndarray]]:
+        """Second derivatives of the constraints that are not linear in the values."""
+        return [(constraint, curvature()) for constraint, curvature in self._curved]
 
     def rate_defect(self, rates: np.ndarray) -> np.ndarray:
         """``G v + g_t``, shape (m,)."""
         return self.jacobian @ rates - self.imposed_rate
 
+    def bend(self, multipliers: np.ndarray) -> np.ndarray:
+        """Derivative of ``G^T multipliers``, shape (n, n)."""
+        return self.bend_values(multipliers @ self.gradient, self.form(multipliers))
+
     def form(self, multipliers: np.ndarray) -> np.ndarray:
         """Second derivative of ``multipliers . phi`` along the values, shape (k, k)."""
-        result = np.zeros((len(self.values.u),) * 2)
-        for place, curvature in self.curvatures:
-            own = place.layout.columns
+        result = np.zeros((len(self.u),) * 2)
+        for place, curvature in self._curvatures:
+            own = place.columns
             result[own, own] = multipliers[place.rows] @ curvature.swapaxes(0, 1)
         return result
 
-    def bend(self, multipliers: np.ndarray) -> np.ndarray:
-        """Derivative of ``G^T multipliers``, shape (n, n)."""
-        return self.values.bend(multipliers @ self.gradient, self.form(multipliers))
+    def bend_values(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
+        """Derivative of ``U^T f`` for a force f that changes by `form` along u, shape (n, n)."""
+        result = self.values_along.T @ (form @ self.values_along)
+        for seen, marker in self._markers:
+            if marker.bend is not None:
+                for columns in seen.columns:
+                    result[seen.places, seen.places] += marker.bend(force[columns])
+        return result
+
+    def carry(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of ``U v``, shape (k, n), and of ``G v``, shape (m, n), along z."""
+        values, along = np.zeros_like(self.values_along), np.zeros_like(self.gradient)
+        for seen, marker in self._markers:
+            if marker.carry is not None:
+                for columns in seen.columns:
+                    values[columns, seen.places] = marker.carry(rates[seen.places])
+        value_rates = self.values_along @ rates
+        for place, curvature in self._curvatures:
+            along[place.rows, place.columns] = curvature @ value_rates[place.columns]
+        return values, along @ self.values_along + self.gradient @ values
 
 
 class Motion:
@@ -469,72 +506,59 @@ class Motion:
     ):
         self.instant, self.rates, self.accelerations = instant, rates, accelerations
         self.multipliers = multipliers
-        values = instant.values
-        self.value_rates = values.jacobian @ rates
+        self.value_rates = instant.values_along @ rates
         self._applied: list[tuple[slice, Load]] = []
         self.on_values = multipliers @ instant.gradient
-        for force, layout in instant.system.forces:
-            own = layout.columns
-            load = force.load(instant.time, values.u[own], self.value_rates[own], layout.sizes)
+        system = instant.system
+        for force, own in system.forces:
+            load = force.load(instant.time, instant.u[own], self.value_rates[own])
             self._applied.append((own, load))
             self.on_values[own] -= load.value
-        self.residual = self.on_values @ values.jacobian
+        self.residual = self.on_values @ instant.values_along
         self._balances: list[tuple[slice, Balance]] = []
-        system = instant.system
         for places, body, motion in system.each_body(instant.z, rates, accelerations):
             balance = body.balance(*motion, lift=system.lift)
             self.residual[places] += balance.forces
             self._balances.append((places, balance))
 
     @cached_property
-    def _carried(self) -> np.ndarray:
-        """Derivative of the values' rates along z, shape (k, n)."""
-        return self.instant.values.carry(self.rates)
+    def carried(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives along z of the values' rates, shape (k, n), and of ``G v``, shape (m, n)."""
+        return self.instant.carry(self.rates)
 
     def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
         """Forces of joints and loads on points of a body along its x and y, shape (2 a,) [N].
 
         In the order of their names.
         """
-        values, seen = self.instant.values, self.instant.system.relations.seen
-        found = np.zeros((len(points), 2))
+        instant, found = self.instant, np.zeros((len(points), 2))
         for force, point in zip(found, sorted(points), strict=True):
-            marker = seen.get(f"{name}.{point}")
+            marker = instant.system.seen.get(f"{name}.{point}")
             for columns in () if marker is None else marker.columns:
-                force -= self.on_values[columns][POSITION] @ rotation(values.u[columns][ANGLE])
+                force -= self.on_values[columns][POSITION] @ rotation(instant.u[columns][ANGLE])
         return found.ravel()
 
     def derivatives(self) -> Derivatives:
         """Derivatives of the residual along z, v and v', shape (n, n) each."""
-        instant, jacobian = self.instant, self.instant.values.jacobian
-        form, damping = instant.form(self.multipliers), None
+        instant, along = self.instant, self.instant.values_along
+        form = instant.form(self.multipliers)
+        damping = np.zeros_like(form)
         for own, load in self._applied:
             if load.position is not None:
                 form[own, own] -= load.position
             if load.rate is not None:
-                damping = np.zeros_like(form) if damping is None else damping
                 damping[own, own] -= load.rate
-        position = instant.values.bend(self.on_values, form)
+        position = instant.bend_values(self.on_values, form)
         rate, acceleration = np.zeros_like(position), np.zeros_like(position)
-        if damping is not None:
-            damping = jacobian.T @ damping
-            position += damping @ self._carried
-            rate += damping @ jacobian
+        if damping.any():
+            position += along.T @ damping @ self.carried[0]
+            rate += along.T @ damping @ along
         for places, balance in self._balances:
             parts = balance.derivatives()
             position[places, places] += parts.position
             rate[places, places] += parts.rate
             acceleration[places, places] = parts.acceleration
         return Derivatives(position, rate, acceleration)
-
-    def carry(self) -> np.ndarray:
-        """Derivative of ``G v`` along z, shape (m, n)."""
-        instant = self.instant
-        along = np.zeros_like(instant.gradient)
-        for place, curvature in instant.curvatures:
-            own = place.layout.columns
-            along[place.rows, own] = curvature @ self.value_rates[own]
-        return along @ instant.values.jacobian + instant.gradient @ self._carried
 
     @property
     def drive_power(self) -> float:

@@ -48,6 +48,7 @@ from fenics_ehd.multibody.body import (
     ELASTIC_SHARE,
     FINE_WEIGHT,
     Balance,
+    Body,
     Derivatives,
     Energies,
     Marker,
@@ -267,8 +268,8 @@ class ModalRotor:
 
 
 @dataclass(frozen=True, eq=False)
-class ShaftBody:
-    """A `Body`; its markers tilt.
+class ShaftBody(Body):
+    """Elastic shaft with disks; its markers tilt.
 
     Attributes
     ----------
@@ -294,6 +295,7 @@ class ShaftBody:
     orientation: float = 0.0
     speed: float = 0.0
     angle = 0
+    tilts = True
 
     def __post_init__(self) -> None:
         for name, share in self.stations.items():

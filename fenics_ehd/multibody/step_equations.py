@@ -377,7 +377,7 @@ class StepEquations:
         core[:n, n : n + m] = jacobian.T
         core[n : n + m, :n] = jacobian
         core[n + m : size, :size] = jacobian @ speed
-        core[n + m : size, :n] += point.motion.carry()
+        core[n + m : size, :n] += point.motion.carried[1]
         core[size:, size:] = np.eye(len(core) - size)
         contact.enter(core, speed)
         films = []

@@ -81,13 +81,13 @@ def flexible_body(
     return FlexibleBody(
         reduced,
         settings.damping_time,
-        ideal.position,
-        ideal.orientation,
-        ideal.velocity,
-        ideal.speed,
         settings.mass or None,
         settings.inertia or None,
         settings.centre if any(settings.centre) else None,
+        position=ideal.position,
+        orientation=ideal.orientation,
+        velocity=ideal.velocity,
+        speed=ideal.speed,
     )
 
 
