@@ -29,7 +29,6 @@ evaluation (`contacts`), so that the right-hand side is zero.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,7 @@ from fenics_ehd.film.rough_surfaces import Touch
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.film_models import FilmModel, FilmPoint
 from fenics_ehd.multibody.lubricated_joint import Turned
-from fenics_ehd.multibody.mechanism import FilmPlace, System, consecutive
+from fenics_ehd.multibody.mechanism import FilmPlace, System
 from fenics_ehd.multibody.static_correction import BoreResponses
 
 #: Distance of the tips' mean planes over sigma beyond which contact, below 4e-6 of that at 0, is
@@ -127,26 +126,6 @@ class JointContact(FilmContact):
 MAX_ITERATIONS, SETTLED = 60, 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Reached:
-    """Answers of a body's bores to contact.
-
-    Attributes
-    ----------
-    points
-        Some Gauss points among those of all the body's films, ascending, shape (a,).
-    moved
-        Gap change of all its Gauss points for unit pressures there, shape (g, a) [m/Pa].
-    """
-
-    points: np.ndarray
-    moved: np.ndarray
-
-    def of(self, points: np.ndarray) -> np.ndarray:
-        """Columns of some of the points."""
-        return self.moved[:, np.searchsorted(self.points, points)]
-
-
 class Contacts:
     """Contact in the joints of a mechanism.
 
@@ -159,9 +138,9 @@ class Contacts:
     ----------
     joints
         Of every film, None where its surfaces are smooth.
-    areas
-        Of all Gauss points of every body with residual patterns, 0 where nothing can touch; None
-        for a body without contact.
+    areas, answering
+        Of the Gauss points of all films, 0 where nothing can touch, or no pattern answers it; and
+        whether there are others.
 
     Raises
     ------
@@ -175,31 +154,29 @@ class Contacts:
             None if place.film.film.parameters.surfaces is None else JointContact(place)
             for place in system.films
         ]
-        self.areas: list[np.ndarray | None] = []
-        for flexibility in responses.flexibilities:
-            own = [self.joints[i] for i in flexibility.films]
-            if not any(own):
-                self.areas.append(None)
+        self.areas = np.zeros(sum(len(place.film.thickness) for place in system.films))
+        for i, (place, joint) in enumerate(zip(system.films, self.joints, strict=True)):
+            body = responses.body_of(i)
+            if body is None:
                 continue
-            sizes = [len(system.films[i].film.thickness) for i in flexibility.films]
-            areas = [np.zeros(n) if j is None else j.area for j, n in zip(own, sizes, strict=True)]
-            self.areas.append(np.concatenate(areas))
-            for place in (system.films[i] for i in flexibility.films):
-                if place.film.bore is not None and place.film.bore.projected is not None:
-                    raise SettingsError(
-                        f"joints.{place.name}.transfer = 'mortar': contact needs 'conservative'"
-                    )
+            if joint is not None:
+                self.areas[responses.points[i]] = joint.area
+            rough = any(self.joints[other] for other in body.films)
+            if rough and place.film.bore is not None and place.film.bore.projected is not None:
+                raise SettingsError(
+                    f"joints.{place.name}.transfer = 'mortar': contact needs 'conservative'"
+                )
+        self.answering = bool(self.areas.any())
 
     def begin(self) -> None:
         """Take another step: nothing is carried over, so that a resumed run is the same."""
-        self._last = [None if areas is None else np.zeros(len(areas)) for areas in self.areas]
-        self._reached: dict[int, Reached] = {}
+        self._last = np.zeros(len(self.areas))
+        self._reached, self._moved = np.zeros(0, dtype=int), np.zeros((len(self.areas), 0))
 
     def touch(self, gaps: list[Gap]) -> list[Touch | None]:
         """Contact of all films; where it moves a bore at once the gaps are changed by it."""
-        for body, areas in enumerate(self.areas):
-            if areas is not None:
-                self._settle(body, areas, gaps)
+        if self.answering:
+            self._settle(gaps)
         return [
             None if joint is None else joint.touch(gap.thickness)
             for joint, gap in zip(self.joints, gaps, strict=True)
@@ -211,93 +188,62 @@ class Contacts:
         if joint is not None and film.touch is not None:
             residual[joint.rows] -= joint.forces(film.touch, film.gap, film.turned)
 
-    def _settle(self, body: int, areas: np.ndarray, gaps: list[Gap]) -> None:
-        """Contact of a body's films with the gaps that it makes."""
-        flexibility = self._responses.flexibilities[body]
-        share, shift = flexibility.share, flexibility.shift
-        open_ = np.concatenate([gaps[i].thickness.ravel() for i in flexibility.films])
-        pressure = self._last[body]
-        assert pressure is not None
-        least = min(j.surfaces.roughness for j in self.joints if j is not None)
+    def _settle(self, gaps: list[Gap]) -> None:
+        """Contact that bores answer, with the gaps that it makes."""
+        responses, pressure = self._responses, self._last
+        open_ = np.concatenate([gap.thickness.ravel() for gap in gaps])
+        least = min(joint.surfaces.roughness for joint in self.joints if joint is not None)
         for _ in range(MAX_ITERATIONS):
-            thickness = open_ + share * flexibility.pushed(areas * pressure)
-            found, slope = self._pressures(body, thickness)
+            thickness = open_ + responses.pushed(self.areas * pressure)
+            found, slope = self._pressures(thickness)
             step = found - pressure
-            points = np.flatnonzero(self.near(body, thickness))
+            points = self.near(thickness)
             if len(points):
-                reached = self.reached(body, points)
-                points = reached.points
-                matrix = -share * slope[points, None] * reached.moved[points]
+                matrix = -slope[points, None] * self.moved_by(points)[points]
                 matrix[np.diag_indices_from(matrix)] += 1.0
                 step[points] = np.linalg.solve(matrix, step[points])
             pressure = pressure + step
-            change = share * flexibility.pushed(areas * step)
-            if np.abs(change).max() <= SETTLED * least:
+            if np.abs(responses.pushed(self.areas * step)).max() <= SETTLED * least:
                 break
         else:
             raise SolverError("the contact of a bore that answers it at once was not found")
-        self._last[body] = pressure
-        moved = flexibility.each(share * flexibility.pushed(areas * pressure))
-        for i, change in zip(flexibility.films, moved, strict=True):
-            gaps[i] = gaps[i].changed(change, shift * change)
+        self._last = pressure
+        moved = responses.pushed(self.areas * pressure)
+        for i, own in enumerate(responses.points):
+            gaps[i] = gaps[i].changed(moved[own], responses.shift * moved[own])
 
-    def _each(self, body: int, values: np.ndarray) -> list[tuple[JointContact | None, np.ndarray]]:
-        """Contact of a body's films and their share of values at all its Gauss points."""
-        flexibility = self._responses.flexibilities[body]
-        joints = [self.joints[i] for i in flexibility.films]
-        return list(zip(joints, flexibility.each(values), strict=True))
-
-    def _pressures(self, body: int, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Contact pressures and their slopes at all Gauss points of a body's films."""
-        found = [
-            np.zeros((2, len(h))) if joint is None else np.stack(joint.touch(h)[1:])
-            for joint, h in self._each(body, thickness)
-        ]
-        pressure, slope = np.hstack(found)
+    def _pressures(self, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Contact pressures that bores answer, and their slopes, at the Gauss points."""
+        found = np.zeros((2, len(thickness)))
+        for joint, own in zip(self.joints, self._responses.points, strict=True):
+            if joint is not None:
+                found[:, own] = joint.touch(thickness[own])[1:]
+        pressure, slope = np.where(self.areas > 0.0, found, 0.0)
         return pressure, slope
 
-    def near(self, body: int, thickness: np.ndarray) -> np.ndarray:
-        """Gauss points of a body's films whose contact counts, see `JointContact.near`."""
-        return np.concatenate(
-            [
-                np.zeros(len(h), dtype=bool) if joint is None else joint.near(h)
-                for joint, h in self._each(body, thickness)
-            ]
-        )
+    def near(self, thickness: np.ndarray) -> np.ndarray:
+        """Gauss points whose contact counts, see `JointContact.near`, and is answered, (a,)."""
+        found = np.zeros(len(thickness), dtype=bool)
+        for joint, own in zip(self.joints, self._responses.points, strict=True):
+            if joint is not None:
+                found[own] = joint.near(thickness[own])
+        return np.flatnonzero(found & (self.areas > 0.0))
 
-    def reached(self, body: int, points: np.ndarray) -> Reached:
-        """Answers to contact at points, and at those reached in this step before."""
-        known = self._reached.get(body)
-        if known is None or len(np.setdiff1d(points, known.points, assume_unique=True)):
-            if known is not None:
-                points = np.union1d(points, known.points)
-            areas = self.areas[body]
-            assert areas is not None
-            moved = self._responses.flexibilities[body].pushed_by(points) * areas[points]
-            known = self._reached[body] = Reached(points, moved)
-        return known
+    def moved_by(self, points: np.ndarray) -> np.ndarray:
+        """Gap change of all Gauss points for unit contact pressures at some, (g, a) [m/Pa]."""
+        new = np.setdiff1d(points, self._reached, assume_unique=True)
+        if len(new):
+            found = self._responses.pushed_by(new) * self.areas[new]
+            self._reached = np.concatenate([self._reached, new])
+            self._moved = np.hstack([self._moved, found])
+        order = np.argsort(self._reached)
+        return self._moved[:, order[np.searchsorted(self._reached, points, sorter=order)]]
 
-    def amplitudes(self, body: int, thickness: np.ndarray) -> np.ndarray:
-        """Amplitudes of a body's residual patterns at rest under contact, shape (r,) [Pa].
-
-        Of gaps at all Gauss points of its films; none where nothing can touch.
-        """
-        flexibility, areas = self._responses.flexibilities[body], self.areas[body]
-        if areas is None:
-            return np.zeros(flexibility.size)
-        return flexibility.pushed_amplitudes(areas * self._pressures(body, thickness)[0])
-
-    def add_amplitudes(
-        self, films: Sequence[FilmPoint], values: list[np.ndarray], rates: list[np.ndarray]
-    ) -> None:
-        """Add what contact answers for to amplitudes of residual patterns and their rates."""
-        for body, areas in enumerate(self.areas):
-            if areas is not None:
-                flexibility = self._responses.flexibilities[body]
-                own = [films[i].gap.thickness.ravel() for i in flexibility.films]
-                share = flexibility.share * self.amplitudes(body, np.concatenate(own))
-                values[body] = values[body] + share
-                rates[body] = rates[body] + flexibility.shift * share
+    def forces(self, thickness: Sequence[np.ndarray]) -> np.ndarray:
+        """Normal forces on the Gauss points that bores answer, of gaps of every film [N]."""
+        if not self.answering:
+            return self.areas
+        return self.areas * self._pressures(np.concatenate(thickness))[0]
 
 
 class ContactColumns:
@@ -323,17 +269,19 @@ class ContactColumns:
         films: Sequence[FilmPoint],
         first: int,
     ):
-        self._contacts, self._responses = contacts, responses
-        self._films = films
-        self._points = []
-        for body, flexibility in enumerate(responses.flexibilities):
-            found = np.zeros(0, dtype=int)
-            if contacts.areas[body] is not None:
-                thickness = [films[i].gap.thickness.ravel() for i in flexibility.films]
-                found = np.flatnonzero(contacts.near(body, np.concatenate(thickness)))
-            self._points.append(found)
-        self._unknowns = consecutive(first, [len(points) for points in self._points])
-        self.size = self._unknowns[-1].stop if self._unknowns else first
+        self._contacts, self._responses, self._films = contacts, responses, films
+        self._points = np.zeros(0, dtype=int)
+        if contacts.answering:
+            thickness = np.concatenate([film.gap.thickness.ravel() for film in films])
+            self._points = contacts.near(thickness)
+            slopes = np.zeros(len(thickness))
+            for film, own in zip(films, responses.points, strict=True):
+                if film.touch is not None:
+                    slopes[own] = film.touch.slope
+            self._slopes = slopes[self._points]
+            self._moved = contacts.moved_by(self._points)
+        self.size = first + len(self._points)
+        self._unknowns = np.arange(first, self.size)
 
     def enter(self, core: np.ndarray, speed: np.ndarray) -> None:
         """Take all that does not depend on film pressures into S.
@@ -345,13 +293,12 @@ class ContactColumns:
         speed
             Derivative of all rates along the unknowns of motion.
         """
-        for i, film in enumerate(self._films):
-            joint = self._contacts.joints[i]
+        for i, (film, joint) in enumerate(zip(self._films, self._contacts.joints, strict=True)):
             if joint is None:
                 continue
             touch = film.touch
             assert touch is not None
-            points, unknowns = self._own(i)
+            points, unknowns = self._own(i, joint)
             stiffness = touch.slope[points, None] * joint.outward(film.turned)[points]
             forces = joint.per_pressure(film.gap, points, film.turned)
             if unknowns is None:
@@ -364,51 +311,31 @@ class ContactColumns:
             if joint.friction:
                 along = joint.rubbing_per_rate(touch, film.gap, points)
                 core[joint.rows, : speed.shape[1]] += along @ speed[joint.rows]
-        for body, points in enumerate(self._points):
-            if len(points):
-                own = self._unknowns[body]
-                core[own, own] -= self._slopes(body)[:, None] * self._moved(body)[points]
+        if len(self._points):
+            own = np.ix_(self._unknowns, self._unknowns)
+            core[own] -= self._slopes[:, None] * self._moved[self._points]
 
-    def _own(self, i: int) -> tuple[np.ndarray, np.ndarray | None]:
+    def _own(self, i: int, joint: JointContact) -> tuple[np.ndarray, np.ndarray | None]:
         """A film's Gauss points that count, and their unknowns where they have any."""
-        body = self._responses.of_film(i)
-        if body is None:
-            joint = self._contacts.joints[i]
-            assert joint is not None
+        if self._responses.body_of(i) is None:
             return np.flatnonzero(joint.near(self._films[i].gap.thickness)), None
-        rows, points = self._responses.flexibilities[body].rows(i), self._points[body]
-        inside = np.flatnonzero((points >= rows.start) & (points < rows.stop))
-        return points[inside] - rows.start, inside + self._unknowns[body].start
-
-    def _slopes(self, body: int) -> np.ndarray:
-        """``p_c'`` at the points that count, shape (a,)."""
-        flexibility = self._responses.flexibilities[body]
-        touches = [self._films[i].touch for i in flexibility.films]
-        values = [
-            np.zeros(self._films[i].gap.thickness.size) if touch is None else touch.slope
-            for i, touch in zip(flexibility.films, touches, strict=True)
-        ]
-        return np.concatenate(values)[self._points[body]]
-
-    def _moved(self, body: int) -> np.ndarray:
-        """Gap change at all Gauss points for unit contact pressures, shape (g, a)."""
-        reached = self._contacts.reached(body, self._points[body])
-        return self._responses.flexibilities[body].share * reached.of(self._points[body])
+        own = self._responses.points[i]
+        inside = np.flatnonzero((own.start <= self._points) & (self._points < own.stop))
+        return self._points[inside] - own.start, self._unknowns[inside]
 
     def extend(self, i: int, found: FilmBlock, model: FilmModel[Any]) -> FilmBlock:
         """Derivatives of a film with what contact and pressures do by its bore."""
-        body = self._responses.of_film(i)
-        if body is None or not len(self._points[body]):
+        if self._responses.body_of(i) is None or not len(self._points):
             return found
-        flexibility, own = self._responses.flexibilities[body], self._unknowns[body]
-        moved = self._moved(body)[flexibility.rows(i)]
-        spread = np.zeros((moved.shape[1], found.spread.shape[1]))
-        spread[:, own] = np.eye(len(spread))
-        answered = model.of_pressures(self._responses.pressed_at(body, i, self._points[body]))
-        factor = flexibility.share * self._slopes(body)
+        moved = self._moved[self._responses.points[i]]
+        near = np.flatnonzero(moved.any(axis=0))  # others touch the bores of other bodies
+        moved, unknowns = moved[:, near], self._unknowns[near]
+        spread = np.zeros((len(near), found.spread.shape[1]))
+        spread[np.arange(len(near)), unknowns] = 1.0
+        answered = model.of_pressures(self._responses.pressed_at(i, self._points[near]))
         return found.extended(
             (found.along_gap @ moved)[model.nodes] / model.scale,
             spread,
             moved,
-            (-factor[:, None] * answered, np.arange(own.start, own.stop)),
+            (-self._slopes[near, None] * answered, unknowns),
         )

@@ -555,7 +555,9 @@ class ConservedOil(FilmModel[OilPoint]):
         constant = np.full(len(joint.thickness), joint.clearance)
         if joint.shape is not None:
             constant += joint.shape.fixed[: len(constant)]
-        past = joint.thickness @ step.past_x[self.place.xi] + responses.past_gap(i)
+        past = (
+            joint.thickness @ step.past_x[self.place.xi] + responses.past_gap[responses.points[i]]
+        )
         past = past - step.shift * constant
         self._shift, self._length = step.shift, rate / step.shift
         self._past_volumes = step.past_x[self.volumes]

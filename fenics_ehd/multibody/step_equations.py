@@ -234,15 +234,13 @@ class StepEquations:
 
     def lead(self, count: int) -> None:
         """Take so many residual patterns of every body into the derivatives, where any are."""
-        for flexibility in self.responses.flexibilities:
-            leading = flexibility.leading(min(count, flexibility.size))
-            for i, patterns in zip(flexibility.films, leading, strict=True):
-                self.films[i].lead(*patterns)
+        for film, patterns in zip(self.films, self.responses.leading(count), strict=True):
+            film.lead(*patterns)
 
     @property
     def most_patterns(self) -> int:
         """Residual patterns of the body that has most of them in the derivatives."""
-        return max((f.size for f in self.responses.flexibilities), default=0)
+        return max((len(body.own) for body in self.responses.bodies.values()), default=0)
 
     @property
     def rest_size(self) -> int:
@@ -362,11 +360,14 @@ class StepEquations:
         system, shift = self.system, self._step.shift
         n, m, weights = system.n, system.m, system.weights[:, None]
         jacobian, parts = point.motion.instant.jacobian, point.motion.derivatives()
-        size, responses = self.rest_size, self.responses
-        leading = [self.films[f.films[0]].leading for f in responses.flexibilities]
-        patterns = consecutive(size, [own.stop - own.start for own in leading])
-        last = patterns[-1].stop if patterns else size
-        contact = ContactColumns(self.contacts, responses, point.films, last)
+        size = last = self.rest_size
+        patterns = [slice(size, size)] * len(self.films)
+        for body in self.responses.bodies.values():
+            own = self.films[body.films[0]].leading
+            for i in body.films:
+                patterns[i] = slice(last, last + own.stop - own.start)
+            last += own.stop - own.start
+        contact = ContactColumns(self.contacts, self.responses, point.films, last)
         core = np.zeros((contact.size,) * 2)
         # v = shift z + past - W G^T m.
         speed = np.zeros((n, size))
@@ -382,10 +383,8 @@ class StepEquations:
         contact.enter(core, speed)
         films = []
         for i, film in enumerate(self.films):
-            body = responses.of_film(i)
-            share = 0.0 if body is None else responses.flexibilities[body].share
-            places = slice(size, size) if body is None else patterns[body]
-            found = film.linearise(point.films[i], shift, speed, places, share, len(core))
+            share = float(self.responses.share[self.responses.points[i].start])
+            found = film.linearise(point.films[i], shift, speed, patterns[i], share, len(core))
             film.twist(point.films[i], core)
             films.append(contact.extend(i, found, film))
         return Derivative(films, core)
@@ -405,16 +404,19 @@ class StepEquations:
         """
         inputs = [own.spread @ x for own in derivatives]
         changes = [own.gap @ given for own, given in zip(derivatives, inputs, strict=True)]
-        left, any_left = [np.zeros(len(film.nodes)) for film in self.films], False
-        for body, flexibility in enumerate(self.responses.flexibilities):
-            moved = flexibility.each(self.responses.moved(body, pressures))
-            for i, own in zip(flexibility.films, moved, strict=True):
-                film, derivative, leading = self.films[i], derivatives[i], self.films[i].leading
-                missing = own - derivative.gap[:, leading] @ inputs[i][leading]
-                changes[i] = changes[i] + missing
-                if leading.stop - leading.start < flexibility.size:
-                    along = derivative.along_gap @ missing
-                    left[i], any_left = along[film.nodes] / film.scale, True
+        responses, left = self.responses, [np.zeros(len(film.nodes)) for film in self.films]
+        if not responses.size:
+            return changes, None
+        any_left, moved = False, responses.moved(pressures)
+        for i, (film, derivative) in enumerate(zip(self.films, derivatives, strict=True)):
+            body, leading = responses.body_of(i), film.leading
+            if body is None:
+                continue
+            missing = moved[responses.points[i]] - derivative.gap[:, leading] @ inputs[i][leading]
+            changes[i] = changes[i] + missing
+            if leading.stop - leading.start < len(body.own):
+                along = derivative.along_gap @ missing
+                left[i], any_left = along[film.nodes] / film.scale, True
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
@@ -423,12 +425,15 @@ class StepEquations:
             film.film.parameters.pressure_scale * own.nodal
             for film, own in zip(self.films, point.films, strict=True)
         ]
-        z, (values, rates) = point.motion.instant.z, self.responses.state(pressures)
-        self.contacts.add_amplitudes(point.films, values, rates)
+        z = point.motion.instant.z
+        parts = [(z, point.motion.rates)]
+        if self.responses.size:
+            forces = self.contacts.forces([own.gap.thickness.ravel() for own in point.films])
+            parts.append(self.responses.state(self.responses.static(pressures, forces)))
         for i, oil in self.oils.items():
-            volumes, change = oil.volume_rates(cast(OilPoint, point.films[i]), z)
-            values, rates = [*values, volumes], [*rates, change]
-        return np.concatenate([z, *values]), np.concatenate([point.motion.rates, *rates])
+            parts.append(oil.volume_rates(cast(OilPoint, point.films[i]), z))
+        x, rates = (np.concatenate(values) for values in zip(*parts, strict=True))
+        return x, rates
 
 
 def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:

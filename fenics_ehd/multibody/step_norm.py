@@ -37,12 +37,7 @@ class StepNorm:
         self._rough = any(joint.film.parameters.surfaces is not None for joint in self._joints)
         self._films = consecutive(0, [len(r) for r in rows])
         self._gaps = self._films[-1].stop if rows else 0
-        self._answers = [
-            (flexibility, places, [self._films[i] for i in flexibility.films])
-            for flexibility, places in zip(
-                responses.flexibilities, responses.amplitudes, strict=True
-            )
-        ]
+        self._responses = responses
         self._measure = system.error_measure
         angles = self._turning_angles(system.films, system.n)
         self._rows = np.vstack([*rows, self._measure, *angles])
@@ -64,9 +59,8 @@ class StepNorm:
     def observe(self, x: np.ndarray) -> np.ndarray:
         """Gaps [m], then dimensionless coordinates, for a state ``(z, y)`` and more."""
         found = self._constant + self._rows @ x[: self._rows.shape[1]]
-        for flexibility, places, films in self._answers:
-            for own, gap in zip(films, flexibility.observed(x[places]), strict=True):
-                found[own] += gap
+        if self._responses.size:
+            found[: self._gaps] += self._responses.observed(x[self._responses.places])
         return found
 
     def gaps(self, observed: np.ndarray) -> np.ndarray:

@@ -135,9 +135,8 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         kinetic, strain = kinetic + energies.kinetic, strain + energies.strain
         damping += energies.dissipated
     responses = equations.responses
-    for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
-        strain += flexibility.energy(step.x[places])
-        damping += flexibility.dissipation(step.rate[places])
+    strain += responses.energy(step.x[responses.places])
+    damping += responses.dissipation(step.rate[responses.places])
     for place, found in zip(system.films, state.integrals, strict=True):
         lost, fed = found.powers
         lost -= found.flows.refill_work

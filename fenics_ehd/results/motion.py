@@ -122,9 +122,8 @@ class RecordedMotion:
         part, own = self.part(body), self.coordinates(body)
         amplitudes = np.zeros((len(own), part.residual.rank if part.residual else 0))
         responses = self._equations.responses
-        for flexibility, places in zip(responses.flexibilities, responses.amplitudes, strict=True):
-            if self.system.films[flexibility.films[0]].bore_body == body:
-                amplitudes = self._states[:, places]
+        if body in responses.bodies:
+            amplitudes = self._states[:, responses.of_body(body)]
         return own[:, own.shape[1] - part.modes :], amplitudes
 
     def in_equilibrium(self, body: str) -> tuple[np.ndarray, np.ndarray]:
@@ -137,15 +136,15 @@ class RecordedMotion:
         assert isinstance(flexible, FlexibleBody)
         rates = self.motion.rates[:, self.system.bodies[body]]
         rates = rates[:, rates.shape[1] - part.modes :]
-        films, contacts = self.system.films, self._equations.contacts
-        for i, flexibility in enumerate(self._equations.responses.flexibilities):
-            own = [films[place] for place in flexibility.films]
-            if own[0].bore_body != body:
-                continue
-            pressures = np.hstack([self.motion.pressures[place.name] for place in own])
-            amplitudes = np.array([flexibility.amplitudes(p) for p in pressures])
-            gaps = [self.observed[p.name][:, : -self.nodes(p)] for p in own]
-            amplitudes += [contacts.amplitudes(i, gap) for gap in np.hstack(gaps)]
+        films, equations = self.system.films, self._equations
+        if body in equations.responses.bodies:
+            own = equations.responses.bodies[body].patterns
+            pressures = [self.motion.pressures[p.name] for p in films]
+            gaps = [self.observed[p.name][:, : -self.nodes(p)] for p in films]
+            for row in range(len(amplitudes)):
+                forces = equations.contacts.forces([gap[row] for gap in gaps])
+                static = equations.responses.static([p[row] for p in pressures], forces)
+                amplitudes[row] = static[own]
         return coordinates + flexible.damping_time * rates, amplitudes
 
     def loads(self, body: str) -> tuple[np.ndarray, np.ndarray]:
