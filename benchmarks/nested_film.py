@@ -127,7 +127,7 @@ class NestedSteps:
                 point, films = self.evaluate(rest, guesses)
                 update = -np.linalg.solve(self.jacobian(point, films, step.shift), point.rest)
             except (ehd.errors.SolverError, np.linalg.LinAlgError) as error:
-                return Attempt(iteration, failure=f"{type(error).__name__}: {error}", cause=error)
+                return Attempt(iteration, cause=error)
             guesses = films
             observed, moved = problem.observe(rest[:n]), problem.observe(rest[:n] + update[:n])
             fraction = _open(problem.gaps(observed), problem.gaps(moved))
@@ -139,7 +139,8 @@ class NestedSteps:
                 integrals = self.equations.integrals(films)
                 found = CoupledState(films, point.motion, integrals)
                 return Attempt(iteration, Solved(x, rate, found, (films, rest[n:])))
-        return Attempt(MAX_NEWTON, failure=f"Newton did not converge in {MAX_NEWTON} iterations")
+        failure = ehd.errors.SolverError(f"Newton did not converge in {MAX_NEWTON} iterations")
+        return Attempt(MAX_NEWTON, cause=failure)
 
 
 class NestedRun(Run):

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.bdf import Step, blended
+from fenics_ehd.multibody.bdf import Step
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
@@ -158,11 +158,11 @@ def held(machine: ehd.Machine, times: np.ndarray, corners: np.ndarray) -> Curve:
 def _follow(run: Run, times: np.ndarray, corners: np.ndarray) -> Iterator[MechanismStep]:
     for time, corner in zip(times, corners, strict=True):
         order = run.state.usable_order(run.control.order)
-        formula = blended(float(time), run.state.times, order, run.control.blend)
-        asked = run.state.implicit_step(run.norm, float(time), formula, order, NEWTON)
+        blend = run.control.blend
+        asked = run.state.implicit_step(run.norm, float(time), order, blend, NEWTON)
         attempt = run.solve(run.norm, asked, run.state.solver)
         solved = attempt.solved
-        assert solved is not None, attempt.failure
+        assert solved is not None, attempt.cause
         moved = solved.x, solved.rate, asked.acceleration(solved.rate), run.norm.observe(solved.x)
         step = Step(float(time), *moved, solved.solution, attempt.iterations)
         keep = 1 if corner else run.control.order + 2

@@ -21,16 +21,17 @@ def newton(problem, step, solution):
             )
             update = -np.linalg.solve(jacobian, residual)
         except (SolverError, np.linalg.LinAlgError) as error:
-            return Attempt(iteration, failure=f"{type(error).__name__}: {error}", cause=error)
+            return Attempt(iteration, cause=error)
         if not np.isfinite(update).all():
-            return Attempt(iteration, failure="Newton's update is not finite")
+            return Attempt(iteration, cause=SolverError("Newton's update is not finite"))
         fraction = min(1.0, BOUNDARY_FRACTION * problem.admissible_fraction(x, update))
         x = x + fraction * update
         # One iteration would leave the solution that of the prediction.
         if iteration > 1 and fraction == 1.0 and problem.norm(x, update) <= step.tolerance:
             rate = step.shift * x + step.past_x
             return Attempt(iteration, Solved(x, rate, solution, solution))
-    return Attempt(MAX_NEWTON, failure=f"Newton did not converge in {MAX_NEWTON} iterations")
+    failure = SolverError(f"Newton did not converge in {MAX_NEWTON} iterations")
+    return Attempt(MAX_NEWTON, cause=failure)
 
 
 def integrate(problem, span, x, rate, control, tables=()):

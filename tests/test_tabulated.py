@@ -78,7 +78,7 @@ def test_no_step_misses_a_row(gaps, kind, follows, order):
     # An angle that the state decides, as that of a free crank, and a kick that nothing foretells.
     load = replace(curve_through(rows, values), place=lambda t, x: t + follows * x[0])
     problem, start = oscillator(0.3, 4.0, lambda t: 1.0 + 5.0 * (t > 1.3)), np.zeros(1)
-    sizes = control(tolerance=1e-2, first_step=1e-3, order=order)
+    sizes = control(tolerance=1e-2, first=1e-3, order=order)
     steps = list(integrate(problem, (0.0, 3.0), start, start, sizes, tables=[load]))
     assert largest_missed(load, steps, start) <= 0.01 * (1 + 1e-6)
 
@@ -90,7 +90,7 @@ def test_a_spike_between_two_steps_is_felt():
     x, rest = {}, np.zeros(1)
     for name, tables in (("blind", []), ("seeing", [spike])):
         problem = oscillator(0.0, 4.0, lambda t: spike.curve(t)[0])
-        sizes = control(tolerance=1e-5, largest_step=0.3)
+        sizes = control(tolerance=1e-5, largest=0.3)
         *_, last = integrate(problem, (0.0, 2.0), rest, rest, sizes, tables=tables)
         x[name] = last.x[0]
     assert x["blind"] == 0.0

@@ -38,7 +38,6 @@ from fenics_ehd.multibody.newton import LEADING, CoupledState, MechanismStep, So
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation, history_of, solution
-from fenics_ehd.multibody.tabulated import blended
 from fenics_ehd.multibody.trust import QUANTITIES
 
 #: Angles and shares of the width that differ by less are equal.
@@ -434,15 +433,14 @@ class Replay(Run):
 
     def _reach(self, time: float) -> float:
         """The time, or that of the last row of a table before it that a step must not miss [s]."""
-        order, nearest = self.state.usable_order(self.control.order), self.control.smallest_step
+        order, nearest = self.state.usable_order(self.control.order), self.control.smallest
         return self.state.reach(self.norm, self._system.tables, time, order, nearest)
 
     def _step(self, row: int, time: float, corner: bool) -> MechanismStep | None:
         """The step to a row of the course; None: it has no solution."""
         control, state, norm = self.control, self.state, self.norm
         order = state.usable_order(control.order)
-        formula = blended(time, state.times, order, control.blend)
-        asked = state.implicit_step(norm, time, formula, order, self._tolerance)
+        asked = state.implicit_step(norm, time, order, control.blend, self._tolerance)
         former = state.solver
         if self._guess:
             x, values = self._guess.at(row)

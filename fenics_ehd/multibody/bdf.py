@@ -1,9 +1,5 @@
 """Variable-step backward differentiation of implicit second-order systems.
 
-One implicit step of a second-order system: what is asked, and how an attempt ended.
-
-Variable-step backward differentiation for implicit second-order systems.
-
 Solves ``r(t, x, x', x'') = 0``; rates are those of `differentiation`, for ``x`` and again
 for ``x'``.
 """
@@ -13,14 +9,13 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from fenics_ehd.base.errors import StepSizeError
 from fenics_ehd.multibody.tabulated import (
     POINTS,
-    Formula,
     TabulatedLoad,
     blended,
     extrapolation_weights,
@@ -47,6 +42,8 @@ class ImplicitStep:
         What the step control observes, at the start and as predicted.
     tolerance
         On the last update of an iteration, in the problem's norm.
+    error_share
+        Part of the distance from the extrapolation that the formula leaves as local error.
     """
 
     time: float
@@ -57,14 +54,14 @@ class ImplicitStep:
     predicted: np.ndarray
     observed: tuple[np.ndarray, np.ndarray]
     tolerance: float
+    error_share: float = 1.0
 
     def acceleration(self, rate: np.ndarray) -> np.ndarray:
         """``x''`` for a rate at the end of the step."""
         return self.shift * rate + self.past_rate
 
 
-#: Problem, what a solution has beside x, and what the solver carries from step to step.
-Problem = TypeVar("Problem")
+#: What a solution has beside x, and what the solver carries from step to step.
 Solution = TypeVar("Solution")
 Carried = TypeVar("Carried")
 
@@ -95,12 +92,11 @@ class Attempt(Generic[Solution, Carried]):
 
     iterations: int
     solved: Solved[Solution, Carried] | None = None
-    failure: str = ""
     cause: Exception | None = None
 
 
-#: Solves a step, after what the solver carries from the one before, None for the first.
-StepSolver = Callable[[Problem, ImplicitStep, Carried | None], Attempt[Solution, Carried]]
+#: Solves a step of a problem, after what the solver carries from the one before, None at first.
+StepSolver = Callable[[Any, ImplicitStep, Carried | None], Attempt[Solution, Carried]]
 
 
 #: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
@@ -125,31 +121,30 @@ class Observed(Protocol):
         """Size of their error: 1 is an error of the size of the quantities themselves."""
 
 
-#: A problem whose errors can be judged.
-Judged = TypeVar("Judged", bound=Observed)
-
-
 @dataclass(frozen=True)
-class StepControl:
-    """Settings of the integration.
+class Steps:
+    """Options of the integrator.
 
     Attributes
     ----------
     tolerance
-        Largest estimated local error of a step, in the problem's norm.
-    first_step, smallest_step, largest_step
-        [s].
+        Largest estimated local error of a step, in the problem's norm: of a mechanism relative
+        change of every gap, and of coordinates as `Body.error_measure` has them.
     order
         Number of past points k in the formula, 1 to 3.
+    first, smallest
+        [s].
+    largest
+        [s]; a mechanism's run takes it as a share of the time to simulate, or of a cycle.
     blend
         Share b of order k + 1, for k > 1; 0 leaves plain backward differentiation.
     """
 
-    tolerance: float
-    first_step: float
-    smallest_step: float
-    largest_step: float
-    order: int = 2
+    tolerance: float = 1e-5
+    order: int = 3
+    first: float = 1e-8
+    smallest: float = 1e-13
+    largest: float = 0.02
     blend: float = 0.5
 
 
@@ -195,10 +190,10 @@ class IntegratorState(Generic[Carried]):
 
     @classmethod
     def begin(
-        cls, problem: Observed, time: float, x: np.ndarray, rate: np.ndarray, control: StepControl
+        cls, problem: Observed, time: float, x: np.ndarray, rate: np.ndarray, control: Steps
     ) -> IntegratorState[Carried]:
         """Before the first step."""
-        step = min(control.first_step, control.largest_step)
+        step = min(control.first, control.largest)
         return cls(np.array([time]), x[None], rate[None], problem.observe(x)[None], step)
 
     @property
@@ -268,35 +263,32 @@ class IntegratorState(Generic[Carried]):
         return float(rows[bisect_left(rows, True, lo=1, key=lambda end: look(end)[1]) - 1])
 
     def implicit_step(
-        self, problem: Observed, time: float, formula: Formula, order: int, tolerance: float
+        self, problem: Observed, time: float, order: int, blend: float, tolerance: float
     ) -> ImplicitStep:
-        """The formula's equations for the next point."""
+        """Equations for the next point, by the formula of an order `blended` with the next."""
         predicted, observed = self.predict(problem, time, order + 1)
-        past = formula.weights[1:]
+        weights, lower = blended(time, self.times, order, blend)
+        past, implicit = weights[1:], lower / weights[0]
+        oldest = self.times[order] if len(self.times) > order else self.times[0]
         return ImplicitStep(
             time,
-            shift=float(formula.weights[0]),
+            shift=float(weights[0]),
             past_x=past @ self.x[: len(past)],
             past_rate=past @ self.rate[: len(past)],
             start=self.x[0],
             predicted=predicted,
             observed=(self.observed[0], observed),
             tolerance=tolerance,
+            error_share=float(implicit / (time - oldest + implicit)),
         )
-
-    def error_share(self, formula: Formula, order: int, time: float) -> float:
-        """Part of the distance from the extrapolation that the formula leaves as local error."""
-        implicit = formula.lower / formula.weights[0]
-        oldest = self.times[order] if len(self.times) > order else self.times[0]
-        return float(implicit / (time - oldest + implicit))
 
 
 def advance(
-    problem: Judged,
+    problem: Observed,
     state: IntegratorState[Carried],
     end: float,
-    control: StepControl,
-    solve: StepSolver[Judged, Carried, Solution],
+    control: Steps,
+    solve: StepSolver[Carried, Solution],
     tables: Sequence[TabulatedLoad] = (),
 ) -> tuple[Step[Solution], IntegratorState[Carried]]:
     """One accepted step, and what to go on from.
@@ -326,27 +318,25 @@ def advance(
     """
     step, iterations = state.step, 0
     rejected: dict[str, int] = {}
-    nearest = control.smallest_step
+    nearest = control.smallest
     cause, failure = None, "none"
     order = state.usable_order(control.order)
-    while not step < control.smallest_step:
+    while not step < nearest:
         time, step = _target(state.time, end, step)
         row = state.reach(problem, tables, time, order, nearest)
         corner = row < time
         if corner:
             time, step = row, row - state.time
-        formula = blended(time, state.times, order, control.blend)
         limit = NEWTON_FRACTION * control.tolerance
-        asked = state.implicit_step(problem, time, formula, order, limit)
+        asked = state.implicit_step(problem, time, order, control.blend, limit)
         attempt = solve(problem, asked, state.solver)
         iterations += attempt.iterations
-        error, cause = np.inf, attempt.cause
-        failure = attempt.failure or "error above tolerance"
-        solved = attempt.solved
+        error, cause, solved = np.inf, attempt.cause, attempt.solved
+        failure = f"{type(cause).__name__}: {cause}" if cause else "error above tolerance"
         if solved is not None:
             observed = problem.observe(solved.x)
             distance = problem.error_norm(observed, observed - asked.observed[1])
-            error = state.error_share(formula, order, time) * distance
+            error = asked.error_share * distance
             # An angle that is not where it was foretold to be may have passed other rows.
             if error <= control.tolerance and state.misses(tables, time, solved.x, nearest):
                 error, failure = np.inf, "row of a table missed"
@@ -358,7 +348,7 @@ def advance(
             keep = 1 if corner else control.order + 2
             return new, state.after(new, step, solved.solver, keep)
         first = state.solver is None and np.isfinite(error)
-        if solved is not None and first and step < control.smallest_step:
+        if solved is not None and first and step < nearest:
             # A start that contradicts the equations leaps, however short the step: a journal
             # without mass presses at once on a bore that nothing holds back. There it begins.
             step = state.step
@@ -369,16 +359,16 @@ def advance(
         rejected[reason] = rejected.get(reason, 0) + 1
     raise StepSizeError(
         f"the step fell to {step:.1e} s at t = {state.time:.6g} s, below time.smallest_step = "
-        f"{control.smallest_step:.1e} s (last attempt: {failure}): "
+        f"{nearest:.1e} s (last attempt: {failure}): "
         "raise time.tolerance or time.first_step, or check the load on the bearing"
     ) from cause
 
 
-def _next_step(step: float, error: float, order: int, control: StepControl) -> float:
+def _next_step(step: float, error: float, order: int, control: Steps) -> float:
     """Step that would have met the tolerance [s]; an infinite error shortens by `SHRINKAGE`."""
     ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
     factor = SAFETY * ratio ** (1.0 / (order + 1))
-    return min(step * min(max(factor, SHRINKAGE), GROWTH[order]), control.largest_step)
+    return min(step * min(max(factor, SHRINKAGE), GROWTH[order]), control.largest)
 
 
 def _target(time: float, end: float, step: float) -> tuple[float, float]:

@@ -404,8 +404,7 @@ class CoupledSteps:
             state = self._state()
         except SolverError as caught:
             error = told_apart(caught, self.equations, former)
-            failure = f"{type(error).__name__}: {error}"
-            return Attempt(max(1, self._iterations), failure=failure, cause=error)
+            return Attempt(max(1, self._iterations), cause=error)
         patterns = self._factors.patterns_wanted
         kept = SolverState.after(former, step.time, self._solution, patterns)
         x, rate = self.equations.state(self._point)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
-from fenics_ehd.multibody.bdf import IntegratorState, StepControl, advance
+from fenics_ehd.multibody.bdf import IntegratorState, Steps, advance
 from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.newton import CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.step_equations import StepEquations
@@ -17,31 +17,6 @@ from fenics_ehd.multibody.step_norm import StepNorm
 
 #: Damping ratio above which the formula of order 3 damps a mode at every step: it is A(82)-stable.
 DAMPED = float(np.cos(np.radians(82.0)))
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Options of the integrator.
-
-    Attributes
-    ----------
-    tolerance
-        Local error of a step: relative change of every gap, and of coordinates as
-        `Body.error_measure` has them.
-    order
-        Of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping or
-        oil is conserved.
-    first, smallest
-        [s].
-    largest
-        Share of the time to simulate, or of a cycle.
-    """
-
-    tolerance: float = 1e-5
-    order: int = 3
-    first: float = 1e-8
-    smallest: float = 1e-13
-    largest: float = 0.02
 
 
 class Run:
@@ -52,7 +27,8 @@ class Run:
     mechanism
         It is assembled from its rough pose.
     steps, span
-        How to step, and the time that `Steps.largest` is a share of [s].
+        How to step, of order 2 for 3 where modes lack damping or oil is conserved; and the time
+        that `Steps.largest` is a share of [s].
 
     Attributes
     ----------
@@ -80,9 +56,7 @@ class Run:
         # pressure makes denser is a spring without damping.
         damped = self._system.least_damping >= DAMPED and not self.equations.oils
         order = steps.order if damped else min(steps.order, 2)
-        self.control = StepControl(
-            steps.tolerance, steps.first, steps.smallest, steps.largest * span, order
-        )
+        self.control = replace(steps, order=order, largest=steps.largest * span)
         self._begin()
 
     def _take(self, mechanism: Mechanism) -> None:

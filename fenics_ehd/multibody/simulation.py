@@ -25,7 +25,7 @@ from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.film.film import steepest_thickening
-from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.multibody.bdf import IntegratorState, Steps
 from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
@@ -47,7 +47,7 @@ from fenics_ehd.multibody.quantities import (
     rubbing,
     wear,
 )
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.tabulated import Curve

@@ -58,16 +58,8 @@ def _products(factors: np.ndarray) -> np.ndarray:
     return np.prod(np.where(np.eye(factors.shape[-1]), 1.0, factors), axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class Formula:
-    """Weights of the derivative at a new point, that point first, and the share of order k."""
-
-    weights: np.ndarray
-    lower: float
-
-
-def blended(time: float, past: np.ndarray, order: int, blend: float) -> Formula:
-    """Formula at a new point.
+def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np.ndarray, float]:
+    """Weights of the derivative at a new point, that point first, and the share of order k.
 
     Parameters
     ----------
@@ -81,12 +73,12 @@ def blended(time: float, past: np.ndarray, order: int, blend: float) -> Formula:
     times = np.concatenate([[time], past[: order + 1]])
     weights = derivative_weights(times[: order + 1])
     if not blend or order not in BLENDED_GROWTH or len(times) < order + 2:
-        return Formula(weights, 1.0)
+        return weights, 1.0
     if time - times[1] > BLENDED_GROWTH[order] * (times[1] - times[2]):
-        return Formula(weights, 1.0)
+        return weights, 1.0
     higher = blend * derivative_weights(times)
     higher[:-1] += (1 - blend) * weights
-    return Formula(higher, 1.0 - blend)
+    return higher, 1.0 - blend
 
 
 #: A row is missed if its value is further than this, of the largest one, from the polynomial. The

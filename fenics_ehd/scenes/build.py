@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE
+from fenics_ehd.multibody.bdf import Steps
 from fenics_ehd.multibody.body import Body, FlexibleBody, PlanarBody, RigidBody, ground
 from fenics_ehd.multibody.forces import (
     Force,
@@ -32,7 +33,6 @@ from fenics_ehd.multibody.forces import (
 from fenics_ehd.multibody.joints import AngleOverTime, Speed, SpeedTable
 from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.periodic import check_period
-from fenics_ehd.multibody.run import Steps
 from fenics_ehd.multibody.shaft import Disk, ModalRotor, ShaftBody, beam_plane
 from fenics_ehd.reduction import ReducedBody, load_body
 from fenics_ehd.scenes import schema
