@@ -475,26 +475,19 @@ class ConservedOil(FilmModel[OilPoint]):
         thickness = thickness.reshape(shape) / clearance
         return self.film.assembly.source(self.film.equation.factors[1] * thickness)
 
-    def _closed(self, z: np.ndarray) -> np.ndarray | float:
-        """Gap that a turning journal's shape takes from the affine one at the Gauss points [m]."""
-        shape = self.place.film.shape
-        if shape is None or not shape.turning:
-            return 0.0
-        return shape.closing(self.place.ahead(z))[: len(self.place.film.thickness)]
-
     def _taken(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
         """Contents that the full gap lacks of the affine one, over the volume scale.
 
         A turning journal's shape takes it; between rough surfaces the average gap adds what it has
         beyond the `nominal` one (Gauss points).
         """
-        closed, surfaces = self._closed(z), self.film.parameters.surfaces
-        taken = np.zeros(self.balance.assembly.size)
-        if isinstance(closed, np.ndarray):
-            taken = self._full(closed)
+        shape, surfaces = self.place.film.shape, self.film.parameters.surfaces
+        taken = np.zeros(nominal.size)
+        if shape is not None and shape.turning:
+            taken += shape.closing(self.place.ahead(z))[: nominal.size]
         if surfaces is not None:
-            taken = taken - self._full(surfaces.excess(nominal))
-        return taken
+            taken -= surfaces.excess(nominal).ravel()
+        return self._full(taken)
 
     def volumes_at(self, z: np.ndarray) -> np.ndarray:
         """The state's volumes of the initial filling, for coordinates z, shape (nodes,) [m^3]."""

@@ -439,23 +439,18 @@ class Eccentric(Joint):
     ----------
     first, second
         Markers of bore and journal.
-    tilting
-        Whether the journal tilts.
+    own
+        Number of own coordinates: 2 of the eccentricity and, of a journal that tilts, 2 more.
     """
 
     first: str
     second: str
-    tilting: bool
+    own: int
 
     @property
     def markers(self) -> tuple[str, ...]:
         """Markers of bore and journal."""
         return self.first, self.second
-
-    @property
-    def own(self) -> int:  # type: ignore[override]
-        """Number of own coordinates: the eccentricity and, of a journal that tilts, its tilt."""
-        return 4 if self.tilting else 2
 
     @property
     def rows(self) -> int:  # type: ignore[override]

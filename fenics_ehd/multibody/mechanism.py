@@ -213,8 +213,7 @@ class System:
             if isinstance(joint, LubricatedJoint):
                 film = self._film(name, joint)
                 self.films.append(film)
-                tilting = film.film.own == 4
-                joint = Eccentric(self.bore_at_rest(film), joint.journal, tilting)
+                joint = Eccentric(self.bore_at_rest(film), joint.journal, film.film.own)
             self._constrain(name, joint)
         for name in sorted(mechanism.drives):
             self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
@@ -347,8 +346,8 @@ class System:
     def start(self) -> np.ndarray:
         """Coordinates of the rough pose, shape (n,)."""
         z = np.zeros(self.n)
-        for name, body in self._bodies.items():
-            z[self.bodies[name]] = body.start
+        for places, body, _ in self.each_body():
+            z[places] = body.start
         for film in self.films:
             z[film.xi[:2]] = film.joint.eccentricity
         return z
@@ -357,8 +356,8 @@ class System:
     def start_rates(self) -> np.ndarray:
         """Their rates, shape (n,)."""
         v = np.zeros(self.n)
-        for name, body in self._bodies.items():
-            v[self.bodies[name]] = body.start_rates
+        for places, body, _ in self.each_body():
+            v[places] = body.start_rates
         for film in self.films:
             v[film.xi[:2]] = film.joint.eccentricity_rate
         return v
@@ -377,13 +376,8 @@ class System:
     @cached_property
     def error_measure(self) -> np.ndarray:
         """Rows that make body coordinates dimensionless for the step control, shape (k, n)."""
-        rows = []
-        for name, body in self._bodies.items():
-            measure = body.error_measure()
-            wide = np.zeros((len(measure), self.n))
-            wide[:, self.bodies[name]] = measure
-            rows.append(wide)
-        return np.vstack(rows)
+        measure = linalg.block_diag(*(body.error_measure() for body in self._bodies.values()))
+        return np.pad(measure, ((0, 0), (0, self.n - measure.shape[1])))
 
 
 def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:

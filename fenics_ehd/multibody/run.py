@@ -29,6 +29,8 @@ class Run:
     steps, span
         How to step, of order 2 for 3 where modes lack damping or oil is conserved; and the time
         that `Steps.largest` is a share of [s].
+    former
+        Run of another mechanism, if any, whose formula and temperatures this one has.
 
     Attributes
     ----------
@@ -46,10 +48,17 @@ class Run:
         round closes its gap at the start.
     """
 
-    def __init__(self, mechanism: Mechanism, steps: Steps, span: float):
+    def __init__(
+        self, mechanism: Mechanism, steps: Steps, span: float, *, former: Run | None = None
+    ):
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
-        self._take(mechanism)
+        system = self._system = System(mechanism)
+        for place in system.films:
+            _check_density(place)
+        self.solve = CoupledSteps(system)
+        self.equations = self.solve.equations
+        self.norm = StepNorm(self.equations)
         # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
         # theirs: a full interface without damping was 71 % off (`docs/extremes.md`). Past a node of
         # conserved oil that has just filled it overshoots (`docs/real-films.md`), and oil that
@@ -57,45 +66,29 @@ class Run:
         damped = self._system.least_damping >= DAMPED and not self.equations.oils
         order = steps.order if damped else min(steps.order, 2)
         self.control = replace(steps, order=order, largest=steps.largest * span)
-        self._begin()
-
-    def _take(self, mechanism: Mechanism) -> None:
-        self._system = System(mechanism)
-        for place in self._system.films:
-            _check_density(place)
-        self.solve = CoupledSteps(self._system)
-        self.equations = self.solve.equations
-        self.norm = StepNorm(self.equations)
-
-    def _begin(self) -> None:
-        """Take the state before the first step."""
+        if former is not None:
+            self._take_over(former)
         start = initial_state(self.equations)
-        check_inertia(self._system, start[0][: self._system.n])
+        check_inertia(system, start[0][: system.n])
         self.state: IntegratorState[SolverState] = IntegratorState.begin(
             self.norm, 0.0, *start, self.control
         )
         gaps = self.norm.film_gaps(self.state.observed[0])
-        for place, gap in zip(self._system.films, gaps, strict=True):
+        for place, gap in zip(system.films, gaps, strict=True):
             if place.film.shape is not None:
                 _check_start(place, float(gap.min()))
 
-    def with_mechanism(self, mechanism: Mechanism) -> Run:
-        """A run of another mechanism at its start, with this one's formula and temperatures.
-
-        Raises
-        ------
-        SettingsError
-            As of `Run`.
-        """
-        found = object.__new__(Run)
-        found.control = self.control
-        found._take(mechanism)
-        for place, own in zip(found._system.films, self._system.films, strict=True):
+    def _take_over(self, former: Run) -> None:
+        """Take formula and temperatures of another run."""
+        self.control = former.control
+        for place, own in zip(self._system.films, former._system.films, strict=True):
             temperature = own.film.film.equation.lubricant.temperature
             if place.joint.heat is not None and temperature is not None:
                 place.film.film.warm(temperature)
-        found._begin()
-        return found
+
+    def with_mechanism(self, mechanism: Mechanism) -> Run:
+        """A run of another mechanism at its start, with this one's formula and temperatures."""
+        return Run(mechanism, self.control, 1.0, former=self)
 
     def until(self, end: float) -> Iterator[MechanismStep]:
         """Accepted steps up to a time [s].
