@@ -50,6 +50,7 @@ from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.mechanism import FilmPlace, Motion, System
 from fenics_ehd.multibody.step_equations import Derivative, FilmIntegrals, Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.tabulated import extrapolation_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +94,7 @@ class SolverState:
 
     def extrapolated(self, time: float) -> np.ndarray:
         """On the line through the last two steps."""
-        if len(self.times) == 1:
-            return self.values[0]
-        share = (time - self.times[0]) / (self.times[0] - self.times[1])
-        return (1 + share) * self.values[0] - share * self.values[1]
+        return extrapolation_weights(self.times, time) @ self.values
 
     @classmethod
     def after(
@@ -105,8 +103,8 @@ class SolverState:
         """With one more step."""
         if former is None:
             return cls(np.array([time]), values[None], patterns)
-        times, before = np.array([time, former.times[0]]), former.values[0]
-        return cls(times, np.stack([values, before]), patterns)
+        times = np.array([time, former.times[0]])
+        return cls(times, np.stack([values, former.values[0]]), patterns)
 
 
 #: Nodes that may fill and empty, over the number of full ones, before all is factorised anew; and
@@ -467,7 +465,7 @@ class CoupledSteps:
             gaps = self._problem.film_gaps(step.observed[0])
             start = self.equations.unknowns_at(step.start, gaps)
         else:
-            start = former.extrapolated(step.time).copy()
+            start = former.extrapolated(step.time)
             start[: rest.start] = np.maximum(start[: rest.start], 0.0)
         start[rest][:n] = x[:n]
         return start
