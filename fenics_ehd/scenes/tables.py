@@ -71,10 +71,8 @@ CLOSING_TOLERANCE = 1e-3
 FEWEST_ROWS = 3
 
 
-def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
-    """Line numbers and entries of all lines but empty ones and comments, which start with ``#``.
-
-    `where` names file and setting in messages.
+def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
+    """Entries of all lines but empty ones and comments, each with its place for messages.
 
     Raises
     ------
@@ -87,27 +85,21 @@ def numbered_rows(path: str | Path, where: str) -> list[tuple[int, list[str]]]:
         raise SettingsError(f"{where}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise SettingsError(f"{where}: not a text file") from None
-    rows = []
+    found = []
     for number, line in enumerate(text.splitlines(), 1):
+        place = f"{where}, line {number}"
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         if ";" in line or "\t" in line:
             raise SettingsError(
-                f"{where}, line {number}, has {line.strip()[:40]!r}: separate by commas, "
-                "decimals with a point"
+                f"{place}, has {line.strip()[:40]!r}: separate by commas, decimals with a point"
             )
-        rows.append((number, [entry.strip(' "') for entry in line.split(",")]))
-    return rows
+        found.append((place, [entry.strip(' "') for entry in line.split(",")]))
+    return found
 
 
-def finite_number(where: str, entry: str) -> float:
-    """An entry as a number.
-
-    Raises
-    ------
-    SettingsError
-        It is none, or beyond `LARGEST`; the message begins with `where`.
-    """
+def _finite(where: str, entry: str) -> float:
+    """An entry as a number, refused where it is none or beyond `LARGEST`."""
     try:
         value = float(entry)
     except ValueError:
@@ -124,8 +116,8 @@ def read_columns(
     fewest: int = FEWEST_ROWS,
     *,
     ascending: bool = True,
-) -> tuple[list[int], np.ndarray]:
-    """Line numbers, and numbers in the order of `units` times their factors.
+) -> tuple[list[str], np.ndarray]:
+    """Places of all rows for messages, and their numbers in the order of `units`, in SI units.
 
     Parameters
     ----------
@@ -145,53 +137,45 @@ def read_columns(
     SettingsError
         Naming setting, file, line and value.
     """
-    numbered = numbered_rows(path, where)
+    lines = _entries(path, where)
     wanted = ",".join(f"{name}_{next(iter(known))}" for name, known in units.items())
-    if not numbered:
+    if not lines:
         raise SettingsError(f"{where}: no header {wanted}")
-    (first, header), body = numbered[0], numbered[1:]
-    order, factors = _columns(f"{where}, line {first}", header, units, wanted)
-    values = np.empty((len(body), len(order)))
-    for row, (number, entries) in enumerate(body):
-        line = f"{where}, line {number}"
+    (place, header), *body = lines
+    columns = _columns(place, header, units, wanted)
+    values = np.empty((len(body), len(columns)))
+    for row, (place, entries) in enumerate(body):
         if len(entries) != len(header):
-            raise SettingsError(f"{line}: {len(entries)} values for {len(header)} columns")
-        found = [finite_number(f"{line}: {header[i]}", entries[i]) for i in order]
-        values[row] = factors * found
-        place, before = values[row, 0], values[row - 1, 0]
-        if ascending and row and not place > before:
-            name, known = next(iter(units.items()))
-            unit = next(iter(known))
+            raise SettingsError(f"{place}: {len(entries)} values for {len(header)} columns")
+        values[row] = [f * _finite(f"{place}: {header[i]}", entries[i]) for i, f in columns]
+        former, here = values[max(row - 1, 0), 0], values[row, 0]
+        if ascending and row and not here > former:
+            name, unit = wanted.partition(",")[0].split("_", 1)
             raise SettingsError(
-                f"{line}: the {name} {place:g} {unit} must be above {before:g} {unit}, that of the "
+                f"{place}: the {name} {here:g} {unit} must be above {former:g} {unit}, that of the "
                 "row before"
             )
     if len(body) < fewest:
         raise SettingsError(f"{where}: {len(body)} rows of numbers, at least {fewest} are needed")
-    return [number for number, _ in body], values
+    return [place for place, _ in body], values
 
 
-def _columns(
-    where: str, header: list[str], units: Units, wanted: str
-) -> tuple[list[int], np.ndarray]:
-    """Which column holds what, in the order of `units`, and their factors."""
+def _columns(place: str, header: list[str], units: Units, wanted: str) -> list[tuple[int, float]]:
+    """Which column holds what, and its factor to SI units, in the order of `units`."""
     found: dict[str, tuple[int, float]] = {}
     for index, title in enumerate(header):
         match = HEADER.fullmatch(title)
-        name = match[1] if match else title
+        name, unit = match.groups() if match else (title, "")
         if name not in units or name in found:
-            known = ", ".join(units)
-            reason = "appears twice" if name in found else f"is not one of {known}"
-            raise SettingsError(f"{where}: column {title!r} {reason}, with a unit: {wanted}")
-        if match is None or match[2] not in units[name]:
-            known = " or ".join(f"{name}_{unit}" for unit in units[name])
-            raise SettingsError(f"{where}: column {title!r} needs a unit: {known}")
-        found[name] = (index, units[name][match[2]])
-    missing = [name for name in units if name not in found]
-    if missing:
-        raise SettingsError(f"{where}: no column {', '.join(missing)}; needed: {wanted}")
-    ordered = [found[name] for name in units]
-    return [index for index, _ in ordered], np.array([factor for _, factor in ordered])
+            reason = "appears twice" if name in found else f"is not one of {', '.join(units)}"
+            raise SettingsError(f"{place}: column {title!r} {reason}, with a unit: {wanted}")
+        if unit not in units[name]:
+            known = " or ".join(f"{name}_{known}" for known in units[name])
+            raise SettingsError(f"{place}: column {title!r} needs a unit: {known}")
+        found[name] = index, units[name][unit]
+    if missing := [name for name in units if name not in found]:
+        raise SettingsError(f"{place}: no column {', '.join(missing)}; needed: {wanted}")
+    return [found[name] for name in units]
 
 
 def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
@@ -272,7 +256,7 @@ def read_angle_table(path: str | Path, key: str, column: Units) -> Curve:
         Naming setting, file, line and value.
     """
     where = f"{key} {path}"
-    lines, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column})
+    places, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column})
     angles, values = rows.T
     span = float(angles[-1] - angles[0])
     period = min(PERIODS, key=lambda p: abs(p - span))
@@ -281,7 +265,7 @@ def read_angle_table(path: str | Path, key: str, column: Units) -> Curve:
             f"{where}: the angles span {span:g} deg, from {angles[0]:g} to {angles[-1]:g}, they "
             "must span 360 or 720"
         )
-    require_closed(f"{where}, line {lines[-1]}", rows[:, 1:], "close the period")
+    require_closed(places[-1], rows[:, 1:], "close the period")
     # To the very period, or many revolutions would shift the table.
     return angle_table(np.radians(np.append(angles[:-1], angles[0] + period)), values)
 
@@ -374,21 +358,18 @@ def read_load(
         Naming file, line and value.
     """
     where = f"{section}.file {path}"
-    lines, values = read_columns(path, where, UNITS)
+    places, values = read_columns(path, where, UNITS)
     times, forces = values[:, 0], scale * values[:, 1:]
     if times[0] != 0.0:
-        raise SettingsError(
-            f"{where}, line {lines[0]}: the first time is {times[0]:g} s, it must be 0"
-        )
+        raise SettingsError(f"{places[0]}: the first time is {times[0]:g} s, it must be 0")
     if not forces.any():
         raise SettingsError(f"{where}: the load is 0 throughout")
     if period:
         if not period > times[-1]:
             raise SettingsError(
                 f"{section}.period = {period:g} s must be above {times[-1]:g} s, the last time of "
-                f"{path}, line {lines[-1]}"
+                f"{places[-1]}"
             )
         times, forces = np.append(times, period), np.vstack([forces, forces[:1]])
-    remedy = f"close the cycle or set {section}.period"
-    require_closed(f"{where}, line {lines[-1]}", forces, remedy)
+    require_closed(places[-1], forces, f"close the cycle or set {section}.period")
     return load_curves(times, forces, interpolation)
