@@ -32,7 +32,7 @@ def body(rod_body):
 def test_cells_of_the_bore_take_the_element_of_the_scene(body):
     for element in ("lagrange", "bilinear"):
         joint = LubricatedSettings(journal="crank", bore="rod.bore", clearance=C, element=element)
-        grid = film_mesh(joint, body)
+        grid = film_mesh(joint, body.bore)
         assert (grid.cells, grid.family) == ((20, 5), element)
 
 

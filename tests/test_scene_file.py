@@ -15,8 +15,8 @@ from fenics_ehd.base import fields
 from fenics_ehd.base.errors import InputError, InterfaceMismatchError, MeshError, SettingsError
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.reduction import load_dependent, rigid
+from fenics_ehd.scenes import films, part_settings, schema
 from fenics_ehd.scenes import part as elastic_part
-from fenics_ehd.scenes import part_settings, schema
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.library import shipped, shipped_names
 from fenics_ehd.scenes.part import with_method
@@ -392,7 +392,7 @@ def test_a_bore_that_offers_no_cells_is_refused_before_reduction(nothing_reduced
     def no_cells(_):
         raise InterfaceMismatchError("no cells")
 
-    monkeypatch.setattr(elastic_part, "film_grid", no_cells)
+    monkeypatch.setattr(films, "film_grid", no_cells)
     with pytest.raises(InterfaceMismatchError):
         made(SLIDER_CRANK)
 

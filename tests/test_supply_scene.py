@@ -13,7 +13,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.films import check_fit
+from fenics_ehd.scenes.films import build_film
 from fenics_ehd.scenes.scene import scene_of, stored
 
 AT = "joints.bearing.supply"
@@ -110,7 +110,7 @@ def test_cells_that_grooves_stretch_must_hold_a_hole_before_anything_is_reduced(
         tables_of("loaded-journal", deepcopy(FED) | {f"{AT}.groove": None} | hole | groove), "case"
     )
     with pytest.raises(SettingsError, match=r"^joints.bearing.supply.inlet has a size of 6.3 mm"):
-        check_fit(scene, "bearing")
+        build_film(scene, "bearing", None, 300.0)
 
 
 @pytest.mark.parametrize(("changes", "message"), WRONG)

@@ -14,7 +14,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import attrs
 import numpy as np
 from mpi4py import MPI
 
@@ -30,19 +29,16 @@ from fenics_ehd.multibody.forces import (
     Table,
     Torque,
 )
-from fenics_ehd.multibody.joints import AngleOverTime, Speed, SpeedTable
+from fenics_ehd.multibody.joints import AngleOverTime, Joint, Speed, SpeedTable
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.periodic import check_period
 from fenics_ehd.multibody.shaft import Disk, ModalRotor, ShaftBody, beam_plane
 from fenics_ehd.reduction import ReducedBody, load_body
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.films import (
-    build_film,
-    check_fit,
-    joint_shapes,
-    lubricated,
+    lubricated_joint,
     reference_rate,
-    stand_in_film,
     supply_tables,
 )
 from fenics_ehd.scenes.library import table_file
@@ -318,7 +314,6 @@ def build(
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
         From meshes, files, bores and reductions.
     """
-    start = perf_counter()
     loads_of = imposed_angles(scene), forces(scene)
     stiff = {
         name: stiff_body(f"bodies.{name}", settings)
@@ -330,29 +325,27 @@ def build(
         check_period(rigid, scene.span, periodicity, supply_tables(scene))
     if announce is not None:
         announce(name for name in meshed(scene) if name not in (bodies or {}))
+    start = perf_counter()
     parts = _parts(scene, comm, bodies or {})
-    ideal = _ideal(scene, parts, stiff, *loads_of)
+    seconds = perf_counter() - start
+    joints = _joints(scene, parts)
+    ideal = _ideal(scene, parts, stiff, joints, *loads_of)
+    start = perf_counter()
     reduced, found = {}, {}
     for name, part in parts.items():
         made = part.reduce(mesh_error=scene.output.error_budget and scene.output.part_mesh_error)
         if isinstance(made, ReducedPart):
             reduced[name] = made
         found[name] = made.body if isinstance(made, ReducedPart) else made
+    seconds += perf_counter() - start
     if reduced:
         # To the last bit where a body read from its file starts: points of a mesh are rounded.
         parts = {name: replace(part, source=found[name]) for name, part in parts.items()}
-        ideal = _ideal(scene, parts, stiff, *loads_of)
+        ideal = _ideal(scene, parts, stiff, joints, *loads_of)
     placed = dict(ideal.bodies)
     for name, part in parts.items():
         placed[name] = flexible_body(part.settings, found[name], ideal.bodies[name])
-    seconds = perf_counter() - start if reduced else 0.0
-    joints, rate = dict(ideal.joints), reference_rate(scene)
-    for name, joint in scene.joints_of(schema.LubricatedSettings):
-        elastic = scene.elastic_bore(joint)
-        part_of = found[elastic[0]].at_bore(elastic[1]) if elastic else None
-        film = build_film(scene, name, part_of, rate)
-        shapes = joint_shapes(joint, name, film.parameters.grid.width)
-        joints[name] = lubricated(joint, film, shapes)
+    steps = _steps(scene)
     span: dict[str, Any] = {"end": scene.span}
     if scene.time.periodic:
         span = {
@@ -360,12 +353,11 @@ def build(
             "periodicity": scene.time.periodicity,
             "cycles": scene.time.cycles,
         }
-    steps = _steps(scene)
     return Machine(
-        Mechanism(placed, joints, ideal.drives, ideal.forces, ideal.gravity),
+        replace(ideal, bodies=placed),
         found,
         reduced,
-        seconds,
+        seconds if reduced else 0.0,
         span.get("end"),
         span.get("period"),
         steps,
@@ -382,38 +374,38 @@ def _steps(scene: Scene) -> Steps:
 def _parts(
     scene: Scene, comm: MPI.Comm, reduced: Mapping[str, ReducedBody]
 ) -> dict[str, ElasticPart]:
-    """Elastic parts, not yet reduced; every journal fits its bore."""
-    found = {}
+    """Elastic parts, not yet reduced."""
     for name in flexible(scene):  # all files are there before the first part is meshed
         settings = scene.bodies[name]
         if name not in reduced and settings.model != NONE:
             model_file(settings, f"bodies.{name}")
         elif name not in reduced and not Path(settings.body).is_file():
             load_body(settings.body)
-    for name, settings in scene.bodies.items():
-        if isinstance(settings, schema.FlexibleSettings):
-            element = scene.film_element(name)
-            if name in reduced:
-                found[name] = ElasticPart(settings, reduced[name], element)
-            else:
-                found[name] = elastic_part(settings, f"bodies.{name}", element, comm)
+    found = {}
+    for name in flexible(scene):
+        settings, element = scene.bodies[name], scene.film_element(name)
+        if name in reduced:
+            found[name] = ElasticPart(settings, reduced[name], element)
+        else:
+            found[name] = elastic_part(settings, f"bodies.{name}", element, comm)
+    return found
+
+
+def _joints(scene: Scene, parts: Mapping[str, ElasticPart]) -> dict[str, Joint | LubricatedJoint]:
+    """Joints with their films, every journal in a bore that it fits."""
+    joints, rate = dict(scene.joints), reference_rate(scene)
     for name, joint in scene.joints_of(schema.LubricatedSettings):
         elastic = scene.elastic_bore(joint)
-        if elastic is None:
-            check_fit(scene, name)
-            continue
-        part, bore = found[elastic[0]], elastic[1]
-        surface = part.bore(bore, f"joints.{name}.bore")
-        check_fit(scene, name, surface)
-        if not joint.cells:
-            part.check_cells(bore)
-    return found
+        bore = parts[elastic[0]].bore(elastic[1], f"joints.{name}.bore") if elastic else None
+        joints[name] = lubricated_joint(scene, name, bore, rate)
+    return joints
 
 
 def _ideal(
     scene: Scene,
     parts: Mapping[str, ElasticPart],
     stiff: Mapping[str, Body],
+    joints: Mapping[str, Joint | LubricatedJoint],
     drives: Mapping[str, AngleOverTime],
     forces: Mapping[str, Force],
 ) -> Mechanism:
@@ -425,12 +417,6 @@ def _ideal(
             bodies[name] = RigidBody(1.0, 1.0, parts[name].points(), held=parts[name].held, **start)
         else:
             bodies[name] = stiff[name]
-    joints = {
-        name: lubricated(attrs.evolve(joint, heat=None), stand_in_film(joint))
-        if isinstance(joint, schema.LubricatedSettings)
-        else joint
-        for name, joint in scene.joints.items()
-    }
     turning = {
         name: Speed(scene.bodies[name].speed, radians(scene.bodies[name].angle))
         for name in scene.drives

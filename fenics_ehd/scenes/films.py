@@ -33,7 +33,6 @@ from fenics_ehd.base.fields import Deviations, require_thin_film
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid, film_grid, uniform_grid
 from fenics_ehd.film.kinematics import FEWEST_ANGLES, Shape, ShapeTable
-from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.film.supply import (
@@ -45,12 +44,11 @@ from fenics_ehd.film.supply import (
 )
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
 from fenics_ehd.multibody.tabulated import Curve
-from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.reduction.bore import BoreHole, BoreSurface, bore_holes
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import table_file
 from fenics_ehd.scenes.scene import Scene, joint_lubricant, meshed
-from fenics_ehd.scenes.schema import FEWEST_CELLS, NONE
+from fenics_ehd.scenes.schema import NONE
 from fenics_ehd.scenes.tables import (
     Units,
     read_columns,
@@ -87,9 +85,6 @@ def _bore_material(scene: Scene, joint: schema.LubricatedSettings) -> tuple[floa
     return STEEL, 0.3
 
 
-#: Shapes of a bore and a journal that have none.
-ROUND: tuple[Shape | None, Shape | None] = (None, None)
-
 #: Units of a table's columns.
 _LENGTH: Mapping[str, float] = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 UNITS: Units = {"angle": {"deg": 1.0}, "height": _LENGTH, "deviation": _LENGTH}
@@ -103,30 +98,6 @@ WIDEST, HIGHEST = 10.0, 30.0
 
 #: Digits of an angle [degrees], and of a height over the largest, in which rows of a table agree.
 DIGITS = 6
-
-
-def joint_shapes(
-    joint: schema.LubricatedSettings, name: str, width: float
-) -> tuple[Shape | None, Shape | None]:
-    """Shapes of bore and journal of a joint, None for a round one.
-
-    Parameters
-    ----------
-    joint, name
-        Which joint.
-    width
-        Of the bearing [m].
-
-    Raises
-    ------
-    SettingsError
-        Naming a key, or what is wrong with a table.
-    """
-    bore, journal = (
-        surface_shape(getattr(joint, key), f"joints.{name}.{key}.", width, joint.clearance)
-        for key in ("bore_shape", "journal_shape")
-    )
-    return bore, journal
 
 
 def surface_shape(settings: Deviations, path: str, width: float, clearance: float) -> Shape | None:
@@ -268,22 +239,6 @@ def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[Hol
     )
 
 
-def check_supplies(scene: Scene, name: str, grid: FilmGrid, holes: Sequence[BoreHole]) -> None:
-    """Refuse supplies, and holes in the mesh, that the film of a joint or its mesh cannot hold.
-
-    Raises
-    ------
-    SettingsError
-        Naming key, value and limit.
-    """
-    supplies = supplies_of(scene, name, holes)
-    for supply in supplies:
-        check_supply(f"joints.{name}.supply.{supply.name}", supply, grid)
-    for hole in recesses(supplies, holes):
-        told = f"at {hole.angle:.4g} degrees, z = {1e3 * hole.height:.4g} mm"
-        check_supply(f"joints.{name}: the hole in the mesh of the bore {told},", hole, grid)
-
-
 def _in_mesh(supply: HoleSupply, hole: BoreHole) -> HoleSupply:
     """A supply with place and size of a hole in the mesh."""
     return attrs.evolve(
@@ -344,7 +299,7 @@ def reference_rate(scene: Scene) -> float:
     return float(max(speeds))
 
 
-def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
+def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
     """Refuse a film that is not thin, and a journal that does not fit its bore.
 
     Parameters
@@ -360,11 +315,11 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
         Naming both sizes.
     """
     joint, key = scene.joints[name], f"joints.{name}"
-    own = None if bore is None else (bore.radius, bore.width)
-    radius, width = own or (joint.radius, joint.width)
-    if own is not None:
-        for size, value in zip(("radius", "width"), own, strict=True):
-            given = getattr(joint, size)
+    radius = joint.radius
+    if bore is not None:
+        radius = bore.radius
+        for size in ("radius", "width"):
+            given, value = getattr(joint, size), getattr(bore, size)
             if given and not abs(given - value) <= FIT * value:
                 raise SettingsError(
                     f"{key}.{size} = {given:g} m must be that of the bore {joint.bore}, "
@@ -372,23 +327,6 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None = None) -> None:
                     f"bodies.{joint.bore.partition('.')[0]}.geometry"
                 )
     require_thin_film(joint.clearance, radius, f"{key}.clearance")
-    joint_shapes(joint, name, width)
-    if own is not None and joint.grooves and not joint.cells:
-        raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
-    grid = uniform_grid(radius, width, joint.cells or DEFAULT_CELLS, joint.element)
-    if joint.grooves:
-        try:
-            grid = _film(scene, joint, grid, 1.0).parameters.grid
-        except SettingsError as error:
-            raise SettingsError(f"{key}.grooves: {error}") from None
-    holes = holes_of(bore)
-    if joint.supply or holes:
-        if own is not None and not joint.cells:
-            raise SettingsError(
-                f"{key}.cells: a supply or a hole of the bore needs film cells "
-                "of its own, [40, 10] say"
-            )
-        check_supplies(scene, name, grid, holes)
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
     if (
@@ -421,30 +359,66 @@ def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
     return around, along
 
 
-def build_film(scene: Scene, name: str, body: ReducedBody | None, rate: float) -> Film:
+def build_film(scene: Scene, name: str, bore: BoreSurface | None, rate: float) -> Film:
     """Film of a joint.
 
     Parameters
     ----------
     scene, name
         Which joint.
-    body
-        The part whose bore it is; None: the bore is rigid.
+    bore
+        Of a flexible body; None: it is rigid.
     rate
         See `FilmParameters`.
 
     Raises
     ------
+    SettingsError
+        Grooves, supplies or holes in the mesh that the film cannot hold.
     InterfaceMismatchError
         The cells of a flexible bore are wanted and are not a structured quadratic mesh.
     """
-    joint = scene.joints[name]
-    holes = holes_of(body.bore if body else None)
-    fed = supplies_of(scene, name, holes)
-    return _film(scene, joint, film_mesh(joint, body), rate, fed, recesses(fed, holes))
+    joint, key, holes = scene.joints[name], f"joints.{name}", holes_of(bore)
+    if bore is not None and not joint.cells:
+        if joint.grooves:
+            raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
+        if joint.supply or holes:
+            raise SettingsError(
+                f"{key}.cells: a supply or a hole of the bore needs film cells "
+                "of its own, [40, 10] say"
+            )
+    try:
+        grooves = tuple(
+            AxialGroove(radians(angle), radians(width), pressure)
+            for angle, width, pressure in joint.grooves
+        )
+        edges = np.array([edge for groove in grooves for edge in groove.edges])
+        grid = aligned_grid(film_mesh(joint, bore), edges)
+    except SettingsError as error:
+        raise SettingsError(f"{key}.grooves: {error}") from None
+    supplies = supplies_of(scene, name, holes)
+    closed = recesses(supplies, holes)
+    for supply in supplies:
+        check_supply(f"{key}.supply.{supply.name}", supply, grid)
+    for hole in closed:
+        told = f"at {hole.angle:.4g} degrees, z = {1e3 * hole.height:.4g} mm"
+        check_supply(f"{key}: the hole in the mesh of the bore {told},", hole, grid)
+    return Film(
+        FilmParameters(
+            grid,
+            joint.clearance,
+            joint_lubricant(scene, joint),
+            rate,
+            Sides(joint.ambient_pressure, joint.ambient_pressure),
+            grooves,
+            supplies,
+            closed,
+            rough_surfaces(scene, joint),
+        )
+    )
 
 
-def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> FilmGrid:
+def film_mesh(joint: schema.LubricatedSettings, bore: BoreSurface | None) -> FilmGrid:
     """The cells that a joint asks for, or those of its flexible bore.
 
     Raises
@@ -452,55 +426,35 @@ def film_mesh(joint: schema.LubricatedSettings, body: ReducedBody | None) -> Fil
     InterfaceMismatchError
         See `build_film`.
     """
-    if body is None or joint.cells or body.bore.pressure_family == "triangle":
-        size = (body.bore.radius, body.bore.width) if body else (joint.radius, joint.width)
+    if bore is None or joint.cells or bore.pressure_family == "triangle":
+        size = bore or joint
         around, along = joint.cells or DEFAULT_CELLS
-        return uniform_grid(*size, (around, along), joint.element)
-    grid = film_grid(body.pressure_nodes)
+        return uniform_grid(size.radius, size.width, (around, along), joint.element)
+    grid = film_grid(bore.pressure_coordinates)
     return replace(grid, family="bilinear") if joint.element == "bilinear" else grid
 
 
-def _film(
-    scene: Scene,
-    joint: schema.LubricatedSettings,
-    grid: FilmGrid,
-    rate: float,
-    fed: tuple[Supply, ...] = (),
-    closed: tuple[HoleSupply, ...] = (),
-) -> Film:
-    """Film on a mesh."""
-    grooves = tuple(
-        AxialGroove(radians(angle), radians(width), pressure)
-        for angle, width, pressure in joint.grooves
-    )
-    edges = np.array([edge for groove in grooves for edge in groove.edges])
-    return Film(
-        FilmParameters(
-            aligned_grid(grid, edges),
-            joint.clearance,
-            joint_lubricant(scene, joint),
-            rate,
-            Sides(joint.ambient_pressure, joint.ambient_pressure),
-            grooves,
-            fed,
-            closed,
-            rough_surfaces(scene, joint),
-        )
-    )
-
-
-def stand_in_film(joint: schema.LubricatedSettings) -> Film:
-    """A film of the joint's clearance that only assembly looks at."""
-    radius = 1e3 * joint.clearance
-    grid = uniform_grid(radius, radius, FEWEST_CELLS, "bilinear")
-    return Film(FilmParameters(grid, joint.clearance, Lubricant(0.01), 1.0))
-
-
-def lubricated(
-    joint: schema.LubricatedSettings, film: Film, shapes: tuple[Shape | None, Shape | None] = ROUND
+def lubricated_joint(
+    scene: Scene, name: str, bore: BoreSurface | None, rate: float
 ) -> LubricatedJoint:
-    """The joint with its film, and the shapes of bore and journal."""
+    """A joint with its film, and the shapes of bore and journal; arguments as of `build_film`.
+
+    Raises
+    ------
+    SettingsError
+        A journal that does not fit its bore, a film that is not thin, or see `build_film`.
+    """
+    check_fit(scene, name, bore)
+    joint, film = scene.joints[name], build_film(scene, name, bore, rate)
+    width, key = film.parameters.grid.width, f"joints.{name}"
+    shapes = {
+        surface: surface_shape(getattr(joint, surface), f"{key}.{surface}.", width, joint.clearance)
+        for surface in ("bore_shape", "journal_shape")
+    }
     x, y = joint.eccentricity
+    oil = None
+    if joint.cavitation == "mass-conserving":
+        oil = ConservedContent(joint.initial_filling, joint.ambient == "oil")
     return LubricatedJoint(
         joint.journal,
         joint.bore,
@@ -510,11 +464,8 @@ def lubricated(
         eccentricity=(joint.clearance * x, joint.clearance * y),
         eccentricity_rate=joint.eccentricity_rate,
         smallest_film=joint.smallest_film,
-        bore_shape=shapes[0],
-        journal_shape=shapes[1],
         shear_rule=joint.shear_rule,
         heat=joint.heat,
-        oil=ConservedContent(joint.initial_filling, joint.ambient == "oil")
-        if joint.cavitation == "mass-conserving"
-        else None,
+        oil=oil,
+        **shapes,
     )

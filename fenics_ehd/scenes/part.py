@@ -24,7 +24,7 @@ from scipy import sparse
 from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
 from fenics_ehd.base.fields import NONE
 from fenics_ehd.fem.models import check_model, is_program, model_path, stored_mesh_error
-from fenics_ehd.film.grid import film_grid, match
+from fenics_ehd.film.grid import match
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.lubricated_joint import bore_surface, sampling_grid
 from fenics_ehd.reduction import (
@@ -309,18 +309,6 @@ class ElasticPart:
         if name not in bores:
             raise SettingsError(f"{key}: {self.settings.body} has the bores {', '.join(bores)}")
         return bores[name]
-
-    def check_cells(self, name: str) -> None:
-        """Refuse a bore that offers no cells to a film without cells of its own.
-
-        Raises
-        ------
-        InterfaceMismatchError
-            See `film_grid`.
-        """
-        bore = self.source.bores[name]
-        if bore.pressure_family != "triangle":
-            film_grid(bore.pressure_coordinates)
 
     @property
     def held(self) -> bool:
