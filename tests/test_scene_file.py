@@ -564,10 +564,6 @@ def test_names_of_groups_are_those_of_the_model():
 
 
 def test_files_and_names_that_are_no_scenes(tmp_path):
-    old = tmp_path / "old.toml"
-    old.write_text('scene = "slider-crank"\n[bearing]\nclearance = 17e-6\n')
-    with pytest.raises(SettingsError, match=r"of version 0.1; .* init slider-crank-paper"):
-        ehd.read_scene(old)
     with pytest.raises(SettingsError, match=r"scene 'for-bar': did you mean four-bar"):
         ehd.read_scene("for-bar")
     with pytest.raises(SettingsError, match=r"absent.toml: No such file"):

@@ -26,7 +26,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import DENSITY, NONE, OilSettings, entries, section
+from fenics_ehd.base.fields import DENSITY, NONE, entries, section
 from fenics_ehd.base.settings import (
     UnknownKeyError,
     build,
@@ -41,7 +41,6 @@ from fenics_ehd.scenes.library import shipped_scene
 from fenics_ehd.scenes.part_settings import OutputSettings
 
 if TYPE_CHECKING:
-    from fenics_ehd.film.heat import Heat
     from fenics_ehd.film.lubricant import Lubricant
 
 
@@ -142,11 +141,9 @@ def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant
     if joint.lubricant == NONE:
         return Lubricant(joint.viscosity)
     settings = scene.lubricants[joint.lubricant]
-    return make_lubricant(settings if joint.heat is None else _supplied(settings, joint.heat))
-
-
-def _supplied(settings: OilSettings, heat: Heat) -> OilSettings:
-    return attrs.evolve(settings, temperature=heat.supply_temperature)
+    if joint.heat is not None and settings.graded:
+        settings = attrs.evolve(settings, temperature=joint.heat.supply_temperature)
+    return make_lubricant(settings)
 
 
 def check_lubricants(scene: Scene) -> None:
@@ -159,15 +156,14 @@ def check_lubricants(scene: Scene) -> None:
     """
     from fenics_ehd.film.lubricant import make_lubricant
 
-    joints = [joint for _, joint in scene.joints_of(schema.LubricatedSettings)]
     for name, settings in scene.lubricants.items():
-        heats = [joint.heat for joint in joints if joint.lubricant == name]
-        made = [_supplied(settings, heat) for heat in heats if heat and settings.graded]
-        if not made or None in heats:
-            made.append(settings)
+        joints = scene.joints_of(schema.LubricatedSettings)
+        users = [joint for _, joint in joints if joint.lubricant == name]
         try:
-            for own in made:
-                make_lubricant(own)
+            for joint in users:
+                joint_lubricant(scene, joint)
+            if not users:
+                make_lubricant(settings)
         except SettingsError as error:
             raise SettingsError(f"lubricants.{name}: {error}") from None
 
@@ -427,9 +423,6 @@ def check_time(scene: Scene) -> None:
 #: Tables of a scene file.
 TABLES = (*schema.KINDS, "time", "output")
 
-#: Some of a scene file of version 0.1.
-OLD = {"mechanism", "bearing", "rod", "housing", "shaft", "journal", "film", "reduction"}
-
 #: What files of a scene end with.
 FILES = (".csv", ".h5", ".geo", ".msh")
 
@@ -527,11 +520,9 @@ def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
     """
     tables, warnings = renamed(tables)
     if "bodies" not in tables:
-        old = "scene" in tables or OLD & set(tables)
         raise SettingsError(
-            f"{name}: {'a scene file of version 0.1' if old else 'no [bodies.NAME] tables'}; write "
-            "bodies, joints, drives and forces: 'fenics-ehd init slider-crank-paper' prints them "
-            "with every setting explained"
+            f"{name}: no [bodies.NAME] tables; write bodies, joints, drives and forces: "
+            "'fenics-ehd init slider-crank-paper' prints them with every setting explained"
         )
     for key in tables:
         if key not in TABLES:
@@ -548,25 +539,20 @@ def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
 def _hint(tables: Mapping[str, Any], key: str) -> str:
     """Hint at what an unknown key may stand for, which may be one of another kind or table."""
     table, *entry = key.split(".")
-    path, name, kinds = f"{table}.", entry[-1], schema.KINDS.get(table, {})
-    settings = attrs.fields_dict(Scene)[table].metadata
-    if not kinds:
-        return f": {key_hint(setting_names(settings['section'], path), key)}"
-    kind = tables[table][entry[0]].get("kind", "")
-    path += f"{entry[0]}."
-    known = setting_names(kinds[kind] if kind else settings["named"][entry[0]], path)
-    having = [o for o, its in kinds.items() if name in setting_names(its)]
-    elsewhere = [
-        other
-        for other in setting_names(Scene)
-        if other.endswith(f".NAME.{name}") and not other.startswith(f"{table}.")
-    ]
+    name, kinds = entry[-1], schema.KINDS.get(table)
+    if kinds is None:
+        section = attrs.fields_dict(Scene)[table].metadata["section"]
+        return f": {key_hint(setting_names(section, f'{table}.'), key)}"
+    path, kind = f"{table}.{entry[0]}.", tables[table][entry[0]].get("kind", "")
+    known = setting_names(kinds[kind] if kind else schema.GroundSettings, path)
     of = f" of kind {kind!r}" if kind else ""
-    below = any(other.endswith(f".{name}") for other in known)
-    if having and not below:
-        return f"{of}: a key of kind {' or '.join(having)}"
-    if elsewhere and not below:
-        return f"{of}: did you mean {' or '.join(elsewhere)}?"
+    if not any(other.endswith(f".{name}") for other in known):
+        having = [other for other, settings in kinds.items() if name in setting_names(settings)]
+        if having:
+            return f"{of}: a key of kind {' or '.join(having)}"
+        elsewhere = [other for other in setting_names(Scene) if other.endswith(f".NAME.{name}")]
+        if elsewhere:
+            return f"{of}: did you mean {' or '.join(elsewhere)}?"
     of_model = f"; a model's dimensions are keys of {path}geometry" * (kind == "flexible")
     return f"{of}: {key_hint(known, key)}{of_model}"
 
