@@ -20,7 +20,8 @@ RIGID_ENGINE = RIGID_ROD | {
     "joints.back.cells": [12, 2],
     "joints.big_end.cells": [12, 2],
 }
-ELASTIC_ROD = {"joints.big_end.cells": [20, 5], "bodies.rod.reduction.estimate_error": False}
+FRICTION = {"joints.big_end.friction": True, "joints.big_end.cells": [40, 5]}
+FROM_ITS_START = {"time.periodic": False}
 TWO_BEARINGS = {"joints.left.cells": [12, 2], "joints.right.cells": [12, 2]}
 JOURNAL = {"joints.bearing.cells": [20, 4], "time.largest_step": 0.1}
 GROOVE = {"joints.bearing.grooves": [[90.0, 18.0, 2e5]]}
@@ -125,7 +126,40 @@ MODELS = {
         ("front.clearance", "gas.scale"),
         ((-5e-05, -4.04982), (-0.2678, 1.76107)),
     ),
+    "slider-crank from its start": (
+        "slider-crank",
+        RIGID_ROD | FROM_ITS_START | {"time.revolutions": 0.6, "joints.big_end.cells": [8, 2]},
+        ("min_film_thickness", "max_pressure"),
+        ("joints.big_end.clearance",),
+        ((-0.42724, 0.60019),),
+    ),
+    # Its peak has a kink: rows of nodes fill at once, along 1 % some of them a step earlier.
+    "starved journal from its start": (
+        "loaded-journal-starved",
+        JOURNAL | GROOVE | FROM_ITS_START | {"time.revolutions": 0.3},
+        ("min_film_thickness", "max_oil_content"),
+        ("bearing.clearance",),
+        ((-0.09705, 0.99401),),
+    ),
+    # Where points fill and empty.
+    "rigid rod": (
+        "slider-crank",
+        RIGID_ROD | FRICTION,
+        ("mean_friction_power",),
+        ("joints.big_end.clearance", "piston.mass"),
+        ((-0.36429,), (0.12043,)),
+    ),
+    "elastic rod": (
+        "slider-crank",
+        {"bodies.rod.reduction.estimate_error": False} | FRICTION,
+        ("mean_friction_power",),
+        ("joints.big_end.clearance", "piston.mass"),
+        ((-0.33439,), (0.11906,)),
+    ),
 }
+
+#: Models of which no run takes long.
+QUICK = ("slider-crank from its start", "starved journal from its start")
 
 
 def largest_error(scene, changes, of, to, exact):
@@ -140,60 +174,15 @@ def largest_error(scene, changes, of, to, exact):
     return max(errors)
 
 
-def test_a_rigid_slider_crank_from_its_start(figure):
-    once = {"time.periodic": False, "time.revolutions": 0.6, "joints.big_end.cells": [8, 2]}
-    error = largest_error(
-        "slider-crank",
-        RIGID_ROD | once,
-        ("min_film_thickness", "max_pressure"),
-        ("joints.big_end.clearance",),
-        ((-0.42724, 0.60019),),
-    )
-    name = "derivatives in the same steps against exact ones, slider-crank from its start"
-    figure("derivatives", name, error, most=2e-3, unit="%")
-
-
-def test_a_starved_journal_from_its_start(figure):
-    # Its peak has a kink: rows of nodes fill at once, along 1 % some of them a step earlier.
-    once = {"time.periodic": False, "time.revolutions": 0.3}
-    error = largest_error(
-        "loaded-journal-starved",
-        JOURNAL | GROOVE | once,
-        ("min_film_thickness", "max_oil_content"),
-        ("bearing.clearance",),
-        ((-0.09705, 0.99401),),
-    )
-    name = "derivatives in the same steps against exact ones, starved journal from its start"
-    figure("derivatives", name, error, most=2e-3, unit="%")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", MODELS)
-def test_every_model_of_films_and_several_joints(model, figure):
-    error = largest_error(*MODELS[model])
-    name = f"derivatives in the same steps against exact ones, {model}"
-    figure("derivatives", name, error, most=0.01, unit="%")
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("rod", "changes", "exact"),
-    [
-        ("rigid", RIGID_ROD, ((-0.36429,), (0.12043,))),
-        ("elastic", ELASTIC_ROD, ((-0.33439,), (0.11906,))),
-    ],
+    "model",
+    [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in MODELS],
 )
-def test_friction_where_points_fill_and_empty(rod, changes, exact, figure):
-    finer = {"joints.big_end.friction": True, "joints.big_end.cells": [40, 5]}
-    error = largest_error(
-        "slider-crank",
-        changes | finer,
-        ("mean_friction_power",),
-        ("joints.big_end.clearance", "piston.mass"),
-        exact,
-    )
-    name = f"mean friction's derivatives in the same steps against exact ones, {rod} rod"
-    figure("derivatives", name, error, most=0.01, unit="%")
+def test_derivatives_are_the_exact_ones_of_every_model_of_films_and_several_joints(model, figure):
+    error = largest_error(*MODELS[model])
+    what = "mean friction's derivatives" if model.endswith(" rod") else "derivatives"
+    name = f"{what} in the same steps against exact ones, {model}"
+    figure("derivatives", name, error, most=2e-3 if model in QUICK else 0.01, unit="%")
 
 
 def test_extremes_around_a_film_do_not_jump_from_node_to_node():
