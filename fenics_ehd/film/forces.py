@@ -118,10 +118,11 @@ def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
 
     Between rough surfaces; between smooth ones ``h dp/dy`` does the work of both.
     """
-    surfaces = film.parameters.surfaces
-    assert surfaces is not None
-    deep, seen = surfaces.sheared(gap)[1], surfaces.average(gap)
-    return fields.slope_around * (deep * gap.mean_velocity - seen.thickness * seen.mean_velocity)
+    p, flow = film.parameters, film.equation.flow(gap)
+    assert p.surfaces is not None
+    _, deep = p.surfaces.sheared(gap)
+    carried = p.clearance * p.rate * p.grid.radius * flow.thickness * flow.velocity
+    return fields.slope_around * (deep * gap.mean_velocity - carried)
 
 
 def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
@@ -160,7 +161,7 @@ def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
     angle, radius = film.points.angle.ravel(), film.parameters.grid.radius
     height = np.round(film.points.height.ravel() / radius, 12)
     order = np.lexsort((angle, height)).reshape(len(np.unique(height)), -1)
-    thickness = film.equation.seen(state.gap).thickness.ravel()[order]
+    thickness = film.equation.flow(state.gap).thickness.ravel()[order]
     fed = source.ravel()[order]
     forward = _forward(state.gap, angle[order], order, radius)
     share = np.zeros(fed.shape)

@@ -147,16 +147,11 @@ class ReynoldsEquation:
         self.factors = [ratio * self._field("viscosity_field"), self.factors[1]]
         self._numbers = self._current_numbers()
 
-    def seen(self, gap: Gap) -> Gap:
-        """The gap in which oil flows: the average one between rough surfaces."""
-        return gap if self.surfaces is None else self.surfaces.average(gap)
-
     def fed(self, gap: Gap, *, lumped: bool = False) -> FeedTerm | None:
         """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any."""
         if self.feeds is None:
             return None
-        thickness = self.seen(gap).thickness / self.parameters.clearance
-        return self.feeds.term(gap, thickness, lumped=lumped)
+        return self.feeds.term(gap, self.flow(gap).thickness, lumped=lumped)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
         """Dimensionless pressure at all nodes from that at the free ones."""

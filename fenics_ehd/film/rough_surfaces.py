@@ -60,7 +60,6 @@ What the Reynolds equation contains is written in `Functions`, for arrays and fo
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -321,21 +320,6 @@ class RoughSurfaces(Roughness):
         """True where sliding surfaces take oil along beside what both carry."""
         return self.flow_factors and self.weight != 0.0
 
-    def average(self, gap: Gap) -> Gap:
-        """Average gap, which the film sees in place of a nominal one."""
-        ratio = gap.thickness / self.roughness
-        value, share = mean_gap(ratio)
-        velocity = gap.mean_velocity
-        if self.dragging:
-            drag = 0.5 * self.weight * shear_factor(ratio) / value
-            velocity = velocity + gap.sliding_velocity * drag
-        return replace(
-            gap,
-            thickness=self.roughness * value,
-            thickness_rate=share * gap.thickness_rate,
-            mean_velocity=velocity,
-        )
-
     def excess(self, thickness: np.ndarray) -> np.ndarray:
         """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
         return self.roughness * mean_gap(-thickness / self.roughness)[0]
@@ -352,10 +336,10 @@ class RoughSurfaces(Roughness):
         Patir and Cheng's stress on a surface leaves out what the pressure does to its slopes. On a
         smooth one there is none: what acts there, ``phi_f + |w| phi_fs``, acts on both.
         """
-        if not self.flow_factors:
-            average = self.average(gap).thickness
-            return average, average
         ratio = gap.thickness / self.roughness
+        if not self.flow_factors:
+            average = self.roughness * mean_gap(ratio)[0]
+            return average, average
         inverse = stress_factor(ratio)
         if self.weight:
             inverse = inverse + abs(self.weight) * rough_stress_factor(ratio)
