@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import fenics_ehd as ehd
-from fenics_ehd.film import FilmState
+from fenics_ehd.film.film import FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved
 from fenics_ehd.multibody.newton import CoupledState

@@ -3,8 +3,8 @@
 import numpy as np
 
 import fenics_ehd as ehd
-from fenics_ehd.film import Gap, ShaftMotion, shaft_gap
 from fenics_ehd.film.grid import FAMILIES, uniform_grid
+from fenics_ehd.film.kinematics import Gap, ShaftMotion, shaft_gap
 
 __all__ = ["FAMILIES"]
 

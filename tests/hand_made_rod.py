@@ -6,7 +6,8 @@ import numpy as np
 from mechanism_cases import slider_crank
 
 import fenics_ehd as ehd
-from fenics_ehd.film import Gap, uniform_grid
+from fenics_ehd.film.grid import uniform_grid
+from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.reduction.body import InertiaIntegrals, ResidualFlexibility
 from fenics_ehd.reduction.bore import BoreSurface
 

@@ -4,7 +4,8 @@ import numpy as np
 from scipy.optimize import root
 
 import fenics_ehd as ehd
-from fenics_ehd.film import ShaftMotion, shaft_gap, uniform_grid
+from fenics_ehd.film.grid import uniform_grid
+from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 from fenics_ehd.scenes.tables import load_curves
 
 R, C, ETA, OMEGA = 0.02, 20e-6, 0.01, 300.0

@@ -8,8 +8,7 @@ import numpy as np
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
-from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.grid import film_grid
+from fenics_ehd.film.grid import film_grid, uniform_grid
 from fenics_ehd.multibody.history import JointResult
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0

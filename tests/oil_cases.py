@@ -6,7 +6,7 @@ import numpy as np
 from mechanism_cases import CRANK, ROD, SPEED, rigid_rod
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 
 RADIUS, ETA = 0.0225, 0.01

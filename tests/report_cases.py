@@ -9,7 +9,7 @@ from foreign_parts import ring
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity, split_unit
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.history import FIELD_UNITS
 from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility
 from fenics_ehd.study.compare import COLUMNS, errors_path

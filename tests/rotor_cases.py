@@ -3,7 +3,7 @@
 import numpy as np
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.reduction.body import InertiaIntegrals
 from fenics_ehd.reduction.bore import BoreSurface
 

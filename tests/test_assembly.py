@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 import fenics_ehd as ehd
 from fenics_ehd.base import compat
 from fenics_ehd.fem.elements import quadratic_element
-from fenics_ehd.film import Gap
 from fenics_ehd.film.assembly import GAUSS_POINTS, Assembly
+from fenics_ehd.film.kinematics import Gap
 
 pytestmark = pytest.mark.kernels
 

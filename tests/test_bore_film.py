@@ -8,8 +8,7 @@ from film_cases import ETA, OMEGA, C
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InterfaceMismatchError
-from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.grid import film_grid
+from fenics_ehd.film.grid import film_grid, uniform_grid
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.scenes.films import film_mesh
 from fenics_ehd.scenes.schema import LubricatedSettings

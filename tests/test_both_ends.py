@@ -12,8 +12,7 @@ from test_several_bores import COARSE
 import fenics_ehd as ehd
 from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.models import model_path
-from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.grid import film_grid
+from fenics_ehd.film.grid import film_grid, uniform_grid
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.simulation import Run, Steps, Tracker
 from fenics_ehd.multibody.trust import bore_loads

@@ -11,10 +11,10 @@ from petsc4py import PETSc
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import CavitationError, SolverError
-from fenics_ehd.film import Gap
 from fenics_ehd.film import cavitation as snes_vi
 from fenics_ehd.film.cavitation import verify_complementarity
 from fenics_ehd.film.grid import uniform_grid
+from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.reduction.elements import ELEMENTS
 
 pytestmark = pytest.mark.kernels

@@ -20,7 +20,7 @@ from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody import newton as step_solver
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem

@@ -6,8 +6,7 @@ from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_fi
 
 import fenics_ehd as ehd
 from fenics_ehd.cli.run import real_film
-from fenics_ehd.film import uniform_grid
-from fenics_ehd.film.grid import aligned_grid
+from fenics_ehd.film.grid import aligned_grid, uniform_grid
 from fenics_ehd.multibody.lubricated_joint import nearest_circle
 from fenics_ehd.multibody.quantities import upper_most
 from fenics_ehd.multibody.simulation import EXTREMES, used_cycle

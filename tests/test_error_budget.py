@@ -28,7 +28,7 @@ from fenics_ehd.analysis.replay import (
 )
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.cli.run import beside, budget_table
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.run import Run, Steps

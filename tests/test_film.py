@@ -19,7 +19,7 @@ from film_grids import graded_grid
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import GapClosedError, SettingsError
-from fenics_ehd.film import Gap
+from fenics_ehd.film.kinematics import Gap
 
 pytestmark = pytest.mark.kernels
 

@@ -14,7 +14,7 @@ from film_cases import oval
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 
 #: c / R, 5e-4, is what thin-film equations leave out.

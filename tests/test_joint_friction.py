@@ -23,7 +23,7 @@ from mechanism_cases import rigid_rod, slider_crank
 from oracle_walls import walls
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.quantities import JointStep, averaged, joint_row
 from fenics_ehd.multibody.run import Run, Steps

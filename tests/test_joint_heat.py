@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import FilmTooThinError, HeatError, PeriodicityError, SettingsError
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody import periodic
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run, Steps

@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.scenes.build import build
 
 RADIUS, WIDTH, CLEARANCE, VISCOSITY = 0.0225, 0.022, 17e-6, 0.01

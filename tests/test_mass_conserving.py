@@ -14,9 +14,9 @@ from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film import Gap, ShaftMotion, shaft_gap
 from fenics_ehd.film.assembly import Assembly
 from fenics_ehd.film.grid import uniform_grid
+from fenics_ehd.film.kinematics import Gap, ShaftMotion, shaft_gap
 from fenics_ehd.film.oil_balance import Strips, Transport
 
 pytestmark = pytest.mark.kernels

@@ -11,7 +11,7 @@ from snapshot_cases import reduce_by
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import Tracker

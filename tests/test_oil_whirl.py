@@ -12,7 +12,7 @@ from scipy.optimize import brentq, least_squares
 from test_bearing import COEFFICIENTS
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.mechanism import Instant, System, assemble
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.shaft import beam_plane

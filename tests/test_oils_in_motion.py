@@ -8,7 +8,7 @@ from journal_cases import ETA, OMEGA, UNIT_LOAD, C, equilibrium, journal, make_f
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SolverError, StepSizeError, ViscosityError
-from fenics_ehd.film import ShaftMotion, shaft_gap
+from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 from fenics_ehd.multibody.newton import told_apart
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import Tracker

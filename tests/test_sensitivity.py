@@ -6,7 +6,7 @@ from film_cases import ETA, FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film,
 from nested_film import GapChange, pressure_derivative
 
 import fenics_ehd as ehd
-from fenics_ehd.film import Gap
+from fenics_ehd.film.kinematics import Gap
 
 OILS = {
     "constant": ehd.Lubricant(ETA),

@@ -12,7 +12,7 @@ from moving_point import assert_derivatives
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.run import Run, Steps

@@ -8,7 +8,7 @@ from moving_point import assert_derivatives
 from rotor_cases import MODES, SPEED, C, R, flexible, held_body, make_film, shifted
 
 import fenics_ehd as ehd
-from fenics_ehd.film import ShaftMotion, shaft_gap
+from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.shaft import beam_plane

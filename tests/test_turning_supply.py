@@ -7,7 +7,7 @@ from journal_cases import in_bearing
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
-from fenics_ehd.film import uniform_grid
+from fenics_ehd.film.grid import uniform_grid
 
 R, C, ETA, OMEGA, WIDTH = 0.02, 2e-6, 0.01, 100.0, 0.02
 LOAD = 0.5 * 6 * ETA * OMEGA * (R / C) ** 2 * R * WIDTH

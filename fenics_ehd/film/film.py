@@ -163,11 +163,6 @@ class Film:
                 raise
             return self.cavitation.solve(problem, np.full_like(start, problem.unit))
 
-    def density(self, state: FilmState) -> np.ndarray:
-        """Density over that of the oil at zero pressure, at the Gauss points."""
-        # Of oil of constant density one number.
-        return np.broadcast_to(self.flow(state).density, self.assembly.area.shape)
-
     def flow(self, state: FilmState) -> Flow:
         """Oil and its flow in a solved film at the Gauss points, dimensionless."""
         return self.equation.flow(state.gap, state.pressure / self.parameters.pressure_scale)
