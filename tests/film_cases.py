@@ -54,16 +54,6 @@ def solve(film, *position, guess=None, **motion):
     return film.solve(gap_of(film, shaft(*position, **motion)), guess)
 
 
-def moved(gap, slopes, amount):
-    """A gap so far along the first of its derivatives' directions."""
-    return Gap(
-        gap.thickness + amount * slopes.thickness[..., 0],
-        gap.thickness_rate + amount * slopes.thickness_rate[..., 0],
-        gap.mean_velocity + amount * slopes.mean_velocity[..., 0],
-        gap.sliding_velocity + amount * slopes.sliding_velocity[..., 0],
-    )
-
-
 def oval(size: float, angle: float = 0.0, lobes: int = 2) -> ehd.Shape:
     """A surface with lobes of a size [m], the first one at an angle [rad]."""
     return ehd.Shape(ovality=size, ovality_angle=float(np.degrees(angle)), lobes=lobes)

@@ -7,8 +7,6 @@ import pytest
 from attrs import evolve
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, make_film, shaft, solve
 from lone_oil import LoneOil
-from nested_film import pressure_derivative
-from test_sensitivity import bore_like, moved
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
@@ -135,20 +133,6 @@ def test_edges_are_where_they_should_be_for_one_constant_alone(monkeypatch):
     for factor in (0.25, 4.0, 30.0):
         assert np.all(errors[factor] > 2 * errors[1.0])
         assert 1.5 < errors[factor][0] / errors[factor][1] < 2.6  # converges at first order
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("law", [None, ehd.Barus(5e-9)])
-def test_sensitivity_is_exact(family, law):
-    oil = ehd.Lubricant(ETA) if law is None else ehd.Lubricant(ETA, viscosity_law=law)
-    feeds = evolve(HOLE, pressure=3e6, resistance=1e11), OTHER_GROOVE
-    film = make_film((20, 6), family, oil=oil, feeds=feeds, tolerance=1e-13)
-    gap, slopes = bore_like(film, seed=3)
-    state = film.solve(gap)
-    exact = pressure_derivative(film, state, slopes)[:, 0]
-    sides = [film.solve(moved(gap, slopes, h), state).pressure for h in (1e-6, -1e-6)]
-    difference = (sides[0] - sides[1]) / 2e-6
-    assert np.abs(exact - difference).max() < 1e-7 * np.abs(difference).max()
 
 
 def test_a_film_between_closed_sides_is_fed():

@@ -192,3 +192,31 @@ def test_heights_need_not_be_centred():
         for z in (heights, heights - 0.3 * R)
     )
     np.testing.assert_allclose(found, expected, atol=1e-9 * expected.max())
+
+
+OILS = {
+    "constant": ehd.Lubricant(ETA),
+    "position": ehd.Lubricant(
+        ETA,
+        viscosity_field=lambda phi, z: 1.5 + np.sin(phi),
+        density_field=lambda phi, z: 1 + 0.1 * np.cos(phi),
+    ),
+    "Barus": ehd.Lubricant(ETA, viscosity_law=ehd.Barus(5e-9)),
+    "Roelands": ehd.Lubricant(ETA, viscosity_law=ehd.Roelands(ETA)),
+    "Cross": ehd.Lubricant(ETA, shear_law=ehd.Cross(5e5, 0.7, 0.4)),
+}
+
+
+# In units of the drag. Not for 8 nodes: their p is orthogonal to N^-1 (A p - b), not to A p - b.
+@pytest.mark.parametrize("family", ["bilinear", "lagrange"])
+@pytest.mark.parametrize("oil", OILS)
+def test_pressure_work_equals_drag_less_dissipation(family, oil):
+    film = make_film(width=0.022, family=family, oil=OILS[oil])
+    gap = gap_of(film, shaft(0.6, rate=(50.0, 100.0), tilt=np.array([2e-4, 1e-4])))
+    state = film.solve(gap)
+    loss, drag = film.powers(state)
+    field = film.parameters.lubricant.density_field
+    density = field(film.points.angle, film.points.height) if field else 1.0
+    work = -film.load((density * gap.thickness_rate)[:, :, None])[0] @ state.pressure
+    assert loss - drag == pytest.approx(work, rel=1e-8)
+    assert loss > 0

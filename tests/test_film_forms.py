@@ -41,9 +41,12 @@ EVERYTHING = {
 
 CASES = {
     "constant": {},
-    "Roelands, at a place": {"oil": ehd.Lubricant(ETA, ehd.Roelands(ETA), viscosity_field=place)},
+    "Roelands, at a place": {
+        "oil": ehd.Lubricant(ETA, ehd.Roelands(ETA), viscosity_field=place, density_field=place)
+    },
     "Cross": {"oil": ehd.Lubricant(ETA, shear_law=ehd.Cross(1e5, 2.3, 0.1))},
     "average gap alone": {"surfaces": surfaces(flow_factors=False)},
+    "equal roughness": {"surfaces": surfaces()},
     "hole and groove": {"feeds": (HOLE, GROOVE), "oil": ehd.Lubricant(ETA, ehd.Barus(2e-8))},
     "everything": EVERYTHING,
 }

@@ -4,12 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from film_cases import ETA, OMEGA, C, R, make_film
-from nested_film import GapChange
+from film_cases import OMEGA, C, R, make_film
 from rough_cases import surfaces
-from test_sensitivity import assert_exact
 
-import fenics_ehd as ehd
 from fenics_ehd.base.errors import GapClosedError
 from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 
@@ -21,29 +18,14 @@ ROUGH = {
 
 
 def touching(film, seed=3):
-    """A gap whose surfaces overlap at some points, and a direction of change."""
+    """A gap whose surfaces overlap at some points."""
     p = film.parameters
     motion = ShaftMotion(C * np.array([0.99, 0.12]), OMEGA, C * np.array([0.0, 30.0]))
     gap = shaft_gap(film.points, R, C, motion)
-    random = np.random.default_rng(seed).standard_normal((4, *gap.thickness.shape))
-    scale = np.array([0.01 * C, C, 0.1 * C * OMEGA, 0.1 * R * OMEGA])
-    bump, *direction = random * scale[:, None, None]
+    bump = 0.01 * C * np.random.default_rng(seed).standard_normal(gap.thickness.shape)
     gap = replace(gap, thickness=gap.thickness + bump)
     assert gap.thickness.min() < 0.0 < gap.thickness.min() + 2 * p.surfaces.roughness
-    thickness, rate, mean = (x[..., None] for x in direction)
-    return gap, GapChange(thickness, rate, mean, 1.7 * mean)
-
-
-@pytest.mark.parametrize("thickens", [False, True])
-@pytest.mark.parametrize("rough", ROUGH)
-def test_sensitivity_is_the_exact_derivative(rough, thickens):
-    film = make_film((20, 4), surfaces=ROUGH[rough], tolerance=1e-13)
-    gap, slopes = touching(film)
-    if thickens:  # by what the largest pressure of constant viscosity makes a third
-        largest = film.solve(gap).pressure.max()
-        oil = ehd.Lubricant(ETA, viscosity_law=ehd.Barus(0.3 / largest))
-        film = make_film((20, 4), surfaces=ROUGH[rough], tolerance=1e-13, oil=oil)
-    assert_exact(film, gap, slopes, tolerance=1e-5, step=1e-5)
+    return gap
 
 
 def test_film_far_above_its_roughness_is_that_of_smooth_surfaces():
@@ -76,7 +58,7 @@ def test_flow_factors_hinder_flow_and_roughness_on_the_journal_drags_it_along():
 @pytest.mark.parametrize("rough", ROUGH)
 def test_powers_of_the_film_are_what_its_surfaces_do(rough):
     film = make_film(surfaces=ROUGH[rough], tolerance=1e-13)
-    gap, _ = touching(film)
+    gap = touching(film)
     state = film.solve(gap)
     lost, fed = film.powers(state)
     area = film.assembly.area * R**2
