@@ -54,7 +54,8 @@ def pressure_derivative(film: ehd.Film, state: FilmState, derivatives: GapChange
     the full nodes I and the defects of the others C answer a change of the residual by
     ``A_I dp_I - W_C dy_C = -dr``.
     """
-    scale, problem, pattern = film.parameters.pressure_scale, state.problem, film.equation.pattern
+    scale, pattern = film.parameters.pressure_scale, film.equation.pattern
+    problem = film.equation.problem(state.gap)
     change = residual_change(film, state.gap, state.pressure / scale, derivatives)[film.free]
     full = np.zeros(pattern.size, dtype=bool)
     full[state.cavitation.full_film] = True

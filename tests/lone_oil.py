@@ -46,7 +46,7 @@ class LoneOil:
             carried = balance.transport(step, void)
             defect = problem.residual(pressure) - carried.values
             if settled and np.abs(defect).max() < limit:
-                return self._state(gap, step, problem, pressure, void, count)
+                return self._state(gap, step, pressure, void, count)
             entries = problem.entries(pressure), carried.entries
             along_p, along_s = (balance.pattern.matrix(own) for own in entries)
             matrix = along_p @ diags(full * 1.0) - along_s @ diags(~full * 1.0)
@@ -63,10 +63,10 @@ class LoneOil:
         first = self.solve(gap, self.filled(gap), time_step)
         return self.solve(gap, first.content, time_step, first)
 
-    def _state(self, gap, step, problem, values, void, count):
+    def _state(self, gap, step, values, void, count):
         balance, scale = self.balance, self.balance.volume_scale
         nodal, carried = balance.nodal(values), balance.transport(step, void)
-        lost, outflow = balance.ends(step, nodal, values, carried)
+        outflow = balance.outflow(step, nodal, values, carried)
         density = self.film.equation.flow(gap, nodal).density
         stored = self.film.assembly.source(density * step.flow.thickness)
         rate = self.film.parameters.rate
@@ -74,10 +74,7 @@ class LoneOil:
             pressure=self.film.parameters.pressure_scale * nodal,
             gap=gap,
             cavitation=CavitationResult(values, void, np.flatnonzero(values > 0), count),
-            problem=problem,
             fluid_fraction=1.0 - carried.void,
             content=scale * (stored - step.length * step.full * carried.void),
             outflow=scale * rate * outflow,
-            time_step=step.length / rate,
-            imbalance=float(np.abs(lost + outflow).sum()),
         )

@@ -41,8 +41,6 @@ class FilmState:
         The gap it belongs to.
     cavitation
         The dimensionless complementarity solution on the free nodes.
-    problem
-        The dimensionless problem it solves.
     fluid_fraction
         Share of the gap that holds oil, shape (nodes,); None where the
         cavitation condition does not tell.
@@ -51,7 +49,6 @@ class FilmState:
     pressure: np.ndarray
     gap: Gap
     cavitation: CavitationResult
-    problem: Complementarity
     fluid_fraction: np.ndarray | None = None
 
 
@@ -148,7 +145,7 @@ class Film:
             error.state.update({name: getattr(gap, name) for name in Gap.__dataclass_fields__})
             raise
         pressure = self.parameters.pressure_scale * self.equation.nodal(result.pressure)
-        return FilmState(pressure, gap, result, problem)
+        return FilmState(pressure, gap, result)
 
     def _from_either_end(self, problem: Complementarity, start: np.ndarray) -> CavitationResult:
         """Solve from a start, or else from a film that is full everywhere.
@@ -247,8 +244,7 @@ DEFECT_WEIGHT = 1e-6
 class OilState(FilmState):
     """Solution of one time step.
 
-    `cavitation` and `problem` belong to the nodes `OilBalance.unknown`;
-    `fluid_fraction` is never None.
+    `cavitation` belongs to the nodes `OilBalance.unknown`; `fluid_fraction` is never None.
 
     Attributes
     ----------
@@ -258,18 +254,11 @@ class OilState(FilmState):
     outflow
         Flow out of the film where it has an end, negative into it, zero at all
         other nodes, shape (nodes,) [m^3/s].
-    time_step
-        [s].
-    imbalance
-        Defect of the oil balance: its sum over the nodes, without sign, over the sum of what
-        is dragged through them and of what they hold over the time step.
     """
 
     fluid_fraction: np.ndarray
     content: np.ndarray
     outflow: np.ndarray
-    time_step: float
-    imbalance: float
 
 
 #: Factor of the viscosity within a cell up to which the mesh is fine enough. Up to there peak

@@ -374,10 +374,10 @@ class OilBalance:
         lost = self.film.equation.balance(step.driven, nodal) + full - step.former
         return lost if step.feed is None else lost + step.feed.lumped(self.assembly, nodal)
 
-    def ends(
+    def outflow(
         self, step: OilStep, nodal: np.ndarray, values: np.ndarray, transport: Transport
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Defect of the balance at all nodes, and flow through the ends of the film.
+    ) -> np.ndarray:
+        """Flow through the ends of the film, zero at other nodes, shape (nodes,).
 
         Parameters
         ----------
@@ -386,11 +386,10 @@ class OilBalance:
         values
             Of the unknown nodes; an outflow stands for the pressure of a dry side.
         """
-        lost = self.full_film(step, nodal) - transport.nodal
-        outflow = -lost
+        outflow = transport.nodal - self.full_film(step, nodal)
         outflow[self.film.free] = 0.0
         outflow[self.unknown[self.dry]] = values[self.dry]
-        return lost, outflow
+        return outflow
 
     def gap_derivatives(
         self, step: OilStep, nodal: np.ndarray, carried: Transport

@@ -366,8 +366,7 @@ class FilmForms:
         self._arrays = {name: function.x.array for name, function in self._functions.items()}
         count = sum(1 if n is None else n for n in layout)
         self._constant = fem.Constant(self._mesh, np.zeros(count))
-        self._forms: dict[str, Any] = {}
-        self._matrices: dict[str, Any] = {}
+        self._make_forms()
         shape = (self._size, points.size)
         nodes = grid.cell_nodes.shape[1]
         rows = np.repeat(np.sort(grid.cell_nodes, axis=1)[:, None, :], POINTS, axis=1).ravel()
@@ -376,7 +375,7 @@ class FilmForms:
 
     def vector(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
         """Residual tested with every node, shape (nodes,), of dimensionless nodal pressures."""
-        form, values = self._form("residual"), np.zeros(self._size)
+        form, values = self._forms["residual"], np.zeros(self._size)
         cpp.fem.assemble_vector(values, form, inputs.numbers, self._packed(form, inputs, nodal))
         return values
 
@@ -402,7 +401,6 @@ class FilmForms:
 
         One that it has not is behind its last.
         """
-        self._form("pressure")
         matrix = self._matrices["nodes"]
         starts, columns = np.array(matrix.indptr), np.array(matrix.indices)
         rows = np.repeat(np.arange(self._size), np.diff(starts))
@@ -413,23 +411,21 @@ class FilmForms:
         places = order[np.minimum(found, len(order) - 1)]
         return np.where(codes[places] == wanted, places, len(codes))
 
-    def _form(self, name: str) -> Any:
-        """A form on this mesh, and a matrix for it."""
-        if name not in self._forms:
+    def _make_forms(self) -> None:
+        """Every form on this mesh, and a matrix for each kind of rows."""
+        self._forms: dict[str, Any] = {}
+        self._matrices: dict[str, Any] = {}
+        named = {id(symbol): name for name, symbol in self._weak.coefficients.items()}
+        for name, handle in self._handles.items():
             own = self._weak.forms[name].coefficients()
-            named = {id(symbol): name for name, symbol in self._weak.coefficients.items()}
-            places = compat.coefficient_places(self._handles[name])
-            taken = [self._functions[named[id(own[i])]] for i in places]
+            taken = [named[id(own[i])] for i in compat.coefficient_places(handle)]
             rows = {"residual": [], "pressure": ["nodes"]}.get(name, ["points"])
             spaces = [self._spaces[space] for space in [*rows, "nodes"]]
-            form = compat.create_form(
-                self._handles[name], spaces, taken, self._constant, self._mesh
-            )
-            for space in rows:
-                if space not in self._matrices:
-                    self._matrices[space] = compat.native_matrix(form, spaces, self._mesh)
+            functions = [self._functions[coefficient] for coefficient in taken]
+            form = compat.create_form(handle, spaces, functions, self._constant, self._mesh)
             self._forms[name] = form
-        return self._forms[name]
+            for space in rows:
+                self._matrices[space] = compat.native_matrix(form, spaces, self._mesh)
 
     def _packed(self, form: Any, inputs: Inputs, nodal: np.ndarray) -> Any:
         self._arrays["pressure"][:] = nodal
@@ -438,7 +434,7 @@ class FilmForms:
         return cpp.fem.pack_coefficients(form)
 
     def _entries(self, name: str, rows: str, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
-        form = self._form(name)
+        form = self._forms[name]
         matrix = self._matrices[rows]
         data = matrix.data
         data[:] = 0.0

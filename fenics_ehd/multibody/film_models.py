@@ -266,7 +266,7 @@ class FilmModel(ABC, Generic[PointT]):
         free = point.nodal[self.film.free]
         result = CavitationResult(free, self.scale * point.defect, np.flatnonzero(free > 0.0), 0)
         pressure = self.film.parameters.pressure_scale * point.nodal
-        return FilmState(pressure, point.gap, result, point.problem, point.fluid_fraction)
+        return FilmState(pressure, point.gap, result, point.fluid_fraction)
 
     def linearise(
         self,
@@ -641,14 +641,11 @@ class ConservedOil(FilmModel[OilPoint]):
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:
             raise CavitationError(f"fluid fraction below 0: by {excess:.2g}, at most {UNDERSHOOT}")
-        lost, outflow = balance.ends(step, point.nodal, point.values, point.transport)
-        reference = np.sum(np.abs(step.flows) + step.full + np.abs(step.former))
+        outflow = balance.outflow(step, point.nodal, point.values, point.transport)
         return OilState(
             **vars(self.state(point)),
             content=balance.volume_scale * step.length * step.full - self._void(point),
             outflow=balance.volume_scale * rate * outflow,
-            time_step=step.length / rate,
-            imbalance=float(np.abs(lost + outflow).sum() / reference),
         )
 
 
