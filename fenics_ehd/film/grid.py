@@ -113,14 +113,10 @@ class FilmGrid:
     @cached_property
     def node_positions(self) -> np.ndarray:
         """Angle [rad] and height [m] of the nodes, shape (n, 2)."""
-        angle = np.empty(2 * self.cells[0])
-        angle[::2] = self.angles[:-1]
-        angle[1::2] = 0.5 * (self.angles[:-1] + self.angles[1:])
-        height = np.empty(2 * self.cells[1] + 1)
-        height[::2] = self.heights
-        height[1::2] = 0.5 * (self.heights[:-1] + self.heights[1:])
-        i, j = np.nonzero(self._numbers >= 0)
-        return np.column_stack([angle[i], height[j]])
+        i, j = 0.5 * np.array(np.nonzero(self._numbers >= 0))
+        angle = np.interp(i, np.arange(len(self.angles)), self.angles)
+        height = np.interp(j, np.arange(len(self.heights)), self.heights)
+        return np.column_stack([angle, height])
 
     @property
     def nodes(self) -> np.ndarray:

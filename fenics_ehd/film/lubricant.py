@@ -116,15 +116,13 @@ class WaltherLine:
 
     def __call__(self, temperature: float) -> float:
         """Kinematic viscosity [mm2/s] at a temperature [C]."""
-        return float(10 ** self._inner(temperature) - 0.7)
+        logarithm = 10 ** (self.intercept - self.slope * np.log10(temperature + ZERO_CELSIUS))
+        return float(10**logarithm - 0.7)
 
     def temperature(self, viscosity: float) -> float:
         """At which the kinematic viscosity [mm2/s] is as given [C]."""
         exponent = (self.intercept - np.log10(np.log10(viscosity + 0.7))) / self.slope
         return float(10**exponent - ZERO_CELSIUS)
-
-    def _inner(self, temperature: float) -> float:
-        return float(10 ** (self.intercept - self.slope * np.log10(temperature + ZERO_CELSIUS)))
 
 
 @attrs.frozen
@@ -166,7 +164,13 @@ class Oil:
         SettingsError
             At this temperature it is out of the range of the Walther equation.
         """
-        return self._checked(temperature)(temperature)
+        if not self.coldest <= temperature <= self.hottest:
+            raise SettingsError(
+                f"temperature = {temperature:g} C of the oil must lie between {self.coldest:.4g} C "
+                f"and {self.hottest:.4g} C, where its kinematic viscosity is {LARGEST:g} and "
+                f"{SMALLEST:g} mm2/s"
+            )
+        return self._line()(temperature)
 
     def viscosity(self, temperature: float) -> float:
         """Dynamic viscosity [Pa s]; errors as `kinematic_viscosity`."""
@@ -178,16 +182,6 @@ class Oil:
 
     def _line(self) -> WaltherLine:
         return WaltherLine.through((40.0, self.viscosity_40), (100.0, self.viscosity_100))
-
-    def _checked(self, temperature: float) -> WaltherLine:
-        line = self._line()
-        cold, hot = line.temperature(LARGEST), line.temperature(SMALLEST)
-        if not cold <= temperature <= hot:
-            raise SettingsError(
-                f"temperature = {temperature:g} C of the oil must lie between {cold:.4g} C and "
-                f"{hot:.4g} C, where its kinematic viscosity is {LARGEST:g} and {SMALLEST:g} mm2/s"
-            )
-        return line
 
 
 class Functions(NamedTuple):
