@@ -136,7 +136,7 @@ def test_range_of_the_equation_is_told():
     "values", [(1.9, 1.5), (10.0, 1.9), (10.0, 12.0), (10.0, 10.0), (np.inf, 5.0), (np.nan, 5.0)]
 )
 def test_viscosities_out_of_range_are_refused(values):
-    with pytest.raises(SettingsError, match="mm2/s|must be a finite number"):
+    with pytest.raises(SettingsError, match=r"mm2/s|must be a finite number"):
         ehd.Oil(*values)
 
 
