@@ -10,7 +10,7 @@ from scene_cases import LOAD, LOADED_JOURNAL, tables_of
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError, StructureError
-from fenics_ehd.film.flow import FilmFlows
+from fenics_ehd.film.forces import FilmFlows
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 from fenics_ehd.film.transfer import Surface, interpolation_matrix, mean_value, solid_share

@@ -10,7 +10,7 @@ from lone_oil import LoneOil
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.flow import FilmFlows
+from fenics_ehd.film.forces import FilmFlows
 from fenics_ehd.film.parameters import EDGES, Feeds
 
 #: What is tried: supply pressure [Pa], a hole, a groove.

@@ -7,8 +7,7 @@ from oracle_walls import walls
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import SHEAR_RULES
-from fenics_ehd.film.flow import FilmFlows
-from fenics_ehd.film.forces import film_fields
+from fenics_ehd.film.forces import FilmFlows, film_fields
 from fenics_ehd.film.grid import FAMILIES, uniform_grid
 from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 from fenics_ehd.multibody.lubricated_joint import JointFilm

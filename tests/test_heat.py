@@ -9,8 +9,7 @@ from scipy.optimize import brentq
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import HeatError, SettingsError
-from fenics_ehd.film.flow import FilmFlows
-from fenics_ehd.film.forces import film_fields
+from fenics_ehd.film.forces import FilmFlows, film_fields
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.film.heat import TemperatureSearch
 from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap

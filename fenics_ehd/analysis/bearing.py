@@ -47,7 +47,7 @@ from fenics_ehd.base.errors import (
 )
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import MOST_WITHIN_A_CELL, Film, FilmState, steepest_thickening
-from fenics_ehd.film.flow import FlowBalance
+from fenics_ehd.film.forces import FlowBalance
 from fenics_ehd.film.grid import gap_graded_grid
 from fenics_ehd.film.heat import Heat, TemperatureSearch, run_away
 from fenics_ehd.film.kinematics import Shape

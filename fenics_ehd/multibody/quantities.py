@@ -42,7 +42,7 @@ import numpy as np
 
 from fenics_ehd.base.columns import with_unit
 from fenics_ehd.film.film import OilState
-from fenics_ehd.film.flow import under_pressure
+from fenics_ehd.film.forces import under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED
 from fenics_ehd.multibody.lubricated_joint import observed_places
 from fenics_ehd.multibody.mechanism import FilmPlace

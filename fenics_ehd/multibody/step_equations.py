@@ -38,8 +38,7 @@ from typing import cast
 import numpy as np
 
 from fenics_ehd.film.film import FilmState, check_gap
-from fenics_ehd.film.flow import FilmFlows
-from fenics_ehd.film.forces import beside_drag, film_fields, sheared_heights
+from fenics_ehd.film.forces import FilmFlows, beside_drag, film_fields, sheared_heights
 from fenics_ehd.film.rough_surfaces import Touch
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.sealed_file import Stateful
-from fenics_ehd.film.flow import under_pressure
+from fenics_ehd.film.forces import under_pressure
 from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.mechanism import FilmPlace, System
 from fenics_ehd.multibody.newton import MechanismStep
