@@ -6,10 +6,10 @@ from pathlib import Path
 from shutil import copytree
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 from command_line import call
+from csv_history import edited
 from recorded_runs import short_run
 
 import fenics_ehd as ehd
@@ -470,7 +470,7 @@ def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
 
 def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, capsys):
     other = copytree(bearings.directory, tmp_path / "other")
-    with h5py.File(other / "history.h5", "a") as file:
+    with edited(other) as file:
         for name in ("left", "right"):
             file.move(f"joints/{name}", f"joints/{name}most")
     assert plot(bearings.directory, other, "--difference", "-o", tmp_path / "none") == 2

@@ -194,7 +194,7 @@ def test_model_beside_its_scene_is_found_from_anywhere(scene, tmp_path, monkeypa
     [
         (["run", "slider-crank", "--body", "nobody.h5"], "body file nobody.h5: no such file"),
         (["run", "--resume", "nosuch"], "nosuch: no checkpoint to go on from, no such folder"),
-        (["run", "--resume", "junk"], "junk: no checkpoint to go on from, it has no checkpoint.h5"),
+        (["run", "--resume", "junk"], "junk: no checkpoint to go on from, it has no history.h5"),
         (["plot", "junk"], "junk: not a results folder, it has no history.h5"),
         (["plot", "nosuch"], "nosuch: no such folder"),
     ],

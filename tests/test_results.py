@@ -10,7 +10,7 @@ from types import ModuleType
 import h5py
 import numpy as np
 import pytest
-from csv_history import read_history
+from csv_history import edited, read_history
 from mechanism_cases import film, rigid_rod, slider_crank
 from report_cases import write_history, write_study
 
@@ -105,7 +105,7 @@ def test_every_dataset_has_its_unit(both):
     *_, folder = both
     found = {}
     with h5py.File(folder / "history.h5") as file:
-        assert (file.attrs["format"], file.attrs["format_version"]) == (b"fenics_ehd history", 3)
+        assert (file.attrs["format"], file.attrs["format_version"]) == ("fenics_ehd history", 3)
         file.visititems(
             lambda path, item: (
                 found.update({path: item.attrs["units"].astype(str)})
@@ -151,7 +151,7 @@ def test_parts_keep_their_unit_and_products_have_none():
 def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_path):
     study = write_study(tmp_path, [])
     write_history(study, "one", steps=30, periodic=True)
-    with h5py.File(study.folder("one") / "history.h5", "r+") as file:
+    with edited(study.folder("one")) as file:
         file["run/cycle"][:] = np.repeat([1, 2, 3], 10)
         file["run/cycle_time"][:] = 1e-3 * np.concatenate([np.arange(1, 11)] * 3)
         file["run/cycle_time"][20:] *= 0.9
@@ -164,7 +164,7 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
     np.testing.assert_array_equal(last.joints["big_end"].film.pressure, film.pressure[10:20])
     assert len(last.last_cycle()) == 10
     # One that was stopped while its last cycle, which is whole, was judged.
-    with h5py.File(study.folder("one") / "history.h5", "r+") as file:
+    with edited(study.folder("one")) as file:
         file["run/cycle_time"][20:] /= 0.9
     last = ehd.load_results(study.folder("one")).last_cycle()
     assert set(last.run.cycle) == {3.0}
@@ -177,7 +177,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         ehd.load_results(tmp_path)
     with h5py.File(tmp_path / "history.h5", "w") as file:
         file["coordinates"] = np.zeros((3, 2))  # as 0.1 wrote it
-    with pytest.raises(InputError, match=r"layout 1, this program reads 3: run the scene anew"):
+    with pytest.raises(InputError, match="not a fenics_ehd history"):
         ehd.load_results(tmp_path)
     study = write_study(tmp_path, [])
     write_history(study, "one", steps=8)

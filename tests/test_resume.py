@@ -31,17 +31,15 @@ from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import claim, listed
+from fenics_ehd.base.sealed_file import open_sealed, read_tree, save_tree
 from fenics_ehd.multibody.history import fixed
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.results.recorded_run import (
-    CHECKPOINT,
     CsvFile,
-    load_checkpoint,
     load_run_state,
     recorded_steps,
-    save_checkpoint,
     save_run_state,
 )
 
@@ -100,7 +98,7 @@ def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
 
 def steps_of(folder):
     """Steps up to the checkpoint of a run."""
-    return load_checkpoint(folder / CHECKPOINT)["state"]["tracker"]["counts"]["steps"]
+    return load_run_state(folder).state["tracker"]["counts"]["steps"]
 
 
 def test_an_interrupted_run_goes_on_to_the_same_result(prepared):
@@ -279,9 +277,9 @@ def test_what_cannot_go_on_is_refused(prepared, tmp_path, capsys):
     assert "no checkpoint to go on from" in capsys.readouterr().err
     assert call("run", "--resume", prepared / "whole", "slider-crank") == 2
     assert call("run") == 2
-    (tmp_path / CHECKPOINT).write_bytes(b"no HDF5")
+    (tmp_path / "history.h5").write_bytes(b"no HDF5")
     assert call("run", "--resume", tmp_path) == 2
-    assert "checkpoint.h5" in capsys.readouterr().err
+    assert "history.h5: no checkpoint to go on from" in capsys.readouterr().err
 
 
 def test_no_model_is_run_in_place_of_a_body_that_is_missing(prepared, tmp_path, capsys):
@@ -327,39 +325,6 @@ def test_another_scene_or_table_is_refused(name, before, after, prepared, tmp_pa
     assert f"{changed.name} changed since the run began" in capsys.readouterr().err
 
 
-def changed_checkpoint(run, **changes):
-    """Write the checkpoint of a run again, keys of nested tables by dots, None for none."""
-    tree = load_checkpoint(run / CHECKPOINT)
-    for name, change in changes.items():
-        *groups, key = name.split("__")
-        table = tree
-        for group in groups:
-            table = table[group]
-        table[key] = change(table[key])
-        if table[key] is None:
-            del table[key]
-    save_checkpoint(run / CHECKPOINT, tree)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"state__integrator__times": lambda t: 0.5 * t}, "it is not of a step"),
-        ({"state__integrator__times": lambda t: -t}, "it is not of a step"),
-        ({"scene": lambda t: None}, "missing 1 required positional argument: 'scene'"),
-        ({"state__integrator__x": lambda x: x[::-1]}, "it is not of a step"),
-    ],
-)
-def test_a_checkpoint_that_cannot_be_is_refused(changes, message, prepared, tmp_path, capsys):
-    run = tmp_path / "run"
-    shutil.copytree(prepared / "whole", run)
-    changed_checkpoint(run, **changes)
-    assert call("run", "--resume", run, "--no-plots") == 2
-    error = capsys.readouterr().err
-    assert "Traceback" not in error
-    assert re.search(f"InputError: .*checkpoint.*{message}", error.splitlines()[-1])
-
-
 def test_another_body_is_refused(prepared, tmp_path, capsys):
     run = tmp_path / "run"
     shutil.copytree(prepared / "whole", run)
@@ -391,24 +356,21 @@ def test_a_run_goes_on_without_the_body_file_it_began_with(prepared, tmp_path):
         (prepared / "moved.h5").rename(prepared / "rod.h5")
 
 
-def test_a_checkpoint_returns_what_it_was_given(tmp_path):
+def test_a_tree_returns_what_it_was_given(tmp_path):
     tree = {
         "rows": 3,
         "step": 0.1 + 0.2,
         "name": "m4",
         "deep": {"array": np.arange(6.0).reshape(2, 3), "none": {}, "nan": float("nan")},
     }
-    save_checkpoint(tmp_path / "c.h5", tree)
-    found = load_checkpoint(tmp_path / "c.h5")
+    save_tree(tmp_path / "c.h5", tree, "tree", 1)
+    # What cannot be stored leaves the former file.
+    with pytest.raises(TypeError):
+        save_tree(tmp_path / "c.h5", {"rows": 2, "bad": object()}, "tree", 1)
+    with open_sealed(tmp_path / "c.h5", "tree", 1, remedy="") as file:
+        found = read_tree(file)
     np.testing.assert_equal(found, tree)
     assert isinstance(found["rows"], int)
-
-
-def test_a_checkpoint_that_fails_leaves_the_former_one(tmp_path, monkeypatch):
-    save_checkpoint(tmp_path / "c.h5", {"rows": 1})
-    with pytest.raises(TypeError):
-        save_checkpoint(tmp_path / "c.h5", {"rows": 2, "bad": object()})
-    assert load_checkpoint(tmp_path / "c.h5")["rows"] == 1
 
 
 ABOUT = {"reduction_seconds": 0.0, "name": "case", "scene": {}}
@@ -499,14 +461,6 @@ def test_a_periodic_run_that_was_killed_goes_on_to_the_same_result(tmp_path, nam
     assert_same_results(killed, whole)
 
 
-def test_a_history_that_was_cut_off_is_not_read(prepared, tmp_path):
-    content = (prepared / "whole" / "history.h5").read_bytes()
-    for share in (0.3, 0.6, 0.99):
-        (tmp_path / "history.h5").write_bytes(content[: int(share * len(content))])
-        with pytest.raises(InputError, match=r"history.h5: not a history of a run"):
-            ehd.load_history(tmp_path)
-
-
 @pytest.mark.parametrize("name", ["heated", "rough", "starved"])
 def test_a_state_is_the_same_after_a_file(name, tmp_path):
     path = write_scene(tmp_path / "s.toml", "loaded-journal", LOADED_JOURNAL, MODELS[name])
@@ -515,7 +469,9 @@ def test_a_state_is_the_same_after_a_file(name, tmp_path):
     simulation = Simulation(run, built.period, Cycles(run, built.period, 0.9))
     deque(islice(simulation.steps(), 5), maxlen=0)
     save_run_state(simulation, tmp_path, ABOUT)
-    before = (tmp_path / CHECKPOINT).read_bytes()
-    simulation.state = load_run_state(tmp_path).state
+    before = (tmp_path / "history.h5").read_bytes()
+    former = load_run_state(tmp_path)
+    simulation.state = former.state
+    simulation.tracker.take(former.history)
     save_run_state(simulation, tmp_path, ABOUT)
-    assert (tmp_path / CHECKPOINT).read_bytes() == before
+    assert (tmp_path / "history.h5").read_bytes() == before

@@ -14,7 +14,7 @@ from scene_cases import ROD_OF_A_FILE, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError, InUseError
 from fenics_ehd.base.files import HEADER, clear, complete_result
-from fenics_ehd.results.recorded_run import CHECKPOINT, RunFolder
+from fenics_ehd.results.recorded_run import RunFolder
 
 SCENE = ROD_OF_A_FILE | {"time.revolutions": 0.005, "time.tolerance": 1e-4}
 COARSER = SCENE | {"time.tolerance": 1e-3}
@@ -218,7 +218,7 @@ class Killed(BaseException):
 
 
 def write_run(path, content, status):
-    for name in ("history.csv", "history.h5", CHECKPOINT, "scene.toml", "body-rod.h5"):
+    for name in ("history.csv", "history.h5", "scene.toml", "body-rod.h5"):
         (path / name).write_text(content)
     (path / "summary.json").write_text(json.dumps({"status": status, "content": content}))
 
@@ -226,7 +226,7 @@ def write_run(path, content, status):
 def state_of(folder):
     """What a folder holds: the content of a whole run, by how it ended."""
     summary = json.loads((folder / "summary.json").read_text())
-    names = ("history.csv", "history.h5", CHECKPOINT, "scene.toml", "body-rod.h5")
+    names = ("history.csv", "history.h5", "scene.toml", "body-rod.h5")
     assert {(folder / name).read_text() for name in names} == {summary["content"]}
     return summary["content"], summary["status"]
 

@@ -27,9 +27,17 @@ from fenics_ehd.reduction import (
     save_basis,
     save_structure,
 )
-from fenics_ehd.results.recorded_run import load_checkpoint, save_checkpoint
 
 TREE = {"rows": 3, "state": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
+
+
+def small_history():
+    """Of one step."""
+    values = {"time": Quantity([0.0], "s"), "run/step": Quantity([1.0], "s")}
+    values |= {
+        f"state/{kind}": Quantity(np.zeros((1, 2)), "1") for kind in ("coordinates", "rates")
+    }
+    return ehd.History(values, ("bodies/a/x", "bodies/a/y"), ("m", "m"))
 
 
 def write_part(path):
@@ -41,9 +49,16 @@ def write_basis(path):
     save_basis(path, part, np.random.default_rng(1).standard_normal((part.size, 3)))
 
 
+#: A history has no other name in its folder.
+FILE = "history.h5"
+
 KINDS = {
     "body": (lambda path: ehd.save_body(flexible(Joint())[0], path), ehd.load_body, BodyFileError),
-    "checkpoint": (lambda path: save_checkpoint(path, TREE), load_checkpoint, InputError),
+    "history": (
+        lambda path: small_history().write(path, state=TREE),
+        lambda path: ehd.load_history(path.parent),
+        InputError,
+    ),
     "part": (write_part, lambda path: load_structure(path, MPI.COMM_SELF), StructureError),
     "basis": (write_basis, lambda path: BasisFile(path).close(), BodyFileError),
 }
@@ -60,7 +75,7 @@ def refused(kind, path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_bit_anywhere_is_found(kind, tmp_path):
-    path = tmp_path / "file.h5"
+    path = tmp_path / FILE
     KINDS[kind][0](path)
     KINDS[kind][1](path)
     whole = path.read_bytes()
@@ -74,7 +89,7 @@ def test_one_bit_anywhere_is_found(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_hdf5_changed_or_cut_off_is_found(kind, tmp_path):
-    path = tmp_path / "file.h5"
+    path = tmp_path / FILE
     KINDS[kind][0](path)
     whole = path.read_bytes()
     path.write_bytes(whole[:-1])
@@ -89,13 +104,13 @@ def test_what_hdf5_changed_or_cut_off_is_found(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_pipe_is_not_waited_for(kind, tmp_path):
-    os.mkfifo(tmp_path / "pipe.h5")
-    assert "not a regular file" in refused(kind, tmp_path / "pipe.h5")
+    os.mkfifo(tmp_path / FILE)
+    assert "not a regular file" in refused(kind, tmp_path / FILE)
 
 
-@pytest.mark.parametrize("kind", ["body", "checkpoint", "basis"])
+@pytest.mark.parametrize("kind", ["body", "history", "basis"])
 def test_a_file_without_a_digest_is_refused(kind, tmp_path):
-    path = tmp_path / "file.h5"
+    path = tmp_path / FILE
     KINDS[kind][0](path)
     path.write_bytes(path.read_bytes()[512:])
     assert "it has no digest: " in refused(kind, path)
@@ -105,8 +120,9 @@ def test_a_link_in_place_of_a_part_file_is_not_followed(tmp_path):
     precious = tmp_path / "precious"
     precious.write_text("mine")
     for kind, (write, read, _) in KINDS.items():
-        path = tmp_path / f"{kind}.h5"
-        (tmp_path / f"{kind}.h5.part").symlink_to(precious)
+        path = tmp_path / kind / FILE
+        path.parent.mkdir()
+        path.with_name(f"{FILE}.part").symlink_to(precious)
         write(path)
         read(path)
     assert precious.read_text() == "mine"
@@ -115,7 +131,7 @@ def test_a_link_in_place_of_a_part_file_is_not_followed(tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_that_write_one_file_at_a_time_both_write_it_whole(kind, tmp_path, monkeypatch):
     """The second begins and ends as the first is about to put its file in place."""
-    path, put = tmp_path / "file.h5", whole_file.put_in_place
+    path, put = tmp_path / FILE, whole_file.put_in_place
 
     def after_another(partial, target):
         monkeypatch.undo()
@@ -127,7 +143,7 @@ def test_two_that_write_one_file_at_a_time_both_write_it_whole(kind, tmp_path, m
         monkeypatch.setattr(module, "put_in_place", after_another)
     KINDS[kind][0](path)
     KINDS[kind][1](path)
-    assert [p.name for p in tmp_path.iterdir()] == ["file.h5"]
+    assert [p.name for p in tmp_path.iterdir()] == [FILE]
 
 
 def test_the_digest_of_a_body_is_that_of_its_numbers(tmp_path):
@@ -205,87 +221,37 @@ def link(file):
 
 
 @pytest.mark.parametrize("change", [external, virtual, link], ids=lambda change: change.__name__)
-@pytest.mark.parametrize("kind", [*KINDS, "matrix", "history"])
+@pytest.mark.parametrize("kind", [*KINDS, "matrix"])
 def test_what_lies_in_another_file_is_not_followed(kind, change, tmp_path):
     """Nor is it read from files that another program may have written, and that have no digest."""
-    path = tmp_path / "file.h5"
+    path = tmp_path / FILE
     message = "more/out lies in another file"
     if kind in KINDS:
         KINDS[kind][0](path)
         forged(path, change)
         assert message in refused(kind, path)
         return
-    path = tmp_path / ("history.h5" if kind == "history" else "k.h5")
     with h5py.File(path, "w") as file:
         change(file)
         file["shape"] = (3, 3)
-        file.attrs["format_version"] = 2
-    read = {
-        "history": lambda: ehd.load_history(tmp_path),
-        "matrix": lambda: as_matrix(str(path), MPI.COMM_SELF, "stiffness"),
-    }
-    with pytest.raises((InputError, StructureError), match=message):
-        read[kind]()
+    with pytest.raises(StructureError, match=message):
+        as_matrix(str(path), MPI.COMM_SELF, "stiffness")
 
 
-# The history, which is no sealed file
-
-
-def small_history():
-    """Of one step."""
-    values = {"time": Quantity([0.0], "s"), "run/step": Quantity([1.0], "s")}
-    values |= {
-        f"state/{kind}": Quantity(np.zeros((1, 2)), "1") for kind in ("coordinates", "rates")
-    }
-    return ehd.History(values, ("bodies/a/x", "bodies/a/y"), ("m", "m"))
-
-
-def test_a_history_of_other_contents_is_named(tmp_path):
-    small_history().save(tmp_path)
-    ehd.load_history(tmp_path)
-    with h5py.File(tmp_path / "history.h5", "r+") as file:
-        put("state/rates", "text")(file)
-    message = "history.h5: not a history of a run: .*state/rates holds object, not numbers"
-    with pytest.raises(InputError, match=message):
-        ehd.load_history(tmp_path)
-
-
-def test_a_damaged_history_is_not_waited_for(tmp_path):
-    """HDF5's reader beside a writer tries for minutes to read what is damaged."""
-    small_history().save(tmp_path)
-    content = bytearray((tmp_path / "history.h5").read_bytes())
-    content[content.rindex(b"OHDR") + 20] ^= 4
-    (tmp_path / "history.h5").write_bytes(content)
-    code = (
-        "import sys; from fenics_ehd.multibody.history import load_history\n"
-        "load_history(sys.argv[1])"
-    )
-    command = [sys.executable, "-c", code, tmp_path]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert "InputError: " in result.stderr.splitlines()[-1]
-    assert "checksum" in result.stderr.splitlines()[-1]
-
-
-def test_a_pipe_for_a_history_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "history.h5")
-    with pytest.raises(InputError, match=r"history.h5: not a history of a run.*not a regular file"):
-        ehd.load_history(tmp_path)
-
-
-@pytest.mark.parametrize("kind", ["body", "checkpoint"])
+@pytest.mark.parametrize("kind", ["body", "history"])
 def test_a_full_disk_keeps_the_former_file_and_leaves_no_other(kind, tmp_path, monkeypatch):
     def fail(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    path = tmp_path / "file.h5"
+    path = tmp_path / FILE
     KINDS[kind][0](path)
     former = path.read_bytes()
     with monkeypatch.context() as full:
         full.setattr(os, "fsync", fail)
-        with pytest.raises(OutputError, match=r"file\.h5: No space left"):
+        with pytest.raises(OutputError, match=r"history\.h5: No space left"):
             KINDS[kind][0](path)
     assert path.read_bytes() == former
-    assert [p.name for p in tmp_path.iterdir()] == ["file.h5"]
+    assert [p.name for p in tmp_path.iterdir()] == [FILE]
 
 
 @pytest.mark.parametrize("kind", ["part", "basis"])
@@ -302,10 +268,10 @@ def test_a_part_that_the_disk_has_no_room_for_is_named(kind, tmp_path):
         except InputError as error:
             print(error)"""
     found = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "file.h5")],
+        [sys.executable, "-c", code, str(tmp_path / FILE)],
         capture_output=True, text=True, timeout=120, cwd=os.path.dirname(__file__),
     )  # fmt: skip
     assert found.returncode == 0, found.stderr
     assert "file.h5" in found.stdout
     assert "File too large" in found.stdout
-    assert not (tmp_path / "file.h5").exists()
+    assert not (tmp_path / FILE).exists()

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from command_line import COMMAND, exit_of
-from csv_history import read_history
+from csv_history import edited, read_history
 from interrupt_case import heed_interrupt
 from study_cases import COARSE, SCENE, START, TINY, TOO_MANY, run_tiny, tiny_study
 from sweep_cases import Inline, scene_as, sweep_inline
@@ -242,7 +242,7 @@ def test_known_errors_are_found(studied, again):
     shutil.copytree(again / "runs" / REFERENCE, folder, symlinks=True)
     place = eccentricity_place(folder)
     # Half of the pressures 2 % up, the film 3 % down, the journal moved by 2 nm along x.
-    with h5py.File(folder / "history.h5", "r+") as file:
+    with edited(folder) as file:
         time, joint = file["time"][()], file["joints/big_end"]
         later = time >= study.start
         raised = time > time[later].mean()

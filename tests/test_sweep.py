@@ -81,7 +81,7 @@ def test_folder_has_one_body_and_the_histories(swept):
         if not (kept / "history.h5").exists():
             assert names == {"manifest.txt", "outcome.json"}
             continue
-        fields = {"history.csv", "history.h5", "checkpoint.h5", "manifest.txt", "outcome.json"}
+        fields = {"history.csv", "history.h5", "manifest.txt", "outcome.json"}
         assert names == {*fields, "summary.json", "scene.toml", "body-rod.h5"}
         assert (kept / "body-rod.h5").samefile(body)
 

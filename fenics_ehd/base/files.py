@@ -29,13 +29,10 @@ from importlib import import_module, metadata
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory, TemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import CavitationError, EhdError, InputError, InUseError, OutputError
-
-if TYPE_CHECKING:
-    import h5py
 
 
 def read_text(path: str | Path) -> str:
@@ -173,23 +170,6 @@ def sync_path(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-@contextmanager
-def whole_hdf5(path: Path, libver: str | None = None) -> Iterator[h5py.File]:
-    """An HDF5 file to fill, made in memory: HDF5 crashes where it cannot write.
-
-    Raises
-    ------
-    OutputError
-        From `write_whole`.
-    """
-    content = io.BytesIO()
-    import h5py  # slow to import, and texts do without
-
-    with h5py.File(content, "w", libver=libver) as file:
-        yield file
-    write_whole(path, content.getvalue())
 
 
 #: Names of what the program made in a folder, and how the list begins.
@@ -447,9 +427,14 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
         path = Path(directory) / FAILED_FILM
         with naming(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_hdf5(path) as file:
+        import h5py  # slow to import, and texts do without
+
+        # HDF5 crashes where it cannot write.
+        content = io.BytesIO()
+        with h5py.File(content, "w") as file:
             for name, values in cause.state.items():
                 file[name] = values
+        write_whole(path, content.getvalue())
         raise type(error)(f"{error}; the film is kept in {path}") from error
 
 

@@ -30,29 +30,52 @@ _MARK = b"fenics_ehd sha256 "
 _DEFLATE = 1032
 
 
-def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int) -> None:
-    """Write a sealed file, on the disk and whole before it replaces a former one.
+@contextmanager
+def sealed_hdf5(path: str | Path, kind: str, version: int) -> Iterator[h5py.File]:
+    """A file to fill, made in memory, sealed, and on the disk whole before it replaces another.
 
     Parameters
     ----------
     path
         File.
-    tree
-        Dictionaries or dataclasses, of the same, arrays, numbers, text and tuples of text.
     kind, version
         Name and version of the format.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written; a former file stays.
     """
     image = BytesIO()
     with h5py.File(image, "w", userblock_size=HEAD) as file:
         file.attrs.update(format=kind, format_version=version)
-        for name, value in _flat(tree):
-            if isinstance(value, Mapping):
-                file.create_group(name)
-            else:
-                text = isinstance(value, tuple)
-                file[name] = np.array(value, dtype=h5py.string_dtype()) if text else value
+        yield file
     content = image.getvalue()[HEAD:]
     write_whole(Path(path), _head(hashlib.sha256(content)) + content)
+
+
+def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int) -> None:
+    """Write a tree as a file of its own, see `sealed_hdf5` and `put_tree`."""
+    with sealed_hdf5(path, kind, version) as file:
+        put_tree(file, tree)
+
+
+def put_tree(group: h5py.Group, tree: Mapping[str, Any]) -> None:
+    """Store a tree in a group.
+
+    Parameters
+    ----------
+    group
+        Empty.
+    tree
+        Dictionaries or dataclasses, of the same, arrays, numbers, text and tuples of text.
+    """
+    for name, value in _flat(tree):
+        if isinstance(value, Mapping):
+            group.create_group(name)
+        else:
+            text = isinstance(value, tuple)
+            group[name] = np.array(value, dtype=h5py.string_dtype()) if text else value
 
 
 def _flat(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
@@ -196,7 +219,7 @@ def open_sealed(
 
 
 def read_tree(group: h5py.Group) -> dict[str, Any]:
-    """Tree that `save_tree` was given: numbers and text are Python's, dataclasses dictionaries."""
+    """Tree that `put_tree` was given: numbers and text are Python's, dataclasses dictionaries."""
     return {
         name: read_tree(item) if isinstance(item, h5py.Group) else values(item)
         for name, item in group.items()

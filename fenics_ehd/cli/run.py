@@ -22,7 +22,6 @@ from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, say_reducing, warn_of
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
-    CHECKPOINT,
     Checkpoint,
     RunFolder,
     first_rank_folder,
@@ -273,7 +272,7 @@ def resume(directory: Path, wishes: Wishes) -> None:
     """Go on with a run; serial."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
-        if done is not None and not (folder.path / CHECKPOINT).exists():
+        if done is not None and "cycles" in done:
             # A periodic solution keeps its last cycle, and nothing to go on with.
             answer(done, report(done, folder.directory), wishes.as_json)
             return

@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -32,11 +33,10 @@ from fenics_ehd.base.files import (
     naming,
     read_json,
     read_text,
-    whole_hdf5,
     write_summary,
     write_whole,
 )
-from fenics_ehd.base.sealed_file import named, open_hdf5, require_numbers
+from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -199,6 +199,9 @@ class BodyResult(Quantities):
 #: Names and version of the files, and of the layout of ``history.h5``.
 FIELDS_NAME, CSV_NAME = "history.h5", "history.csv"
 FORMAT, FORMAT_VERSION = "fenics_ehd history", 3
+
+#: Group of the file with what a run goes on from that is not in its rows.
+RESUME = "resume"
 
 #: Units of fields by the last part of their path; the state has one for each coordinate.
 FIELD_UNITS = {
@@ -499,16 +502,29 @@ class History:
         if self.told:
             write_summary(folder, self.told)
 
-    def write(self, path: Path, packing: Mapping[str, Any] | None = None) -> None:
+    def write(
+        self,
+        path: Path,
+        packing: Mapping[str, Any] | None = None,
+        state: Mapping[str, Any] | None = None,
+    ) -> None:
         """Write all but the summary as ``history.h5``, fields packed if so wanted.
+
+        Parameters
+        ----------
+        path, packing
+            The file, and how h5py packs a dataset.
+        state
+            Of a run that can go on, see `put_tree`.
 
         Raises
         ------
         OutputError
             It cannot be written; a former file stays.
         """
-        with whole_hdf5(path, "latest") as file:
-            file.attrs["format"], file.attrs["format_version"] = _text(FORMAT), FORMAT_VERSION
+        with sealed_hdf5(path, FORMAT, FORMAT_VERSION) as file:
+            if state is not None:
+                put_tree(file.create_group(RESUME), state)
             file.attrs["fenics_ehd"] = _text(__version__)
             file.attrs["columns"] = _text([name for name in self.values if is_column(name)])
             for name, v in self.values.items():
@@ -548,6 +564,23 @@ def missing(path: Path, lacks: str) -> str:
     return f"{lacks} {path.name}" if path.parent.is_dir() else "no such folder"
 
 
+@contextmanager
+def opened_history(path: Path, refused: str) -> Iterator[h5py.File]:
+    """``history.h5`` of a run, once its seal is found whole.
+
+    Raises
+    ------
+    InputError
+        It is none, or what is done with it fails: that it is `refused`, and why.
+    """
+    remedy = f"run the scene anew, or read {CSV_NAME} beside it"
+    with (
+        named(InputError, f"{path}: {refused}"),
+        open_sealed(path, FORMAT, FORMAT_VERSION, remedy=remedy) as file,
+    ):
+        yield file
+
+
 def load_history(directory: str | Path, *, films: bool = True) -> History:
     """History of a run: complete, interrupted, failed, killed, or one that goes on.
 
@@ -574,17 +607,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
     summary, scene = _summary(folder), _scene(folder)
     if not path.exists():
         raise InputError(f"{folder}: {missing(path, 'not a results folder, it has no')}")
-    with named(InputError, f"{path}: not a history of a run"), open_hdf5(path) as file:
-        version = file.attrs.get("format_version", 1)
-        if version != FORMAT_VERSION:
-            raise InputError(
-                f"{path}: a history of layout {version}, this program reads {FORMAT_VERSION}: run "
-                f"the scene anew, or read {CSV_NAME} beside it"
-            )
-        # HDF5 1.14 reads zeros beyond the end of a file that was cut off.
-        whole, size = file.id.get_filesize(), path.stat().st_size
-        if size < whole:
-            raise OSError(f"it ends after {size} of {whole} bytes")
+    with opened_history(path, "not a history of a run") as file:
         state = file["state/coordinates"].attrs
         names, units = (tuple(text.decode() for text in state[n]) for n in ("names", "units"))
         return History(_read(file, films), names, units, summary, scene)
@@ -601,8 +624,8 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
     found = {}
     for path in dict.fromkeys(paths):
         data = file[path]
-        if isinstance(data, h5py.Dataset) and (films or not of_film(path)):
-            require_numbers(data)
+        wanted = films or not of_film(path)
+        if isinstance(data, h5py.Dataset) and wanted and not path.startswith(f"{RESUME}/"):
             units = data.attrs["units"]
             # One for every column, of the state.
             mixed = isinstance(units, np.ndarray)

@@ -6,10 +6,9 @@ complete result it works in ``replacement`` there, whose files take the place of
 as it is complete, too. Killed at any instant, the folder holds a run to go on with, or results, or
 both.
 
-A checkpoint is what a run carries from step to step and its history lacks: points of the
-integrator's formula, the search for a cycle, running integrals, times. The history is written
-before it, so that the step of a checkpoint is always in the history; a run that goes on drops the
-later ones, and takes bitwise the steps of one that was not interrupted.
+A checkpoint is the history so far, and with it in one file what a run carries from step to step
+and no row has: points of the integrator's formula, the search for a cycle, times. A run that goes
+on takes bitwise the steps of one that was not interrupted.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ from types import TracebackType
 from typing import Any
 
 import click
-import numpy as np
 from mpi4py import MPI
 from tqdm import tqdm
 
@@ -55,9 +53,17 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.processes import interrupt_between_steps
-from fenics_ehd.base.sealed_file import named, open_sealed, read_tree, save_tree
+from fenics_ehd.base.sealed_file import read_tree
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.history import CSV_NAME, FIELDS_NAME, History, load_history, missing
+from fenics_ehd.multibody.history import (
+    CSV_NAME,
+    FIELDS_NAME,
+    RESUME,
+    History,
+    load_history,
+    missing,
+    opened_history,
+)
 from fenics_ehd.multibody.newton import MechanismStep, SolverState
 from fenics_ehd.multibody.simulation import Simulation
 
@@ -97,13 +103,8 @@ BODY_FILE = "body-{}.h5"
 #: Series for ParaView; and a run that is to replace the complete result beside it.
 SERIES, REPLACEMENT = "vtk/", "replacement/"
 
-#: A run that can go on: its file, and name and version of the format.
-CHECKPOINT = "checkpoint.h5"
-CHECKPOINT_FORMAT = "fenics_ehd checkpoint"
-CHECKPOINT_VERSION = 4
-
 #: What a run consists of, beside its bodies. The history is there as soon as there is a step.
-RUN = (FIELDS_NAME, CSV_NAME, CHECKPOINT, SCENE_NAME, ACCURACY)
+RUN = (FIELDS_NAME, CSV_NAME, SCENE_NAME, ACCURACY)
 
 #: What is made of a run that came to an end. The summary says that all else is there: it is the
 #: first to go and the last to come.
@@ -202,7 +203,7 @@ class RunFolder:
             if not (overwrite or resume):
                 require_no_result(self.directory)
             claim(self.directory, (*MADE, *RUN, *files, REPLACEMENT))
-            if (replacement / CHECKPOINT).exists() if resume else complete_result(self.directory):
+            if (replacement / FIELDS_NAME).exists() if resume else complete_result(self.directory):
                 self.path = replacement
                 claim(self.path, (*MADE, *RUN, *files))
         except BaseException:
@@ -245,7 +246,7 @@ class RunFolder:
         """Leave nothing behind of a run that has no step, but the film that failed."""
 
         def holds(name: str, *more: str) -> bool:
-            there = (CHECKPOINT, SUMMARY, *more)
+            there = (FIELDS_NAME, SUMMARY, *more)
             return any((self.directory / name / file).exists() for file in there)
 
         with suppress(OSError, InputError):
@@ -261,7 +262,8 @@ class RunFolder:
         lines = []
         if self.path != self.directory and self.path.exists():
             lines.append(f"{self.directory}: its complete result stays, this run is in {self.path}")
-        if isinstance(error, KeyboardInterrupt | OutputError) and (self.path / CHECKPOINT).exists():
+        begun = (self.path / FIELDS_NAME).exists()
+        if begun and isinstance(error, KeyboardInterrupt | OutputError):
             lines.append(f"go on with: fenics-ehd run --resume {self.directory}")
         with suppress(OSError):  # whoever was reading may be gone
             for line in lines:
@@ -307,46 +309,6 @@ class CsvFile:
         return open(self._path, "ab", buffering=0)
 
 
-def save_checkpoint(path: str | Path, tree: Mapping[str, Any]) -> None:
-    """Write a checkpoint aside, put it on the disk and rename it over the former one.
-
-    Parameters
-    ----------
-    path
-        File.
-    tree
-        Dictionaries of dictionaries, arrays, numbers and text.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written; the former one stays.
-    """
-    save_tree(path, tree, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
-
-
-def load_checkpoint(path: str | Path) -> dict[str, Any]:
-    """The tree of a checkpoint: arrays, and Python numbers and text in place of scalars.
-
-    Raises
-    ------
-    InputError
-        There is no checkpoint, or the file is none, or it changed since it was written.
-    """
-    folder = Path(path).parent
-    if not Path(path).exists():
-        raise InputError(
-            f"{folder}: no checkpoint to go on from, {missing(Path(path), 'it has no')}"
-        )
-    with (
-        named(InputError, f"{path}: no checkpoint to go on from"),
-        open_sealed(
-            path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, remedy="run the scene anew"
-        ) as file,
-    ):
-        return read_tree(file)
-
-
 #: Seconds between two checkpoints, unless told otherwise.
 CHECKPOINT_EVERY = 10.0
 
@@ -385,25 +347,23 @@ class Checkpoint:
 
 
 def load_run_state(folder: Path) -> Checkpoint:
-    """The checkpoint of a run, which its history must reach.
+    """The checkpoint of a run.
 
     Raises
     ------
     InputError
-        See `load_checkpoint`; or there is no history, or the state of the checkpoint is not in it.
+        The folder has no run to go on with, or it changed since it was written.
     """
-    tree = load_checkpoint(folder / CHECKPOINT)
-    with named(InputError, f"{folder / CHECKPOINT}: no checkpoint to go on from"):
-        state, history = tree["state"], load_history(folder)
-        integrator = state["integrator"] = _integration(state["integrator"])
-        if "cycles" in state:
-            state["cycles"]["began"] = _integration(state["cycles"]["began"])
-        # The history may be of a later step: the checkpoint is written after it.
-        rows = int(np.searchsorted(history.values["time"], integrator.time, side="right"))
-        row = history.coordinates[rows - 1]
-        if not rows or not np.array_equal(row, integrator.x[0][: len(row)]):
-            raise ValueError("it is not of a step of the history: start anew")
-        return Checkpoint(**tree, history=history.each(lambda values: values[:rows]))
+    path, refused = folder / FIELDS_NAME, "no checkpoint to go on from"
+    if not path.exists():
+        raise InputError(f"{folder}: {refused}, {missing(path, 'it has no')}")
+    with opened_history(path, refused) as file:
+        tree = read_tree(file[RESUME])
+    state = tree["state"]
+    state["integrator"] = _integration(state["integrator"])
+    if "cycles" in state:
+        state["cycles"]["began"] = _integration(state["cycles"]["began"])
+    return Checkpoint(**tree, history=load_history(folder))
 
 
 def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
@@ -422,8 +382,8 @@ def save_run_state(run: Simulation, directory: Path, about: Mapping[str, Any]) -
     about
         Fields of `Checkpoint` on the run that began.
     """
-    run.tracker.history().write(directory / FIELDS_NAME)
-    save_checkpoint(directory / CHECKPOINT, {**about, "state": run.state})
+    found = {**about, "state": run.state}
+    run.tracker.history().write(directory / FIELDS_NAME, state=found)
 
 
 def recorded_steps(
@@ -572,7 +532,6 @@ def record_run(
     summary = leave(status)
     if run.cycles is not None:
         # What is left is no run to go on with.
-        (directory / CHECKPOINT).unlink()
         replace(run.history(), told=summary).save(directory)
     return summary
 

@@ -17,14 +17,13 @@ import attrs
 from tqdm import tqdm
 
 from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, write_whole
-from fenics_ehd.multibody.history import History, load_history
+from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.results.recorded_run import (
     BODY_FILE,
-    CHECKPOINT,
     CHECKPOINT_EVERY,
     SCENE_NAME,
     Checkpoint,
@@ -78,7 +77,8 @@ def run(
     directory = Path(folder)
     if resume:
         with RunFolder(directory, resume=True) as held:
-            if complete_result(held.path) is None or (held.path / CHECKPOINT).exists():
+            # A periodic solution keeps its last cycle, and nothing to go on with.
+            if "cycles" not in (complete_result(held.path) or {}):
                 found, former = stored_scene(held.path), load_run_state(held.path)
                 run_accurately(*found, held.path, search_of(held.path), former=former)
         return load_history(directory)
@@ -274,7 +274,7 @@ def run_accurately(
             return scene, built, summary
         told(search)
         # Whoever finds the folder so, finds no result that is not that of its scene.
-        for name in (SUMMARY, CHECKPOINT):
+        for name in (SUMMARY, FIELDS_NAME):
             (directory / name).unlink(missing_ok=True)
         former, last = None, scene
         scene = search.go_on(scene)

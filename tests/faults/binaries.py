@@ -208,8 +208,8 @@ def structures(world: World, random: Random) -> Iterator[Case]:
 
 
 def stopped_runs(world: World, random: Random) -> Iterator[Case]:
-    """Checkpoint, history and body of a run that shall go on."""
-    files = ("checkpoint.h5", "checkpoint.h5", "history.h5", "body-rod.h5")
+    """History and body of a run that shall go on."""
+    files = ("history.h5", "history.h5", "history.h5", "body-rod.h5")
     streams = [_hdf5_case(world, "stopped run", "resume", name, random) for name in files]
     while True:
         for stream in streams:

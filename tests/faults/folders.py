@@ -56,7 +56,7 @@ def names(world: World, random: Random) -> Iterator[Case]:
 
 #: What may be in a folder that results shall go to; a slash behind a folder.
 OTHERS = ("scene.toml", "body-rod.h5", "rod.h5", "history.csv", "history.h5", "summary.json",
-          "checkpoint.h5", "checkpoint.h5.part", "manifest.txt", "orbit.png", "orbit-notes.svg",
+          "manifest.txt", "orbit.png", "orbit-notes.svg",
           "animation.pptx", "stress.json", ".lock", "vtk/", "replacement/", ".run-backup/",
           ".moving-a1/", ".ended-x/", "runs/", "figures/")  # fmt: skip
 
@@ -129,7 +129,7 @@ def links(world: World, random: Random) -> Iterator[Case]:
 
         return write
 
-    places = ("manifest.txt", "history.h5", "history.csv", "checkpoint.h5", "checkpoint.h5.part",
+    places = ("manifest.txt", "history.h5", "history.csv",
               "summary.json", "vtk", "replacement", "replacement/vtk", "runs", "figures",
               ".moving-a1/d", ".ended-x", ".run-y")  # fmt: skip
     lists = ("", "\nvtk/\nreplacement/\nruns/\nfigures/\n", "\n../elsewhere/mine\n", "\nvtk/mine\n",
@@ -162,7 +162,7 @@ def _link(file: h5py.File) -> None:
 def storage(world: World, random: Random) -> Iterator[Case]:
     """Data that lie in another file, under a digest that is right."""
     files = {"rod.h5": "run", "part.h5": "structure", "out/body-rod.h5": "resume",
-             "out/checkpoint.h5": "resume", "out/history.h5": "resume"}  # fmt: skip
+             "out/history.h5": "resume"}  # fmt: skip
 
     def prepare(name: str, change: Callable[[h5py.File], None]) -> Callable[[Path], None]:
         def write(folder: Path) -> None:
