@@ -31,7 +31,7 @@ from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import claim, listed
-from fenics_ehd.base.sealed_file import open_sealed, read_tree, save_tree
+from fenics_ehd.base.sealed_file import digest, open_sealed, read_tree, save_tree
 from fenics_ehd.multibody.history import fixed
 from fenics_ehd.multibody.periodic import Cycles
 from fenics_ehd.multibody.run import Run, Steps
@@ -279,7 +279,7 @@ def test_what_cannot_go_on_is_refused(prepared, tmp_path, capsys):
     assert call("run") == 2
     (tmp_path / "history.h5").write_bytes(b"no HDF5")
     assert call("run", "--resume", tmp_path) == 2
-    assert "history.h5: no checkpoint to go on from" in capsys.readouterr().err
+    assert "history.h5" in capsys.readouterr().err
 
 
 def test_no_model_is_run_in_place_of_a_body_that_is_missing(prepared, tmp_path, capsys):
@@ -468,10 +468,11 @@ def test_a_state_is_the_same_after_a_file(name, tmp_path):
     run = Run(built.mechanism, Steps(tolerance=0.1), built.period)
     simulation = Simulation(run, built.period, Cycles(run, built.period, 0.9))
     deque(islice(simulation.steps(), 5), maxlen=0)
-    save_run_state(simulation, tmp_path, ABOUT)
-    before = (tmp_path / "history.h5").read_bytes()
-    former = load_run_state(tmp_path)
-    simulation.state = former.state
-    simulation.tracker.take(former.history)
-    save_run_state(simulation, tmp_path, ABOUT)
-    assert (tmp_path / "history.h5").read_bytes() == before
+    found = []
+    for _ in range(2):
+        save_run_state(simulation, tmp_path, ABOUT)
+        found.append(load_run_state(tmp_path))
+        simulation.state = found[-1].state
+        simulation.tracker.take(found[-1].history)
+    first, second = ((digest(own.state), digest(own.history.values)) for own in found)
+    assert first == second

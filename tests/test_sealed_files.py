@@ -272,6 +272,6 @@ def test_a_part_that_the_disk_has_no_room_for_is_named(kind, tmp_path):
         capture_output=True, text=True, timeout=120, cwd=os.path.dirname(__file__),
     )  # fmt: skip
     assert found.returncode == 0, found.stderr
-    assert "file.h5" in found.stdout
+    assert FILE in found.stdout
     assert "File too large" in found.stdout
     assert not (tmp_path / FILE).exists()
