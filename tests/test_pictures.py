@@ -1,6 +1,8 @@
 """Pictures of runs: which there are, and that they show what the history holds."""
 
 import json
+import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from shutil import copytree
@@ -9,7 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from command_line import call
-from csv_history import edited
 from recorded_runs import short_run
 
 import fenics_ehd as ehd
@@ -470,9 +471,10 @@ def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
 
 def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, capsys):
     other = copytree(bearings.directory, tmp_path / "other")
-    with edited(other) as file:
-        for name in ("left", "right"):
-            file.move(f"joints/{name}", f"joints/{name}most")
+    history = ehd.load_history(other)
+    moved = partial(re.sub, "joints/(left|right)/", r"joints/\1most/")
+    values = {moved(path): own for path, own in history.values.items()}
+    replace(history, values=values).save(other)
     assert plot(bearings.directory, other, "--difference", "-o", tmp_path / "none") == 2
     assert "left, right of the first and leftmost, rightmost of the second" in (
         capsys.readouterr().err
