@@ -373,14 +373,14 @@ def test_a_tree_returns_what_it_was_given(tmp_path):
     assert isinstance(found["rows"], int)
 
 
-ABOUT = {"reduction_seconds": 0.0, "name": "case", "scene": {}}
+BEGAN = {"about": {"reduction_time_s": 0.0, "scene": "case"}, "digests": {}}
 
 
 @pytest.mark.parametrize(("whole", "steps"), [(True, 2), (False, 1)])
 def test_the_last_whole_step_is_stored_where_a_run_ends(whole, steps, tmp_path):
     mechanism = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (12, 2)))
     run = Run(mechanism, Steps(tolerance=1e-2), 1e-5)
-    with closing(recorded_steps(Simulation(run, 1e-5), tmp_path, ABOUT, 1000)) as steps_so_far:
+    with closing(recorded_steps(Simulation(run, 1e-5), tmp_path, BEGAN, 1000)) as steps_so_far:
         deque(islice(steps_so_far, 2), maxlen=0)
         assert steps_of(tmp_path) == len(ehd.load_history(tmp_path)) == 1
         if not whole:
@@ -470,7 +470,7 @@ def test_a_state_is_the_same_after_a_file(name, tmp_path):
     deque(islice(simulation.steps(), 5), maxlen=0)
     found = []
     for _ in range(2):
-        save_run_state(simulation, tmp_path, ABOUT)
+        save_run_state(simulation, tmp_path, BEGAN)
         found.append(load_run_state(tmp_path))
         simulation.state = found[-1].state
         simulation.tracker.take(found[-1].history)

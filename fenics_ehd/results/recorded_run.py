@@ -319,31 +319,30 @@ REST = 10.0
 Judge = Callable[[Simulation, Path], Mapping[str, Any]]
 
 
+#: What a summary says of the run that began, also of one that went on.
+BEGAN = ("reduction_time_s", "scene")
+
+
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
     """A run that can go on.
 
     Attributes
     ----------
-    reduction_seconds, name, scene
-        Of the run that began: time of its reductions [s], name of its scene, and digests of what
-        it must go on with, by the names of files.
+    about
+        Entries of the summary that stay those of the run that began: `BEGAN`.
+    digests
+        Of what it must go on with, by the names of files.
     state
         After its last step, see `Simulation`.
     history
         Up to that step.
     """
 
-    reduction_seconds: float
-    name: str
-    scene: dict[str, str]
+    about: dict[str, Any]
+    digests: dict[str, str]
     state: dict[str, Any]
     history: History
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """What the summary says of the run that began."""
-        return {"reduction_time_s": self.reduction_seconds, "scene": self.name}
 
 
 def load_run_state(folder: Path) -> Checkpoint:
@@ -372,28 +371,28 @@ def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
     return IntegratorState(**{**tree, "solver": solver and SolverState(**solver)})
 
 
-def save_run_state(run: Simulation, directory: Path, about: Mapping[str, Any]) -> None:
+def save_run_state(run: Simulation, directory: Path, fields: Mapping[str, Any]) -> None:
     """Store a run and its history.
 
     Parameters
     ----------
     run, directory
         The run, and its folder.
-    about
+    fields
         Fields of `Checkpoint` on the run that began.
     """
-    found = {**about, "state": run.state}
+    found = {**fields, "state": run.state}
     run.tracker.history().write(directory / FIELDS_NAME, state=found)
 
 
 def recorded_steps(
-    run: Simulation, directory: Path, about: Mapping[str, Any], interval: float
+    run: Simulation, directory: Path, fields: Mapping[str, Any], interval: float
 ) -> Generator[MechanismStep, None, None]:
     """Accepted steps, whose rows are on the disk, and checkpoints: the last one where they end.
 
     Parameters
     ----------
-    run, directory, about
+    run, directory, fields
         As of `save_run_state`.
     interval
         Seconds between two checkpoints, at least `REST` times what the last one took; the first
@@ -406,13 +405,13 @@ def recorded_steps(
             table.write(row)
             whole, began = run.run.state, monotonic()
             if began >= due:
-                save_run_state(run, directory, about)
+                save_run_state(run, directory, fields)
                 due = monotonic() + max(interval, REST * (monotonic() - began))
             yield step
     finally:
         # In the middle of a step, by a second Ctrl-C say, there is nothing to go on from.
         if run.run.state is whole:
-            save_run_state(run, directory, about)
+            save_run_state(run, directory, fields)
 
 
 def estimate_errors(run: Simulation, directory: Path) -> dict[str, Any]:
@@ -498,8 +497,8 @@ def record_run(
         run.state = former.state
         tracker.take(former.history)
         about = {**about, **former.about}
-    began = {"reduction_seconds": about["reduction_time_s"], "name": about["scene"]}
-    steps = recorded_steps(run, directory, {**began, "scene": fingerprints}, interval)
+    began = {"about": {name: about[name] for name in BEGAN}, "digests": fingerprints}
+    steps = recorded_steps(run, directory, began, interval)
 
     def leave(status: str) -> dict[str, Any]:
         seconds = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
@@ -563,7 +562,7 @@ def require_same_scene(former: Checkpoint, scene: Mapping[str, str], directory: 
     InputError
         Naming the file.
     """
-    stored = former.scene
+    stored = former.digests
     changed = [name for name in {**stored, **scene} if stored.get(name) != scene.get(name)]
     if changed:
         raise InputError(
