@@ -24,10 +24,10 @@ from fenics_ehd.plotting.animated_bodies import (
     carried_fields,
     front_faces,
     outline,
-    round_scale,
     shape_of_bores,
 )
 from fenics_ehd.plotting.animation import Bearing, draw, draw_pin, draw_slider, save_animation
+from fenics_ehd.plotting.maps import round_scale
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.reduction import BasisFile
 from fenics_ehd.reduction.matrices import multiply

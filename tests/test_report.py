@@ -243,7 +243,7 @@ def test_nothing_is_drawn_below_the_reference_s_own_error(folder):
             for axes in figure.axes
         ]  # fmt: skip
         figures.plt.close(figure)
-    floors = [min(r.floor(q) for r in joints[0].measured("methods")) for q in QUANTITIES]
+    floors = [100 * min(r.floor(q) for r in joints[0].measured("methods")) for q in QUANTITIES]
     # M4 lies below and is drawn at the floor itself, by a sign that says so.
     np.testing.assert_allclose(lowest["time"], floors)
     assert [figures.BOUND in seen for seen in signs["time"]] == [True, True]

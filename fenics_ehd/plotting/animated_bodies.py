@@ -20,28 +20,15 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.fem.solid import Solid
+from fenics_ehd.plotting.maps import round_scale
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.reduction.body import bore_fields
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.paraview import PartFields
 
-#: Nodes around each face of VTK's quadratic cells, by their number of nodes; outward normals.
-_FACES = {
-    20: [
-        [0, 11, 3, 10, 2, 9, 1, 8],
-        [4, 12, 5, 13, 6, 14, 7, 15],
-        [0, 8, 1, 17, 5, 12, 4, 16],
-        [1, 9, 2, 18, 6, 13, 5, 17],
-        [2, 10, 3, 19, 7, 14, 6, 18],
-        [3, 11, 0, 16, 4, 15, 7, 19],
-    ],
-    10: [
-        [0, 6, 2, 5, 1, 4],
-        [0, 4, 1, 8, 3, 7],
-        [1, 5, 2, 9, 3, 8],
-        [2, 6, 0, 7, 3, 9],
-    ],
-}
+#: Kinds of solid cells, by their number of nodes.
+KINDS = {20: "hex", 10: "tet"}
 
 #: Cosine to the axis of the flattest face that still counts as turned to the viewer.
 FACING = 0.1
@@ -64,17 +51,13 @@ def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
     numpy.ndarray
         Nodes around each face, corners and edge midpoints in turn, shape (f, 8 or 6).
     """
-    faces = cells[:, np.array(_FACES[cells.shape[1]])].reshape(-1, len(_FACES[cells.shape[1]][0]))
-    # An inner face belongs to two cells.
-    _, first, counts = np.unique(
-        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    outside = faces[first[counts == 1]]
-    corners = nodes[outside[:, ::2]]
+    facets = Solid(nodes, cells, KINDS[cells.shape[1]]).facets()
+    count = facets.shape[1] // 2
+    corners = nodes[facets[:, :count]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    cosine = normal[:, 2] / np.linalg.norm(normal, axis=1)
-    front = outside[cosine > FACING]
-    return front[np.argsort(nodes[front, 2].mean(axis=1), kind="stable")]
+    front = facets[normal[:, 2] > FACING * np.linalg.norm(normal, axis=1)]
+    front = front[np.argsort(nodes[front, 2].mean(axis=1), kind="stable")]
+    return np.stack([front[:, :count], front[:, count:]], axis=2).reshape(-1, 2 * count)
 
 
 def outline(faces: np.ndarray) -> np.ndarray:
@@ -247,12 +230,6 @@ def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> 
         extent = DRAWN_DISPLACEMENT * np.ptp(rest, axis=0).max()
         largest.append(float(extent / max(furthest, 1e-3 * extent)))
     return round_scale(min(largest, default=1.0))
-
-
-def round_scale(largest: float) -> float:
-    """The number with one digit that comes next below another one, at least 1."""
-    power = 10.0 ** np.floor(np.log10(largest))
-    return float(max(1.0, power * np.floor(largest / power * (1 + 1e-9))))
 
 
 def carried_fields(part: ReducedBody) -> np.ndarray:

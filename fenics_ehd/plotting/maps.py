@@ -234,14 +234,18 @@ def outward(gap: np.ndarray, place: np.ndarray, clearance: float) -> np.ndarray:
 
 
 def _scale(joint: ShownJoint, steps: list[int]) -> float:
-    """Enlargement, to two digits."""
+    """Enlargement, a round number."""
     largest = clearance = joint.film.clearance
     for step in steps:
         gap, _, place = profile(joint, step)
         largest = max(largest, float(np.abs(outward(gap, place, clearance)).max()))
-    scale = ENLARGED * joint.film.radius / largest
-    digits = 10.0 ** (np.floor(np.log10(scale)) - 1)
-    return float(np.floor(scale / digits) * digits)
+    return round_scale(ENLARGED * joint.film.radius / largest)
+
+
+def round_scale(largest: float) -> float:
+    """The number with one digit that comes next below another one, at least 1."""
+    power = 10.0 ** np.floor(np.log10(largest))
+    return float(max(1.0, power * np.floor(largest / power * (1 + 1e-9))))
 
 
 def _draw(axes: Axes, joint: ShownJoint, step: int, scale: float) -> None:

@@ -17,7 +17,7 @@ import matplotlib
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import unit, unit_of
-from fenics_ehd.base.files import PICTURE_FORMATS, require_writable, write_whole
+from fenics_ehd.base.files import PICTURE_FORMATS, claim, require_writable, write_whole
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
@@ -96,9 +96,17 @@ def require_format(option: str, path: str | Path, known: Collection[str]) -> Non
     require_writable(path)
 
 
-def in_formats(directory: str | Path, name: str) -> list[Path]:
-    """Files of a picture in each of `PICTURE_FORMATS`."""
-    return [Path(directory) / f"{name}.{suffix}" for suffix in PICTURE_FORMATS]
+def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Path]:
+    """Write a figure in each of `PICTURE_FORMATS` into a folder of this program, and close it.
+
+    Raises
+    ------
+    InputError
+        A file of that name there is not the program's.
+    """
+    names = [f"{name}.{suffix}" for suffix in PICTURE_FORMATS]
+    claim(Path(directory), names)
+    return save(figure, [Path(directory) / name for name in names])
 
 
 def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:

@@ -9,10 +9,10 @@ from types import MappingProxyType
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import PICTURES, claim
+from fenics_ehd.base.files import PICTURES
 from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, mean, orbit
 from fenics_ehd.plotting.maps import Bores, Map, least, most
-from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, in_formats, plt, save
+from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, plt, save_in_formats
 from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
 
 _BY_NAME: dict[str, Curves | Paths | Map | Bores] = {
@@ -239,9 +239,7 @@ class Pictures:
                 )
             else:
                 figure = quantity.draw(rows)
-            pictures = in_formats(directory, self._file(name))
-            claim(Path(directory), [path.name for path in pictures])
-            return save(figure, pictures)
+            return save_in_formats(figure, directory, self._file(name))
 
     def _file(self, name: str) -> str:
         several = ["difference" if self._difference else "comparison"] * (len(self._runs) > 1)

@@ -16,8 +16,8 @@ from __future__ import annotations
 import io
 import os
 import platform
+import re
 from collections.abc import Mapping
-from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -460,12 +460,6 @@ def describe_study(study: Study) -> dict[str, object]:
     }
 
 
-def call(workers: int, runs: int) -> dict[str, object]:
-    """One call of the program: when, how many runs it had to make, how many at a time."""
-    date = datetime.now(UTC).strftime("%Y-%m-%d")
-    return {"date": date, "version": __version__, "workers": workers, "runs": runs}
-
-
 def former_calls(path: Path) -> list[dict[str, object]]:
     """Calls that an earlier ``study.json`` tells of, some of whose runs may have stayed."""
     try:
@@ -477,20 +471,13 @@ def former_calls(path: Path) -> list[dict[str, object]]:
 def machine() -> dict[str, object]:
     """Processor, cores that this process may use, memory [GB] and operating system."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    told = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     return {
-        "cpu": _processor(),
+        "cpu": told[1] if told else platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_GB": round(memory, 1),
         "os": platform.platform(),
     }
-
-
-def _processor() -> str:
-    with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.machine()
 
 
 def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
@@ -516,7 +503,9 @@ def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
     missing = folder.take_stock()
     calls = former_calls(folder.path / STUDY)
     if missing:
-        calls.append(call(pool.width, len(missing)))
+        date = datetime.now(UTC).strftime("%Y-%m-%d")
+        own = {"date": date, "version": __version__, "workers": pool.width, "runs": len(missing)}
+        calls.append(own)
     folder.write(STUDY, describe_study(study) | {"calls": calls})
     folder.write_tables()
     # Those with the shortest steps take longest.

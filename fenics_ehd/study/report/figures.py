@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.interpolate import CubicSpline
 
@@ -115,9 +114,13 @@ def line_style(row: StudyRow) -> dict[str, Any]:
 def families(
     rows: Iterable[StudyRow], name: Callable[[StudyRow], str] = family
 ) -> dict[str, list[StudyRow]]:
-    """Runs that have a name in common, few coordinates and tight tolerances first."""
+    """Runs that have a name in common, few coordinates, tight tolerances and few cells first."""
+
+    def order(row: StudyRow) -> tuple[str, float, float, int]:
+        return name(row), row["coordinates"], row["tolerance"], cells(row)
+
     grouped: dict[str, list[StudyRow]] = {}
-    for row in sorted(rows, key=lambda row: (name(row), row["coordinates"], row["tolerance"])):
+    for row in sorted(rows, key=order):
         grouped.setdefault(name(row), []).append(row)
     return grouped
 
@@ -131,27 +134,21 @@ def shade(row: StudyRow, share: float | None = None) -> tuple[float, ...]:
     return tuple(map(float, rgb))
 
 
-def percent_axis(axes: Axes, label: str) -> None:
-    """Logarithmic axis of relative errors, told in percent."""
-    axes.set(yscale="log", ylabel=f"{label} [%]")
-    plain_figures(axes.yaxis, 100.0)
+def percent_axes(axes: Axes, xlabel: str, ylabel: str) -> None:
+    """Logarithmic axes, errors in percent along y."""
+    axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
+    plain_figures(axes.yaxis)
 
 
-def plain_log_axis(axes: Axes, label: str) -> None:
-    """Logarithmic x axis with figures in full at 1, 2 and 5."""
-    axes.set(xscale="log", xlabel=label)
-    plain_figures(axes.xaxis)
-
-
-def plain_figures(axis: Axis, factor: float = 1.0, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
+def plain_figures(axis: Axis, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
     """Figures in full at these places of every decade."""
     axis.set_major_locator(LogLocator(subs=at))
-    axis.set_major_formatter(lambda value, _: f"{factor * value:g}")
+    axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
 
 
 def draw_floor(axes: Axes, floor: float, label: str = FLOOR_LABEL) -> None:
-    """Band of the errors that mean nothing, the reference's own, and an axis that ends in it."""
+    """Band of errors [%] that mean nothing, the reference's own, and an axis that ends in it."""
     if floor > 0:
         axes.axhspan(floor / 10, floor, color=FLOOR, zorder=0, linewidth=0, label=label)
         axes.set_ylim(bottom=floor / 1.6)
@@ -220,10 +217,10 @@ LABELS = {
 #: Runs at other step tolerances than the study's.
 SMALL = {"linestyle": "", "alpha": 0.55, "markersize": 4, "zorder": 1.5}
 
-#: Closest points of the hull with a label each, in decades.
-LABEL_DISTANCE = 0.2
+#: Closest points of the hull with a label each: the larger of the ratios of cost and error.
+LABEL_DISTANCE = 1.6
 
-#: Cost, error, and the run that has them.
+#: Cost, error [%], and the run that has them.
 Point = tuple[float, float, StudyRow]
 
 
@@ -247,38 +244,34 @@ def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
     groups = ("methods", "tolerance") if cost == ONLINE else ("methods",)
 
     def draw(axes: Axes, rows: list[StudyRow], _: JointData, quantity: Quantity) -> None:
-        points = [(row[cost], row.visible_error(quantity), row) for row in rows]
-        bounded = {row for row in rows if row.bounded(quantity)}
-        percent_axis(axes, f"largest error of {quantity.title}")
-        plain_log_axis(axes, LABELS[cost])
+        percent_axes(axes, LABELS[cost], f"largest error of {quantity.title} [%]")
+        plain_figures(axes.xaxis)
         if cost == ONLINE:
-            _draw_hull(axes, points)
-        _draw_points(axes, points, bounded)
-        draw_floor(axes, max(row.floor(quantity) for row in rows))
+            _draw_hull(axes, [(row[cost], 100 * row.visible_error(quantity), row) for row in rows])
+        _draw_points(axes, rows, cost, quantity)
+        draw_floor(axes, 100 * max(row.floor(quantity) for row in rows))
 
     shown = {joint: [row for row in joint.measured(*groups) if row[cost] > 0] for joint in joints}
     return joint_figure(shown, 4.4, draw)
 
 
-def _draw_points(axes: Axes, points: Sequence[Point], bounded: set[StudyRow]) -> None:
+def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, quantity: Quantity) -> None:
     """Runs of a method joined from few modes to many, small signs at other step tolerances.
 
     Runs of which only a bound is known stand on the edge of the grey band with a sign of it.
     """
-    place = {row: (x, y) for x, y, row in points}
-    for label, members in families([row for row in place if row["group"] == "methods"]).items():
-        seen = [i for i, row in enumerate(members) if row not in bounded]
+    for label, members in families([r for r in rows if r["group"] == "methods"]).items():
+        errors = [100 * row.visible_error(quantity) for row in members]
+        seen = [i for i, row in enumerate(members) if not row.bounded(quantity)]
         style = line_style(members[0]) | {"linewidth": 1.2}
-        axes.plot(*zip(*map(place.get, members), strict=True), label=label, markevery=seen, **style)
-    others = [row for row in place if row["group"] != "methods"]
-    for row in others:
-        if row not in bounded:
-            axes.plot(*place[row], **(line_style(row) | SMALL))
-    if others:
-        axes.plot([], [], "o", color="0.5", label="small signs: other step tolerances",
-                  markersize=4, alpha=0.55)  # fmt: skip
-    for row in filter(bounded.__contains__, place):
-        axes.plot(*place[row], BOUND, color=line_style(row)["color"], label=BOUND_LABEL)
+        axes.plot([row[cost] for row in members], errors, label=label, markevery=seen, **style)
+    others = "small signs: other step tolerances"
+    for row in rows:
+        style, place = line_style(row), (row[cost], 100 * row.visible_error(quantity))
+        if row.bounded(quantity):
+            axes.plot(*place, BOUND, color=style["color"], label=BOUND_LABEL)
+        elif row["group"] != "methods":
+            axes.plot(*place, label=others, **(style | SMALL))
 
 
 def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
@@ -308,10 +301,10 @@ def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
 
 def _apart(hull: Sequence[Point]) -> list[Point]:
     """Points far enough from each other for a label, the more accurate ones first."""
-    kept: list[Point] = []
-    for x, y, row in reversed(hull):
-        steps = (math.log10(kept[-1][0] / x), math.log10(y / kept[-1][1])) if kept else (math.inf,)
-        if max(steps) >= LABEL_DISTANCE:
+    kept = [hull[-1]]
+    for x, y, row in reversed(hull[:-1]):
+        last_x, last_y, _ = kept[-1]
+        if max(last_x / x, y / last_y) >= LABEL_DISTANCE:
             kept.append((x, y, row))
     return kept
 
@@ -359,14 +352,13 @@ def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
     def draw(axes: Axes, _: object, joint: JointData, quantity: Quantity) -> None:
         floor = joint.own_error("step", quantity)
         series, told = tolerance_series(joint, quantity), ["slopes"]
+        percent_axes(axes, "time.tolerance", f"largest step error of {quantity.title} [%]")
         for label, (row, points) in series.items():
             exponent = slope(points, floor)
             told += [f"{family(row)}: {exponent:.2f}"] if math.isfinite(exponent) else []
-            axes.plot(*zip(*points, strict=True), label=label, **line_style(row))
-        percent_axis(axes, f"largest step error of {quantity.title}")
-        axes.set(xscale="log", xlabel="time.tolerance")
+            axes.plot(*(np.array(points) * [1, 100]).T, label=label, **line_style(row))
         _draw_guide(axes, *min(series.values(), key=lambda item: item[1][-1][1]))
-        draw_floor(axes, floor)
+        draw_floor(axes, 100 * floor)
         axes.text(0.03, 0.97, "\n".join(told), transform=axes.transAxes, va="top", fontsize=8.5)
 
     return joint_figure({joint: tolerance_series(joint, FILM) for joint in joints}, 4.2, draw)
@@ -382,7 +374,7 @@ def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
         return
     (first, _), (last, error) = points[0], points[-1]
     line, order = np.array([first, last]), round(row["order"])
-    axes.plot(line, 0.5 * error * (line / last) ** (order / (order + 1)), color="0.5",
+    axes.plot(line, 50 * error * (line / last) ** (order / (order + 1)), color="0.5",
               linewidth=1, linestyle=(0, (6, 2)), label=f"slope {order}/{order + 1}")  # fmt: skip
 
 
@@ -390,26 +382,21 @@ def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
     """Error against the number of cells of the film, None without two meshes."""
 
     def draw(axes: Axes, rows: list[StudyRow], joint: JointData, quantity: Quantity) -> None:
+        finest = max((row for row in joint.planned("film") if row.complete), key=cells)
+        against = f"against {finest['film_cells']} cells [%]"
+        percent_axes(axes, "cells of the film", f"largest error of {quantity.title}\n{against}")
+        plain_figures(axes.xaxis)
         for label, members in families(rows).items():
-            ordered = sorted(members, key=cells)
-            errors = [row.visible_error(quantity) for row in ordered]
-            axes.plot([*map(cells, ordered)], errors, label=label, **line_style(ordered[0]))
-        percent_axis(axes, f"largest error of {quantity.title}\nagainst {finest_mesh(joint)} cells")
-        plain_log_axis(axes, "cells of the film")
-        sizes = sorted({cells(row): row["film_cells"] for row in rows}.items())
-        axes.set_xticks([n for n, _ in sizes], [f"{n}\n{text}" for n, text in sizes])
+            errors = [100 * row.visible_error(quantity) for row in members]
+            axes.plot([*map(cells, members)], errors, label=label, **line_style(members[0]))
+        sizes = {cells(row): f"{cells(row)}\n{row['film_cells']}" for row in rows}
+        axes.set_xticks([*sizes], [*sizes.values()])
         floor = max(row.floor(quantity) for row in rows)
-        draw_floor(axes, floor, "error of the last mesh but one")
+        draw_floor(axes, 100 * floor, "error of the last mesh but one")
 
     rows = {joint: joint.measured("film") for joint in joints}
     several = [len(set(map(cells, own))) > 1 for own in rows.values()]
     return joint_figure(rows, 3.9, draw) if all(several) else None
-
-
-def finest_mesh(joint: JointData) -> str:
-    """Cells of the film that the others are measured against, ``60x15`` say; empty: none."""
-    rows = [row for row in joint.planned("film") if row.complete]
-    return str(max(rows, key=cells)["film_cells"]) if rows else ""
 
 
 def cells(row: StudyRow) -> int:
@@ -464,23 +451,17 @@ def _draw_estimate(axes: Axes, rows: Sequence[StudyRow], floor: float) -> None:
                       label="within a factor of two")  # fmt: skip
     if 1e6 * floor > line[0]:
         axes.axvspan(line[0], 1e6 * floor, color=FLOOR, linewidth=0, zorder=0, label=FLOOR_LABEL)
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlim=line,
-        ylim=line,
-        aspect="equal",
-        xlabel="true error of the gap, largest ever [µm]",
-        ylabel="the run's own estimate [µm]",
-    )
+    axes.set(xscale="log", yscale="log", xlim=line, ylim=line, aspect="equal")
+    axes.set_xlabel("true error of the gap, largest ever [µm]")
+    axes.set_ylabel("the run's own estimate [µm]")
     for axis in (axes.xaxis, axes.yaxis):
-        plain_figures(axis, at=(1.0,) if line[1] > CROWDED * line[0] else (1.0, 2.0, 5.0))
+        plain_figures(axis, (1.0,) if line[1] > CROWDED * line[0] else (1.0, 2.0, 5.0))
 
 
 #: Curves of one method from few modes to many.
 LINES = (":", "--", "-.", "-")
 
-#: Share of the time at whose start the film builds up, where it is not drawn in full.
+#: Share of the time at whose start the film builds up, which would hide the rest.
 BUILD_UP = 0.1
 
 
@@ -510,30 +491,25 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
     runs = {joint: [joint.history(row["run"]) for row in rows] for joint in study.joints}
 
     def draw(axes: Axes, reference: History, joint: JointData, quantity: Quantity) -> None:
-        _draw_curve(axes, reference, quantity, color=GREY, linewidth=4.5,
-                    solid_capstyle="butt", label="reference")  # fmt: skip
+        column, factor = quantity.column, factor_of(quantity.label)
+        time = reference["time_s"]
+        axes.plot(1e3 * time, factor * reference[column], color=GREY, linewidth=4.5,
+                  solid_capstyle="butt", label="reference")  # fmt: skip
         for i, (row, history) in enumerate(zip(rows, runs[joint], strict=True)):
+            if history is None:
+                continue
             colour = shade(row, None if shades is None else shades[i])
             dashes = LINES[(i - len(rows)) % len(LINES)]
-            _draw_curve(axes, history, quantity, color=colour, linestyle=dashes, label=sized(row))
+            axes.plot(1e3 * history["time_s"], factor * history[column], color=colour,
+                      linestyle=dashes, label=sized(row))  # fmt: skip
         axes.set(xlabel="time [ms]", ylabel=quantity.label)
-        axes.set_ylim(0, _top(reference, study.start) if quantity is FILM else None)
         axes.margins(x=0)
+        axes.set_ylim(bottom=0)
+        if quantity is FILM:
+            later = time >= (BUILD_UP * time[-1] if study.info["start"] > 0 else 0.0)
+            axes.set_ylim(top=1.15 * factor * float(reference[column][later].max()))
 
     return joint_figure({joint: joint.history(REFERENCE) for joint in study.joints}, 3.9, draw)
-
-
-def _draw_curve(axes: Axes, history: History | None, quantity: Quantity, **style: Any) -> None:
-    if history is not None:
-        values = factor_of(quantity.label) * history[quantity.column]
-        axes.plot(1e3 * history["time_s"], values, **style)
-
-
-def _top(reference: History, start: float) -> float:
-    """Film that is drawn [µm]: the start of an initial value problem would hide the rest."""
-    time = reference["time_s"]
-    later = time >= (BUILD_UP * time[-1] if start > 0 else 0.0)
-    return 1.15 * factor_of(FILM.label) * float(reference[FILM.column][later].max())
 
 
 def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
@@ -562,7 +538,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
         axes.margins(x=0)
         of = "of the film" if quantity is FILM else "of the reference's peak"
         axes.set(xlabel="time [ms]", ylabel=f"error of {quantity.title}\n[% {of}]")
-        axes.set_xlim(left=1e3 * study.start)
+        axes.set_xlim(left=1e3 * study.info["start"])
 
     errors = {
         joint: {row: found for row in rows if (found := joint.errors_over_time(row["run"]))}
@@ -577,7 +553,7 @@ ROW_HEIGHT = 1.75
 #: Modes of a row, and largest deflection in the picture, bore radius 1.
 COLUMNS, DEFLECTION = 6, 0.32
 
-#: Circles of the bore that are drawn, by their place along z, and their lines.
+#: Circles of nodes of the bore that are drawn, by their place along z, and their lines.
 RINGS: dict[str, dict[str, Any]] = {
     "lower edge": {"linewidth": 0.9, "linestyle": ":"},
     "upper edge": {"linewidth": 0.9, "linestyle": "--"},
@@ -646,10 +622,9 @@ def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
     if not shown:
         return None
     size = (WIDTH, ROW_HEIGHT * len(shown))
-    figure, panels = plt.subplots(len(shown), COLUMNS, figsize=size, squeeze=False)
-    # Nothing stands outside these panels that a layout would have to find room for.
-    top = 1 - 0.25 / (ROW_HEIGHT * len(shown))
-    figure.subplots_adjust(left=0.01, right=0.99, bottom=0.0, top=top, hspace=0.16, wspace=0.0)
+    figure, panels = plt.subplots(
+        len(shown), COLUMNS, figsize=size, layout="constrained", squeeze=False
+    )
     for axes in panels.flat:
         axes.set_axis_off()
     for row, (method, kind, body, shapes, notes) in zip(panels, shown, strict=True):
@@ -659,9 +634,7 @@ def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
         for axes, deflection, note in zip(row, radial.T, notes, strict=False):
             _draw_shape(axes, body.bore_nodes, deflection, COLOURS[method])
             axes.text(0, 0, note, ha="center", va="center", fontsize=8.5)
-    rings = [Line2D([], [], color="0.3", label=ring, **style) for ring, style in RINGS.items()]
-    figure.legend(handles=rings, loc="upper right", ncols=len(rings), frameon=False,
-                  borderaxespad=0.1)  # fmt: skip
+    legend_below(figure)
     return figure
 
 
@@ -669,13 +642,14 @@ def _draw_shape(axes: Axes, nodes: np.ndarray, radial: np.ndarray, colour: str) 
     """Bore in one mode, from its deflection at the nodes."""
     turn = np.linspace(0, 2 * np.pi, 181)
     axes.plot(np.cos(turn), np.sin(turn), color="0.75", linewidth=0.8)
-    angle = np.arctan2(nodes[:, 1], nodes[:, 0])
-    for ring, style in zip(_rings(nodes), RINGS.values(), strict=True):
-        order = ring[np.argsort(angle[ring])]
-        radius = 1 + DEFLECTION * radial[order] / np.abs(radial).max()
-        ends = np.append(angle[order], angle[order[0]] + 2 * np.pi)
-        smooth = CubicSpline(ends, np.append(radius, radius[0]), bc_type="periodic")(turn)
-        axes.plot(smooth * np.cos(turn), smooth * np.sin(turn), color=colour, **style)
+    angle, largest = np.arctan2(nodes[:, 1], nodes[:, 0]), np.abs(radial).max()
+    for ring, (label, style) in zip(_rings(nodes), RINGS.items(), strict=True):
+        around = ring[np.argsort(angle[ring])]
+        ends = np.append(angle[around], angle[around[0]] + 2 * np.pi)
+        deflection = radial[np.append(around, around[0])] / largest
+        radius = 1 + DEFLECTION * CubicSpline(ends, deflection, bc_type="periodic")(turn)
+        place = radius * np.array([np.cos(turn), np.sin(turn)])
+        axes.plot(*place, color=colour, label=label, **style)
     axes.set(aspect="equal", xlim=(-1.38, 1.38), ylim=(-1.38, 1.38))
 
 

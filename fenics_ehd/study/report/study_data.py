@@ -102,7 +102,8 @@ class StudyData:
     directory
         Where it is.
     info
-        ``study.json``.
+        ``study.json``; its ``start`` is the time from which on errors count, of a periodic study
+        in its cycle [s].
     reference
         ``reference.json``, empty before there is one.
     rows
@@ -118,11 +119,6 @@ class StudyData:
     def joints(self) -> tuple[JointData, ...]:
         """The same for each lubricated joint."""
         return tuple(JointData(self, name) for name in self.info["joints"])
-
-    @property
-    def start(self) -> float:
-        """Time from which on errors count, of a periodic study in its cycle [s]."""
-        return float(self.info["start"])
 
     def worst_error(self, run: str) -> float:
         """The largest error of both curves in any joint, nan where it was not compared."""

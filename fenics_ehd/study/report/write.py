@@ -19,7 +19,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from fenics_ehd.base.files import claim, require_writable, write_whole
-from fenics_ehd.plotting.picture import SETTINGS, factor_of, in_formats, plt, save
+from fenics_ehd.plotting.picture import SETTINGS, factor_of, plt, save_in_formats
 from fenics_ehd.study.compare import LIMITING
 from fenics_ehd.study.report.figures import (
     COLOURS,
@@ -252,9 +252,7 @@ def write_report(directory: str | Path) -> Path:
     with plt.rc_context(SETTINGS):
         for name, figure in _figures(study):
             if figure is not None:
-                pictures = in_formats(folder / FIGURES, name)
-                claim(folder / FIGURES, [path.name for path in pictures])
-                save(figure, pictures)
+                save_in_formats(figure, folder / FIGURES, name)
                 drawn.append(name)
     for page in PAGES:
         form = page.partition(".")[2]
