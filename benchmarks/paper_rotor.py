@@ -31,10 +31,10 @@ from scipy.spatial import cKDTree
 from fenics_ehd.study.plan import REFERENCE
 from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
+    CURVES,
     PRESSURE,
-    QUANTITIES,
+    Curve,
     JointData,
-    Quantity,
     StudyRow,
 )
 from fenics_ehd.study.report.write import percent
@@ -84,11 +84,11 @@ def still_stiff(joint: JointData) -> Finding:
 def small_for_m3(joint: JointData) -> Finding:
     """M3 with 50 modes against the two others."""
     runs = at_size(joint, MANY)
-    small = (_half(runs["m3"], [runs["m1"], runs["m2"]], quantity) for quantity in QUANTITIES)
+    small = (_half(runs["m3"], [runs["m1"], runs["m2"]], quantity) for quantity in CURVES)
     return Finding(compared(runs), verdict(small))
 
 
-def _half(row: StudyRow, others: list[StudyRow], quantity: Quantity) -> bool | None:
+def _half(row: StudyRow, others: list[StudyRow], quantity: Curve) -> bool | None:
     """Whether an error is at most half of the others'; None: the reference is not that good."""
     limit = 0.5 * min(other.visible_error(quantity) for other in others)
     difference = limit - row.visible_error(quantity)
@@ -107,7 +107,7 @@ def shapes_fail(joint: JointData) -> Finding:
         reason = ":".join(shape["status"].split(":")[:2])
         broken = f"{family(shape)}, {size:.0f} residual modes: {reason}"
         words.append(f"{told(shape) if shape.complete else broken}; {told(unit)}")
-        worse += [not shape.complete or smaller(unit, shape, quantity) for quantity in QUANTITIES]
+        worse += [not shape.complete or smaller(unit, shape, quantity) for quantity in CURVES]
     need(words, "M3 pc2, and M3 pc1 with as many residual modes")
     return Finding("; ".join(words), verdict(worse))
 

@@ -42,7 +42,7 @@ from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
     FILM,
     PRESSURE,
-    History,
+    Columns,
     JointData,
     StudyRow,
 )
@@ -226,7 +226,7 @@ def best_at_every_size(joint: JointData) -> Finding:
     return m3_best(joint, tuple(sizes))
 
 
-def _plateau_of(joint: JointData) -> tuple[History, np.ndarray]:
+def _plateau_of(joint: JointData) -> tuple[Columns, np.ndarray]:
     """History of the reference, and which of its steps lie on the plateau."""
     history = reference_history(joint, until=PLATEAU[1])
     inside = (history["time_s"] >= PLATEAU[0]) & (history["time_s"] <= PLATEAU[1])

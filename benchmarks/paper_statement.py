@@ -17,12 +17,12 @@ import fenics_ehd as ehd
 from fenics_ehd.study.plan import REFERENCE
 from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
+    CURVES,
     FILM,
     PRESSURE,
-    QUANTITIES,
-    History,
+    Columns,
+    Curve,
     JointData,
-    Quantity,
     StudyRow,
 )
 from fenics_ehd.study.report.write import bounded
@@ -121,7 +121,7 @@ def clearly(truth: bool, difference: float, error: float) -> bool | None:
     return truth if abs(difference) > error else None
 
 
-def smaller(one: StudyRow, two: StudyRow, quantity: Quantity) -> bool | None:
+def smaller(one: StudyRow, two: StudyRow, quantity: Curve) -> bool | None:
     """Whether the first one's error is the smaller one; None within the reference's own error."""
     difference = two.visible_error(quantity) - one.visible_error(quantity)
     return clearly(difference > 0, difference, max(one.floor(quantity), two.floor(quantity)))
@@ -129,7 +129,7 @@ def smaller(one: StudyRow, two: StudyRow, quantity: Quantity) -> bool | None:
 
 def errors(row: StudyRow) -> str:
     """Largest errors of both curves, pressure first; none below the reference's own."""
-    return " / ".join(bounded(row, quantity) for quantity in QUANTITIES)
+    return " / ".join(bounded(row, quantity) for quantity in CURVES)
 
 
 def told(row: StudyRow) -> str:
@@ -236,7 +236,7 @@ def near(rows: Iterable[StudyRow], coordinates: float) -> list[StudyRow]:
     return sorted(close, key=lambda row: (distance[row], row["run"]))
 
 
-def reference_history(joint: JointData, until: float = 0.0) -> History:
+def reference_history(joint: JointData, until: float = 0.0) -> Columns:
     """History of a reference that came to its end, and that at this time [s] or later.
 
     Raises
@@ -303,7 +303,7 @@ def m2_ahead_of_m1(joint: JointData) -> Finding:
         for two in near(rivals, one["coordinates"])[:1]
     ]
     need(pairs, "M1 and M2 with equally many coordinates")
-    ahead = [smaller(two, one, quantity) for one, two in pairs for quantity in QUANTITIES]
+    ahead = [smaller(two, one, quantity) for one, two in pairs for quantity in CURVES]
     words = "; ".join(
         f"{one['coordinates']:.0f}: M1 {errors(one)}, M2 {errors(two)}" for one, two in pairs
     )
@@ -347,7 +347,7 @@ def m3_best(joint: JointData, sizes: Sequence[float]) -> Finding:
         smaller(rows["m3"], rows[other], quantity)
         for rows in sets.values()
         for other in ("m1", "m2")
-        for quantity in QUANTITIES
+        for quantity in CURVES
     ]
     words = "; ".join(f"{size:.0f}: {compared(rows)}" for size, rows in sets.items())
     return Finding(words, verdict(best))

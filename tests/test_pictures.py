@@ -318,55 +318,45 @@ def shown_run(monkeypatch, time, angle, cycle=None, **summary):
     return run, run.joints["a"].columns
 
 
-def test_a_periodic_cycle_is_shown_as_it_is_recorded(monkeypatch):
-    time = np.array([2.0, 2.5, 4.0])
-    angle = np.array([40.0, 200.0, 760.0])
-    run, columns = shown_run(monkeypatch, time, angle, np.full(3, 2), cycle_used="last of 2")
-    assert columns["max_pressure_Pa"].tolist() == [0.0, 1e6, 2e6]
-    assert columns["crank_angle_deg"].tolist() == [40.0, 200.0, 760.0]
-    assert columns["time_s"].tolist() == [0.0, 0.5, 2.0]
-    assert not run.starts
-    assert run.told == ""
+WHOLE, FIRST = "whole run: no full cycle", "first cycle: films build up"
 
 
-def test_a_search_that_was_stopped_shows_its_last_whole_cycle(monkeypatch):
-    time = np.array([0.5, 1.0, 1.5, 2.0, 2.5])
-    cycle = np.array([1, 1, 2, 2, 3])
-    run, columns = shown_run(monkeypatch, time, 360.0 * time, cycle, cycle_used="last of 2")
-    assert columns["time_s"].tolist() == [0.0, 0.5, 1.0]
-    # From the end of the one before: no chord closes what does not repeat itself.
-    assert columns["max_pressure_Pa"].tolist() == [1e6, 2e6, 3e6]
-    assert columns["crank_angle_deg"].tolist() == [0.0, 180.0, 360.0]
-    assert run.told == ""
-    assert run.figures["a"]["cycle_used"] == "last of 2"
-
-
-def test_a_search_in_its_first_cycle_says_so_on_its_axis(monkeypatch):
-    told, time = "first cycle: films build up", np.array([0.5, 1.0, 1.5])
-    run, _ = shown_run(monkeypatch, time, 360.0 * time, np.ones(3), cycle_used=told)
-    assert run.starts
+@pytest.mark.parametrize(
+    ("time", "angle", "cycle", "summary", "shown", "told"),
+    [
+        # Periodic: as it is recorded.
+        ([2.0, 2.5, 4.0], [40.0, 200.0, 760.0], [2, 2, 2], {"cycle_used": "last of 2"},
+         [(0.0, 0.0, 40.0), (0.5, 1.0, 200.0), (2.0, 2.0, 760.0)], ""),
+        # A search that was stopped: from the end of the cycle before its last whole one on. No
+        # chord closes what does not repeat itself.
+        ([0.5, 1.0, 1.5, 2.0, 2.5], [180.0, 360.0, 540.0, 720.0, 900.0], [1, 1, 2, 2, 3],
+         {"cycle_used": "last of 2"}, [(0.0, 1.0, 0.0), (0.5, 2.0, 180.0), (1.0, 3.0, 360.0)], ""),
+        ([0.5, 1.0, 1.5], [180.0, 360.0, 540.0], [1, 1, 1], {"cycle_used": FIRST},
+         [(0.5, 0.0, 180.0), (1.0, 1.0, 360.0), (1.5, 2.0, 540.0)], FIRST),
+        # Another run: its last full cycle from its start, between two steps.
+        ([1.0, 2.0, 3.0, 4.0], [540.0, 720.0, 900.0, 1080.0], None,
+         {"cycle_used": "last of 2", "cycle_start_s": 2.5, "cycle_end_s": 4.0},
+         [(0.0, 1.5, 90.0), (0.5, 2.0, 180.0), (1.5, 3.0, 360.0)], ""),
+        ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], None, {"cycle_used": WHOLE},
+         [(1.0, 0.0, None), (2.0, 1.0, None), (3.0, 2.0, None)], WHOLE),
+    ],
+    ids=["periodic", "search", "first cycle", "full cycle", "no full cycle"],
+)  # fmt: skip
+def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monkeypatch):
+    cycle = None if cycle is None else np.array(cycle)
+    run, columns = shown_run(monkeypatch, np.array(time), np.array(angle), cycle, **summary)
+    clock, pressure, turned = (list(values) for values in zip(*shown, strict=True))
+    assert columns["time_s"].tolist() == clock
+    assert (1e-6 * columns["max_pressure_Pa"]).tolist() == pytest.approx(pressure)
+    if turned[0] is None:
+        assert "crank_angle_deg" not in columns
+    else:
+        assert columns["crank_angle_deg"].tolist() == turned
     assert run.told == told
-
-
-def test_another_run_shows_its_last_full_cycle_from_its_start(monkeypatch):
-    time = np.array([1.0, 2.0, 3.0, 4.0])
-    angle = 360.0 + 180.0 * time
-    run, columns = shown_run(
-        monkeypatch, time, angle, cycle_used="last of 2", cycle_start_s=2.5, cycle_end_s=4.0
-    )
-    assert columns["time_s"].tolist() == [0.0, 0.5, 1.5]
-    assert columns["max_pressure_Pa"].tolist() == [1.5e6, 2e6, 3e6]
-    assert columns["crank_angle_deg"].tolist() == [90.0, 180.0, 360.0]
-    assert not run.starts
-
-
-def test_a_run_without_a_full_cycle_says_so_on_its_axis(monkeypatch):
-    told = "whole run: no full cycle"
-    run, columns = shown_run(monkeypatch, np.array([1.0, 2.0, 3.0]), np.zeros(3), cycle_used=told)
-    assert run.starts
-    assert "crank_angle_deg" not in columns
+    # Films build up over a first cycle, which the axis says.
+    assert run.starts == bool(told)
     (axes,) = drawn("max_pressure", run.joints["a"])
-    assert axes.get_xlabel() == f"time [ms], {told}"
+    assert axes.get_xlabel().endswith(f", {told}" if told else "]")
 
 
 @pytest.fixture(scope="module")

@@ -460,14 +460,6 @@ def describe_study(study: Study) -> dict[str, object]:
     }
 
 
-def former_calls(path: Path) -> list[dict[str, object]]:
-    """Calls that an earlier ``study.json`` tells of, some of whose runs may have stayed."""
-    try:
-        return list(read_json(path)["calls"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return []
-
-
 def machine() -> dict[str, object]:
     """Processor, cores that this process may use, memory [GB] and operating system."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
@@ -499,14 +491,14 @@ def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
     list of dict
         Rows of the table.
     """
-    study = folder.study
     missing = folder.take_stock()
-    calls = former_calls(folder.path / STUDY)
+    path = folder.path / STUDY
+    calls = read_json(path)["calls"] if path.exists() else []
     if missing:
         date = datetime.now(UTC).strftime("%Y-%m-%d")
         own = {"date": date, "version": __version__, "workers": pool.width, "runs": len(missing)}
         calls.append(own)
-    folder.write(STUDY, describe_study(study) | {"calls": calls})
+    folder.write(STUDY, describe_study(folder.study) | {"calls": calls})
     folder.write_tables()
     # Those with the shortest steps take longest.
     missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))

@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.interpolate import CubicSpline
 
-from fenics_ehd.base.errors import BodyFileError
 from fenics_ehd.plotting.maps import draw_rasters, raster_of
 from fenics_ehd.plotting.picture import BLACK, BLUE, PRESSURES, RED, YELLOW, factor_of, plt
 from fenics_ehd.plotting.shown import film_grid
@@ -28,12 +27,12 @@ from fenics_ehd.reduction.bore import outward, rigid_fields
 from fenics_ehd.scenes.part_settings import ReductionSettings
 from fenics_ehd.study.plan import REFERENCE
 from fenics_ehd.study.report.study_data import (
+    CURVES,
     FILM,
     PRESSURE,
-    QUANTITIES,
-    History,
+    Columns,
+    Curve,
     JointData,
-    Quantity,
     StudyData,
     StudyRow,
 )
@@ -157,7 +156,7 @@ def draw_floor(axes: Axes, floor: float, label: str = FLOOR_LABEL) -> None:
 def joint_figure(
     shown: Mapping[JointData, Any],
     height: float,
-    draw: Callable[[Axes, Any, JointData, Quantity], None],
+    draw: Callable[[Axes, Any, JointData, Curve], None],
 ) -> Figure | None:
     """Figure with a row of panels for each joint: its peak pressure, its minimum film.
 
@@ -179,8 +178,8 @@ def joint_figure(
     )
     for row, (joint, own) in zip(panels, shown.items(), strict=True):
         row[0].set_title(joint.title, loc="left", fontweight="bold")
-        for axes, quantity in zip(row, QUANTITIES, strict=True):
-            draw(axes, own, joint, quantity)
+        for axes, curve in zip(row, CURVES, strict=True):
+            draw(axes, own, joint, curve)
     legend_below(figure)
     return figure
 
@@ -243,32 +242,32 @@ def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
     """
     groups = ("methods", "tolerance") if cost == ONLINE else ("methods",)
 
-    def draw(axes: Axes, rows: list[StudyRow], _: JointData, quantity: Quantity) -> None:
-        percent_axes(axes, LABELS[cost], f"largest error of {quantity.title} [%]")
+    def draw(axes: Axes, rows: list[StudyRow], _: JointData, curve: Curve) -> None:
+        percent_axes(axes, LABELS[cost], f"largest error of {curve.title} [%]")
         plain_figures(axes.xaxis)
         if cost == ONLINE:
-            _draw_hull(axes, [(row[cost], 100 * row.visible_error(quantity), row) for row in rows])
-        _draw_points(axes, rows, cost, quantity)
-        draw_floor(axes, 100 * max(row.floor(quantity) for row in rows))
+            _draw_hull(axes, [(row[cost], 100 * row.visible_error(curve), row) for row in rows])
+        _draw_points(axes, rows, cost, curve)
+        draw_floor(axes, 100 * max(row.floor(curve) for row in rows))
 
     shown = {joint: [row for row in joint.measured(*groups) if row[cost] > 0] for joint in joints}
     return joint_figure(shown, 4.4, draw)
 
 
-def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, quantity: Quantity) -> None:
+def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) -> None:
     """Runs of a method joined from few modes to many, small signs at other step tolerances.
 
     Runs of which only a bound is known stand on the edge of the grey band with a sign of it.
     """
     for label, members in families([r for r in rows if r["group"] == "methods"]).items():
-        errors = [100 * row.visible_error(quantity) for row in members]
-        seen = [i for i, row in enumerate(members) if not row.bounded(quantity)]
+        errors = [100 * row.visible_error(curve) for row in members]
+        seen = [i for i, row in enumerate(members) if not row.bounded(curve)]
         style = line_style(members[0]) | {"linewidth": 1.2}
         axes.plot([row[cost] for row in members], errors, label=label, markevery=seen, **style)
     others = "small signs: other step tolerances"
     for row in rows:
-        style, place = line_style(row), (row[cost], 100 * row.visible_error(quantity))
-        if row.bounded(quantity):
+        style, place = line_style(row), (row[cost], 100 * row.visible_error(curve))
+        if row.bounded(curve):
             axes.plot(*place, BOUND, color=style["color"], label=BOUND_LABEL)
         elif row["group"] != "methods":
             axes.plot(*place, label=others, **(style | SMALL))
@@ -315,12 +314,12 @@ CROWDED = 100
 Points = list[tuple[float, float]]
 
 
-def tolerance_series(joint: JointData, quantity: Quantity) -> dict[str, tuple[StudyRow, Points]]:
+def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow, Points]]:
     """Error of the steps over the tolerance asked for, from tight to loose, by model.
 
     Against the same model with very fine steps, and none below the reference's own step error.
     """
-    column, floor = f"own_{quantity.key}_error_max", joint.own_error("step", quantity)
+    column, floor = f"own_{curve.key}_error_max", joint.own_error("step", curve)
     # The very fine steps themselves have no such error.
     rows = [row for row in joint.measured("tolerance") if math.isfinite(row[column])]
     return {
@@ -349,10 +348,10 @@ def slope(points: Points, floor: float) -> float:
 def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
     """Error of the steps against the tolerance with the slope of each series, if any."""
 
-    def draw(axes: Axes, _: object, joint: JointData, quantity: Quantity) -> None:
-        floor = joint.own_error("step", quantity)
-        series, told = tolerance_series(joint, quantity), ["slopes"]
-        percent_axes(axes, "time.tolerance", f"largest step error of {quantity.title} [%]")
+    def draw(axes: Axes, _: object, joint: JointData, curve: Curve) -> None:
+        floor = joint.own_error("step", curve)
+        series, told = tolerance_series(joint, curve), ["slopes"]
+        percent_axes(axes, "time.tolerance", f"largest step error of {curve.title} [%]")
         for label, (row, points) in series.items():
             exponent = slope(points, floor)
             told += [f"{family(row)}: {exponent:.2f}"] if math.isfinite(exponent) else []
@@ -381,17 +380,17 @@ def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
 def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
     """Error against the number of cells of the film, None without two meshes."""
 
-    def draw(axes: Axes, rows: list[StudyRow], joint: JointData, quantity: Quantity) -> None:
+    def draw(axes: Axes, rows: list[StudyRow], joint: JointData, curve: Curve) -> None:
         finest = max((row for row in joint.planned("film") if row.complete), key=cells)
         against = f"against {finest['film_cells']} cells [%]"
-        percent_axes(axes, "cells of the film", f"largest error of {quantity.title}\n{against}")
+        percent_axes(axes, "cells of the film", f"largest error of {curve.title}\n{against}")
         plain_figures(axes.xaxis)
         for label, members in families(rows).items():
-            errors = [100 * row.visible_error(quantity) for row in members]
+            errors = [100 * row.visible_error(curve) for row in members]
             axes.plot([*map(cells, members)], errors, label=label, **line_style(members[0]))
         sizes = {cells(row): f"{cells(row)}\n{row['film_cells']}" for row in rows}
         axes.set_xticks([*sizes], [*sizes.values()])
-        floor = max(row.floor(quantity) for row in rows)
+        floor = max(row.floor(curve) for row in rows)
         draw_floor(axes, 100 * floor, "error of the last mesh but one")
 
     rows = {joint: joint.measured("film") for joint in joints}
@@ -490,8 +489,8 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
 
     runs = {joint: [joint.history(row["run"]) for row in rows] for joint in study.joints}
 
-    def draw(axes: Axes, reference: History, joint: JointData, quantity: Quantity) -> None:
-        column, factor = quantity.column, factor_of(quantity.label)
+    def draw(axes: Axes, reference: Columns, joint: JointData, curve: Curve) -> None:
+        column, factor = curve.column, factor_of(curve.label)
         time = reference["time_s"]
         axes.plot(1e3 * time, factor * reference[column], color=GREY, linewidth=4.5,
                   solid_capstyle="butt", label="reference")  # fmt: skip
@@ -502,10 +501,10 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             dashes = LINES[(i - len(rows)) % len(LINES)]
             axes.plot(1e3 * history["time_s"], factor * history[column], color=colour,
                       linestyle=dashes, label=sized(row))  # fmt: skip
-        axes.set(xlabel="time [ms]", ylabel=quantity.label)
+        axes.set(xlabel="time [ms]", ylabel=curve.label)
         axes.margins(x=0)
         axes.set_ylim(bottom=0)
-        if quantity is FILM:
+        if curve is FILM:
             later = time >= (BUILD_UP * time[-1] if study.info["start"] > 0 else 0.0)
             axes.set_ylim(top=1.15 * factor * float(reference[column][later].max()))
 
@@ -516,9 +515,9 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
     """Relative errors of some runs over time, none inside the reference's own error, if any."""
 
     def draw(
-        axes: Axes, errors: Mapping[StudyRow, History], joint: JointData, quantity: Quantity
+        axes: Axes, errors: Mapping[StudyRow, Columns], joint: JointData, curve: Curve
     ) -> None:
-        floor = max((row.floor(quantity) for row in joint.measured("methods")), default=0.0)
+        floor = max((row.floor(curve) for row in joint.measured("methods")), default=0.0)
         if floor > 0:
             # Linear up to the first power of ten outside of the band, where ticks begin.
             linear = 10.0 ** np.ceil(np.log10(100 * floor))
@@ -526,7 +525,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
             axes.axhspan(-100 * floor, 100 * floor, color=FLOOR, linewidth=0, label=FLOOR_LABEL)
         for row, found in errors.items():
-            error = found[f"{quantity.key}_error"]
+            error = found[f"{curve.key}_error"]
             axes.plot(
                 1e3 * found["time_s"],
                 100 * np.where(np.abs(error) < floor, np.nan, error),
@@ -536,8 +535,8 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             )
         axes.axhline(0, color="0.3", linewidth=0.8)
         axes.margins(x=0)
-        of = "of the film" if quantity is FILM else "of the reference's peak"
-        axes.set(xlabel="time [ms]", ylabel=f"error of {quantity.title}\n[% {of}]")
+        of = "of the film" if curve is FILM else "of the reference's peak"
+        axes.set(xlabel="time [ms]", ylabel=f"error of {curve.title}\n[% {of}]")
         axes.set_xlim(left=1e3 * study.info["start"])
 
     errors = {
@@ -572,15 +571,12 @@ SHOWN = {
 def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
     """Reduced bodies of the best run of each method at each of their bores, by name and method.
 
-    The name is the body's, of one with several bores with the bore's. Broken files are left out.
+    The name is the body's, of one with several bores with the bore's.
     """
     found: dict[str, dict[str, ReducedBody]] = {}
     for row in (row for method in SHOWN for row in best(study, method)):
         for path in sorted(study.folder(row["run"]).glob("body-*.h5")):
-            try:
-                body = load_body(path)
-            except BodyFileError:
-                continue
+            body = load_body(path)
             name = path.stem.removeprefix("body-")
             for bore in body.bores:
                 key = f"{name}_{bore}" if len(body.bores) > 1 else name
@@ -662,9 +658,9 @@ def _rings(nodes: np.ndarray) -> list[np.ndarray]:
     return [np.flatnonzero(member == i) for i in (0, len(levels) - 1, middle)]
 
 
-def draw_pressure(joint: JointData, run: str = REFERENCE) -> Figure | None:
-    """Pressure of a run at its highest peak and at the thinnest film, None without it."""
-    film, history = joint.film(run), joint.history(run)
+def draw_pressure(joint: JointData) -> Figure | None:
+    """The reference's pressure at its highest peak and at the thinnest film, None without it."""
+    film, history = joint.film(REFERENCE), joint.history(REFERENCE)
     if film is None or history is None:
         return None
     moments = {

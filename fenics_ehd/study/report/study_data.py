@@ -23,11 +23,11 @@ from fenics_ehd.study.plan import REFERENCE
 #: Norms of the error of a curve: largest over time, root mean square over time.
 NORMS = {"max": "largest", "l2": "L2"}
 
-History = Mapping[str, np.ndarray]
+Columns = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Curve:
     """One of the two curves that a lubricated joint is judged by."""
 
     key: str
@@ -36,11 +36,11 @@ class Quantity:
     label: str
 
 
-PRESSURE = Quantity("pressure", "peak pressure", "max_pressure_Pa", "peak pressure [MPa]")
-FILM = Quantity(
+PRESSURE = Curve("pressure", "peak pressure", "max_pressure_Pa", "peak pressure [MPa]")
+FILM = Curve(
     "film", "minimum film thickness", "min_film_thickness_m", "minimum film thickness [µm]"
 )
-QUANTITIES = (PRESSURE, FILM)
+CURVES = (PRESSURE, FILM)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,32 +65,32 @@ class StudyRow:
         """True where its figures count."""
         return bool(self["status"] == "complete")
 
-    def error(self, quantity: Quantity) -> float:
+    def error(self, curve: Curve) -> float:
         """Largest relative error of a curve against the reference, as measured."""
-        return float(self[f"{quantity.key}_error_max"])
+        return float(self[f"{curve.key}_error_max"])
 
-    def floor(self, quantity: Quantity) -> float:
+    def floor(self, curve: Curve) -> float:
         """Error of the reference itself, as far as it is known, else 0."""
-        value = float(self[f"{quantity.key}_floor"])
+        value = float(self[f"{curve.key}_floor"])
         return value if math.isfinite(value) else 0.0
 
-    def visible_error(self, quantity: Quantity) -> float:
+    def visible_error(self, curve: Curve) -> float:
         """Error that may be shown: none below the reference's own."""
-        return max(self.error(quantity), self.floor(quantity))
+        return max(self.error(curve), self.floor(curve))
 
-    def bounded(self, quantity: Quantity) -> bool:
+    def bounded(self, curve: Curve) -> bool:
         """True where only a bound of the error is known, the reference's own."""
-        return self.error(quantity) < self.floor(quantity)
+        return self.error(curve) < self.floor(curve)
 
     @property
     def worst_error(self) -> float:
         """The larger one of both curves' largest errors, none below the reference's own."""
-        return max(self.visible_error(quantity) for quantity in QUANTITIES)
+        return max(self.visible_error(curve) for curve in CURVES)
 
     @property
     def measured(self) -> bool:
         """True where it came to its end and was compared with a reference."""
-        return self.complete and all(math.isfinite(self.error(q)) for q in QUANTITIES)
+        return self.complete and all(math.isfinite(self.error(q)) for q in CURVES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,18 +165,18 @@ class JointData:
         chosen = [row for row in self.planned(*groups, **wanted) if row.measured]
         return sorted(chosen, key=lambda row: row["coordinates"])
 
-    def own_error(self, kind: str, quantity: Quantity, norm: str = "max") -> float:
+    def own_error(self, kind: str, curve: Curve, norm: str = "max") -> float:
         """One of the reference's own errors, nan where it is not known."""
         entry = self.study.reference.get(kind) or {}
-        value = entry.get("joints", {}).get(self.name, entry).get(f"{quantity.key}_{norm}")
+        value = entry.get("joints", {}).get(self.name, entry).get(f"{curve.key}_{norm}")
         return math.nan if value is None else float(value)
 
-    def limit(self, quantity: Quantity, norm: str = "max") -> float:
+    def limit(self, curve: Curve, norm: str = "max") -> float:
         """Error of the reference's steps and basis, the larger known one, else 0."""
-        own = [self.own_error(kind, quantity, norm) for kind in LIMITING]
+        own = [self.own_error(kind, curve, norm) for kind in LIMITING]
         return max(filter(math.isfinite, own), default=0.0)
 
-    def history(self, run: str) -> History | None:
+    def history(self, run: str) -> Columns | None:
         """Columns of a run's history under their plain names, None when it left none.
 
         ``time_s`` is that within the cycle where the run is periodic.
@@ -187,7 +187,7 @@ class JointData:
             return None
         return result.joints[self.name].columns | {"time_s": np.asarray(result.time)}
 
-    def errors_over_time(self, run: str) -> History | None:
+    def errors_over_time(self, run: str) -> Columns | None:
         """``time_s`` and signed ``pressure_error``, ``film_error`` of a run, None without any."""
         try:
             found = read_errors(errors_path(self.study.folder(run), REFERENCE))

@@ -38,10 +38,10 @@ from fenics_ehd.study.report.figures import (
     family,
 )
 from fenics_ehd.study.report.study_data import (
+    CURVES,
     NORMS,
-    QUANTITIES,
+    Curve,
     JointData,
-    Quantity,
     StudyData,
     StudyRow,
     read_study,
@@ -89,9 +89,9 @@ def percent(value: float) -> str:
     return f"{100 * value:.0f} %" if abs(value) >= 0.995 else f"{100 * value:.2g} %"
 
 
-def bounded(row: StudyRow, quantity: Quantity) -> str:
+def bounded(row: StudyRow, curve: Curve) -> str:
     """The largest error; where the reference's own is larger, that one as an upper limit."""
-    return "≤ " * row.bounded(quantity) + percent(row.visible_error(quantity))
+    return "≤ " * row.bounded(curve) + percent(row.visible_error(curve))
 
 
 def cost_table(joint: JointData) -> Table:
@@ -118,7 +118,7 @@ def _fastest(rows: list[StudyRow], limit: float) -> str:
 
 def run_table(study: StudyData) -> Table:
     """Every run of the study with its figures; the failed ones with their reason."""
-    errors = (f"{quantity.key} error" for quantity in QUANTITIES)
+    errors = (f"{curve.key} error" for curve in CURVES)
     heads = ("run", "joint", "method", "tolerance", "coordinates", *errors,
              *(head for _, head, _ in RUN_FIGURES))  # fmt: skip
     return Table(heads, tuple(_run_cells(row, len(heads)) for row in study.rows), words=3)
@@ -128,7 +128,7 @@ def _run_cells(row: StudyRow, length: int) -> tuple[str, ...]:
     about = (row["run"], row["joint"], family(row), _figure(row["tolerance"]))
     if not row.complete:
         return (*about, row["status"], *[""] * (length - 5))
-    errors = (bounded(row, quantity) if row.measured else "" for quantity in QUANTITIES)
+    errors = (bounded(row, curve) if row.measured else "" for curve in CURVES)
     figures = (_figure(factor_of(head) * row[column], form) for column, head, form in RUN_FIGURES)
     return (*about, _figure(row["coordinates"]), *errors, *figures)
 
@@ -142,19 +142,19 @@ def unknown_floors(study: StudyData) -> list[str]:
     return [
         REFERENCE_ERRORS[kind]
         for kind in LIMITING
-        if any(math.isnan(joint.own_error(kind, q)) for joint in study.joints for q in QUANTITIES)
+        if any(math.isnan(joint.own_error(kind, q)) for joint in study.joints for q in CURVES)
     ]
 
 
 def film_mesh_errors(joint: JointData) -> list[str]:
     """The error of the film mesh in both curves, none where it was not taken."""
-    shared = [joint.own_error("film", quantity) for quantity in QUANTITIES]
+    shared = [joint.own_error("film", curve) for curve in CURVES]
     return [] if any(map(math.isnan, shared)) else [*map(percent, shared)]
 
 
 def reference_table(study: StudyData) -> Table:
     """The reference's own errors."""
-    norms = [(quantity, norm) for quantity in QUANTITIES for norm in NORMS]
+    norms = [(curve, norm) for curve in CURVES for norm in NORMS]
     rows = []
     for kind, words in REFERENCE_ERRORS.items():
         entry = study.reference.get(kind) or {}
@@ -164,7 +164,7 @@ def reference_table(study: StudyData) -> Table:
             how = entry.get("how", "") if known else f"not taken: {entry.get('why')}"
             cells = map(percent, figures) if known else [""] * len(norms)
             rows.append((words, joint.name, str(how), *cells))
-    heads = (f"{quantity.title}, {NORMS[norm]}" for quantity, norm in norms)
+    heads = (f"{curve.title}, {NORMS[norm]}" for curve, norm in norms)
     return Table(("error of the reference", "joint", "measured by", *heads), tuple(rows), words=3)
 
 
