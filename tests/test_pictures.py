@@ -311,7 +311,7 @@ def shown_run(monkeypatch, time, angle, cycle=None, **summary):
         start = [time[cycle < n].max(initial=time[0] if n > 1 else 0.0) for n in cycle]
         values |= {"run/cycle": cycle, "run/cycle_time": time - start}
     found = {path: Quantity(np.asarray(v, float), units[path]) for path, v in values.items()}
-    told = {"joint": "a", **summary}
+    told = {"joint": "a", **summary} if summary else {}
     result = ehd.History(found, ("joints/a/eccentricity_x",), ("m",), told)
     monkeypatch.setattr(shown, "load_history", lambda _: result)
     run = ShownRun("", "folder")
@@ -325,12 +325,17 @@ WHOLE, FIRST = "whole run: no full cycle", "first cycle: films build up"
     ("time", "angle", "cycle", "summary", "shown", "told"),
     [
         # Periodic: as it is recorded.
-        ([2.0, 2.5, 4.0], [40.0, 200.0, 760.0], [2, 2, 2], {"cycle_used": "last of 2"},
+        ([2.0, 2.5, 4.0], [40.0, 200.0, 760.0], [2, 2, 2],
+         {"cycle_used": "last of 2", "cycle_start_s": 2.0, "cycle_end_s": 4.0},
          [(0.0, 0.0, 40.0), (0.5, 1.0, 200.0), (2.0, 2.0, 760.0)], ""),
         # A search that was stopped: from the end of the cycle before its last whole one on. No
         # chord closes what does not repeat itself.
         ([0.5, 1.0, 1.5, 2.0, 2.5], [180.0, 360.0, 540.0, 720.0, 900.0], [1, 1, 2, 2, 3],
-         {"cycle_used": "last of 2"}, [(0.0, 1.0, 0.0), (0.5, 2.0, 180.0), (1.0, 3.0, 360.0)], ""),
+         {"cycle_used": "last of 2", "cycle_start_s": 1.0, "cycle_end_s": 2.0},
+         [(0.0, 1.0, 0.0), (0.5, 2.0, 180.0), (1.0, 3.0, 360.0)], ""),
+        # One that was killed.
+        ([0.5, 1.0, 1.5, 2.0, 2.5], [180.0, 360.0, 540.0, 720.0, 900.0], [1, 1, 2, 2, 3], {},
+         [(0.5, 2.0, 180.0), (1.0, 3.0, 360.0)], ""),
         ([0.5, 1.0, 1.5], [180.0, 360.0, 540.0], [1, 1, 1], {"cycle_used": FIRST},
          [(0.5, 0.0, 180.0), (1.0, 1.0, 360.0), (1.5, 2.0, 540.0)], FIRST),
         # Another run: its last full cycle from its start, between two steps.
@@ -340,7 +345,7 @@ WHOLE, FIRST = "whole run: no full cycle", "first cycle: films build up"
         ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], None, {"cycle_used": WHOLE},
          [(1.0, 0.0, None), (2.0, 1.0, None), (3.0, 2.0, None)], WHOLE),
     ],
-    ids=["periodic", "search", "first cycle", "full cycle", "no full cycle"],
+    ids=["periodic", "search", "killed", "first cycle", "full cycle", "no full cycle"],
 )  # fmt: skip
 def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monkeypatch):
     cycle = None if cycle is None else np.array(cycle)

@@ -138,6 +138,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
     """One set of axes, with the curves of the same joint of one or more runs."""
     over = common_axis(joints)
     curves = [(joint, *found) for joint in joints for found in panel.found(joint.columns).items()]
+    drawn = []
     for number, (joint, column, called) in enumerate(curves):
         look = style(number)
         x, y = over_cycle(joint, factor_of(panel.label) * joint.columns[column], over)
@@ -164,7 +165,8 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         if panel.scale == "angle":
             y = np.where(np.abs(np.diff(y, append=y[-1])) > 180.0, np.nan, y)  # once around
         axes.plot(x, y, label=label or None, **look)
-    _lay_out(axes, joints, panel, over)
+        drawn.append((x, y))
+    _lay_out(axes, joints, panel, over, drawn)
 
 
 def _worth(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
@@ -207,7 +209,13 @@ def span(over: str, joints: Sequence[ShownJoint]) -> float:
     return float(ticks[1] - ticks[0])
 
 
-def _lay_out(axes: Axes, joints: Sequence[ShownJoint], panel: Panel, over: str) -> None:
+def _lay_out(
+    axes: Axes,
+    joints: Sequence[ShownJoint],
+    panel: Panel,
+    over: str,
+    curves: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> None:
     """Limits, labels, legend."""
     axes.set_ylabel(panel.label)
     told = "".join(f", {joint.run.told}" for joint in joints[:1] if joint.run.told)
@@ -220,7 +228,6 @@ def _lay_out(axes: Axes, joints: Sequence[ShownJoint], panel: Panel, over: str) 
     elif panel.scale == "angle":
         axes.set(ylim=(-180, 180), yticks=np.arange(-180, 181, 90))
     elif panel.scale == "zero":
-        curves = [line.get_data() for line in axes.lines if len(line.get_xdata()) > 2]
         high = axes.get_ylim()[1]
         if panel.extreme is np.argmin and all(joint.run.starts for joint in joints):
             late = [y[x >= x[0] + BUILD_UP * np.ptp(x)] for x, y in curves]

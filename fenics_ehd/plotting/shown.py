@@ -18,7 +18,7 @@ from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.forces import in_supply
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.multibody.history import FilmResult, History, last_whole_cycle, load_history
+from fenics_ehd.multibody.history import FilmResult, History, load_history
 from fenics_ehd.multibody.periodic import WHOLE
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME
@@ -99,30 +99,28 @@ class ShownRun:
         self.name, self.directory = name, Path(directory)
         result = load_history(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
-        used = str(result.summary().get("cycle_used", ""))
+        summary = result.summary()
+        if not summary:
+            result = result.last_cycle()
+        time = np.asarray(result.run.time)
+        start = summary.get("cycle_start_s", time[0] - result.run.get("cycle_time", time)[0])
+        end = summary.get("cycle_end_s", time[-1])
+        used = str(summary.get("cycle_used", ""))
+        self.told = "" if used.startswith("last") else used
         # Over its first cycle a search builds up its films as any other run does at its start.
-        repeated = bool(result.run.get("cycle", np.ones(1))[-1] > 1)
-        self.told = "" if repeated or used.startswith("last") else used
-        self._start = 0.0 if "cycle" in result.run else result.summary().get("cycle_start_s", 0.0)
-        self.starts = self._start <= 0.0 and not repeated
-        start = self._start
-        if repeated:
-            clock = np.asarray(result.run["cycle_time"])
-            rows = last_whole_cycle(np.asarray(result.run["cycle"]), clock)
-            result = result.each(lambda values: values[: rows.stop])
-            start = float(result.time[rows.start] - clock[rows.start])
-        time = np.asarray(result.time)
-        after = int(np.searchsorted(time, start, side="right"))
-        if after:
+        self.starts = start <= 0.0
+        self._start = 0.0 if "cycle" in result.run else start
+        first, behind = np.searchsorted(time, [start, end], side="right")
+        if first:
             # It begins between two steps.
-            last, share = after - 1, np.interp(start, time, np.arange(len(time))) - after + 1
+            last, share = first - 1, np.interp(start, time, np.arange(len(time))) - first + 1
             result = result.each(
                 lambda v: np.concatenate(
-                    [(1 - share) * v[last:after] + share * v[after : after + 1], v[after:]]
+                    [(1 - share) * v[last:first] + share * v[first : first + 1], v[first:behind]]
                 )
             )
         self.cycle = result
-        self.time = np.asarray(self.cycle.time) - start
+        self.time = np.asarray(self.cycle.run.time) - start
         angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
         # The end of the cycle before is that many turns ahead.
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
