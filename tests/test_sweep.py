@@ -258,7 +258,8 @@ def test_a_folder_that_is_no_sweeps_is_refused(scene, again):
 
 def test_changed_file_is_another_sweep(tmp_path):
     path = write_scene(tmp_path, LOADED_JOURNAL)
-    SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"])).__exit__(None, None, None)
+    with SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"])) as folder:
+        folder.write_tables()
     (tmp_path / "load.csv").write_text(LOAD.replace("1200", "1300"))
     with pytest.raises(OtherFolderError, match=r"forces\.load\.file = load\.csv"):
         SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"]))

@@ -175,7 +175,7 @@ def read_errors(path: Path) -> dict[str, np.ndarray]:
 
 #: What makes a folder a study, and what study and report leave there beside reduced bodies.
 STUDY = "study.json"
-MADE = ("table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/", STUDY)
+MADE = (STUDY, "table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/")
 
 #: Share of the simulated time that the last step of a complete run may lack.
 ROUND_OFF = 1e-9
@@ -217,12 +217,8 @@ class StudyFolder(RunsFolder):
         self.study = study
         self.runs: dict[str, StoredRun] = {}
         self._errors: dict[tuple[str, str], Errors] = {}
-        super().__init__(directory, study.cases.values(), MADE, overwrite=overwrite)
-
-    def require_own(self) -> None:
-        """Refuse the study of another scene."""
-        if (self.path / STUDY).exists():
-            self.require_same(STUDY, {"scene": self.study.scene.name}, ["scene"])
+        about = {"scene": study.scene.name}
+        super().__init__(directory, study.cases.values(), MADE, about, overwrite=overwrite)
 
     def take_stock(self) -> list[Case]:
         """Account for what is there, and remove what is kept of its errors; the other cases."""

@@ -338,7 +338,10 @@ class RunsFolder(ExitStack):
     cases
         Runs of the folder.
     made
-        What is kept there beside reduced bodies, which are named by what they are and stay.
+        What is kept there beside reduced bodies, which are named by what they are and stay. The
+        first of it is a JSON file that says what the runs are of.
+    about
+        Its entries that must be these where it is there.
     overwrite
         Begin anew, whatever was made there.
 
@@ -349,6 +352,8 @@ class RunsFolder(ExitStack):
 
     Raises
     ------
+    OtherFolderError
+        It is that of something else.
     InputError
         It cannot be written to, or holds files of others under these names.
     InUseError
@@ -360,6 +365,7 @@ class RunsFolder(ExitStack):
         directory: str | Path,
         cases: Iterable[Case],
         made: Sequence[str],
+        about: Mapping[str, Any],
         *,
         overwrite: bool = False,
     ):
@@ -375,36 +381,23 @@ class RunsFolder(ExitStack):
             if overwrite:
                 clear(self.path, made)
             claim(self.path / "runs", [f"{name}/" for name in self.cases])
-            self.require_own()
+            self._require_same(self.path / made[0], about)
             self.push(held.pop_all())
-
-    def require_own(self) -> None:
-        """Refuse what was made of something else."""
 
     def write_tables(self) -> None:
         """Write tables of the runs that ended."""
 
-    def require_same(self, name: str, ours: Mapping[str, Any], keys: Iterable[str] = ()) -> None:
-        """Refuse what was made of something else, as a JSON file says.
-
-        Parameters
-        ----------
-        name
-            Of the file.
-        ours
-            What it is to say.
-        keys
-            Of what; all unless given.
-        """
-        path = self.path / name
+    def _require_same(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Refuse what was made of something else."""
+        if not path.exists():
+            return
         try:
             theirs = dict(read_json(path))
         except (OSError, ValueError, TypeError):
             raise OtherFolderError(path, "it is unreadable") from None
-        for key in keys or sorted({*ours, *theirs}):
-            if ours.get(key) != theirs.get(key):
-                reason = f"{key} = {theirs.get(key)} there, {ours.get(key)} here"
-                raise OtherFolderError(path, reason)
+        for key, ours in about.items():
+            if theirs.get(key) != ours:
+                raise OtherFolderError(path, f"{key} = {theirs.get(key)} there, {ours} here")
 
     @property
     def bodies(self) -> Path:

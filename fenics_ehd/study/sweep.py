@@ -61,6 +61,7 @@ def make_sweep(source: str, assignments: Sequence[str]) -> Sweep:
     if size > MOST_CASES:
         raise SettingsError(f"the sweep has {size} cases, at most {MOST_CASES}: give fewer values")
     swept = {key: ", ".join(map(described, values)) for key, values in axes.items()}
+    swept["swept"] = ", ".join(axes)
     return Sweep(
         scene.name,
         tuple(axes),
@@ -126,7 +127,7 @@ FIGURES = (
 
 
 #: What a sweep leaves beside reduced bodies, which are named by what they are and stay.
-OWN = ("sweep.csv", "sweep.json", "runs/")
+OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
@@ -165,14 +166,7 @@ class SweepFolder(RunsFolder):
         self.sweep, self.table = sweep, Path(directory) / "sweep.csv"
         if resume and not self.table.is_file():
             raise InputError(f"--resume: {self.table} does not exist, there is nothing to resume")
-        super().__init__(directory, sweep.cases, OWN, overwrite=overwrite)
-
-    def require_own(self) -> None:
-        """Refuse another sweep."""
-        if (self.path / "sweep.json").exists():
-            self.require_same("sweep.json", self.sweep.identity)
-        else:
-            self.write("sweep.json", self.sweep.identity)
+        super().__init__(directory, sweep.cases, OWN, sweep.identity, overwrite=overwrite)
 
     def rows(self) -> list[dict[str, Any]]:
         """Rows of the cases that ended, by number; None for what is empty."""
@@ -190,7 +184,8 @@ class SweepFolder(RunsFolder):
         return row | {name: finite(figures.get(name)) for name in columns}
 
     def write_tables(self) -> None:
-        """Write ``sweep.csv``."""
+        """Write ``sweep.csv``, and ``sweep.json`` before it."""
+        self.write("sweep.json", self.sweep.identity)
         columns = "case", *self.sweep.keys, "status", *figure_columns(self.sweep.joints)
         write_table(self.table, columns, self.rows())
 
