@@ -1,7 +1,6 @@
 """Values and keys of a sweep as written, and the cases that follow from them."""
 
-import math
-
+import numpy as np
 import pytest
 from command_line import exit_of
 from hypothesis import given
@@ -13,42 +12,26 @@ from fenics_ehd.scenes.scene import as_stored
 from fenics_ehd.study.cases import MOST_CASES, parse_values, resolve_key
 from fenics_ehd.study.sweep import make_sweep
 
-NUMBERS = st.floats(1e-6, 1e6) | st.floats(-1e6, -1e-6)
-
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     return write_scene(tmp_path_factory.mktemp("scene"))
 
 
-@given(
-    NUMBERS,
-    NUMBERS,
-    st.integers(2, 60),
-)
-def test_range_has_its_ends_and_equal_distances(first, last, count):
-    if abs(first - last) < 1e-6 * max(abs(first), abs(last)):
-        return
-    values = parse_values("key", f"{first!r}:{last!r}:{count}", 0.0)
-    assert len(values) == count
-    assert (values[0], values[-1]) == (first, last)
-    step = (last - first) / (count - 1)
-    scale = max(abs(first), abs(last))
-    for i, value in enumerate(values):
-        # Numbers between the ends have the twelve digits of a scene file.
-        assert value == pytest.approx(first + i * step, abs=1e-11 * scale)
-
-
-@given(st.floats(1e-9, 1e9), st.floats(1e-9, 1e9), st.integers(2, 60))
-def test_logarithmic_range_has_its_ends_and_equal_ratios(first, last, count):
+@given(st.floats(1e-9, 1e9), st.floats(1e-9, 1e9), st.integers(2, 60), st.booleans(), st.booleans())
+def test_range_has_its_ends_and_equal_distances_or_ratios(first, last, count, log, below):
     if abs(first / last - 1) < 1e-6:
         return
-    values = parse_values("key", f"{first!r}:{last!r}:{count}:log", 0.0)
+    if below and not log:
+        first = -first
+    written = f"{first!r}:{last!r}:{count}{':log' if log else ''}"
+    values = parse_values("key", written, 0.0)
     assert len(values) == count
     assert (values[0], values[-1]) == (first, last)
-    for i, value in enumerate(values):
-        logarithm = math.log(first) + i / (count - 1) * math.log(last / first)
-        assert math.log(value) == pytest.approx(logarithm, abs=1e-11)
+    # Numbers between the ends have the twelve digits of a scene file.
+    found = np.log(values) if log else np.array(values)
+    slack = 1e-11 * (1.0 if log else max(abs(first), abs(last)))
+    np.testing.assert_allclose(found, np.linspace(found[0], found[-1], count), rtol=0, atol=slack)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.plotting.curves import Rows, common_axis, said
+from fenics_ehd.plotting.curves import Rows, common_axis, mean, said
 from fenics_ehd.plotting.picture import BLUE, PANEL, RED, WIDTH, factor_of, legend, plt, with_unit
 from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 
@@ -43,12 +43,13 @@ class Map:
     ----------
     label
         Of the colours, its unit in brackets.
-    nodal
-        Values at the film's nodes of all steps and times, shape (t, k), to one for the cycle.
     fields
         Which of a film's.
     colours
         Their name.
+    extreme
+        What makes one value for the cycle of all at a node, `numpy.max` or `numpy.min`; None:
+        their mean over time.
     marked
         Columns of the extreme that is marked, of its angle [degrees] and height [m]: what is seen
         between the nodes counts too. Empty: the largest value at them.
@@ -56,8 +57,8 @@ class Map:
 
     label: str
     fields: str
-    nodal: Callable[[np.ndarray, np.ndarray], np.ndarray]
     colours: str
+    extreme: Callable[..., np.ndarray] | None = None
     marked: tuple[str, ...] = ()
 
     def has(self, joint: ShownJoint) -> bool:
@@ -72,18 +73,21 @@ class Map:
         groups = []
         for title, joints in rows.items():
             groups.append([self.raster(j, _title(title, j, len(joints))) for j in joints])
-        return draw_rasters(groups, self.label, self.colours, from_zero=self.fields != "gap")
+        return draw_rasters(groups, self.label, self.colours, from_zero=self.extreme is not np.min)
 
     def raster(self, joint: ShownJoint, title: str) -> Raster:
         """Field of one joint at the lines of its mesh."""
         values = np.asarray(self._values(joint))
-        nodal = self.nodal(values, joint.columns[TIME][: len(values)])
+        if self.extreme is None:
+            nodal = mean(values, joint.columns[TIME])
+        else:
+            nodal = self.extreme(values, axis=0)
         factor = factor_of(self.label)
         found = raster_of(joint.grid, factor * nodal, title)
         if not self.marked:
             return found
         column, angle, height = (joint.columns[name] for name in self.marked)
-        step = column.argmin() if self.fields == "gap" else column.argmax()
+        step = column.argmin() if self.extreme is np.min else column.argmax()
         mark = factor * column[step], angle[step], 1e3 * height[step]
         return found._replace(mark=mark)
 
@@ -153,16 +157,6 @@ def largest(
 
 def _title(title: str, joint: ShownJoint, runs: int) -> str:
     return ", ".join(filter(None, (title, joint.run.name if runs > 1 else "")))
-
-
-def least(values: np.ndarray, _: np.ndarray) -> np.ndarray:
-    """Least of all instants at every node."""
-    return values.min(axis=0)
-
-
-def most(values: np.ndarray, _: np.ndarray) -> np.ndarray:
-    """Largest of all instants at every node."""
-    return values.max(axis=0)
 
 
 #: Largest of clearance and radial displacement as drawn, height of the largest pressure, and half

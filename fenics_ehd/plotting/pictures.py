@@ -10,8 +10,8 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import PICTURES
-from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, mean, orbit
-from fenics_ehd.plotting.maps import Bores, Map, least, most
+from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, orbit
+from fenics_ehd.plotting.maps import Bores, Map
 from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, plt, save_in_formats
 from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
 
@@ -110,18 +110,18 @@ _BY_NAME: dict[str, Curves | Paths | Map | Bores] = {
     "pressure_map": Map(
         "largest pressure [MPa]",
         "pressure",
-        most,
         PRESSURES,
+        np.max,
         ("max_pressure_Pa", "max_pressure_angle_deg", "max_pressure_height_m"),
     ),
     "film_map": Map(
         "least film thickness [µm]",
         "gap",
-        least,
         FILMS,
+        np.min,
         ("min_film_thickness_m", "min_film_angle_deg", "min_film_height_m"),
     ),
-    "contact_map": Map("mean contact pressure [MPa]", "contact", mean, PRESSURES),
+    "contact_map": Map("mean contact pressure [MPa]", "contact", PRESSURES),
     "bore": Bores(),
     "energy": Curves(
         (
