@@ -1,6 +1,6 @@
 """Variable-step backward differentiation of implicit second-order systems.
 
-Solves ``r(t, x, x', x'') = 0``; rates are those of `differentiation`, for ``x`` and again
+Solves ``r(t, x, x', x'') = 0``; rates are those of `tabulated.blended`, for ``x`` and again
 for ``x'``.
 """
 

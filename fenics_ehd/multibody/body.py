@@ -1,13 +1,8 @@
 """Bodies of a mechanism: markers, inertia in a planar floating frame, rigid and flexible ones.
 
-A point of a body with its angle, as a function of the body's coordinates.
-
-Joints, drives and forces know bodies by their markers alone: ``u = (x, y, angle)`` in the
-frame at rest and, where a body offers it, the tilt ``(psi_x, psi_y)`` of its axis.
-
-Interface of a body to a mechanism.
-
-Inertia of a body in a planar floating frame, with exact derivatives.
+Joints, drives and forces know bodies by their markers alone, points whose values
+``u = (x, y, angle, psi_x, psi_y)`` in the frame at rest are functions of the body's coordinates;
+the tilt psi of the axis is zero of all but shafts.
 
 A material point lies at ``x + A(theta) p`` with ``p = B s``, ``s = (0, 0, 1, q)`` and B the
 fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. In the body's frame its
@@ -16,12 +11,6 @@ acceleration is
     p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
 
 relative, Coriolis, Euler and centrifugal terms, complete, because p is affine in q.
-
-Common part of bodies with planar rigid motion.
-
-Rigid bodies, and the ground.
-
-A reduced part as a body, free or held.
 """
 
 from __future__ import annotations

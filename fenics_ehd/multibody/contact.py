@@ -1,29 +1,22 @@
 """Contact of rough surfaces in lubricated joints, within a step, with exact derivatives.
 
-Forces of touching asperities (`fenics_ehd.film.forces`) in one lubricated joint.
-
-Pressure and boundary friction do work on what changes h and U,
+Pressure of asperities and boundary friction (`fenics_ehd.film.forces`) do work on what changes h
+and U,
 
     Q . v = int p_c dh/dt - mu p_c s(U) U dA,
 
-so that contact is conservative, friction dissipates, and action is reaction.
-
-Contact in all joints of a mechanism, at one evaluation of a step's equations.
+so that contact is conservative, friction dissipates, and action is reaction. Contact that depends
+on coordinates alone has the stiffness ``N^T p_c' N`` of its forces in the core.
 
 Where residual patterns answer pressures at once (M4) the contact moves the gap that it depends on,
 ``p_c = p_c(h_0 + S p_c)``. Every evaluation solves that by Newton's method, which comes from below
-without a step too far: the pressure is convex.
-
-Exact derivatives of contact in the Newton system of a step.
-
-Contact that depends on coordinates alone has the stiffness ``N^T p_c' N`` of its forces in the
-core. Where residual patterns answer it at once (M4) the contact pressures that count are unknowns
+without a step too far: the pressure is convex. The contact pressures that count are then unknowns
 in x behind the others,
 
     dp_c - p_c' (N dxi + S dp_c + sum_f S_f dP_f) = 0,
 
-and change the gaps of all the body's films by S. The pressures themselves are known at every
-evaluation (`contacts`), so that the right-hand side is zero.
+and change the gaps of all films by S. The pressures themselves are known at every evaluation, so
+that the right-hand side is zero.
 """
 
 from __future__ import annotations

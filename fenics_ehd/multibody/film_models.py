@@ -2,15 +2,11 @@
 
 A film model brings its unknowns, their equations with derivatives along them and along the gap, its
 own test of convergence and complementarity, and its solution at the end of a step. Unknown are
-the dimensionless pressures at m nodes, where oil is conserved void fractions behind them.
+the dimensionless pressures at m nodes, where oil is conserved void fractions behind them. Under
+Reynolds' condition (`fenics_ehd.film.cavitation`) equations are ``W^-1 r(p)`` over their source.
 
-Under Reynolds' condition (`fenics_ehd.film.cavitation`) the equations are ``W^-1 r(p)`` over
-their source.
-
-Oil of a lubricated joint that its film keeps account of, within the steps of a mechanism.
-
-The equation is that of `fenics_ehd.film.oil_balance`, the bore elastic, time by the formula of
-the motion: with the content ``M = int rho h N (1 - s)`` of every node
+Where oil is conserved the equation is that of `fenics_ehd.film.oil_balance`, the bore elastic, time
+by the formula of the motion: with the content ``M = int rho h N (1 - s)`` of every node
 
     M' + outflow = 0,    M' = shift M + past,    0 <= p complementary to s >= 0.
 
@@ -26,12 +22,11 @@ the formula differentiates contents. Full films are those of Reynolds' condition
 term is ``(dh_T / dh) h'``, to the order of the formula only. Oil that pressure makes denser is
 more than the gap's: its void volumes are negative in the state.
 
-Unknown beside the pressures are the void fractions, free variables of the equation d = 0; that of
-the pressures is ``s + gamma d`` (`fenics_ehd.film.oil_balance`). A Newton step finds
-pressures of the full nodes and void fractions of the others with one sparse matrix.
-
-With one-step formulas no fluid fraction falls below zero. With more steps a
-node that runs dry within few of them undershoots (`UNDERSHOOT`); steps that do more are refused.
+The void fractions are free variables of the equation d = 0; that of the pressures is
+``s + gamma d`` (`fenics_ehd.film.oil_balance`). A Newton step finds pressures of the full nodes and
+void fractions of the others with one sparse matrix. With one-step formulas no fluid fraction falls
+below zero. With more steps a node that runs dry within few of them undershoots (`UNDERSHOOT`);
+steps that do more are refused.
 """
 
 from __future__ import annotations

@@ -1,31 +1,7 @@
 """Lubricated joints: the journal of one body in the bore of another, both of any shape.
 
-Shapes of bore and journal at the points of one joint's film, see `fenics_ehd.film.kinematics`.
-
-Pressure on a journal that is not round has a torque about its centre. With the gap's derivative
-along the angle alpha of the journal ahead of the bore, ``dh/dalpha = d delta/dphi (phi - alpha)``,
-
-    T = int p dh/dalpha dA    on the journal, -T on the bore:
-
-gap and force are conjugate here too, and the film takes the work from the bodies that it does on
-the oil.
-
-Between the coordinates of a reduced body and the film in its bore.
-
-Where bore and film meshes match, shape functions of the bore are evaluated at
-the film's Gauss points and nothing else is needed. Where they do not, pressures
-go to the bore either conservatively, ``F = int N_s n p``, with resultants that
-are the film's own, or by the paper's mortar (14) and the body's load matrix.
-
-A bore may have holes. The gap in one follows the bore as extended from the rim
-(`fenics_ehd.film.transfer`). The film's pressure there bends nothing: elastic modes are
-loaded on the remaining surface alone, as in the body's own matrix. It is part of the force between
-journal and body, for the oil in the hole presses on the far end of its passage.
-
-A lubricated joint: the journal of one body in the bore of another.
-
-Its own coordinates are the eccentricity e of the journal in the bore's frame and, where the
-journal's body offers it, the tilt psi. Constraints tie them to the bodies,
+A joint's own coordinates are the eccentricity e of the journal in the bore's frame and, where the
+journal's body tilts, the tilt psi. Constraints tie them to the bodies,
 
     x_bore + A(theta) e - x_journal = 0,    A(theta) psi - psi_journal = 0,
 
@@ -37,21 +13,30 @@ c / R,
 
     h = c - n . (e + z (psi_y, -psi_x)) + n . u,
 
-and what `joint_shape` adds where bore or journal are not round.
+and what shapes add where bore or journal are not round (`JointShape`). Forces are the integrals of
+the same fields times the pressure: gap and force are conjugate. They act at the journal's centre on
+both bodies; the torque about it is that of the oil's shear, and of the pressure on a journal that
+is not round: with the gap's derivative along the angle alpha of the journal ahead of the bore,
+``dh/dalpha = d delta/dphi (phi - alpha)``,
 
-Forces are the integrals of the same fields times the pressure: gap and force are conjugate. They
-act at the journal's centre on both bodies; the torque about it is that of the oil's shear, and of
-the pressure on a journal that is not round.
+    T = int p dh/dalpha dA    on the journal, -T on the bore.
 
-Place of the journal in its bore as it is, deformed and with its deviations.
+Where the meshes of a body's bore and of its film match, shape functions of the bore are evaluated
+at the film's Gauss points and nothing else is needed. Where they do not, pressures go to the bore
+either conservatively, ``F = int N_s n p``, with resultants that are the film's own, or by the
+paper's mortar (14) and the body's load matrix. A bore may have holes. The gap in one follows the
+bore as extended from the rim (`fenics_ehd.film.transfer`). The film's pressure there bends nothing:
+elastic modes are loaded on the remaining surface alone, as in the body's own matrix. It is part of
+the force between journal and body, for the oil in the hole presses on the far end of its passage.
 
 The mean axes of an elastic part, to which its own eccentricity refers, may be clearances away from
-its bore. The bore's centre is that of the least-squares circle of its surface (the LSCI of
-roundness measurement, weisang.com/en/documents-articles/leastsquarescircle_en): for deviations u
-that are small against the radius, as those of a film's bore are, the circle ``u_0 + d . n`` with
-the least ``int (u - u_0 - d . n)^2 dA`` over the film. Without gaps in the surface d is the first
-harmonic, ``d = 2 <u n>``. The gap ``h = c + u - n . e`` knows it: its own first harmonic is that
-of the journal in the circle, ``d - e``.
+its bore as it is, deformed and with its deviations. The centre of that is the one of the
+least-squares circle of its surface (the LSCI of roundness measurement,
+weisang.com/en/documents-articles/leastsquarescircle_en): for deviations u that are small against
+the radius, as those of a film's bore are, the circle ``u_0 + d . n`` with the least
+``int (u - u_0 - d . n)^2 dA`` over the film. Without gaps in the surface d is the first harmonic,
+``d = 2 <u n>``. The gap ``h = c + u - n . e`` knows it: its own first harmonic is that of the
+journal in the circle, ``d - e``.
 """
 
 from __future__ import annotations

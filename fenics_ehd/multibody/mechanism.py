@@ -1,19 +1,12 @@
 """Mechanisms: what they list, where it stands among the unknowns, equations of motion.
 
-A mechanism is what it lists: bodies, joints, drives and forces.
-
-Layout of a mechanism: coordinates of bodies and films, constraints, forces.
-
-Coordinates z are those of the bodies, then each lubricated joint's own.
-
-Equations of motion of a mechanism at one instant, the films' forces left out.
-
-With constraints g and multipliers l on position and m on velocity level (Gear, Gupta and
-Leimkuhler 1985),
+Coordinates z are those of the bodies, then each lubricated joint's own. With constraints g and
+multipliers l on position and m on velocity level (Gear, Gupta and Leimkuhler 1985), the films'
+forces left out,
 
     z' = v + W G^T m,   F(z, v, v') + G^T l = Q(z, v, t),   g(z, t) = 0,   G v + g_t = 0.
 
-Positions and velocities that satisfy every constraint, from a rough pose.
+`assemble` finds positions and velocities that satisfy every constraint, from a rough pose.
 """
 
 from __future__ import annotations

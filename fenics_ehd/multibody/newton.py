@@ -1,34 +1,28 @@
 """Newton's method for one implicit step of films and motion, by SNES-VI.
 
-Solution of a mechanism's step, and the start values it leaves to that of the next.
-
-Errors of oil that thickens under pressure without bound, or faster than cells see.
-
-Between rigid surfaces a film of Barus' oil can bear no more than a finite load however fast they
-close: with ``dq = dp / r(p)``, r the ratio of viscosities, Reynolds' equation is that of constant
-viscosity for q, which stays below ``int_0^inf dp / r(p)``, 1 / alpha. On the way there pressures
-rise without bound in a moment, and no step is short enough. What the solver says of it differs from
-step to step. A coarse mesh does not see the peak and goes on with pressures that are its own.
-
-Newton updates of a step's equations, by a factorisation that serves as long as it can.
-
-Films whose active set changes by few nodes are bordered (`ChangedSystem`), and residual patterns
-that the derivatives leave out are found by repeated substitution.
-
-One implicit step of a mechanism by SNES-VI, on all films' pressures and all coordinates at once.
-
-Pressures are bounded below by zero, coordinates are free: complementarity and motion converge
-in one iteration, quadratically on the active set that SNES-VI settles on. It stops when what is
-left of the Newton update changes the gaps by less than the tolerance of the step, relative, the
-coordinates by less than that in the norm of the step control, and every film's complementarity
+Pressures of all films are bounded below by zero, coordinates are free: complementarity and motion
+converge in one iteration, quadratically on the active set that SNES-VI settles on. It stops when
+what is left of the Newton update changes the gaps by less than the tolerance of the step, relative,
+the coordinates by less than that in the norm of the step control, and every film's complementarity
 holds to the same tolerance, relative to its source, or to round-off of its flow; all in the
-maximum norm. A factorisation serves as long as the active set stays, the updates shrink fast, and
-balances of conserved oil hold, whose transport is not linear: near the solution it is only the
-films' own matrices that are made anew, not the derivatives along the gaps.
+maximum norm.
+
+A factorisation serves as long as the active set stays, the updates shrink fast, and balances of
+conserved oil hold, whose transport is not linear: near the solution it is only the films' own
+matrices that are made anew, not the derivatives along the gaps. Films whose active set changes by
+few nodes are bordered (`ChangedSystem`), and residual patterns that the derivatives leave out are
+found by repeated substitution.
 
 Full updates may lead from one active set to another and back: few residual patterns, hardly
 damped, resist a short step far more than the oil does. A step that failed is tried again with
 half of every update as long as the active set changes.
+
+Oil that thickens under pressure without bound is told apart from other failures. Between rigid
+surfaces a film of Barus' oil can bear no more than a finite load however fast they close: with
+``dq = dp / r(p)``, r the ratio of viscosities, Reynolds' equation is that of constant viscosity
+for q, which stays below ``int_0^inf dp / r(p)``, 1 / alpha. On the way there pressures rise without
+bound in a moment, and no step is short enough. What the solver says of it differs from step to
+step. A coarse mesh does not see the peak and goes on with pressures that are its own.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Elastic shafts: Bernoulli beams with disks, by their modes at rest, turning at any speed.
 
-Finite elements of a round shaft after Bernoulli and Euler.
-
-A node has four degrees of freedom: the deflections u, v along x and y and the slopes u', v'
-along the shaft. A round shaft has the same matrices in both planes, so that one plane is
+A node of the beam has four degrees of freedom: the deflections u, v along x and y and the slopes
+u', v' along the shaft. A round shaft has the same matrices in both planes, so that one plane is
 assembled, with two degrees of freedom a node, and the planes are coupled by the gyroscopic
 matrix G alone. At the angular speed Omega about z
 
@@ -12,16 +10,9 @@ matrix G alone. At the angular speed Omega about z
 (dashes here: time). G is twice the rotary inertia of the shaft, whose polar inertia is twice
 the diametral one, and the polar inertia of the disks.
 
-An elastic rotor by its modes at rest.
-
-The modes of one plane of bending, mass-normalised, serve both planes: coordinates are
-``(a, b)`` with the deflections ``u = Phi a`` along x and ``v = Phi b`` along y.
-
-An elastic shaft with disks, by its modes at rest, turning at any speed.
-
-The modes of one plane of bending, mass-normalised, serve both planes: coordinates are the angle
-theta about the axis and ``(a, b)`` with the deflections ``u = Phi a`` along x and ``v = Phi b``
-along y. With ``C = Phi^T G Phi`` and the polar inertia J,
+The modes of one plane, mass-normalised, serve both: coordinates are the angle theta about the axis
+and ``(a, b)`` with the deflections ``u = Phi a`` along x and ``v = Phi b`` along y. With
+``C = Phi^T G Phi`` and the polar inertia J,
 
     a'' + 2 zeta Omega_r a' + theta' C b' + theta'' C b / 2 + Omega_r^2 a = Phi^T f_x
     b'' + 2 zeta Omega_r b' - theta' C a' - theta'' C a / 2 + Omega_r^2 b = Phi^T f_y

@@ -1,10 +1,13 @@
 """All equations of one implicit step of a mechanism and its films.
 
-Shear of the oil in a journal as forces on the coordinates and a torque on the shaft.
+Unknowns u are those of every film, one film after the other (`film_models`), then ``(z, l, m)``:
+coordinates and multipliers on position and velocity level (`mechanism`). Equations are the films',
+then motion, constraints, and constraints on velocities.
 
-The velocities v_2 of the bore and v_1 of the shaft along the circumference are linear in the
-rates xi' and in the speed Omega of the shaft relative to the bore, as the film takes them
-(`Journal`). The tractions tau_2 and tau_1 of `fenics_ehd.film.forces` do the work on them,
+The oil's shear in a journal acts on the coordinates and as a torque on the shaft. The velocities
+v_2 of the bore and v_1 of the shaft along the circumference are linear in the rates xi' and in the
+speed Omega of the shaft relative to the bore, as the film takes them (`JointFilm`). The tractions
+tau_2 and tau_1 of `fenics_ehd.film.forces` do the work on them,
 
     Q . xi' + T Omega = int tau_2 v_2 + tau_1 v_1 dA,
 
@@ -16,16 +19,8 @@ with ``U = v_1 - v_2``
 Being a function of relative motion alone, action is reaction: -T turns the rod. T is the shaft's
 friction torque of `fenics_ehd.film.forces` up to c / R. The resultant on the rod is
 ``-int tau_1 t dA``, where ``int tau_2 t dA`` belongs to a gap that keeps the terms with e_t: the
-difference is c / R of the pressure's, as these terms are.
-
-Powers, friction and flows of one joint's film at an accepted step.
-
-Unknowns u are those of every film, one film after the other (`film_models`), then ``(z, l, m)``:
-coordinates and multipliers on position and velocity level (`mechanism`). Equations are the films',
-then motion, constraints, and constraints on velocities.
-
-The derivative of the oil's shear, where it acts, is left out: it is c / R of the pressure's, so
-that every iteration still shrinks the error by about 1e-3.
+difference is c / R of the pressure's, as these terms are. The derivative of the shear is left out,
+as it is c / R of the pressure's too: every iteration still shrinks the error by about 1e-3.
 """
 
 from __future__ import annotations

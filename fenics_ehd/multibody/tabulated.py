@@ -1,8 +1,6 @@
 """Differentiation over points in time, and tables that no step may jump over.
 
-Derivatives at the newest of points in time, blended of two orders.
-
-With ``D_k`` the derivative of the polynomial through the newest and the last k points,
+With ``D_k`` the derivative of the polynomial through the newest and the last k points, rates are
 
     x' = (1 - b) D_k x + b D_(k+1) x.
 
@@ -11,11 +9,9 @@ as BDF2-OPT: like BDF2 it is A-stable at constant steps and damps the high-frequ
 which carry no dynamics, with half the error (Shampine and Reichelt, SIAM J. Sci. Comput. 1997;
 Vatsa, Carpenter and Lockard 2010). For k = 3 it is A(82)-stable, BDF3 A(86).
 
-Loads from tables whose rows no step of an integration may jump over.
-
-Nobody asks for a load between two steps: the rows that lie there count only as far as the values
-at the steps foretell them. An estimate of the solution's error cannot tell, as a solution that
-never met a load is as smooth as one without it.
+Nobody asks for a load between two steps: the rows of a table that lie there count only as far as
+the values at the steps foretell them. An estimate of the solution's error cannot tell, as a
+solution that never met a load is as smooth as one without it.
 """
 
 from __future__ import annotations
