@@ -189,6 +189,16 @@ def make_mechanism(body, joint, damping_time=1e-3, **settings):
     return slider_crank(rod, joint.film, **settings)
 
 
+def torque(angle):
+    """Torque on the crank of an engine of two strokes, say, and its derivative [N m]."""
+    return 3 + 2 * np.cos(2 * angle), -4 * np.sin(2 * angle)
+
+
+def gas(angle):
+    """Gas on its piston, and its derivative [N]."""
+    return 4e3 * (1 + np.cos(angle - 0.4)), -4e3 * np.sin(angle - 0.4)
+
+
 def driven(mechanism, inertia, **forces):
     """The same machine with a crank that nothing but forces drives."""
     crank = ehd.RigidBody(1.0, inertia, {"pin": (CRANK, 0.0)}, speed=SPEED)

@@ -11,7 +11,6 @@ from hand_made_rod import (
     Joint,
     driven,
     flexible,
-    make_body,
     make_mechanism,
     run,
     with_residual,
@@ -395,10 +394,3 @@ def test_steps_that_converge_at_once_need_no_search():
     going = Run(mechanism, Steps(tolerance=1e-5), 2.5e-4)
     steps = list(going.until(2.5e-4))
     assert going.solve.solves == len(steps) + sum(sum(s.rejected.values()) for s in steps)
-
-
-def test_a_rigid_body_has_no_elastic_columns():
-    joint = Joint()
-    system = System(make_mechanism(make_body(joint), joint))
-    assert system.films[0].film.size == 2
-    assert system.n == 3 * 3 + 2
