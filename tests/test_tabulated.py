@@ -1,6 +1,6 @@
 """Rows of tables that no step may jump over."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -22,13 +22,23 @@ from fenics_ehd.scenes.tables import angle_table, load_curves
 
 def curve_through(rows, values):
     """A table over the time."""
-    return TabulatedLoad(Curve(CubicSpline(rows, values), periodic=True), lambda t, x: t)
+    return TabulatedLoad(Curve(CubicSpline(rows, values), periodic=True))
 
 
 def broken_line(rows, values):
     """The same, straight from row to row."""
     curve = PPoly(np.stack([np.diff(values) / np.diff(rows), values[:-1]]), rows)
-    return TabulatedLoad(Curve(curve, periodic=True), lambda t, x: t)
+    return TabulatedLoad(Curve(curve, periodic=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Placed(TabulatedLoad):
+    """A table read at places that a function of times and states gives."""
+
+    at: object = None
+
+    def places(self, times, states):
+        return self.at(times, states)
 
 
 def largest_missed(load, steps, start):
@@ -38,8 +48,7 @@ def largest_missed(load, steps, start):
     decide.
     """
     times = np.array([0.0, *(s.time for s in steps)])
-    states = [start, *(s.x for s in steps)]
-    places = np.array([load.place(t, x) for t, x in zip(times, states, strict=True)])
+    places = load.places(times, np.array([start, *(s.x for s in steps)]))
     of_rows = load.curve.curve.x
     values = np.array([load.curve(place)[0] for place in places])
     rows = np.concatenate([of_rows[:-1] + k * np.ptp(of_rows) for k in range(-60, 60)])
@@ -76,7 +85,8 @@ def test_no_step_misses_a_row(gaps, kind, follows, order):
     }[kind]
     values[-1] = values[0]
     # An angle that the state decides, as that of a free crank, and a kick that nothing foretells.
-    load = replace(curve_through(rows, values), place=lambda t, x: t + follows * x[0])
+    curve = curve_through(rows, values).curve
+    load = Placed(curve, at=lambda times, states: times + follows * states[:, 0])
     problem, start = oscillator(0.3, 4.0, lambda t: 1.0 + 5.0 * (t > 1.3)), np.zeros(1)
     sizes = control(tolerance=1e-2, first=1e-3, order=order)
     steps = list(integrate(problem, (0.0, 3.0), start, start, sizes, tables=[load]))
@@ -108,7 +118,7 @@ def test_a_jump_is_no_reason_to_stop():
 @pytest.mark.parametrize("place", [1e12, -1e300, np.inf, np.nan])
 def test_a_step_to_nowhere_is_too_long(place):
     table = curve_through(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, -1.0, 0.0]))
-    load = replace(table, place=lambda t, x: place if t > 1 else 0.0)
+    load = Placed(table.curve, at=lambda times, states: np.where(times > 1, place, 0.0))
     when, amount = load.missed(np.array([2.0, 1.0]), np.zeros((2, 1)))
     assert (when, amount) == (1.5, np.inf)
 

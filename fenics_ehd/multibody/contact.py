@@ -1,7 +1,8 @@
 """Contact of rough surfaces in lubricated joints, within a step, with exact derivatives.
 
-Pressure of asperities and boundary friction (`fenics_ehd.film.forces`) do work on what changes h
-and U,
+At the Gauss points of a film the asperities press with ``p_c(h)``, h the nominal gap there, and rub
+with ``mu p_c s(U)``, ``s = U / sqrt(U^2 + U_0^2)``. Grooves and supply holes are deep and touch
+nothing. Pressure and boundary friction do work on what changes h and U,
 
     Q . v = int p_c dh/dt - mu p_c s(U) U dA,
 
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, SolverError
-from fenics_ehd.film.forces import FilmContact
+from fenics_ehd.film.forces import in_supply
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.rough_surfaces import Touch
 from fenics_ehd.multibody.border import FilmBlock
@@ -41,7 +42,7 @@ from fenics_ehd.multibody.static_correction import BoreResponses
 REACH = 4.0
 
 
-class JointContact(FilmContact):
+class JointContact:
     """Contact in one joint.
 
     Parameters
@@ -51,6 +52,10 @@ class JointContact(FilmContact):
 
     Attributes
     ----------
+    surfaces
+        See `FilmParameters`.
+    area
+        That a Gauss point stands for, 0 in grooves and holes, shape (g,) [m2].
     friction
         Whether the friction of asperities that rub acts on the bodies.
     rows
@@ -61,14 +66,41 @@ class JointContact(FilmContact):
     """
 
     def __init__(self, place: FilmPlace):
-        joint = place.film
-        super().__init__(joint.film)
+        joint, film = place.film, place.film.film
+        assert film.parameters.surfaces is not None
+        self.surfaces, self._shaft_radius = film.parameters.surfaces, joint.shaft_radius
+        supplied = in_supply(film, film.points.angle, film.points.height)
+        area = film.parameters.grid.radius**2 * film.assembly.area
+        self.area = np.where(supplied, 0.0, area).ravel()
         self.friction = joint.friction and self.surfaces.boundary_friction > 0.0
         self.rows = np.concatenate([place.xi, place.turning])
         self._signs = place.signs
         speeds = joint.shaft_radius * np.tile(self._signs, (len(self.area), 1))
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
+
+    def touch(self, thickness: np.ndarray) -> Touch:
+        """Contact of nominal gaps at the Gauss points, of any shape that has g values [m]."""
+        found = self.surfaces.touch(thickness.ravel())
+        return Touch(*(np.where(self.area > 0.0, values, 0.0) for values in found))
+
+    def stored(self, touch: Touch) -> float:
+        """Energy of the asperities [J]."""
+        return float(self.area @ touch.potential)
+
+    def rubbing(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
+        """``mu s`` and its derivative along U, shape (g,)."""
+        return self.surfaces.rubbing(gap.sliding_velocity.ravel())
+
+    def braking(self, touch: Touch, gap: Gap) -> float:
+        """Torque of boundary friction against the journal's turning [N m]."""
+        rubbing = touch.pressure * self.rubbing(gap)[0]
+        return float(self._shaft_radius * np.sum(self.area * rubbing))
+
+    def rubbing_power(self, touch: Touch, gap: Gap) -> float:
+        """Lost by boundary friction [W]."""
+        rubbing = self.area * touch.pressure * self.rubbing(gap)[0]
+        return float(np.sum(rubbing * gap.sliding_velocity.ravel()))
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
         """Gauss points whose contact counts in derivatives, shape (g,)."""

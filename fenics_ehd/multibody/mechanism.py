@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -320,19 +320,18 @@ class System:
     def tables(self) -> list[TabulatedLoad]:
         """Loads whose rows no step may jump over."""
         found = [
-            TabulatedLoad(drive.speed, partial(_read_at, None))
+            TabulatedLoad(drive.speed)
             for drive in self.mechanism.drives.values()
             if isinstance(drive, SpeedTable)
         ]
         for force in self.mechanism.forces.values():
             table, body = force.table or (None, "")
             if isinstance(table, Curve):
-                read_at = partial(_read_at, self._angle(body) if body else None)
-                found.append(TabulatedLoad(table, read_at))
+                found.append(TabulatedLoad(table, self._angle(body) if body else None))
         for film in self.films:
             for feed in film.joint.film.parameters.feeds:
                 if isinstance(feed.curve, Curve):
-                    found.append(TabulatedLoad(feed.curve, partial(_read_at, None)))
+                    found.append(TabulatedLoad(feed.curve))
         return found
 
     @cached_property
@@ -377,11 +376,6 @@ def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
     """Places of so many values, one after the other, the first behind `first` others."""
     ends = [first, *(first + np.cumsum(sizes, dtype=int))]
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-
-def _read_at(angle: int | None, time: float, state: np.ndarray) -> float:
-    """Place at which a table is read: an angle of the state, or the time."""
-    return time if angle is None else float(state[angle])
 
 
 class Instant:

@@ -81,8 +81,6 @@ class StepNorm:
 
     def closing(self, before: np.ndarray, after: np.ndarray) -> float:
         """Largest relative closing of a gap; -inf without one."""
-        if not self._rough:
-            return 1.0 - float((after / before).min(initial=np.inf))
         return float(((before - after) / self.lengths(before)).max(initial=-np.inf))
 
     def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
@@ -98,18 +96,12 @@ class StepNorm:
             return coordinates
         gaps = self.gaps(observed)
         change = gaps - self.gaps(observed - error) if self._turning else self.gaps(error)
-        return max(relative_error(self.lengths(gaps), change), coordinates)
+        lengths = self.lengths(gaps)
+        # Newton's iterates stay in h > 0 at the films' Gauss points only.
+        if not lengths.min() > 0.0:
+            return np.inf
+        return max(float(np.max(np.abs(change) / lengths)), coordinates)
 
     def coordinate_error(self, change: np.ndarray) -> float:
         """Largest dimensionless change of coordinates z, shape (n,)."""
         return float(np.abs(self._measure @ change).max(initial=0.0))
-
-
-def relative_error(values: np.ndarray, error: np.ndarray) -> float:
-    """Largest error relative to the value there; infinite where a value is not positive.
-
-    Of a gap: Newton's iterates stay in h > 0 at the film's Gauss points only.
-    """
-    if not values.min() > 0.0:
-        return np.inf
-    return float(np.max(np.abs(error) / values))

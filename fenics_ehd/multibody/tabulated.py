@@ -16,7 +16,7 @@ solution that never met a load is as smooth as one without it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -169,12 +169,16 @@ class TabulatedLoad:
     ----------
     curve
         Of rows.
-    place
-        Where it is read at a time [s] and a state.
+    angle
+        Place of the angle in the state; None: it is read at the time [s].
     """
 
     curve: Curve
-    place: Callable[[float, np.ndarray], float]
+    angle: int | None = None
+
+    def places(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Places of the curve that points of the integration are at."""
+        return times if self.angle is None else states[:, self.angle]
 
     def missed(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """By how much a step misses the rows within it.
@@ -192,7 +196,7 @@ class TabulatedLoad:
             polynomial through those at the points, over the largest of the table. Half the step
             and infinity, if it leads across more than `PERIODS` or to no place at all.
         """
-        places = np.array([self.place(t, x) for t, x in zip(times, states, strict=True)])
+        places = self.places(times, states)
         end, start = places[:2]
         curve, places_of_rows = self.curve, self.curve.curve.x
         period = curve.period
