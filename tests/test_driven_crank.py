@@ -34,7 +34,6 @@ from scene_cases import RIGID_ROD, tables_of
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.step_equations import film_friction
@@ -233,39 +232,6 @@ def test_curves_through_tables_do_not_overshoot_the_rows(tmp_path_factory, value
     for before, after, curve in zip(rows[:-1], rows[1:], fine[:-1, 0].reshape(-1, 12), strict=True):
         assert curve.max() <= max(before, after) + 1e-9
         assert curve.min() >= min(before, after) - 1e-9
-
-
-GOOD = table([0, 90, 180, 270, 360], [1, 2, 3, 2, 1])
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        (GOOD.replace("270,2", "170,2"), "line 6: the angle 170 deg must be above 180 deg"),
-        (GOOD.replace("360,1", "350,1"), "the angles span 350 deg, from 0 to 350, they must span"),
-        (
-            GOOD.replace("360,1", "360,2"),
-            "line 7: the last row (2) differs from the first (1) by 1",
-        ),
-        (GOOD.replace("90,2", "90,two"), "line 4: force_N = 'two' must be a finite number"),
-        (GOOD.replace("90,2", "nan,2"), "line 4: angle_deg = 'nan' must be a finite number"),
-        (GOOD.replace("90,2", "90,2,3"), "line 4: 3 values for 2 columns"),
-        (GOOD.replace("force_N", "force_kN"), "line 2: column 'force_kN' needs a unit: force_N"),
-        ("# nothing\n", "no header angle_deg,force_N"),
-        ("angle_deg,force_N\n0,1\n360,1\n", "2 rows of numbers, at least 3 are needed"),
-        (b"\xff\xfe\x00", "not a text file"),
-        (None, "No such file"),
-    ],
-)
-def test_bad_tables_are_refused_by_line_and_value(text, named, tmp_path):
-    path = tmp_path / "gas.csv"
-    if text is not None:
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(SettingsError) as caught:
-        read_angle_table(path, "mechanism.gas_force", FORCE)
-    assert str(caught.value).startswith(f"mechanism.gas_force {path}")
-    assert named in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 # --- Scenes

@@ -39,19 +39,6 @@ def tables(heat=None, oil=None, **time):
             }  # fmt: skip
 
 
-def test_heat_is_off_unless_it_is_listed():
-    plain = scene_of(tables(oil=OIL | {"temperature": 70.0}), "plain")
-    assert plain.joints["bearing"].heat is None
-    assert stored(plain).joints["bearing"].heat is None
-    given = tables(HEAT | {"conducted_share": 0.2})
-    listed = stored(scene_of(given, "listed")).joints["bearing"].heat
-    assert (listed.supply_temperature, listed.conducted_share, listed.outlet_weight) == (
-        70.0,
-        0.2,
-        0.5,
-    )
-
-
 def test_keys_of_version_0_2_are_read_and_one_line_gives_the_name_of_today():
     given = tables(HEAT | {"conducted": 0.2, "mixing": 0.4})
     given["bodies"]["part"] = {"kind": "flexible", "model": "housing", "held_by": "foot"}

@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.scenes.library import table_file
-from fenics_ehd.scenes.tables import read_angle_table, read_load
+from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table
 
 GOOD = "# a comment\n\ntime_ms, Fx [kN], Fy_N\n0,1,-5\n 1, 2 ,0\n# more\n2,0,7\n4,1,-5\n"
 
@@ -31,41 +31,70 @@ def test_load_file_is_read_in_its_units(tmp_path):
     assert at(read_load(path, period=4e-3), 4e-3) == pytest.approx([1000.0, -5.0])
 
 
+#: Every refusal of a table once, in files of loads; those of other tables that loads do not know.
+LOADS = [
+    (GOOD.replace(" 1, 2 ,0", "1,2"), "line 5: 2 values for 3 columns"),
+    (GOOD.replace(" 2 ", " two "), "line 5: Fx [kN] = 'two' must be a finite number"),
+    (
+        GOOD.replace(",", ";"),
+        "line 3, has 'time_ms; Fx [kN]; Fy_N': separate by commas, decimals with a point",
+    ),
+    (GOOD.replace(",", "\t"), "separate by commas"),
+    (GOOD.replace("7", "nan"), "line 7: Fy_N = 'nan' must be a finite number"),
+    (GOOD.replace("7", 200_000 * "1"), "line 7: Fy_N = '1111"),
+    (GOOD.replace("7", "1e308"), "'1e308' must be a finite number below 1e"),
+    (GOOD.replace(" 1, 2", "3, 2"), "line 7: the time 0.002 s must be above 0.003 s"),
+    (GOOD.replace("0,1,-5", "0.5,1,-5"), "line 4: the first time is 0.0005 s, it must be 0"),
+    (
+        GOOD.replace("4,1,-5", "4,1,-25"),
+        "line 8: the last row (1000, -25) differs from the first (1000, -5) by 20",
+    ),
+    (GOOD.replace("Fy_N", "Fy"), "line 3: column 'Fy' needs a unit: Fy_N or Fy_kN"),
+    (GOOD.replace("Fy_N", "Fy_lbf"), "line 3: column 'Fy_lbf' needs a unit"),
+    (GOOD.replace("Fy_N", "Fz_N"), "line 3: column 'Fz_N' is not one of time, Fx, Fy"),
+    (GOOD.replace("Fy_N", "Fx_N"), "line 3: column 'Fx_N' appears twice"),
+    ("time_s,Fx_N\n0,1\n1,1\n2,1\n", "no column Fy"),
+    ("time_s,Fx_N,Fy_N\n0,1,1\n1,1,1\n", "2 rows of numbers, at least 3"),
+    ("time_s,Fx_N,Fy_N\n0,0,0\n1,0,0\n2,0,0\n", "the load is 0 throughout"),
+    ("# nothing\n", "no header"),
+    (b"\xff\xfe\x00", "not a text file"),
+    (None, "No such file"),
+]
+ANGLES = "angle_deg,force_N\n0,1\n90,2\n180,3\n360,1\n"
+OTHERS = [
+    (
+        read_angle_table,
+        ANGLES.replace("90,", "190,"),
+        "line 4: the angle 180 deg must be above 190",
+    ),
+    (
+        read_angle_table,
+        ANGLES.replace("360", "350"),
+        "the angles span 350 deg, from 0 to 350, they",
+    ),
+    (
+        read_angle_table,
+        ANGLES.replace("360,1", "360,2"),
+        "line 5: the last row (2) differs from the first (1) by 1",
+    ),
+    (read_time_table, "time_s,force_N\n0,1\n", "1 rows of numbers, at least 2"),
+    (read_time_table, "time_s,force_N\n0,1\n0,2\n", "line 3: the time 0 s must be above 0 s"),
+]
+
+
 @pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        (GOOD.replace(" 1, 2 ,0", "1,2"), "line 5: 2 values for 3 columns"),
-        (GOOD.replace(" 2 ", " two "), "line 5: Fx [kN] = 'two' must be a finite number"),
-        (
-            GOOD.replace(",", ";"),
-            "line 3, has 'time_ms; Fx [kN]; Fy_N': separate by commas, decimals with a point",
-        ),
-        (GOOD.replace(",", "\t"), "separate by commas"),
-        (GOOD.replace("7", "nan"), "line 7: Fy_N = 'nan' must be a finite number"),
-        (GOOD.replace(" 1, 2", "3, 2"), "line 7: the time 0.002 s must be above 0.003 s"),
-        (GOOD.replace("0,1,-5", "0.5,1,-5"), "line 4: the first time is 0.0005 s, it must be 0"),
-        (
-            GOOD.replace("4,1,-5", "4,1,-25"),
-            "line 8: the last row (1000, -25) differs from the first (1000, -5) by 20",
-        ),
-        (GOOD.replace("Fy_N", "Fy"), "line 3: column 'Fy' needs a unit: Fy_N or Fy_kN"),
-        (GOOD.replace("Fy_N", "Fy_lbf"), "line 3: column 'Fy_lbf' needs a unit"),
-        (GOOD.replace("Fy_N", "Fz_N"), "line 3: column 'Fz_N' is not one of time, Fx, Fy"),
-        (GOOD.replace("Fy_N", "Fx_N"), "line 3: column 'Fx_N' appears twice"),
-        ("time_s,Fx_N\n0,1\n1,1\n2,1\n", "no column Fy"),
-        ("time_s,Fx_N,Fy_N\n0,1,1\n1,1,1\n", "2 rows of numbers, at least 3"),
-        ("time_s,Fx_N,Fy_N\n0,0,0\n1,0,0\n2,0,0\n", "the load is 0 throughout"),
-        ("# nothing\n", "no header"),
-        (b"\xff\xfe\x00", "not a text file"),
-    ],
+    ("read", "text", "named"),
+    [(lambda path, *_: read_load(path), *case) for case in LOADS] + OTHERS,
 )
-def test_bad_load_files_are_refused_by_line_and_value(text, named, tmp_path):
+def test_bad_tables_are_refused_by_line_and_value(read, text, named, tmp_path):
     path = tmp_path / "load.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    if text is not None:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(SettingsError) as error:
-        read_load(path)
-    assert str(path) in str(error.value)
+        read(path, "load.file", {"force": {"N": 1.0}})
+    assert str(error.value).startswith(f"load.file {path}")
     assert named in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_period_must_reach_beyond_the_file(tmp_path):

@@ -13,7 +13,7 @@ from fenics_ehd.base.fields import NO_TEMPERATURE, OilSettings
 from fenics_ehd.film.lubricant import make_lubricant, oil_of_grade
 from fenics_ehd.scenes.films import build_film
 from fenics_ehd.scenes.library import shipped
-from fenics_ehd.scenes.scene import scene_of, stored
+from fenics_ehd.scenes.scene import scene_of
 
 TABLES = tomllib.loads(shipped("loaded-journal"))
 
@@ -45,12 +45,6 @@ def test_laws_are_multiplied_into_one_oil():
     assert not found.linear
     graded = film_oil(scene_with(grade="ISO VG 46", temperature=60, roelands=0.6))
     assert graded.viscosity_law == ehd.Roelands(graded.viscosity, 0.6)
-
-
-def test_the_text_of_a_scene_keeps_its_oil():
-    scene = scene_with(grade="5w-30", temperature=110.0, barus=1e-8, cross_rate=2e6)
-    assert stored(scene).lubricants == scene.lubricants
-    assert film_oil(stored(scene)) == film_oil(scene)
 
 
 @pytest.mark.parametrize(

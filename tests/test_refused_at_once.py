@@ -50,11 +50,7 @@ def scene(tmp_path):
     ("key", "text", "message"),
     [
         ("forces.gas.file", None, "forces.gas.file"),
-        ("forces.gas.file", GAS.replace("90", "10e"), "line 3: angle_deg = '10e' must be a finite"),
-        ("forces.gas.file", GAS.replace(",", ";"), "line 1, has 'angle_deg;force_N': separate by"),
         ("forces.gas.file", GAS.replace("360,80", "360,90"), "close the period"),
-        ("forces.gas.file", GAS.replace("10", 200_000 * "1"), "line 3: force_N = '1111"),
-        ("forces.gas.file", GAS.replace("10", "1e308"), "'1e308' must be a finite number below 1e"),
         (
             "drives.crank.table",
             GAS,
@@ -81,8 +77,6 @@ def test_tables(key, text, message, with_body, scene, tmp_path, capfd):
         ("scene = 3\n", "no [bodies.NAME] tables"),
         ("bodies = 3\n", "bodies = 3 must be tables: [bodies.NAME]"),
         ("[bodies]\nrod = 3\n", "bodies.rod = 3 must be a table: [bodies.rod]"),
-        ("[bodies.rod]\n", "bodies.rod.kind is missing: one of rigid, flexible"),
-        ('[bodies.rod]\nkind = "rigit"\nmass = 1.0\n', "did you mean rigid?"),
         ("[bodies.rod]\nkind = 3\n", "bodies.rod.kind = 3: "),
         ("[bodies.rod]\nkind = []\n", "bodies.rod.kind = []: "),
         ("[body.rod]\n[bodies.rod]\n", "unknown table [body]: did you mean bodies?"),

@@ -12,7 +12,7 @@ from scene_cases import tables_of
 
 import fenics_ehd as ehd
 from fenics_ehd.base import fields
-from fenics_ehd.base.errors import InputError, InterfaceMismatchError, MeshError, SettingsError
+from fenics_ehd.base.errors import InterfaceMismatchError, MeshError, SettingsError
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.reduction import load_dependent, rigid
 from fenics_ehd.scenes import films, part_settings, schema
@@ -597,27 +597,6 @@ def test_what_a_scene_hardly_means_is_a_notice(changes, told):
     scene = scene_of(tables_of("rotor-two-bearings", changes), "case")
     assert re.search(told, scene.warnings[0])
     assert not scene_of(tables_of("rotor-two-bearings", {}), "case").warnings
-
-
-TIME = "time_s,speed_rad_per_s"
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("time_s,speed\n0,1\n1,2\n", "column 'speed' needs a unit: speed_rad_per_s"),
-        (f"{TIME}\n0,1\n", "1 rows of numbers, at least 2"),
-        (f"{TIME}\n0,1\n0,2\n", "line 3: the time 0 s must be above 0 s"),
-        (f"{TIME}\n0,1,2\n1,1,2\n", "line 2: 3 values for 2 columns"),
-        (f"{TIME}\n0,1\n1,x\n", "line 3: speed_rad_per_s = 'x' must be a finite number"),
-    ],
-)
-def test_a_table_over_time_that_cannot_be_read(content, message, tmp_path):
-    path = tmp_path / "speed.csv"
-    path.write_text(content)
-    with pytest.raises(InputError, match=message):
-        made(FOUR_BAR, ("speed = 100.0 ", "speed = 0.0 "), ('table = "none"', f'table = "{path}"'),
-             ("revolutions = 1.0 ", "period = 0.1 "))  # fmt: skip
 
 
 # --- Several bores

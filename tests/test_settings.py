@@ -30,6 +30,38 @@ def test_the_text_of_a_shipped_scene_reads_back_as_the_scene(name):
         assert getattr(again, table) == getattr(scene, table)
 
 
+AT = "joints.bearing"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {
+            f"{AT}.supply.inlet": {
+                "kind": "hole", "on": "journal", "angle": 90, "diameter": 6e-3, "pressure": 3e5
+            },
+            f"{AT}.supply.groove": {"kind": "axial-groove", "length": 5e-3, "extent": 30.0},
+        },
+        {
+            "lubricants.oil": {
+                "grade": "5w-30", "temperature": 110.0, "barus": 1e-8, "cross_rate": 2e6
+            }
+        },
+        {
+            "lubricants.oil": {"grade": "ISO VG 46"},
+            f"{AT}.heat": {"supply_temperature": 70.0, "conducted_share": 0.2},
+        },
+    ],
+)  # fmt: skip
+def test_the_text_keeps_what_no_shipped_scene_lists(changes):
+    plain = scene_of(tables_of("loaded-journal", {}), "plain")
+    assert plain.joints["bearing"].supply == {}
+    assert plain.joints["bearing"].heat is None
+    scene = scene_of(tables_of("loaded-journal", changes), "case")
+    again = scene_of(tomllib.loads(scene_text(scene)), "case")
+    assert (again.joints, again.lubricants) == (scene.joints, scene.lubricants)
+
+
 @given(
     clearance=st.floats(1e-9, 1e-3),
     modes=st.integers(0, 500),
@@ -165,6 +197,7 @@ def test_numbers_that_are_perhaps_in_another_unit_are_named():
         "lubricants.oil.viscosity": 10.0,
         "bodies.rod.material.youngs_modulus": 210e12,
         "bodies.rod.damping_time": 1.0,
+        "joints.big_end.supply.inlet": {"kind": "hole", "pressure": 3.0},
     }
     assert set(scene_of(tables_of(PAPER, changes), "case").warnings) == {
         "drives.crank.speed = 30000 is outside the usual 0.01 to 20000: in rad/s, 314 for 3000 rpm",
@@ -173,6 +206,8 @@ def test_numbers_that_are_perhaps_in_another_unit_are_named():
         "bodies.rod.material.youngs_modulus = 2.1e+14 is outside the usual 1e+09 to 2e+12: in Pa, "
         "210e9 for 210 GPa",
         "bodies.rod.damping_time = 1 is outside the usual 1e-12 to 0.1: in s, 1e-3 for 1 ms",
+        "joints.big_end.supply.inlet.pressure = 3 is outside the usual 1000 to 1e+09: in Pa, 3e5 "
+        "for 3 bar",
     }
 
 

@@ -14,7 +14,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.films import build_film
-from fenics_ehd.scenes.scene import scene_of, stored
+from fenics_ehd.scenes.scene import scene_of
 
 AT = "joints.bearing.supply"
 
@@ -60,24 +60,6 @@ def test_supplies_are_those_of_the_scene(made):
     # Over and over, as all in a periodic scene; no step jumps over its rows.
     assert [groove.pressure_at(t) for t in (0.0, 5e-3, 25e-3)] == pytest.approx([1e5, 3e5, 3e5])
     assert any(load.curve is groove.curve for load in System(mechanism).tables)
-
-
-def test_the_text_of_a_scene_keeps_its_supplies(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    scene = scene_of(tables_of("loaded-journal", LOADED_JOURNAL | deepcopy(FED)), "case")
-    assert stored(scene).joints == scene.joints
-    assert scene.joints["bearing"].supply["inlet"].diameter == 6e-3
-    plain = scene_of(tables_of("loaded-journal", LOADED_JOURNAL), "case")
-    assert stored(plain).joints == plain.joints
-    assert plain.joints["bearing"].supply == {}
-
-
-def test_a_pressure_in_bar_is_doubted():
-    scene = scene_of(
-        tables_of("loaded-journal", deepcopy(FED) | {f"{AT}.inlet.pressure": 3.0}), "case"
-    )
-    (warning,) = scene.warnings
-    assert warning.startswith("joints.bearing.supply.inlet.pressure = 3 is outside the usual")
 
 
 WRONG = [
@@ -135,7 +117,7 @@ def test_tables_that_are_none(made, tmp_path, table, message):
 
 def test_a_supply_of_another_period_than_the_cycle_is_refused_before_anything_is_meshed(tmp_path):
     table = tmp_path / "supply.csv"
-    table.write_text("time_s,pressure_bar\n0,1\n5e-3,3\n20e-3,1\n")
+    table.write_text(PRESSURES)
     hole = {"kind": "hole", "diameter": 4e-3, "table": str(table)}
     scene = scene_of(tables_of("slider-crank", {"joints.big_end.supply.inlet": hole}), "case")
     begun = []
