@@ -12,9 +12,7 @@ def quadrature_element(cell, degree):
     """Element of values at the points of the default quadrature rule of a degree."""
     if compat._basix_ufl is not None:
         return compat._basix_ufl.quadrature_element(cell, scheme="default", degree=degree)
-    return ufl.FiniteElement(
-        "Quadrature", compat._cell_in_space(cell), degree, quad_scheme="default"
-    )
+    return ufl.FiniteElement("Quadrature", compat._cell(cell), degree, quad_scheme="default")
 
 
 def create_mesh(comm, cells, element, x):

@@ -47,18 +47,20 @@ def model_to_mesh(
     return tuple(gmshio.model_to_mesh(model, comm, rank, gdim=3))[:3]
 
 
-def _cell_in_space(cell: str) -> ufl.Cell:
-    """UFL cell with geometric dimension 3: the old UFL asks elements on a surface for it."""
-    return ufl.Cell(cell, geometric_dimension=3)
+def _cell(name: str, dimension: int = 3) -> ufl.Cell:
+    """UFL cell with its geometric dimension, for which the old UFL asks elements."""
+    return ufl.Cell(name, geometric_dimension=dimension)
 
 
-def lagrange_element(cell: str, degree: int, shape: tuple[int, ...] = ()) -> Element:
-    """Nodal Lagrange element, blocked when `shape` is ``(3,)``."""
+def lagrange_element(
+    cell: str, degree: int, shape: tuple[int, ...] = (), *, dimension: int = 3
+) -> Element:
+    """Nodal Lagrange element of cells in space or in the plane, blocked by a `shape`, ``(3,)``."""
     if _basix_ufl is not None:
         return _basix_ufl.element("Lagrange", cell, degree, shape=shape)
     if shape:
-        return ufl.VectorElement("Lagrange", _cell_in_space(cell), degree, dim=shape[0])
-    return ufl.FiniteElement("Lagrange", _cell_in_space(cell), degree)
+        return ufl.VectorElement("Lagrange", _cell(cell, dimension), degree, dim=shape[0])
+    return ufl.FiniteElement("Lagrange", _cell(cell, dimension), degree)
 
 
 def custom_element(
@@ -101,7 +103,7 @@ def custom_element(
             superdegree,
         )
     )
-    scalar._cell = _cell_in_space(cell)
+    scalar._cell = _cell(cell)
     return ufl.VectorElement(scalar, dim=shape[0]) if shape else scalar
 
 
@@ -157,33 +159,24 @@ _JIT["cache_dir"] = FORMS
 _INTEGRAL_TYPE: Any = getattr(fem, "IntegralType", getattr(cpp.fem, "IntegralType", None))
 
 
-def plane_element(degree: int) -> Element:
-    """Lagrange element on quadrilaterals of the plane."""
-    if _OLD:
-        return ufl.FiniteElement("Lagrange", ufl.Cell("quadrilateral"), degree)
-    return lagrange_element("quadrilateral", degree)
-
-
 def plane(element: Element) -> Element:
     """An element that the old UFL asks for a geometric dimension, in the plane."""
     if _OLD and hasattr(element, "_cell"):
-        element._cell = ufl.Cell("quadrilateral")
+        element._cell = _cell("quadrilateral", 2)
     return element
 
 
 def quadrature_element(degree: int) -> Element:
     """Element of values at the Gauss points of quadrilaterals of the plane."""
     if _OLD:
-        cell = ufl.Cell("quadrilateral")
+        cell = _cell("quadrilateral", 2)
         return ufl.FiniteElement("Quadrature", cell, degree, quad_scheme="default")
     return _basix_ufl.quadrature_element("quadrilateral", scheme="default", degree=degree)
 
 
 def plane_domain() -> ufl.Mesh:
     """Domain of forms on quadrilaterals of the plane, of no mesh."""
-    if _OLD:
-        return ufl.Mesh(ufl.VectorElement("Lagrange", ufl.Cell("quadrilateral"), 1))
-    return ufl.Mesh(_basix_ufl.element("Lagrange", "quadrilateral", 1, shape=(2,)))
+    return ufl.Mesh(lagrange_element("quadrilateral", 1, (2,), dimension=2))
 
 
 def plane_mesh(cells: np.ndarray, x: np.ndarray) -> mesh.Mesh:

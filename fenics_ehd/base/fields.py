@@ -292,12 +292,10 @@ def as_float(value: Any, unit: str | None = None) -> Any:
     if unit is not None and isinstance(value, str):
         with suppress(SettingsError):  # told by the check, which knows the name
             return in_unit(value, unit)
-    if type(value) is not int:
-        return value
-    try:
-        return float(value)
-    except OverflowError:
-        return float("inf")
+    if type(value) is int:
+        with suppress(OverflowError):
+            return float(value)
+    return value
 
 
 def as_tuple(value: Any, unit: str | None = None) -> Any:

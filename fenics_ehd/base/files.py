@@ -375,7 +375,7 @@ def require_writable(path: str | Path) -> None:
 def complete_result(directory: Path) -> dict[str, Any] | None:
     """Summary of the complete result in a folder, None where there is none."""
     summary = _summary(directory)
-    return summary if summary and summary["status"] == "complete" else None
+    return summary if summary.get("status") == "complete" else None
 
 
 def require_complete(directory: Path) -> dict[str, Any]:
@@ -386,20 +386,20 @@ def require_complete(directory: Path) -> dict[str, Any]:
     InputError
         There is no such folder, no result in it, or one that is not complete.
     """
-    summary = _summary(directory) or {}
+    summary = _summary(directory)
     if summary.get("status") != "complete":
         missing = f"it has no {SUMMARY} of one" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: no complete run: {summary.get('status', missing)}")
     return summary
 
 
-def _summary(directory: Path) -> dict[str, Any] | None:
-    """Summary in a folder, None for one without a status."""
-    try:
+def _summary(directory: Path) -> dict[str, Any]:
+    """Summary in a folder, empty where there is none."""
+    with suppress(OSError, ValueError):
         summary = read_json(directory / SUMMARY)
-        return summary if isinstance(summary["status"], str) else None
-    except (OSError, LookupError, ValueError, TypeError):
-        return None
+        if isinstance(summary, dict):
+            return summary
+    return {}
 
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:

@@ -239,7 +239,8 @@ def pressure_element(family: str) -> Any:
     """Element of the pressure on the flat mesh."""
     if family == "serendipity":
         return compat.plane(quadratic_element(family, "quadrilateral"))
-    return compat.plane_element(1 if family == "bilinear" else 2)
+    degree = 1 if family == "bilinear" else 2
+    return compat.lagrange_element("quadrilateral", degree, dimension=2)
 
 
 def gauss_element() -> Any:

@@ -94,11 +94,6 @@ def _shaft(key: str, settings: schema.ShaftSettings) -> ShaftBody:
             f"{key}.modes = {settings.modes} must be even, half of them for either plane, and at "
             f"most {available}, the degrees of freedom of elements = {settings.elements}"
         )
-    for name, share in settings.points.items():
-        if not 0.0 <= share <= 1.0:
-            raise SettingsError(
-                f"{key}.points.{name} = {share:g} must be a share of the length, 0 to 1"
-            )
     disks = [Disk(*disk) for disk in settings.disks]
     for disk in disks:
         inertias = (disk.mass, disk.polar_inertia, disk.diametral_inertia)

@@ -185,48 +185,30 @@ def holes_of(bore: BoreSurface | None) -> list[BoreHole]:
     return bore_holes(bore.coordinates, bore.cells, bore.family)
 
 
-def supplies_of(scene: Scene, name: str, holes: Sequence[BoreHole] = ()) -> tuple[Supply, ...]:
-    """Supplies of a lubricated joint with their places and tables.
-
-    Parameters
-    ----------
-    scene, name
-        Which joint.
-    holes
-        In the mesh of its bore.
+def supplies_of(scene: Scene, name: str) -> tuple[Supply, ...]:
+    """Supplies of a lubricated joint with their names and tables.
 
     Raises
     ------
     SettingsError
-        A pressure that is given twice, a table that cannot be used, or a hole that the mesh should
-        have and has not.
+        A pressure that is given twice, or a table that cannot be used.
     """
     found = []
     for own, supply in scene.joints[name].supply.items():
         key = f"joints.{name}.supply.{own}"
-        if isinstance(supply, HoleSupply) and not supply.diameter:
-            supply = _hole_in_mesh(supply, key, holes)
         curve = _pressure_curve(supply, key, periodic=scene.time.periodic)
         found.append(attrs.evolve(supply, name=own, curve=curve))
     return tuple(found)
 
 
 def supply_tables(scene: Scene) -> dict[str, Curve]:
-    """Pressures over the time of all supplies that have a table, by key.
-
-    Raises
-    ------
-    SettingsError
-        Of a pressure that is given twice, or a table that cannot be used.
-    """
-    found = {}
-    for name, joint in scene.joints_of(schema.LubricatedSettings):
-        for own, supply in joint.supply.items():
-            key = f"joints.{name}.supply.{own}"
-            curve = _pressure_curve(supply, key, periodic=scene.time.periodic)
-            if curve is not None:
-                found[key] = curve
-    return found
+    """Pressures over the time of supplies that have a table, by key; errors as `supplies_of`."""
+    return {
+        f"joints.{name}.supply.{supply.name}": supply.curve
+        for name, _ in scene.joints_of(schema.LubricatedSettings)
+        for supply in supplies_of(scene, name)
+        if isinstance(supply.curve, Curve)
+    }
 
 
 def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[HoleSupply, ...]:
@@ -249,8 +231,16 @@ def _in_mesh(supply: HoleSupply, hole: BoreHole) -> HoleSupply:
     )
 
 
-def _hole_in_mesh(supply: HoleSupply, key: str, holes: Sequence[BoreHole]) -> HoleSupply:
-    """A supply at the hole in the mesh nearest to its angle and height."""
+def _placed(supply: Supply, key: str, holes: Sequence[BoreHole]) -> Supply:
+    """A supply; one without a size at the hole in the mesh nearest to its angle and height.
+
+    Raises
+    ------
+    SettingsError
+        The mesh should have a hole and has none.
+    """
+    if not isinstance(supply, HoleSupply) or supply.diameter:
+        return supply
     if not holes or supply.on_journal:
         raise SettingsError(
             f"{key}.diameter is missing [m]: only a flexible bore may have a hole in its mesh, and "
@@ -396,7 +386,9 @@ def build_film(scene: Scene, name: str, bore: BoreSurface | None, rate: float) -
         grid = aligned_grid(film_mesh(joint, bore), edges)
     except SettingsError as error:
         raise SettingsError(f"{key}.grooves: {error}") from None
-    supplies = supplies_of(scene, name, holes)
+    supplies = tuple(
+        _placed(supply, f"{key}.supply.{supply.name}", holes) for supply in supplies_of(scene, name)
+    )
     closed = recesses(supplies, holes)
     for supply in supplies:
         check_supply(f"{key}.supply.{supply.name}", supply, grid)

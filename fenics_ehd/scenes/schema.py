@@ -17,6 +17,7 @@ Longer than other modules: it is one list, in the order of the reference that is
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import attrs
@@ -34,6 +35,7 @@ from fenics_ehd.base.fields import (
     Material,
     OilSettings,
     Roughness,
+    as_float,
     checked,
     choice,
     count,
@@ -49,7 +51,9 @@ from fenics_ehd.base.fields import (
     radial_clearance,
     rows,
     section,
+    table,
     text,
+    unless,
 )
 from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.supply import AxialGrooveSupply, CircumferentialGrooveSupply, HoleSupply
@@ -187,6 +191,14 @@ class FlexibleSettings(MovingSettings):
         return () if self.body == NONE else MODEL_KEYS
 
 
+def shares(help_text: str) -> Any:
+    """Free table of names and shares."""
+    check = unless(
+        lambda n: isinstance(n, float) and 0.0 <= n <= 1.0, "a share of the length, 0 to 1"
+    )
+    return table(help_text, check, partial(as_float, unit=""))
+
+
 @attrs.frozen
 class ShaftSettings(Shaft):
     """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
@@ -202,7 +214,7 @@ class ShaftSettings(Shaft):
         "rigid disks [share of the length, kg, kg m2 about the axis, kg m2 about a diameter]",
         ("", "kg", "kg m2", "kg m2"),
     )
-    points: dict = numbers("points by name, share of the length from one end, 0 to 1")
+    points: dict = shares("points by name, share of the length from one end, 0 to 1")
 
 
 @attrs.frozen(kw_only=True)
