@@ -205,7 +205,8 @@ def open_sealed(
     sealed = _sealed(path)
     file = open_hdf5(path)
     try:
-        if file.attrs.get("format") != kind:
+        # Bytes in histories of version 0.2.
+        if file.attrs.get("format") not in (kind, kind.encode()):
             raise ValueError(f"not a {kind}")
         found = file.attrs["format_version"]
         if found != version:
