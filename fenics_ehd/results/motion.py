@@ -141,6 +141,7 @@ class RecordedMotion:
             own = equations.responses.bodies[body].patterns
             pressures = [self.motion.pressures[p.name] for p in films]
             gaps = [self.observed[p.name][:, : -self.nodes(p)] for p in films]
+            amplitudes = np.zeros_like(amplitudes)  # those of the run stay
             for row in range(len(amplitudes)):
                 forces = equations.contacts.forces([gap[row] for gap in gaps])
                 static = equations.responses.static([p[row] for p in pressures], forces)
