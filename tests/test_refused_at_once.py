@@ -10,7 +10,6 @@ from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.settings import key_hint
 from fenics_ehd.cli.reduction import reduce_part
 
 GAS = "angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n"
@@ -229,17 +228,6 @@ def test_numbers_in_another_unit_perhaps_are_named_and_kept(scene, tmp_path, cap
     )
     assert f"fenics-ehd: warning: {warning}\n" in errors
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
-
-
-def test_hint_prefers_the_same_word_then_the_same_section():
-    known = ["scene", "bearing", "bearing.clearance", "bearing.radius", "rod", "rod.cells",
-             "film", "film.cells"]  # fmt: skip
-    assert key_hint(known, "rod.clearance") == "did you mean bearing.clearance?"
-    assert key_hint(known, "rod.cell") == "did you mean rod.cells?"
-    assert key_hint(known, "road.cell") == "did you mean rod.cells or film.cells?"
-    assert key_hint(known, "bering") == "did you mean bearing?"
-    assert key_hint(known, "rod.frobnicate") == "known: rod.cells"
-    assert key_hint(known, "frobnicate") == "known: scene, bearing, rod, film"
 
 
 @pytest.mark.parametrize(

@@ -461,6 +461,7 @@ WRONG = [
     # films
     ("radius = 0.01 ", "", "joints.rocker_end.radius is missing: that of a rigid bore"),
     ("clearance = 20e-6 ", "clearance = 2e-3 ", "rocker_end.clearance = 0.002 m must be"),
+    ("clearance = 20e-6 ", "clearance = 20e-9 ", "at least 1e-05 and below 0.1 of the bore radius"),
     ("eccentricity = [0.0, 0.0]", "eccentricity = [0.8, 0.8]", "lies on the bore or beyond"),
     # times
     ("revolutions = 1.0 ", "", "give time.period or time.revolutions, one of them"),
