@@ -416,7 +416,7 @@ def finer(scene: ehd.Scene, run: Run, factor: float) -> dict[str, Any]:
             2 * ceil(factor * cells[name][0] / 2),
             ceil(factor * cells[name][1]),
         ]
-        for name, _ in scene.joints_of(schema.LubricatedSettings)
+        for name in scene.films
     }
 
 

@@ -389,7 +389,7 @@ def _parts(
 def _joints(scene: Scene, parts: Mapping[str, ElasticPart]) -> dict[str, Joint | LubricatedJoint]:
     """Joints with their films, every journal in a bore that it fits."""
     joints, rate = dict(scene.joints), reference_rate(scene)
-    for name, joint in scene.joints_of(schema.LubricatedSettings):
+    for name, joint in scene.films.items():
         elastic = scene.elastic_bore(joint)
         bore = parts[elastic[0]].bore(elastic[1], f"joints.{name}.bore") if elastic else None
         joints[name] = lubricated_joint(scene, name, bore, rate)

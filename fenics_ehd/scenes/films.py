@@ -205,7 +205,7 @@ def supply_tables(scene: Scene) -> dict[str, Curve]:
     """Pressures over the time of supplies that have a table, by key; errors as `supplies_of`."""
     return {
         f"joints.{name}.supply.{supply.name}": supply.curve
-        for name, _ in scene.joints_of(schema.LubricatedSettings)
+        for name in scene.films
         for supply in supplies_of(scene, name)
         if isinstance(supply.curve, Curve)
     }

@@ -79,9 +79,11 @@ class Scene:
     tables: Mapping[str, Any] = attrs.Factory(dict)
     warnings: tuple[str, ...] = ()
 
-    def joints_of(self, kind: type) -> Iterator[tuple[str, Any]]:
-        """Names and settings of all joints of a class."""
-        return ((name, j) for name, j in self.joints.items() if isinstance(j, kind))
+    @property
+    def films(self) -> dict[str, schema.LubricatedSettings]:
+        """Lubricated joints by name."""
+        lubricated = schema.LubricatedSettings
+        return {name: joint for name, joint in self.joints.items() if isinstance(joint, lubricated)}
 
     def elastic_bore(self, joint: schema.LubricatedSettings) -> tuple[str, str] | None:
         """Flexible body and bore of a joint, None for a rigid bore."""
@@ -90,18 +92,11 @@ class Scene:
         elastic = isinstance(body, schema.FlexibleSettings) and point in body.bores
         return (name, point) if elastic else None
 
-    def films_of(self, body: str) -> dict[str, schema.LubricatedSettings]:
-        """Joints in the elastic bores of a flexible body by bore, in the order of its bores."""
-        found = {
-            self.elastic_bore(joint): joint
-            for _, joint in self.joints_of(schema.LubricatedSettings)
-        }
-        bores = self.bodies[body].bores
-        return {bore: found[body, bore] for bore in bores if (body, bore) in found}
-
     def film_element(self, body: str) -> str:
         """Element of a flexible body's films; others than the first's reach it by a transfer."""
-        return next((film.element for film in self.films_of(body).values()), "lagrange")
+        found = {self.elastic_bore(joint): joint.element for joint in self.films.values()}
+        bores = [(body, bore) for bore in self.bodies[body].bores]
+        return next((found[bore] for bore in bores if bore in found), "lagrange")
 
     @property
     def span(self) -> float:
@@ -131,7 +126,7 @@ def meshed(scene: Scene) -> tuple[str, ...]:
 
 def lubricated_joints(scene: Scene) -> tuple[str, ...]:
     """Names of the lubricated joints."""
-    return tuple(name for name, _ in scene.joints_of(schema.LubricatedSettings))
+    return tuple(scene.films)
 
 
 def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
@@ -157,8 +152,7 @@ def check_lubricants(scene: Scene) -> None:
     from fenics_ehd.film.lubricant import make_lubricant
 
     for name, settings in scene.lubricants.items():
-        joints = scene.joints_of(schema.LubricatedSettings)
-        users = [joint for _, joint in joints if joint.lubricant == name]
+        users = [joint for joint in scene.films.values() if joint.lubricant == name]
         try:
             for joint in users:
                 joint_lubricant(scene, joint)
@@ -230,7 +224,7 @@ def check_names(scene: Scene) -> None:
         _check_turning(scene, f"drives.{name}", name)
     check_lubricants(scene)
     bores: dict[str, str] = {}
-    for name, joint in scene.joints_of(schema.LubricatedSettings):
+    for name, joint in scene.films.items():
         _check_film(scene, name, joint)
         check_heat(scene, name)
         if joint.bore in bores:
@@ -376,7 +370,7 @@ def notices(scene: Scene) -> list[str]:
     given = weights or any(isinstance(body, schema.RigidSettings) for body in stiff)
     if plain and given and not any(getattr(body, "mass", 0.0) for body in stiff):
         found.append("bodies: none has a mass, so that gravity and inertia do nothing")
-    for name, joint in scene.joints_of(schema.LubricatedSettings):
+    for name, joint in scene.films.items():
         found += _turbulent(scene, name, joint)
     return found
 
