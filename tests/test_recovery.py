@@ -3,7 +3,6 @@
 import tracemalloc
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +15,6 @@ from scipy.spatial import cKDTree
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import BodyFileError, SettingsError
 from fenics_ehd.base.fields import Material
-from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.fem.stress import StressField
 from fenics_ehd.reduction.part_files import BasisFile, save_basis, von_mises
 from fenics_ehd.reduction.static import StaticSolver
@@ -59,17 +57,6 @@ def waves(x):
     """Displacement columns that do not depend on the numbering of the nodes, shape (3 nodes, 7)."""
     numbers = np.random.default_rng(5).normal(size=(7, 3, 3)) * 40.0
     return 1e-6 * np.sin(np.einsum("kcd,nd->nck", numbers, x)).reshape(-1, 7)
-
-
-def edit(path, **changes):
-    """Other attributes and tables in a file, or none."""
-    with h5py.File(path, "r+") as file:
-        for name, value in changes.items():
-            place = file.attrs if name in file.attrs else file
-            del place[name]
-            if value is not None:
-                place[name] = value
-    seal(path, path)
 
 
 @pytest.mark.mpi
@@ -215,24 +202,6 @@ def test_equivalent_stress_is_that_of_the_deviator(stress):
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     deviator = tensor - np.trace(tensor) / 3 * np.eye(3)
     assert von_mises(stress) == pytest.approx(np.sqrt(1.5 * (deviator**2).sum()), abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda path: path.unlink(), "no such file"),
-        (lambda path: path.write_text("nodes"), "signature"),
-        (lambda path: path.write_bytes(path.read_bytes()[:100_000]), "its digest is not"),
-        (lambda path: edit(path, format="fenics_ehd reduced body"), "not a fenics_ehd part basis"),
-        (lambda path: edit(path, format_version=99), "format version 99"),
-    ],
-)
-def test_a_file_that_holds_no_basis_is_refused(basis_file, tmp_path, change, message):
-    path = tmp_path / "rod.h5"
-    path.write_bytes(basis_file.read_bytes())
-    change(path)
-    with pytest.raises(BodyFileError, match=rf"basis file .*rod\.h5: .*{message}"):
-        BasisFile(path)
 
 
 def test_what_does_not_fit_is_refused(basis_file, rod_structure, columns, tmp_path):

@@ -16,7 +16,7 @@ from scene_cases import structure as structure_of
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.reduction import body_digest, craig_bampton, load_dependent, rigid
+from fenics_ehd.reduction import craig_bampton, load_dependent, rigid
 from fenics_ehd.reduction.load_dependent import (
     PRESSURE_SETS,
     energy_orthonormal,
@@ -132,16 +132,6 @@ def test_rigid_modes_are_orthonormal_and_store_no_energy(structure, figure):
     diagonal = structure.stiffness.getDiagonal().array[:, None] * modes
     sizes = [np.sqrt(comm.allreduce(np.sum(a**2))) for a in (force, diagonal)]
     figure("part and reduction", "rigid motions store no energy", sizes[0] / sizes[1], most=1e-11)
-
-
-def test_body_file_returns_every_bit(body, tmp_path):
-    if MPI.COMM_WORLD.rank:
-        return
-    ehd.save_body(body, tmp_path / "rod.h5")
-    again = ehd.load_body(tmp_path / "rod.h5")
-    assert body_digest(again) == body_digest(body)
-    for name in ("method", "frame", "kinds", "inventory", "accuracy", "provenance"):
-        assert getattr(again, name) == getattr(body, name)
 
 
 @settings(max_examples=50)

@@ -197,6 +197,19 @@ WRONG = {
 }
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_no_file_of_its_kind_is_named(kind, tmp_path):
+    path = tmp_path / "file.h5"
+    refused(kind, path)  # which is not there
+    KINDS[kind][0](path)
+    forged(path, lambda file: file.attrs.update(format_version=99))
+    assert "format version 99, this program reads" in refused(kind, path)
+    forged(path, lambda file: file.attrs.update(format="something"))
+    assert "not a fenics_ehd" in refused(kind, path)
+    path.write_text("nodes")
+    assert "signature" in refused(kind, path)
+
+
 @pytest.mark.parametrize("case", WRONG)
 def test_a_body_of_other_contents_is_named(case, tmp_path):
     change, message = WRONG[case]

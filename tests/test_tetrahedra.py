@@ -4,7 +4,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import gmsh
-import h5py
 import meshio
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from scene_cases import structure as structure_of
 from scipy import sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import BodyFileError, MeshError
-from fenics_ehd.base.sealed_file import seal
+from fenics_ehd.base.errors import MeshError
 from fenics_ehd.fem.gmsh_session import session
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid, inside_out
@@ -163,16 +161,6 @@ def test_pressure_sets_need_no_columns_of_nodes(structure, rod_structure):
     x, y, _ = rod_structure.bore.pressure_coordinates.T
     angle = np.mod(np.arctan2(y, x) + 1e-9, 2 * np.pi)
     np.testing.assert_allclose(_hats(angle), _columns(angle), atol=1e-6)
-
-
-def test_body_file_of_another_version_is_named(body, tmp_path):
-    ehd.save_body(body, tmp_path / "rod.h5")
-    assert ehd.load_body(tmp_path / "rod.h5").bore.family == "triangle"
-    with h5py.File(tmp_path / "rod.h5", "a") as file:
-        file.attrs["format_version"] = 4
-    seal(tmp_path / "rod.h5", tmp_path / "rod.h5")
-    with pytest.raises(BodyFileError, match=r"version 4, this program reads 5; reduce the part"):
-        ehd.load_body(tmp_path / "rod.h5")
 
 
 def test_bore_without_surface_mesh_is_allowed(structure, tmp_path):

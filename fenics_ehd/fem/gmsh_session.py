@@ -21,7 +21,7 @@ import numpy as np
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.processes import in_child, interrupt_kept
 from fenics_ehd.fem.models import check_model, is_shipped
-from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid
+from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid, used
 
 with interrupt_kept():
     import gmsh
@@ -322,15 +322,12 @@ def _mesh_drawing(path: Path, sizes: CellSizes | None) -> tuple[Solid, np.ndarra
 def _tetrahedra() -> tuple[Solid, np.ndarray]:
     """The current model's tetrahedra and the entity of each facet."""
     points, row = numbered_nodes()
-    kept = row[nodes_of_cells(TETRAHEDRON_10)]
-    if not len(kept):
+    solid = Solid(points, row[nodes_of_cells(TETRAHEDRON_10)], "tet")
+    if not len(solid.cells):
         raise MeshError("it gives no tetrahedra")
-    nodes, cells = np.unique(kept, return_inverse=True)
-    solid = Solid(points[nodes], cells.reshape(kept.shape), "tet")
     owner: dict[tuple, int] = {}
     for _, entity in gmsh.model.getEntities(2):
-        triangles = row[nodes_of_cells(TRIANGLE_6, entity)[:, :3]]
-        corners = np.sort(np.searchsorted(nodes, triangles), axis=1)
+        corners = np.sort(row[nodes_of_cells(TRIANGLE_6, entity)[:, :3]], axis=1)
         owner |= dict.fromkeys(map(tuple, corners.tolist()), entity)
     found = np.sort(solid.facets()[:, :3], axis=1).tolist()
-    return solid, np.array([owner[tuple(corners)] for corners in found])
+    return used(solid), np.array([owner[tuple(corners)] for corners in found])

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fenics_ehd.base.errors import MeshError
@@ -183,14 +181,10 @@ def refined(
     # Those of the given mesh come first and keep their numbers.
     every = np.vstack([solid.points, x])
     near = SAME * np.ptp(solid.points, axis=0).max()
-    pairs = cKDTree(every).query_pairs(near, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(every), len(every)))
-    group = connected_components(graph, directed=False)[1]
-    _, first, number = np.unique(group, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    number = np.argsort(order)[number]
+    places = cKDTree(every).query_ball_point(every, near)
+    kept, number = np.unique([min(place) for place in places], return_inverse=True)
     cells = number[len(solid.points) :].reshape(-1, count)
-    made = Solid(every[first[order]], cells, solid.kind)
+    made = Solid(every[kept], cells, solid.kind)
     return made, *_labelled(made, len(solid.points), facets, labels)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -112,17 +112,26 @@ def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
     return np.asfortranarray(columns.reshape(-1, values.shape[2]))
 
 
+def product(
+    left: np.ndarray,
+    operator: Callable[[np.ndarray], np.ndarray],
+    right: np.ndarray,
+    comm: MPI.Comm,
+) -> np.ndarray:
+    """``left^T A right`` on every rank, of owned rows; a block of A right in memory at a time."""
+    parts = blocks(right.shape[1], len(right), comm)
+    found = [inner(left, operator(right[:, part]), comm) for part in parts]
+    return np.hstack([np.zeros((left.shape[1], 0)), *found])
+
+
 def gram_matrices(
     structure: Structure, mass: MassOperator, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """``T^T K T`` and ``T^T M T``, on every rank."""
-    n, comm = columns.shape[1], structure.comm
-    reduced = np.empty((n, n)), np.empty((n, n))
-    for part in blocks(n, len(columns), comm):
-        own = columns[:, part]
-        reduced[0][:, part] = inner(columns, multiply(structure.stiffness, own), comm)
-        reduced[1][:, part] = inner(columns, mass.multiply(own), comm)
-    return symmetric(reduced[0]), symmetric(reduced[1])
+    comm, by_stiffness = structure.comm, partial(multiply, structure.stiffness)
+    stiffness = product(columns, by_stiffness, columns, comm)
+    mass_matrix = product(columns, mass.multiply, columns, comm)
+    return symmetric(stiffness), symmetric(mass_matrix)
 
 
 def require_small(defects: Mapping[str, float]) -> dict[str, float]:
@@ -145,18 +154,12 @@ def inertia_integrals(
     structure: Structure, mass: MassOperator, fields: np.ndarray
 ) -> InertiaIntegrals:
     """Inertia coupling of the given fields, owned rows (owned dofs, 3 + n)."""
-    n, comm = fields.shape[1], structure.comm
-    whole = [np.empty((n, n)) for _ in range(3)]
-    spun = turned(fields, 2)
-    for part in blocks(n, len(fields), comm):
-        mass_fields = mass.multiply(fields[:, part])
-        whole[0][:, part] = inner(fields, mass_fields, comm)
-        whole[1][part] = inner(mass_fields, spun, comm)
-        whole[2][:, part] = inner(spun, mass.multiply(spun[:, part]), comm)
+    spun, comm = turned(fields, 2), structure.comm
+    spin = product(spun, mass.multiply, fields, comm).T
     return InertiaIntegrals(
-        mass=symmetric(whole[0]),
-        spin=0.5 * (whole[1] - whole[1].T),
-        centrifugal=symmetric(whole[2]),
+        mass=symmetric(product(fields, mass.multiply, fields, comm)),
+        spin=0.5 * (spin - spin.T),
+        centrifugal=symmetric(product(spun, mass.multiply, spun, comm)),
     )
 
 
