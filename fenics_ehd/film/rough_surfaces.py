@@ -334,7 +334,9 @@ class RoughSurfaces(Roughness):
         """Heights of smooth films with the same stress of sliding, and of pressure [m].
 
         Patir and Cheng's stress on a surface leaves out what the pressure does to its slopes. On a
-        smooth one there is none: what acts there, ``phi_f + |w| phi_fs``, acts on both.
+        smooth one there is none: what acts there, ``phi_f + |w| phi_fs``, acts on both. Of the
+        pressure both together receive ``-h dp/dy``: what the stresses ``phi_fp h / 2`` leave of it
+        acts on the slopes, on the journal's as far as it is the rougher one.
         """
         ratio = gap.thickness / self.roughness
         if not self.flow_factors:
@@ -343,7 +345,8 @@ class RoughSurfaces(Roughness):
         inverse = stress_factor(ratio)
         if self.weight:
             inverse = inverse + abs(self.weight) * rough_stress_factor(ratio)
-        deep = gap.thickness * stress_pressure_factor(ratio)
+        left = 1.0 - stress_pressure_factor(ratio)
+        deep = gap.thickness * (1.0 + self.weight * left)
         return self.roughness / np.maximum(inverse, np.finfo(float).tiny), deep
 
     def length(self, gap: np.ndarray) -> np.ndarray:
