@@ -36,7 +36,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -142,8 +142,6 @@ class JointStep:
         return self.place.angles(self.step.rate)
 
 
-T = TypeVar("T")
-
 Value = Callable[[JointStep], float]
 Condition = Callable[[JointStep], bool]
 
@@ -229,7 +227,7 @@ def joint_row(joint: JointStep) -> dict[str, float]:
     return row
 
 
-def averaged(row: Mapping[str, T]) -> dict[str, T]:
+def averaged(row: Mapping[str, Any]) -> dict[str, Any]:
     """Columns of which a summary has the mean."""
     means = {output.column for output in OUTPUTS if output.mean} | {FLOW}
     return {column: value for column, value in row.items() if column.rpartition(".")[2] in means}

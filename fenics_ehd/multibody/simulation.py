@@ -230,11 +230,14 @@ def meshes_of(system: System) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for place in system.films:
         parameters, path = place.film.film.parameters, f"joints/{place.name}/film"
-        grid = parameters.grid
-        found[f"{path}/radius"] = np.array(grid.radius)
-        found[f"{path}/clearance"] = np.array(parameters.clearance)
-        found[f"{path}/angle"], found[f"{path}/height"] = grid.node_positions.T
-        found[f"{path}/cells"] = grid.cell_nodes.astype(np.int32)
+        angles, heights = parameters.grid.node_positions.T
+        found |= {
+            f"{path}/radius": np.array(parameters.grid.radius),
+            f"{path}/clearance": np.array(parameters.clearance),
+            f"{path}/angle": angles,
+            f"{path}/height": heights,
+            f"{path}/cells": parameters.grid.cell_nodes.astype(np.int32),
+        }
     return found
 
 
