@@ -14,7 +14,9 @@ from fenics_ehd.base.fields import Material
 from fenics_ehd.fem.models import model_path
 from fenics_ehd.film.grid import film_grid, uniform_grid
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
+from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.simulation import Run, Steps, Tracker
+from fenics_ehd.multibody.static_correction import BoreResponses
 from fenics_ehd.multibody.trust import bore_loads
 from fenics_ehd.plotting.animated_bodies import shape_of_bores
 from fenics_ehd.reduction import (
@@ -117,6 +119,47 @@ def test_films_of_both_ends_keep_account_of_their_oil(bodies):
     both, one = (found[name].columns for name in ("m4", "m4, one"))
     assert {"big_end.oil_content_m3", "gudgeon.oil_content_m3"} <= both.keys()
     assert "gudgeon.oil_content_m3" not in one
+
+
+def test_two_rods_answer_their_films_as_each_alone(bodies):
+    """The film of one stands between those of the other, whose structure damps otherwise."""
+    body = bodies["m4"]
+    films = {n: film(film_grid(bore.pressure_coordinates), 17e-6) for n, bore in body.bores.items()}
+    rods = {"one": ehd.FlexibleBody(body, 1e-3), "other": ehd.FlexibleBody(body, 4e-3)}
+    bores = {"a": "one.bore", "b": "other.bore", "c": "one.pin"}
+    joints = {
+        name: ehd.LubricatedJoint("journal", bore, films[bore.partition(".")[2]])
+        for name, bore in bores.items()
+    }
+
+    def answers(names, *moving):
+        machine = {"journal": ehd.RigidBody(1.0), **{name: rods[name] for name in moving}}
+        system = System(ehd.Mechanism(machine, {name: joints[name] for name in names}))
+        responses, past, pressures, forces = BoreResponses(system), np.zeros(2000), [], []
+        for name in moving:
+            past[responses.of_body(name)] = 1e9 * np.cos(np.arange(body.residual.rank) + len(name))
+        for place in system.films:
+            nodes = place.film.film.parameters.grid.node_positions[:, 0]
+            pressures.append(1e7 * (1 + np.cos(nodes + ord(place.name))))
+            forces.append(ord(place.name) * np.sin(place.film.film.points.angle.ravel()) ** 2)
+        responses.begin(SimpleNamespace(shift=2e3, past_x=past))
+        gaps = responses.moved(pressures), responses.pushed(np.concatenate(forces))
+        y, rate = responses.state(responses.static(pressures, np.concatenate(forces)))
+        found = {
+            name: [part[responses.bodies[name].patterns] for part in (y, rate)] for name in moving
+        }
+        for i, (place, own) in enumerate(zip(system.films, responses.points, strict=True)):
+            some = np.arange(own.start, own.stop, 7)
+            found[place.name] = [gap[own] for gap in (*gaps, responses.past_gap, responses.share)]
+            found[place.name] += [responses.pressed_at(i, some), *responses.leading(9)[i]]
+            found[place.name].append(responses.pushed_by(some)[own])
+        return found
+
+    together = answers("abc", "one", "other")
+    for name, alone in (answers("ac", "one") | answers("b", "other")).items():
+        for found, expected in zip(together[name], alone, strict=True):
+            assert np.abs(expected).max() > 0.0
+            np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
 def test_newtons_method_converges_fast(results):
