@@ -9,7 +9,7 @@ from journal_cases import ETA, OMEGA, UNIT_LOAD, C, equilibrium, journal, make_f
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SolverError, StepSizeError, ViscosityError
 from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
-from fenics_ehd.multibody.newton import told_apart
+from fenics_ehd.multibody.newton import classify_failure
 from fenics_ehd.multibody.run import Run, Steps
 from fenics_ehd.multibody.simulation import Tracker
 
@@ -121,18 +121,18 @@ def test_a_step_that_fails_with_thick_oil_says_so():
     for oil, told in ((OILS["Barus"], True), (OILS["Cross"], False)):
         going, _ = stages(oil, 1.0)
         equations, former = going.equations, going.state.solver
-        assert told_apart(failure, equations, None) is failure
-        assert told_apart(failure, equations, former) is failure
+        assert classify_failure(failure, equations, None) is failure
+        assert classify_failure(failure, equations, former) is failure
         # At the last accepted step five hundred times as thick.
         highest = equations.films[0].pressure(former.values[0][equations.places[0]]).max()
         thick = replace(former, values=former.values * 155e6 / highest)
-        named = told_apart(failure, equations, thick)
+        named = classify_failure(failure, equations, thick)
         assert isinstance(named, ViscosityError) == told
         if told:
             assert "the viscosity of the oil in bearing runs away" in str(named)
             assert "at 155 MPa it is 4.9e+02 times" in str(named)
         beyond = replace(former, values=former.values * 1e12 / highest)
-        assert isinstance(told_apart(failure, equations, beyond), ViscosityError) == told
+        assert isinstance(classify_failure(failure, equations, beyond), ViscosityError) == told
 
 
 def test_pressures_that_are_the_mesh_s_own_are_not_trusted():

@@ -238,13 +238,12 @@ class Contacts:
             gaps[i] = gaps[i].changed(moved[own], responses.shift * moved[own])
 
     def _pressures(self, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Contact pressures that bores answer, and their slopes, at the Gauss points."""
+        """Contact pressures and their slopes at the Gauss points of all films."""
         found = np.zeros((2, len(thickness)))
         for joint, own in zip(self.joints, self._responses.points, strict=True):
             if joint is not None:
                 found[:, own] = joint.touch(thickness[own])[1:]
-        pressure, slope = np.where(self.areas > 0.0, found, 0.0)
-        return pressure, slope
+        return found[0], found[1]
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
         """Gauss points whose contact counts, see `JointContact.near`, and is answered, (a,)."""

@@ -123,7 +123,7 @@ class FilmPlace:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class BoundMarker:
     """A marker that joints or forces see.
 
     Attributes
@@ -171,8 +171,8 @@ class System:
         Numbers of coordinates z, constraints g, and values u of all joints and forces.
     bodies
         Places of every body's coordinates in z, by name.
-    seen
-        Markers by name.
+    markers
+        By name.
     own
         Columns of joints' own coordinates in u, and their places in z.
     films
@@ -197,7 +197,7 @@ class System:
             self.n += body.size
         weights = np.concatenate([body.weights for body in self._bodies.values()])
         mobility = np.concatenate([body.mobility for body in self._bodies.values()])
-        self.seen: dict[str, Seen] = {}
+        self.markers: dict[str, BoundMarker] = {}
         self.own: list[tuple[slice, slice]] = []
         self.films: list[FilmPlace] = []
         self.constraints: list[Constraint] = []
@@ -233,8 +233,8 @@ class System:
         first = self.k
         for marker in markers:
             name, body, point = self._named(marker)
-            seen = self.seen.setdefault(marker, Seen(body, point, self.bodies[name]))
-            seen.columns.append(slice(self.k, self.k + WIDTH))
+            bound = self.markers.setdefault(marker, BoundMarker(body, point, self.bodies[name]))
+            bound.columns.append(slice(self.k, self.k + WIDTH))
             self.k += WIDTH
         if own:
             self.own.append((slice(self.k, self.k + own), slice(self.n, self.n + own)))
@@ -396,11 +396,11 @@ class Instant:
     def __init__(self, system: System, time: float, z: np.ndarray):
         self.system, self.time, self.z = system, time, z
         self.u, self.values_along = np.zeros(system.k), np.zeros((system.k, system.n))
-        self._markers = [(seen, seen.at(z)) for seen in system.seen.values()]
-        for seen, marker in self._markers:
-            for columns in seen.columns:
+        self._markers = [(bound, bound.at(z)) for bound in system.markers.values()]
+        for bound, marker in self._markers:
+            for columns in bound.columns:
                 self.u[columns] = marker.values
-                self.values_along[columns, seen.places] = marker.jacobian
+                self.values_along[columns, bound.places] = marker.jacobian
         for columns, places in system.own:
             self.u[columns] = z[places]
             self.values_along[columns, places] = np.eye(places.stop - places.start)
@@ -444,19 +444,19 @@ class Instant:
     def bend_values(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Derivative of ``U^T f`` for a force f that changes by `form` along u, shape (n, n)."""
         result = self.values_along.T @ (form @ self.values_along)
-        for seen, marker in self._markers:
+        for bound, marker in self._markers:
             if marker.bend is not None:
-                for columns in seen.columns:
-                    result[seen.places, seen.places] += marker.bend(force[columns])
+                for columns in bound.columns:
+                    result[bound.places, bound.places] += marker.bend(force[columns])
         return result
 
     def carry(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of ``U v``, shape (k, n), and of ``G v``, shape (m, n), along z."""
         values, along = np.zeros_like(self.values_along), np.zeros_like(self.gradient)
-        for seen, marker in self._markers:
+        for bound, marker in self._markers:
             if marker.carry is not None:
-                for columns in seen.columns:
-                    values[columns, seen.places] = marker.carry(rates[seen.places])
+                for columns in bound.columns:
+                    values[columns, bound.places] = marker.carry(rates[bound.places])
         value_rates = self.values_along @ rates
         for place, curvature in self._curvatures:
             along[place.rows, place.columns] = curvature @ value_rates[place.columns]
@@ -514,7 +514,7 @@ class Motion:
         """
         instant, found = self.instant, np.zeros((len(points), 2))
         for force, point in zip(found, sorted(points), strict=True):
-            marker = instant.system.seen.get(f"{name}.{point}")
+            marker = instant.system.markers.get(f"{name}.{point}")
             for columns in () if marker is None else marker.columns:
                 force -= self.on_values[columns][POSITION] @ rotation(instant.u[columns][ANGLE])
         return found.ravel()

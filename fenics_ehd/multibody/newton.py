@@ -296,7 +296,7 @@ def unresolved(place: FilmPlace, steepest: float) -> str:
     )
 
 
-def told_apart(
+def classify_failure(
     error: SolverError, equations: StepEquations, former: SolverState | None
 ) -> SolverError:
     """The error, or the one of a viscosity that runs away, by the films at the former step."""
@@ -395,7 +395,7 @@ class CoupledSteps:
             iterations = self._solve(self._start(step, former))
             state = self._state()
         except SolverError as caught:
-            error = told_apart(caught, self.equations, former)
+            error = classify_failure(caught, self.equations, former)
             return Attempt(max(1, self._iterations), cause=error)
         patterns = self._factors.patterns_wanted
         kept = SolverState.after(former, step.time, self._solution, patterns)
