@@ -315,7 +315,7 @@ class OilBalance:
             flows=self.strips.flows(flow.density * flow.thickness * flow.velocity),
             full=self.assembly.source(flow.density * flow.thickness) / length,
             former=former,
-            feed=equation.fed(gap, lumped=True),
+            feed=equation.fed(gap, flow, lumped=True),
         )
 
     def problem(self, step: OilStep) -> Complementarity:

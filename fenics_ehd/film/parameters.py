@@ -137,6 +137,11 @@ class FeedTerm:
         own = self.conductance if conductance is None else conductance
         return own * (pressure - self.pressure[:, None, None])
 
+    def _supplied(self, conductance: np.ndarray) -> np.ndarray:
+        """Flow from supplies with such conductances into a film without pressure."""
+        flow = self.pressure @ conductance.reshape(len(conductance), -1)
+        return flow.reshape(conductance.shape[1:])
+
     def lumped(
         self, assembly: Assembly, nodal: np.ndarray, conductance: np.ndarray | None = None
     ) -> np.ndarray:
@@ -145,7 +150,7 @@ class FeedTerm:
         All flows stay what they are, and the matrix of the film an M-matrix.
         """
         own = self.conductance if conductance is None else conductance
-        supplied = np.tensordot(self.pressure, own, 1)
+        supplied = self._supplied(own)
         return assembly.source(own.sum(axis=0)) * nodal - assembly.source(supplied)
 
     def lumped_change(
@@ -153,7 +158,7 @@ class FeedTerm:
     ) -> sparse.csc_matrix:
         """Its derivative (nodes, c * q) for a change `slope` of the conductances."""
         at_nodes = slope.sum(axis=0)[:, :, None] * assembly.by_nodes(nodal)
-        supplied = np.tensordot(self.pressure, slope, 1)
+        supplied = self._supplied(slope)
         return with_weights(assembly.tested, at_nodes - supplied[:, :, None])
 
 

@@ -147,11 +147,14 @@ class ReynoldsEquation:
         self.factors = [ratio * self._field("viscosity_field"), self.factors[1]]
         self._numbers = self._current_numbers()
 
-    def fed(self, gap: Gap, *, lumped: bool = False) -> FeedTerm | None:
-        """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any."""
+    def fed(self, gap: Gap, flow: Flow | None = None, *, lumped: bool = False) -> FeedTerm | None:
+        """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any.
+
+        The `flow` of a film without pressure in it may be known.
+        """
         if self.feeds is None:
             return None
-        return self.feeds.term(gap, self.flow(gap).thickness, lumped=lumped)
+        return self.feeds.term(gap, (flow or self.flow(gap)).thickness, lumped=lumped)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
         """Dimensionless pressure at all nodes from that at the free ones."""
