@@ -251,9 +251,10 @@ class Feeds:
         """
         film, passage, film_slope, passage_slope = self._at(gap.turn)
         cube = (LUMPED if lumped else 1.0) * thickness**3
+        own = film * cube
         return FeedTerm(
-            film * cube + passage,
-            3.0 * film * cube / thickness,
+            own + passage,
+            3.0 * own / thickness,
             film_slope * cube + passage_slope,
             self._pressure(gap.time),
         )
