@@ -7,11 +7,11 @@ import pytest
 from command_line import call, exit_of
 from scene_cases import RIGID_ROD, tables_of, write_scene
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.sensitivity import derivatives, figure_of, smooth_extreme, smooth_mean
 from fenics_ehd.base.errors import SensitivityError, SettingsError
-from fenics_ehd.multibody.trust import integral
 from fenics_ehd.scenes.scene import scene_of
 from fenics_ehd.study.sensitivity import (
     mechanism_number,
@@ -311,7 +311,7 @@ def test_an_extreme_across_the_ends_of_a_cycle_converges_and_never_jumps():
     assert jumps[1][1] < 1.2 * 2 * np.pi * 2.6 / 40 / 400
 
 
-def test_means_of_a_cycle_converge_and_those_of_a_run_are_those_of_a_summary():
+def test_means_of_a_cycle_and_of_a_run_converge():
     errors = []
     for count in (20, 40):
         even = np.linspace(0.0, 1.0, count + 1)[1:]
@@ -320,8 +320,10 @@ def test_means_of_a_cycle_converge_and_those_of_a_run_are_those_of_a_summary():
         values = np.exp(np.sin(2 * np.pi * times))
         errors.append(abs(smooth_mean(times, values, 1.0) - 1.2660658777520082))
     assert errors[1] < 0.2 * errors[0]
-    mean = integral(times, values[:, None])[0] / (times[-1] - times[0])
-    assert smooth_mean(times, values, None) == pytest.approx(mean, rel=1e-12)
+    # That of a run has a start that is no end.
+    found = smooth_mean(times, values, None)
+    mean = CubicSpline(times, values).integrate(times[0], 1.0) / (1.0 - times[0])
+    assert found == pytest.approx(mean, rel=1e-5)
 
 
 @pytest.mark.slow
