@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scene_cases import RIGID_ROD, tables_of
 
-from fenics_ehd.analysis.sensitivity import Rows
+from fenics_ehd.analysis.sensitivity import extreme_around
 from fenics_ehd.scenes.scene import scene_of
 from fenics_ehd.study.sensitivity import scene_sensitivity
 
@@ -192,10 +192,10 @@ def test_extremes_around_a_film_do_not_jump_from_node_to_node():
             grid.ravel()
             for grid in np.meshgrid(np.linspace(0, 2 * np.pi, count + 1)[:-1], [-1.0, 0.0, 1.0])
         )
-        rows, found = Rows(angle, height, 2.0), []
+        found = []
         for place in np.linspace(-0.6, 0.6, 201) * 2 * np.pi / count:
             values = np.exp(np.cos(angle - place)) * (1.0 - 0.1 * height**2)
-            found.append(rows.extreme(values, 1))
+            found.append(extreme_around(angle, height, values, 1))
         errors.append(np.abs(np.array(found) / np.e - 1.0).max())
     assert errors[1] < 0.2 * errors[0]
     # The largest of the nodes is below it by half a distance of nodes squared, over 2.

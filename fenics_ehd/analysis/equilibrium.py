@@ -153,7 +153,8 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
     moving = np.concatenate([rates, np.zeros(len(x) - len(z))])
     past = moving - shift * x, -shift * moving
     step = ImplicitStep(0.0, shift, *past, x, x, (observed, observed), tolerance)
-    attempt = solver(norm, step, _start(solver.equations, z, rates))
+    start = None if solver.equations.oils else _start(solver.equations, z, rates)
+    attempt = solver(norm, step, start)
     if attempt.solved is None:
         assert attempt.cause is not None
         raise attempt.cause
@@ -176,7 +177,7 @@ def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> Solver
             values[own] = film.values(film.film.solve(gap).pressure)
         except SolverError:
             return None
-    return None if equations.oils else SolverState(np.zeros(1), values[None], 0)
+    return SolverState(np.zeros(1), values[None], 0)
 
 
 def linearise(found: Equilibrium | Mechanism) -> Linearisation:

@@ -22,6 +22,7 @@ import difflib
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import attrs
 import numpy as np
@@ -45,7 +46,6 @@ from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import Cycles, repeats
 from fenics_ehd.multibody.quantities import JointStep, joint_row
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.tabulated import derivative_weights
 from fenics_ehd.multibody.trust import integral
 
 #: Change of a number over its scale: differences are off by its square, and friction, whose oil in
@@ -99,18 +99,12 @@ def smooth_extreme(times: np.ndarray, values: np.ndarray, period: float | None, 
         return float(values[k])
     t = times[near % count] + near // count * (period or 0.0)
     own, here = values[near % count], k - int(near[0])
-    rising = _slope(t, own, here) * sign
-    ends = np.array([here, here + 1] if rising > 0.0 else [here - 1, here])
-    curve = CubicHermiteSpline(t[ends], own[ends], [_slope(t, own, i) for i in ends])
+    # Of parabolas through three points.
+    slopes = np.gradient(own, t, edge_order=2)
+    ends = np.array([here, here + 1] if slopes[here] * sign > 0.0 else [here - 1, here])
+    curve = CubicHermiteSpline(t[ends], own[ends], slopes[ends])
     level = curve.derivative().roots(extrapolate=False)
     return float(sign * np.max(sign * curve(level), initial=sign * values[k]))
-
-
-def _slope(times: np.ndarray, values: np.ndarray, i: int) -> float:
-    """At a point, of the parabola through it and its neighbours."""
-    middle = min(max(i, 1), len(times) - 2)
-    order = [i, *(j for j in (middle - 1, middle, middle + 1) if j != i)]
-    return float(derivative_weights(times[order]) @ values[order])
 
 
 def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> float:
@@ -122,64 +116,47 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
     return float(integral(times, values[:, None])[0] / length if length else values[-1])
 
 
-class Rows:
-    """Places around a film, in rows of one height.
+def extreme_around(angle: np.ndarray, height: np.ndarray, values: np.ndarray, sign: int) -> float:
+    """Largest value of ``sign * values`` between the places of one height of a film, times sign.
 
     Parameters
     ----------
     angle, height
         Of the places, shape (k,) [rad], [m].
-    width
-        Of the film [m].
+    values
+        There, shape (k,); of equal ones those in the row with most places count.
+    sign
+        See `smooth_extreme`.
     """
-
-    def __init__(self, angle: np.ndarray, height: np.ndarray, width: float):
-        self._turn = np.round(angle / (2 * np.pi), EQUAL) % 1.0
-        self._row, size = np.unique(
-            np.round(height / width, EQUAL), return_inverse=True, return_counts=True
-        )[1:]
-        self._size = size[self._row]
-
-    def extreme(self, values: np.ndarray, sign: int) -> float:
-        """Largest of ``sign * values``, shape (k,), times sign; of equal ones in the finest row."""
-        largest = (sign * values).max()
-        equal = sign * values >= largest - LEVEL * abs(largest)
-        row = np.flatnonzero(self._row == self._row[np.argmax(equal * self._size)])
-        row = row[np.argsort(self._turn[row])]
-        return smooth_extreme(self._turn[row], values[row], 1.0, sign)
+    turn = np.round(angle / (2 * np.pi), EQUAL) % 1.0
+    share = np.round(height / np.ptp(height), EQUAL)
+    _, row, size = np.unique(share, return_inverse=True, return_counts=True)
+    largest = (sign * values).max()
+    equal = sign * values >= largest - LEVEL * abs(largest)
+    own = np.flatnonzero(row == row[np.argmax(equal * size[row])])
+    own = own[np.argsort(turn[own])]
+    return smooth_extreme(turn[own], values[own], 1.0, sign)
 
 
-def look(run: Run) -> Callable[[MechanismStep], dict[str, float]]:
-    """Reader of the columns of every lubricated joint of a run at a step, by path with unit.
+def look(run: Run, step: MechanismStep) -> dict[str, float]:
+    """Columns of every lubricated joint of a run at a step, by path with unit.
 
     Extremes over a film are those between its nodes, of the gap too: with the Gauss points between
     them rows are uneven, and where the gap is the same over the width, the extreme would jump from
     one to another.
     """
-    system = run.equations.system
-    nodes: dict[str, Rows] = {}
-    points: dict[str, Rows] = {}
-    for place in system.films:
-        grid, inside = place.film.film.parameters.grid, place.film.film.points
-        width = grid.width
-        angles, heights = grid.node_positions.T
-        nodes[place.name] = Rows(angles, heights, width)
-        points[place.name] = Rows(inside.angle.ravel(), inside.height.ravel(), width)
-
-    def columns(step: MechanismStep) -> dict[str, float]:
-        found: dict[str, float] = {}
-        gaps = run.norm.film_gaps(step.observed)
-        for place, own, gap in zip(system.films, step.solution.integrals, gaps, strict=True):
-            name, row = place.name, joint_row(JointStep(place, step, own, gap))
-            row["max_pressure_Pa"] = nodes[name].extreme(own.state.pressure, 1)
-            nodal = gap[-len(own.state.pressure) :]
-            row["min_film_thickness_m"] = nodes[name].extreme(nodal, -1)
-            if own.contact is not None:
-                row["max_contact_pressure_Pa"] = points[name].extreme(own.touch.pressure, 1)
-            found |= {f"joints/{name}/{column}": value for column, value in row.items()}
-        return found
-
-    return columns
+    found: dict[str, float] = {}
+    films, gaps = run.equations.system.films, run.norm.film_gaps(step.observed)
+    for place, own, gap in zip(films, step.solution.integrals, gaps, strict=True):
+        row, film = joint_row(JointStep(place, step, own, gap)), place.film.film
+        (angle, height), pressure = film.parameters.grid.node_positions.T, own.state.pressure
+        row["max_pressure_Pa"] = extreme_around(angle, height, pressure, 1)
+        row["min_film_thickness_m"] = extreme_around(angle, height, gap[-len(pressure) :], -1)
+        if own.contact is not None:
+            angle, height = film.points.angle.ravel(), film.points.height.ravel()
+            row["max_contact_pressure_Pa"] = extreme_around(angle, height, own.touch.pressure, 1)
+        found |= {f"joints/{place.name}/{column}": value for column, value in row.items()}
+    return found
 
 
 @dataclass(frozen=True)
@@ -236,7 +213,7 @@ class Number:
 
 def followed(run: Run, end: float, cycles: Cycles | None = None) -> Course:
     """A run to its end [s], or through a periodic search, with the columns of `look`."""
-    return recorded(run, end, cycles, look(run))
+    return recorded(run, end, cycles, partial(look, run))
 
 
 def settled(course: Course) -> Course:
