@@ -209,7 +209,8 @@ class Supply:
     @property
     def reach(self) -> tuple[float, float]:
         """Lowest and highest z [m]."""
-        raise NotImplementedError
+        _, along = self.sizes(1.0)
+        return self.height - 0.5 * along, self.height + 0.5 * along
 
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
@@ -234,11 +235,6 @@ class HoleSupply(Supply):
     def sizes(self, radius: float) -> tuple[float, float]:
         """Diameter of the hole, both ways."""
         return self.diameter, self.diameter
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Lowest and highest point of the hole [m]."""
-        return self.height - 0.5 * self.diameter, self.height + 0.5 * self.diameter
 
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
@@ -266,11 +262,6 @@ class GrooveSupply(Supply):
         if self.closed:
             return np.inf, self.width
         return radius * radians(min(self.extent, 360.0 - self.extent)), self.width
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Lower and upper edge of the groove [m]."""
-        return self.height - 0.5 * self.width, self.height + 0.5 * self.width
 
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
