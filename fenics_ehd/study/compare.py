@@ -28,7 +28,7 @@ from scipy.integrate import trapezoid
 
 from fenics_ehd import __version__
 from fenics_ehd.base.columns import TIME, joint_prefix
-from fenics_ehd.base.errors import EhdError, InputError
+from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import claim, clear, read_json, versions, write_whole
 from fenics_ehd.base.processes import interrupt_kept
 from fenics_ehd.multibody.history import History, load_history
@@ -40,7 +40,7 @@ from fenics_ehd.scenes.run import stored_bodies
 from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints
 from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
-from fenics_ehd.study.pool import Outcome, ProcessPool, RunsFolder, failed, run_cases
+from fenics_ehd.study.pool import ProcessPool, RunsFolder, run_cases
 
 #: Differences of the curves of peak pressure and minimum film thickness of two runs: the largest,
 #: over the largest peak, or relative; and the root mean square over time, over that of the curve.
@@ -184,9 +184,6 @@ ROUND_OFF = 1e-9
 #: The reference's own errors that limit a comparison with runs on its own film mesh.
 LIMITING = ("step", "basis")
 
-#: What damaged files lead to: the last two where something is missing, or numbers do not fit.
-DAMAGE = (EhdError, KeyError, ValueError)
-
 
 class StudyFolder(RunsFolder):
     """Folder of one study, its runs compared, what was found kept.
@@ -229,33 +226,14 @@ class StudyFolder(RunsFolder):
             clear(self.run(name), found)
         return super().take_stock()
 
-    def stored(self, name: str) -> Outcome | None:
-        """Outcome of a run; None as well where it is complete and its files are damaged."""
-        outcome = super().stored(name)
-        if outcome is not None and outcome.complete:
-            try:
-                self.runs[name] = self._read(name)
-            except DAMAGE:
-                return None
-        return outcome
-
-    def add(self, name: str, outcome: Outcome) -> None:
-        """Account for a run that ended; one whose files are unusable has failed."""
-        if outcome.complete:
-            try:
-                self.runs[name] = self._read(name)
-            except DAMAGE as error:
-                outcome = failed(error)
-        super().add(name, outcome)
-
-    def _read(self, name: str) -> StoredRun:
-        """A complete run, whose files must be there, all its steps in them."""
+    def read(self, name: str) -> None:
+        """Read a complete run, whose files must be there, all its steps in them."""
         scene = self.cases[name].scene
         stored_bodies(scene, self.run(name))
         run = StoredRun(self.run(name), scene, self.study.start)
         if abs(run.times[-1] - scene.span) > ROUND_OFF * scene.span:
             raise InputError(f"{self.run(name)}: its history ends at {run.times[-1]:g} s")
-        return run
+        self.runs[name] = run
 
     def status(self, name: str) -> str:
         """Status of a run, or that it has not run."""

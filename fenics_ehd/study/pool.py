@@ -325,6 +325,9 @@ class OtherFolderError(InputError):
 #: What came of a run, and of which settings, beside its files.
 OUTCOME = "outcome.json"
 
+#: What damaged files lead to: the last two where something is missing, or numbers do not fit.
+DAMAGE = (EhdError, KeyError, ValueError)
+
 
 class RunsFolder(ExitStack):
     """Folder of many runs, ``runs/NAME`` each, and their bodies, held by one process at a time.
@@ -412,15 +415,21 @@ class RunsFolder(ExitStack):
         """Write a JSON file, whole or not at all."""
         write_whole(self.path / name, to_json(values) + "\n")
 
+    def read(self, name: str) -> None:
+        """Read the files of a complete run, as far as something is made of them."""
+
     def stored(self, name: str) -> Outcome | None:
-        """Outcome of a run; None: it did not run, or with other settings or another version."""
+        """Outcome of a run; None: it did not run, with other settings or version, or is damaged."""
         try:
             found = read_json(self.run(name) / OUTCOME)
-            if found["identity"] == self.cases[name].identity:
-                return Outcome(found["status"], found["figures"])
-        except (OSError, ValueError, KeyError, TypeError):
-            pass
-        return None
+            if found["identity"] != self.cases[name].identity:
+                return None
+            outcome = Outcome(found["status"], found["figures"])
+            if outcome.complete:
+                self.read(name)
+        except (*DAMAGE, OSError, TypeError):
+            return None
+        return outcome
 
     def take_stock(self) -> list[Case]:
         """Account for what is there; cases that are not complete."""
@@ -430,7 +439,12 @@ class RunsFolder(ExitStack):
         return [case for name, case in self.cases.items() if name not in complete]
 
     def add(self, name: str, outcome: Outcome) -> None:
-        """Account for a run that ended, on the disk as well."""
+        """Account for a run that ended, on the disk too; with unusable files it has failed."""
+        try:
+            if outcome.complete:
+                self.read(name)
+        except DAMAGE as error:
+            outcome = failed(error)
         claim(self.run(name), [OUTCOME])
         about = {"identity": self.cases[name].identity}
         self.write(f"runs/{name}/{OUTCOME}", about | asdict(outcome))
