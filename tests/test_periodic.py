@@ -113,7 +113,12 @@ def test_a_start_that_would_close_a_gap_is_not_taken(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("tolerance", "cure"), [(0.0, "check the loads"), (0.1, r"time\.tolerance = 0\.1")]
+    ("tolerance", "cure"),
+    [
+        (0.0, "check the loads$"),
+        (0.1, r"time\.tolerance = 0\.1 scatter"),
+        (1e-20, r"allow more cycles .* lower time\.tolerance = 1e-20"),
+    ],
 )
 def test_no_cycle_is_enough_for_a_map_that_turns_for_ever(tolerance, cure):
     with pytest.raises(PeriodicityError, match=f"above periodicity .*{cure}"):

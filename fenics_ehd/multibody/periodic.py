@@ -418,6 +418,8 @@ class Cycles(Stateful):
                 tolerance = self._run.control.tolerance
                 if not off and self.defect < tolerance:
                     cure = f"steps to time.tolerance = {tolerance:g} scatter by as much, lower it"
+                elif not off and tolerance > self._periodicity:
+                    cure += f", or lower time.tolerance = {tolerance:g}, which is above it"
                 raise PeriodicityError(
                     f"after cycles = {self.number} of {self.period:g} s {still}: {cure}"
                 )
