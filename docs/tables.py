@@ -17,6 +17,7 @@ from pathlib import Path
 import attrs
 import click
 
+from fenics_ehd.base.settings import declared
 from fenics_ehd.cli.main import cli
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part_settings import OutputSettings
@@ -71,7 +72,7 @@ def scene_settings(name: str) -> list[str]:
 def _settings(cls: type, path: str = "", where: str = "") -> list[tuple[str, str, str]]:
     """Key, default and meaning, sections after the keys of their parent."""
     own, nested = [], []
-    for attribute in attrs.fields(cls):
+    for attribute in declared(cls):
         name, default = f"{path}{attribute.name}", attribute.default
         section = attribute.metadata.get("section")
         if section:
