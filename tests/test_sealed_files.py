@@ -199,7 +199,7 @@ WRONG = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_no_file_of_its_kind_is_named(kind, tmp_path):
-    path = tmp_path / "file.h5"
+    path = tmp_path / FILE
     refused(kind, path)  # which is not there
     KINDS[kind][0](path)
     forged(path, lambda file: file.attrs.update(format_version=99))
