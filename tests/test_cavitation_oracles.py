@@ -1,7 +1,5 @@
 """Relaxation and block pivots, which judge SNES-VI, against all active sets and tables."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from differences import numbers
@@ -9,13 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle_cavitation import (
     block_pivot,
-    coloured,
     complementarity_residual,
     enumerate_active_sets,
     finite_volumes,
     journal_load,
     projected_sor,
-    relaxation_factor,
 )
 from scipy import sparse
 
@@ -93,21 +89,6 @@ def test_single_pivots_end_exchanges_of_whole_zones_that_cycle():
     dense, rhs = np.array(CYCLING), np.array([3.0, 1, 0, 3, -2, -1])
     found = block_pivot(sparse.csr_matrix(dense), rhs)
     assert close(found, enumerate_active_sets(dense, rhs))
-
-
-def test_young_s_factor_is_exact_for_the_5_point_scheme():
-    # Poisson's equation on 11 x 11 nodes: Jacobi's spectral radius is cos(pi / 12).
-    volumes = finite_volumes(np.ones_like, 2 * np.pi, (12, 12), periodic=False)
-    assert relaxation_factor(volumes.matrix) == pytest.approx(2 / (1 + np.sin(np.pi / 12)), 1e-6)
-
-
-def test_nodes_of_a_colour_are_not_coupled():
-    matrix = bearing(0.5, (15, 7)).matrix
-    order, starts = coloured(matrix)
-    assert sorted(order) == list(range(matrix.shape[0]))
-    for first, last in pairwise(starts):
-        nodes = order[first:last]
-        assert matrix[nodes][:, nodes].nnz == len(nodes)
 
 
 @pytest.mark.parametrize(("eccentricity", "load", "attitude", "largest"), RIGID_BEARING)

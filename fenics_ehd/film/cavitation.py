@@ -1,17 +1,11 @@
 """Cavitation complementarity (8), (11) by PETSc SNES-VI on one active set after another.
 
-Linear systems of one sparsity pattern, for one active set of the film after another.
-
 An active set says at which nodes the film is full (pressure unknown, equation
 holds) and at which it cavitates (pressure zero, defect unknown). SNES-VI cuts
 the block of the full nodes out of its Jacobian, a new matrix with a new pattern
 for every active set. Here that block keeps the pattern of the whole film: ones
 stand on the diagonal of the cavitated nodes, so that ordering and symbolic
 factorisation are done once in the life of a film.
-
-PETSc SNES-VI (reduced-space Newton) on a system that solves its own blocks.
-
-Cavitation complementarity (8), (11) by PETSc SNES-VI.
 
 Find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component,
 ``r(p) = A p - b`` for an oil of constant properties. With weights W the defect is
