@@ -92,8 +92,13 @@ def _reduction(folder: Path) -> str:
 def _lowest(folder: Path, launcher: list[str]) -> float:
     """Lowest frequency [Hz] of the part, reduced by processes of their own."""
     command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
+    # What MPI has put into this process's environment, Python does not know: mpirun would fail.
     done = subprocess.run(
-        [*command, str(folder / "part.h5")], capture_output=True, text=True, timeout=PATIENCE
+        [*command, str(folder / "part.h5")],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        env=dict(os.environ),
     )
     if done.returncode:
         raise VerificationError(done.stderr.strip().rpartition("\n")[2])
