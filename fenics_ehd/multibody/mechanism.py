@@ -455,8 +455,9 @@ class Instant:
         values, along = np.zeros_like(self.values_along), np.zeros_like(self.gradient)
         for bound, marker in self._markers:
             if marker.carry is not None:
+                carried = marker.carry(rates[bound.places])
                 for columns in bound.columns:
-                    values[columns, bound.places] = marker.carry(rates[bound.places])
+                    values[columns, bound.places] = carried
         value_rates = self.values_along @ rates
         for place, curvature in self._curvatures:
             along[place.rows, place.columns] = curvature @ value_rates[place.columns]
@@ -532,8 +533,9 @@ class Motion:
         position = instant.bend_values(self.on_values, form)
         rate, acceleration = np.zeros_like(position), np.zeros_like(position)
         if damping.any():
-            position += along.T @ damping @ self.carried[0]
-            rate += along.T @ damping @ along
+            damping = along.T @ damping
+            position += damping @ self.carried[0]
+            rate += damping @ along
         for places, balance in self._balances:
             parts = balance.derivatives()
             position[places, places] += parts.position
