@@ -40,7 +40,7 @@ import numpy as np
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import ErrorCurves, Estimator
 from fenics_ehd.analysis.replay import course_of
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation, Tracker
 from fenics_ehd.multibody.trust import QUANTITIES
@@ -323,7 +323,7 @@ def extremes_of(tracker: Tracker) -> dict[str, list[float]]:
     }
 
 
-def done(run: Run, span: float, cycles: Cycles | None) -> Done:
+def done(run: Run, span: float, cycles: PeriodicSolver | None) -> Done:
     """Of a run at its start."""
     solved, before = Simulation(run, span, cycles), process_time()
     deque(solved.steps(), maxlen=0)
@@ -371,7 +371,7 @@ class References:
             path.write_text(json.dumps(solve()))
         return json.loads(path.read_text())
 
-    def run(self, scene: ehd.Scene) -> tuple[Run, Cycles | None]:
+    def run(self, scene: ehd.Scene) -> tuple[Run, PeriodicSolver | None]:
         """At its start."""
         parts = {
             name: repr((part, scene.film_element(name)))
@@ -384,7 +384,7 @@ class References:
         run = Run(built.mechanism, built.steps, scene.span)
         if not time.periodic:
             return run, None
-        return run, Cycles(run, scene.span, time.periodicity, time.cycles)
+        return run, PeriodicSolver(run, scene.span, time.periodicity, time.cycles)
 
     def done(self, scene: ehd.Scene) -> Done:
         """To its end."""

@@ -17,7 +17,7 @@ from fenics_ehd.film.film import FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved
 from fenics_ehd.multibody.newton import CoupledState
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.step_equations import Point, StepEquations
 
 MAX_NEWTON = 12
@@ -147,7 +147,7 @@ class NestedSteps:
 class NestedRun(Run):
     """A run whose steps are solved so."""
 
-    def __init__(self, mechanism: ehd.Mechanism, steps: Steps, span: float):
+    def __init__(self, mechanism: ehd.Mechanism, steps: IntegratorOptions, span: float):
         super().__init__(mechanism, steps, span)
         self.solve: Any = NestedSteps(self.equations)
 

@@ -21,7 +21,7 @@ import numpy as np
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import Step
 from fenics_ehd.multibody.newton import MechanismStep
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.scenes.build import build
@@ -175,7 +175,7 @@ def own_run(machine: ehd.Machine, periodicity: float = 1e-3) -> dict[str, float]
     run = run_of(machine)
     tracker, cycles = Tracker(run.equations, run.norm), None
     if machine.period is not None:
-        cycles = Cycles(run, machine.period, periodicity)
+        cycles = PeriodicSolver(run, machine.period, periodicity)
     for step in cycles or run.until(float(machine.end or 0.0)):
         tracker.add(step, cycles)
     figures = tracker.figures()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from newton_steps import integrate
 
 from fenics_ehd.base.errors import GapClosedError, StepSizeError
-from fenics_ehd.multibody.bdf import IntegratorState, Steps
+from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
 from fenics_ehd.multibody.tabulated import (
     blended,
     derivative_weights,
@@ -54,7 +54,7 @@ def oscillator(damping, stiffness, force=lambda t: 0.0):
 
 def control(**changes):
     values = {"tolerance": 1e-6, "first": 1e-6, "smallest": 1e-12, "largest": 1.0, "order": 2}
-    return Steps(**(values | changes))
+    return IntegratorOptions(**(values | changes))
 
 
 def run(problem, end, x, rate, **changes):

@@ -15,7 +15,7 @@ from fenics_ehd.fem.models import model_path
 from fenics_ehd.film.grid import film_grid, uniform_grid
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.simulation import Run, Steps, Tracker
+from fenics_ehd.multibody.simulation import IntegratorOptions, Run, Tracker
 from fenics_ehd.multibody.static_correction import BoreResponses
 from fenics_ehd.multibody.trust import bore_loads
 from fenics_ehd.plotting.animated_bodies import shape_of_bores
@@ -197,7 +197,7 @@ def test_what_presses_in_one_bore_moves_the_other(bodies, pin_cells, transfer, l
     body, mechanism = bodies["m4"], machine(bodies["m4"], pin_cells=pin_cells)
     gudgeon = replace(mechanism.joints["gudgeon"], transfer=transfer)
     joints = {**mechanism.joints, "gudgeon": gudgeon}
-    run = Run(replace(mechanism, joints=joints), Steps(), END)
+    run = Run(replace(mechanism, joints=joints), IntegratorOptions(), END)
     responses = run.equations.responses
     responses.begin(SimpleNamespace(shift=0.0, past_x=run.state.x[0]))
     places = run.equations.system.films
@@ -220,7 +220,7 @@ def test_what_presses_in_one_bore_moves_the_other(bodies, pin_cells, transfer, l
 
 
 def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both(bodies):
-    run = Run(machine(bodies["m3"]), Steps(tolerance=1e-4), END)
+    run = Run(machine(bodies["m3"]), IntegratorOptions(tolerance=1e-4), END)
     tracker = Tracker(run.equations, run.norm)
     for step in run.until(0.1 * END):
         row = tracker.add(step)
@@ -239,7 +239,7 @@ def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both(bodies):
 
 def test_a_recorded_run_has_gaps_and_pressures_of_both_bores(bodies):
     body, mechanism = bodies["m4"], machine(bodies["m4"])
-    run = Run(mechanism, Steps(tolerance=1e-3), END)
+    run = Run(mechanism, IntegratorOptions(tolerance=1e-3), END)
     tracker = Tracker(run.equations, run.norm)
     rows, films = [], []
     for step in run.until(0.05 * END):

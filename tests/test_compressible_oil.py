@@ -8,7 +8,7 @@ from oracle_compressible import CompressibleArc
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 
 pytestmark = pytest.mark.kernels
 
@@ -26,7 +26,7 @@ def squeezed(cells, steps, amplitude=0.3, speed=100.0, supply=4e8, clearance=3e-
     mechanism = oscillating(film, amplitude, speed)
     end = 0.7 * 2 * np.pi / speed
     # A first step as long as others is of order one, whose error has faded at the end.
-    control = Steps(tolerance=0.9, order=2, largest=1.0001 / steps, first=end / steps)
+    control = IntegratorOptions(tolerance=0.9, order=2, largest=1.0001 / steps, first=end / steps)
     *_, last = Run(mechanism, control, end).until(end)
     (state,) = last.solution.films
     phi, every = heights(film)
@@ -93,4 +93,4 @@ def test_coefficients_of_a_bearing_do_not_know_it():
 
 def test_it_is_refused_under_reynolds_condition():
     with pytest.raises(SettingsError, match="needs cavitation = 'mass-conserving'"):
-        Run(rigid_slider_crank(oil_film((12, 3), oil=DENSE)), Steps(), 1e-3)
+        Run(rigid_slider_crank(oil_film((12, 3), oil=DENSE)), IntegratorOptions(), 1e-3)

@@ -38,7 +38,7 @@ from fenics_ehd.multibody import film_models
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.scenes.build import build
@@ -92,7 +92,7 @@ def assert_settles(exact, whirl, surfaces, figure, group, words):
         film = oil_film((cells, 1), clearance=clearance, sides=CLOSED, surfaces=surfaces)
         mechanism = whirling(film, 0.5, whirl, filling=0.8)
         end = turns * REVOLUTION
-        run = Run(mechanism, Steps(tolerance=1e-3, order=2, largest=0.5 / cells), end)
+        run = Run(mechanism, IntegratorOptions(tolerance=1e-3, order=2, largest=0.5 / cells), end)
         first, *_, last = run.until(end)
         (state,) = last.solution.films
         phi, every = heights(film)
@@ -131,7 +131,7 @@ def squeezed(cells, steps, order=2):
         supply * (clearance / RADIUS) ** 2 / (12 * ETA),
     )
     end = 0.9 * 2 * np.pi / speed
-    control = Steps(tolerance=1e-3, order=order, largest=1 / steps, first=1e-6)
+    control = IntegratorOptions(tolerance=1e-3, order=order, largest=1 / steps, first=1e-6)
     phi, every = heights(film)
     half = np.abs(np.mod(phi + np.pi, 2 * np.pi) - np.pi) < np.pi / 2 - 1e-9
     times, voids, edges = [], [], []
@@ -173,7 +173,7 @@ def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(fi
 def test_one_step_formulas_solve_what_a_film_alone_does(made, eccentricity, filling, end, peak):
     film, end = oil_film((24, 4), regions=(GROOVE,), **made), end * REVOLUTION
     mechanism = whirling(film, eccentricity, 150.0, filling=filling)
-    run = Run(mechanism, Steps(tolerance=1e-5, order=1, largest=0.05), end)
+    run = Run(mechanism, IntegratorOptions(tolerance=1e-5, order=1, largest=0.05), end)
     alone = LoneOil(film)
     (place,) = run.equations.system.films
     gap = place.film.gap(run.state.x[0, place.xi], run.state.rate[0, place.xi], SPEED)
@@ -198,7 +198,9 @@ def test_one_step_formulas_solve_what_a_film_alone_does(made, eccentricity, fill
 def test_nodes_that_fill_are_no_matter_for_a_formula_of_order_3():
     film, orders = oil_film((12, 2)), []
     for oil in ({}, {"filling": 1.0}):
-        orders.append(Run(rigid_slider_crank(film, **oil), Steps(order=3), 1e-3).control.order)
+        orders.append(
+            Run(rigid_slider_crank(film, **oil), IntegratorOptions(order=3), 1e-3).control.order
+        )
     assert orders == [3, 2]
 
 
@@ -208,7 +210,9 @@ def test_order_in_time(figure):
 
     def at_end(steps, order):
         film = oil_film((24, 1), clearance=1e-6, sides=CLOSED)
-        control = Steps(tolerance=1e-3, order=order, largest=1 / steps, first=end / steps)
+        control = IntegratorOptions(
+            tolerance=1e-3, order=order, largest=1 / steps, first=end / steps
+        )
         run = Run(whirling(film, 0.5, 125.0, filling=0.8), control, end)
         *_, last = run.until(end)
         return last.solution.films[0].fluid_fraction
@@ -253,7 +257,7 @@ def flown(run, end, excess):
 def test_a_closed_film_keeps_its_oil_whatever_the_formula(kind, cells, filling, end, order, figure):
     group, words, made = kind
     film = oil_film(cells, sides=CLOSED, **made)
-    steps = Steps(tolerance=3e-3, order=order)
+    steps = IntegratorOptions(tolerance=3e-3, order=order)
     run = Run(rigid_slider_crank(film, filling=filling), steps, REVOLUTION)
     excess = NEWTON_FRACTION * 3e-3 if made else 1e-6
     _, content, outflow, _ = flown(run, end * REVOLUTION, excess)
@@ -266,7 +270,11 @@ def test_a_closed_film_keeps_its_oil_whatever_the_formula(kind, cells, filling, 
 def test_content_changes_by_the_summed_flow_with_a_one_step_formula(kind, end, figure):
     group, words, made = kind
     film = oil_film((20, 4), regions=(GROOVE,), **made)
-    run = Run(rigid_slider_crank(film, filling=1.0), Steps(tolerance=1e-2, order=1), REVOLUTION)
+    run = Run(
+        rigid_slider_crank(film, filling=1.0),
+        IntegratorOptions(tolerance=1e-2, order=1),
+        REVOLUTION,
+    )
     excess = NEWTON_FRACTION * 1e-2 if made else 1e-6
     time, content, outflow, size = flown(run, end * REVOLUTION, excess)
     left = np.diff(time) * outflow[1:]
@@ -282,7 +290,7 @@ def test_balance_of_ten_cycles_closes_at_the_order_of_the_formula(figure):
     for largest in (0.02, 0.01):
         run = Run(
             rigid_slider_crank(film, filling=1.0),
-            Steps(tolerance=1e-2, order=2, largest=largest / 10),
+            IntegratorOptions(tolerance=1e-2, order=2, largest=largest / 10),
             10 * REVOLUTION,
         )
         tracker = Tracker(run.equations, run.norm)
@@ -322,7 +330,7 @@ def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
     joint = replace(mechanism.joints["film"], journal_shape=oval(3e-6), bore_shape=oval(2e-6))
     mechanism = replace(mechanism, joints={**mechanism.joints, "film": joint})
     end = 0.3 * REVOLUTION
-    run = Run(mechanism, Steps(tolerance=1e-4, order=order, largest=0.05), end)
+    run = Run(mechanism, IntegratorOptions(tolerance=1e-4, order=order, largest=0.05), end)
     oil = run.equations.oils[0]
     (place,), left, content, time = run.equations.system.films, 0.0, None, 0.0
     for step in run.until(end):
@@ -404,7 +412,7 @@ def test_residual_patterns_are_coordinates_without_mass(made, pressure):
 def test_without_roughness_the_film_is_that_of_smooth_surfaces(figure):
     def ends(rough):
         film = oil_film((20, 4), regions=(GROOVE,), surfaces=rough)
-        steps = Steps(tolerance=0.9, order=2, first=2e-5, largest=0.02)
+        steps = IntegratorOptions(tolerance=0.9, order=2, first=2e-5, largest=0.02)
         *_, last = Run(rigid_slider_crank(film, filling=0.9), steps, 1e-3).until(1e-3)
         (state,) = last.solution.films
         return state.pressure / 1e6, state.fluid_fraction
@@ -526,7 +534,7 @@ def unknowns(values, void):
 )
 def test_a_run_goes_on_to_the_last_bit(oil, filling):
     mechanism = rigid_slider_crank(oil_film((16, 3), regions=(GROOVE,), oil=oil), filling=filling)
-    assert_goes_on(mechanism, Steps(tolerance=1e-3), 0.05 * REVOLUTION)
+    assert_goes_on(mechanism, IntegratorOptions(tolerance=1e-3), 0.05 * REVOLUTION)
 
 
 def test_a_periodic_film_repeats_its_oil(figure):
@@ -558,7 +566,7 @@ def test_fluid_fractions_far_below_zero_are_no_step(monkeypatch):
 def test_nothing_of_it_is_computed_without_it(monkeypatch):
     monkeypatch.setattr(film_models.ConservedOil, "__init__", None)
     film = oil_film((12, 2))
-    run = Run(rigid_slider_crank(film), Steps(tolerance=1e-2), 0.01 * REVOLUTION)
+    run = Run(rigid_slider_crank(film), IntegratorOptions(tolerance=1e-2), 0.01 * REVOLUTION)
     *_, last = run.until(0.01 * REVOLUTION)
     assert len(last.x) == run.equations.system.n
     tracker = Tracker(run.equations, run.norm)

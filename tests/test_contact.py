@@ -14,7 +14,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.multibody import step_equations
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import FilmFriction
 from fenics_ehd.reduction import full_interface, residual_flexibility
@@ -91,7 +91,7 @@ def test_energy_of_contact_is_balanced(run, figure):
 
 
 def test_wear_is_where_the_surfaces_rub():
-    equations = Run(machine(surfaces()), Steps(tolerance=1e-4), END)
+    equations = Run(machine(surfaces()), IntegratorOptions(tolerance=1e-4), END)
     tracker = Tracker(equations.equations, equations.norm)
     rows = [tracker.add(step) for step in equations.until(END)]
     figures = tracker.figures()
@@ -114,7 +114,7 @@ def test_surfaces_that_overlap_too_far_end_a_run_with_a_named_error():
 
 def test_smooth_surfaces_know_nothing_of_contact():
     mechanism = machine(None)
-    found = Run(mechanism, Steps(), 1e-4)
+    found = Run(mechanism, IntegratorOptions(), 1e-4)
     assert not any(found.equations.contacts.joints)
     tracker = Tracker(found.equations, found.norm)
     row = tracker.add(next(found.until(1e-4)))

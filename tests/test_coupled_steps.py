@@ -25,7 +25,7 @@ from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
 from fenics_ehd.multibody.mechanism import System, assemble
 from fenics_ehd.multibody.newton import CoupledSteps
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 
@@ -256,7 +256,7 @@ def test_steps_are_those_of_a_film_solved_within(family):
     mechanism, end = mechanism_with(family, residual=False), 1e-4
     runs = []
     for kind in (Run, NestedRun):
-        going = kind(mechanism, Steps(tolerance=1e-6), end)
+        going = kind(mechanism, IntegratorOptions(tolerance=1e-6), end)
         *before, last = going.until(end)
         runs.append((len(before), going.norm.gaps(last.observed), last.solution.films[0].pressure))
     (steps, gaps, pressure), (expected_steps, expected_gaps, expected) = runs
@@ -294,7 +294,7 @@ def test_residual_patterns_are_coordinates_without_mass(damping_time):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_end_of_a_step_solves_film_and_motion(family):
     mechanism = mechanism_with(family, residual=True)
-    going = Run(mechanism, Steps(tolerance=1e-6), 2.5e-4)
+    going = Run(mechanism, IntegratorOptions(tolerance=1e-6), 2.5e-4)
     system, norm = going.equations.system, going.norm
     place = system.films[0]
     for number, step in enumerate(going.until(2.5e-4)):
@@ -333,7 +333,7 @@ def test_iterations_without_the_derivative_of_friction_shrink_the_error(length):
     # By the largest eigenvalue of what an iteration leaves of an error, on the step's active set.
     joint = Joint((10, 2))
     mechanism = make_mechanism(flexible(joint)[0], joint, friction=True)
-    going = Run(driven(mechanism, 2e-3), Steps(tolerance=1e-3), 2.5e-4)
+    going = Run(driven(mechanism, 2e-3), IntegratorOptions(tolerance=1e-3), 2.5e-4)
     *_, last = going.until(2.5e-4)
     system, equations, shift = going.equations.system, going.equations, 1.5 / length
     film, motion = system.films[0].film.film, last.solution.motion
@@ -391,6 +391,6 @@ def test_full_updates_that_do_not_settle_are_followed_by_damped_ones(monkeypatch
 
 def test_steps_that_converge_at_once_need_no_search():
     mechanism = mechanism_with("lagrange", residual=True)
-    going = Run(mechanism, Steps(tolerance=1e-5), 2.5e-4)
+    going = Run(mechanism, IntegratorOptions(tolerance=1e-5), 2.5e-4)
     steps = list(going.until(2.5e-4))
     assert going.solve.solves == len(steps) + sum(sum(s.rejected.values()) for s in steps)

@@ -35,7 +35,7 @@ from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
 from fenics_ehd.base.plane import rotation
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.step_equations import film_friction
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.scene import scene_of
@@ -68,7 +68,7 @@ def joint():
 def steps_of(mechanism, revolutions, tolerance):
     """A run and its accepted steps, each while it is the last."""
     end = revolutions * REVOLUTION
-    going = Run(mechanism, Steps(tolerance=tolerance, largest=0.02 / revolutions), end)
+    going = Run(mechanism, IntegratorOptions(tolerance=tolerance, largest=0.02 / revolutions), end)
     return going, going.until(end)
 
 

@@ -31,7 +31,7 @@ from fenics_ehd.cli.run import beside, budget_table
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.lubricated_joint import ConservedContent
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,
@@ -126,7 +126,7 @@ def test_finer_films_are_graded_alike(cells, finer):
 
 def test_a_finer_film_holds_the_same_share_of_oil():
     mechanism = machine((24, 6), family="bilinear", oil=ConservedContent(0.6))
-    run = Run(mechanism, Steps(tolerance=1e-2), 2e-4)
+    run = Run(mechanism, IntegratorOptions(tolerance=1e-2), 2e-4)
     for _ in run.until(2e-4):
         pass
     finer = run.with_mechanism(with_finer_films(mechanism))

@@ -8,7 +8,7 @@ from csv_history import read_history
 from scene_cases import tables_of, toml
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.scenes.build import build
@@ -136,7 +136,10 @@ def test_conserved_oil_is_warmed_too():
         )
         built = build(scene)
         run = Run(built.mechanism, built.steps, scene.span)
-        cycles, recorder = Cycles(run, scene.span, 2e-3, 20), Tracker(run.equations, run.norm)
+        cycles, recorder = (
+            PeriodicSolver(run, scene.span, 2e-3, 20),
+            Tracker(run.equations, run.norm),
+        )
         for step in cycles:
             recorder.add(step, cycles)
         found.append(recorder.figures())

@@ -24,9 +24,9 @@ from oracle_walls import walls
 
 import fenics_ehd as ehd
 from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.quantities import JointStep, averaged, joint_row
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import film_friction
 
@@ -45,7 +45,7 @@ def supplied_film(pressure=2e5, ambient=5e4, cells=(24, 4)):
 
 def rows_of(mechanism, end, tolerance):
     """Accepted steps with the rates of every joint."""
-    going = Run(mechanism, Steps(tolerance=tolerance), end)
+    going = Run(mechanism, IntegratorOptions(tolerance=tolerance), end)
     system, norm = going.equations.system, going.norm
     for step in going.until(end):
         gaps = norm.film_gaps(step.observed)
@@ -102,14 +102,16 @@ def test_the_bodies_lose_what_goes_into_the_joint(name):
         moved = motion.instant.jacobian[place.rows].copy()
         moved[:, place.xi[:2]] = 0.0
         power = motion.multipliers[place.rows] @ moved @ motion.rates
-        power += rates["friction_torque_Nm"] * place.ahead(step.rate)
+        power += rates["friction_torque_Nm"] * place.relative_angle(step.rate)
         # And the elastic rod, by its modes and its residual patterns.
         film = step.solution.films[0]
         elastic = place.film.thickness[:, 2:] @ step.rate[place.xi[2:]]
         residual = film.gap.thickness_rate.ravel() - place.film.thickness @ step.rate[place.xi]
         if place.film.shape is not None:
-            turned = place.film.shape.turned(place.ahead(step.x), place.ahead(step.rate))
-            residual = residual - turned.slope * place.ahead(step.rate)
+            turned = place.film.shape.turned(
+                place.relative_angle(step.x), place.relative_angle(step.rate)
+            )
+            residual = residual - turned.slope * place.relative_angle(step.rate)
         pressures = place.film.film.pressure_areas @ film.pressure
         power -= float(pressures @ (elastic + residual))
         on_modes = film_friction(place.film, film).on_xi[2:]
@@ -171,8 +173,8 @@ def test_the_machine_puts_in_what_its_films_dissipate(name, figure):
 def test_means_over_a_cycle_balance():
     period = 2 * np.pi / OMEGA
     loaded, _ = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), period, friction=True)
-    run = Run(loaded, Steps(1e-3, 2, 1e-6), period)
-    search, tracker = Cycles(run, period, 1e-2), Tracker(run.equations, run.norm)
+    run = Run(loaded, IntegratorOptions(1e-3, 2, 1e-6), period)
+    search, tracker = PeriodicSolver(run, period, 1e-2), Tracker(run.equations, run.norm)
     for step in search:
         row = tracker.add(step, search)
     found = tracker.figures()

@@ -12,8 +12,8 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import FilmTooThinError, HeatError, PeriodicityError, SettingsError
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody import periodic
-from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 
 OIL = ehd.Oil(46.0, 6.645)
 SUPPLY = 76.0
@@ -65,8 +65,8 @@ def test_a_run_with_heat_goes_on_as_if_it_had_not_stopped():
     mechanism = journal(oil_film(), 2000.0, heat=ehd.Heat(supply_temperature=SUPPLY))
 
     def search():
-        run = Run(mechanism, Steps(tolerance=1e-3), REVOLUTION)
-        return run, Cycles(run, REVOLUTION, 1e-2)
+        run = Run(mechanism, IntegratorOptions(tolerance=1e-3), REVOLUTION)
+        return run, PeriodicSolver(run, REVOLUTION, 1e-2)
 
     run, cycles = search()
     whole, stored = [], {}
@@ -157,8 +157,8 @@ def test_a_film_that_heat_thins_away_is_told_as_such(monkeypatch):
 
     film = oil_film(width=0.3)
     mechanism = journal(film, load=30.0, heat=ehd.Heat(supply_temperature=SUPPLY))
-    run = Run(mechanism, Steps(tolerance=1e-3), REVOLUTION)
-    cycles = Cycles(run, REVOLUTION)
+    run = Run(mechanism, IntegratorOptions(tolerance=1e-3), REVOLUTION)
+    cycles = PeriodicSolver(run, REVOLUTION)
     with pytest.raises(HeatError, match="too thin"):  # noqa: PT012
         for _ in cycles:
             if cycles.number == 2:

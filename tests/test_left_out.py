@@ -11,7 +11,7 @@ from scene_cases import ROD_OF_A_FILE, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.multibody import step_equations
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.step_equations import StepEquations
 
@@ -97,7 +97,7 @@ def test_a_machine_without_friction_computes_none(monkeypatch):
         raise AssertionError("not needed here")
 
     monkeypatch.setattr(step_equations, "film_friction", must_not)
-    run = Run(slider_crank(rigid_rod(), *short_films()), Steps(tolerance=1e-2), 1e-7)
+    run = Run(slider_crank(rigid_rod(), *short_films()), IntegratorOptions(tolerance=1e-2), 1e-7)
     tracker = Tracker(run.equations, run.norm)
     rows = [tracker.add(step) for step in run.until(1e-7)]
     assert not any("friction" in name for row in rows for name in row)

@@ -20,7 +20,7 @@ from scipy.integrate import quad, solve_ivp
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import PeriodicityError
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 
 
@@ -225,7 +225,7 @@ def test_mesh_too_coarse_for_the_thinnest_film_is_called_untrustworthy(
     thickness, cells, enough, monkeypatch
 ):
     mechanism, period = journal(make_film((cells, 2)), ellipse(0.3, 0.5, 2), 0.02)
-    run = Run(mechanism, Steps(), period)
+    run = Run(mechanism, IntegratorOptions(), period)
     tracker = Tracker(run.equations, run.norm)
     told = {"max_pressure": (1e6, 0.0), "min_film_thickness": (thickness * C, 0.0)}
     monkeypatch.setattr(Tracker, "extremes", {"bearing": told})

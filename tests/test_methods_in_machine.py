@@ -13,7 +13,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.trust import neglected_inertia
 from fenics_ehd.reduction import (
@@ -168,7 +168,7 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
     reference, _ = run(full, 0.3, 1e-6)
     times, expected_pressure, expected_film = reference[:, reference[0] > START]
     # At the very steps of the other run: curves have kinks, which may hide between steps.
-    going = Run(flexible_slider_crank(body), Steps(tolerance=1e-6), 0.3 * REVOLUTION)
+    going = Run(flexible_slider_crank(body), IntegratorOptions(tolerance=1e-6), 0.3 * REVOLUTION)
     tracker, rows = Tracker(going.equations, going.norm), []
     for time in times:
         for step in going.until(time):
@@ -206,4 +206,4 @@ def order_taken(body, damping_time, order):
     mechanism = flexible_slider_crank(body)
     rod = replace(mechanism.bodies["rod"], damping_time=damping_time)
     mechanism = replace(mechanism, bodies={**mechanism.bodies, "rod": rod})
-    return Run(mechanism, Steps(order=order), 1e-3).control.order
+    return Run(mechanism, IntegratorOptions(order=order), 1e-3).control.order

@@ -8,15 +8,15 @@ from journal_cases import OMEGA, UNIT_LOAD, C, in_bearing, make_film, steady
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.multiplier import largest_multiplier
-from fenics_ehd.multibody.periodic import Cycles
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 
 TURN = 2 * np.pi / OMEGA
 
 
 def multiplier_of(mechanism, period, tolerance, periodicity=1e-4):
-    run = Run(mechanism, Steps(tolerance=tolerance, first=1e-6), period)
-    for _ in Cycles(run, period, periodicity, most=40):
+    run = Run(mechanism, IntegratorOptions(tolerance=tolerance, first=1e-6), period)
+    for _ in PeriodicSolver(run, period, periodicity, most=40):
         pass
     before = run.state
     found = largest_multiplier(run, period)

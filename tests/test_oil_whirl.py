@@ -14,7 +14,7 @@ from test_bearing import COEFFICIENTS
 import fenics_ehd as ehd
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.mechanism import Instant, System, assemble
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.shaft import beam_plane
 
 R, VISCOSITY, SPEED = 0.0225, 0.01, 600.0
@@ -201,7 +201,7 @@ class TwoBearings:
         place = rest.z[rest.system.films[0].xi[:2]]
         run = Run(
             self.mechanism(mass, film, place),
-            Steps(tolerance=3e-7, order=2, first=1e-6),
+            IntegratorOptions(tolerance=3e-7, order=2, first=1e-6),
             3 * TURN,
         )
         self._disturb(run, vector, mass)

@@ -10,7 +10,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import SolverError, StepSizeError, ViscosityError
 from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 from fenics_ehd.multibody.newton import classify_failure
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 
 GROUP = "oil"
@@ -35,7 +35,9 @@ def test_constant_load_ends_at_the_equilibrium_of_the_film_alone(name, figure):
     load = 2 * LOAD
     film = make_film((24, 4), oil=OILS[name])
     mechanism, _ = journal(film, constant(load), 0.02, rows=3)
-    going = Run(mechanism, Steps(tolerance=1e-4, order=2, first=1e-6, largest=0.2), 0.06)
+    going = Run(
+        mechanism, IntegratorOptions(tolerance=1e-4, order=2, first=1e-6, largest=0.2), 0.06
+    )
     *_, last = going.until(0.06)
     place = going.equations.system.films[0]
     found = last.x[place.xi][:2]
@@ -95,7 +97,7 @@ def test_a_load_that_no_viscosity_bears_is_a_named_error(figure):
     assert 6 < bearable < 9
     for share, borne in ((0.9, True), (1.5, False)):
         mechanism, _ = journal(film, constant(share * bearable * LOAD), 0.02, rows=3)
-        going = Run(mechanism, Steps(tolerance=1e-3, order=2, first=1e-6), 0.02)
+        going = Run(mechanism, IntegratorOptions(tolerance=1e-3, order=2, first=1e-6), 0.02)
         if borne:
             step = next(going.until(0.02))
             (state,) = step.solution.films
@@ -109,7 +111,7 @@ def test_a_load_that_no_viscosity_bears_is_a_named_error(figure):
 def stages(oil, share, cells=(16, 3)):
     """A journal's run as far as it is tracked, and its tracker."""
     mechanism, _ = journal(make_film(cells, oil=oil), constant(share * LOAD), 0.02, rows=3)
-    going = Run(mechanism, Steps(tolerance=1e-3, order=2, first=1e-6), 0.01)
+    going = Run(mechanism, IntegratorOptions(tolerance=1e-3, order=2, first=1e-6), 0.01)
     tracker = Tracker(going.equations, going.norm)
     for step in going.until(0.01):
         tracker.add(step)

@@ -14,7 +14,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import PeriodicityError, SettingsError
 from fenics_ehd.multibody import periodic
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.periodic import Cycles, check_period, repeating
+from fenics_ehd.multibody.periodic import PeriodicSolver, check_period, repeating
 from fenics_ehd.multibody.tabulated import Curve
 
 #: Multipliers of a cycle: a whirl that dies away slowly, and a film's that dies at once.
@@ -68,7 +68,7 @@ class AffineRun:
 
 def searched(periodicity=1e-10, most=300, **given):
     run = AffineRun(**given)
-    search = Cycles(run, 1.0, periodicity, most)
+    search = PeriodicSolver(run, 1.0, periodicity, most)
     ends = [(search.number, run.state.x[0]) for _ in search]
     return run, search, ends
 
@@ -91,14 +91,14 @@ def test_without_former_cycles_it_takes_as_many_as_the_map_needs(monkeypatch):
 def test_a_search_goes_on_as_if_it_had_not_stopped():
     whole = searched()[2]
     run = AffineRun()
-    search = Cycles(run, 1.0, 1e-10, 300)
+    search = PeriodicSolver(run, 1.0, 1e-10, 300)
     steps = iter(search)
     for _ in range(5):
         next(steps)
     memory, state = search.state, run.state
     again = AffineRun()
     again.state = state
-    resumed = Cycles(again, 1.0, 1e-10, 300)
+    resumed = PeriodicSolver(again, 1.0, 1e-10, 300)
     resumed.state = memory
     rest = [(resumed.number, again.state.x[0]) for _ in resumed]
     for (number, x), (expected, x_expected) in zip(rest, whole[5:], strict=True):
@@ -133,7 +133,7 @@ def test_films_that_repeat_every_few_cycles_are_named(cycles):
     run = AffineRun(whirl)
     run.state = run.at(0.0, np.array([0.4, 0.0, 0.0, 0.0]))
     told = f"repeat every {cycles} cycles of 1 s .*: make .* time.period {cycles} times as long"
-    search = Cycles(run, 1.0, 1e-4, 20)
+    search = PeriodicSolver(run, 1.0, 1e-4, 20)
     with pytest.raises(PeriodicityError, match=told):
         list(search)
     assert search.number <= 2 * cycles

@@ -10,7 +10,7 @@ from stopped_steps import assert_goes_on
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.films import read_shape_table
 from fenics_ehd.scenes.scene import scene_of, scene_text
@@ -129,7 +129,7 @@ def test_shapes_that_close_the_gap_together_are_refused_at_the_start():
     # Both are below the clearance; the journal is narrow where the bore is wide.
     apart = mechanism_of(**{"bore_shape.ovality": 10e-6, "journal_shape.ovality": -10e-6})
     with pytest.raises(SettingsError, match=r"joints\.big_end\.bore_shape.*-3 um"):
-        Run(apart, Steps(), 1e-3)
+        Run(apart, IntegratorOptions(), 1e-3)
 
 
 def test_a_run_with_shapes_and_friction_goes_on_bitwise():
@@ -137,7 +137,7 @@ def test_a_run_with_shapes_and_friction_goes_on_bitwise():
         "bore_shape.ovality": 3e-6, "journal_shape.ovality": 4e-6, "friction": True,
         "shear_rule": "full",
     }  # fmt: skip
-    assert_goes_on(mechanism_of(**changes), Steps(tolerance=1e-3), 2e-4)
+    assert_goes_on(mechanism_of(**changes), IntegratorOptions(tolerance=1e-3), 2e-4)
 
 
 # --- The command

@@ -15,7 +15,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 
 pytestmark = pytest.mark.kernels
 
@@ -179,7 +179,7 @@ def test_derivatives_of_a_step_are_exact(shift):
 
 
 def test_the_norm_knows_the_gap_of_the_equations():
-    going = Run(swinging(oval(3e-6), oval(4e-6, 0.2)), Steps(tolerance=1e-3), 1e-3)
+    going = Run(swinging(oval(3e-6), oval(4e-6, 0.2)), IntegratorOptions(tolerance=1e-3), 1e-3)
     *_, last = going.until(1e-4)
     (film,) = last.solution.films
     (gap,) = going.norm.film_gaps(last.observed)
@@ -189,7 +189,7 @@ def test_the_norm_knows_the_gap_of_the_equations():
 
 def test_a_wrong_angle_is_an_error_of_the_gap():
     # Waves so steep that it is one more than of the angle.
-    going = Run(swinging(journal=oval(8e-6, 0.2, 9)), Steps(tolerance=1e-3), 1e-3)
+    going = Run(swinging(journal=oval(8e-6, 0.2, 9)), IntegratorOptions(tolerance=1e-3), 1e-3)
     (place,), x = going.equations.system.films, going.state.x[0]
     wrong = x.copy()
     wrong[place.journal_angle] += 1e-4
@@ -267,7 +267,7 @@ def test_a_turning_journal_is_a_turned_frame_on_a_fine_mesh(figure):
 
 def test_a_gap_closed_at_the_start_is_refused():
     with pytest.raises(SettingsError, match=r"joints\.bearing\.bore_shape.*-4 um.*20 um"):
-        Run(swinging(oval(1.2 * C)), Steps(), 1e-3)
+        Run(swinging(oval(1.2 * C)), IntegratorOptions(), 1e-3)
 
 
 # --- Along the axis

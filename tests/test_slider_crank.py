@@ -41,7 +41,7 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.film import cavitation as snes_vi
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import columns_of
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.trust import Powers, balance_error, energy_row, step_powers
@@ -298,7 +298,7 @@ def test_an_energy_balance_sees_what_leaks():
 def steps_of(mechanism, revolutions, tolerance):
     """Accepted steps and the powers at each."""
     end = revolutions * REVOLUTION
-    going = Run(mechanism, Steps(tolerance=tolerance, largest=0.02 / revolutions), end)
+    going = Run(mechanism, IntegratorOptions(tolerance=tolerance, largest=0.02 / revolutions), end)
     # At once: the film's losses are those of its last solve.
     return [(step, step_powers(going.equations, step)) for step in going.until(end)]
 

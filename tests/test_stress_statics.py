@@ -13,7 +13,7 @@ from scene_cases import structure as structure_of
 import fenics_ehd as ehd
 from fenics_ehd.fem.stress import NodalStress
 from fenics_ehd.film.grid import film_grid
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.reduction import (
     craig_bampton,
     full_interface,
@@ -67,7 +67,9 @@ def machine(body, **parameters):
 
 def instants(body, **parameters):
     """A run, some of its steps, and a replay of these as from its folder."""
-    run = Run(machine(body, **parameters), Steps(tolerance=1e-3, largest=0.05), REVOLUTION)
+    run = Run(
+        machine(body, **parameters), IntegratorOptions(tolerance=1e-3, largest=0.05), REVOLUTION
+    )
     wanted, steps = list(INSTANTS), []
     for step in run.until(1.01 * INSTANTS[-1] * REVOLUTION):
         if wanted and step.time >= wanted[0] * REVOLUTION:

@@ -15,7 +15,7 @@ from test_bdf import control, oscillator, profile
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody import tabulated
-from fenics_ehd.multibody.run import Steps
+from fenics_ehd.multibody.run import IntegratorOptions
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
 from fenics_ehd.scenes.tables import angle_table, load_curves
 
@@ -206,4 +206,4 @@ def test_a_run_goes_on_from_a_corner_to_the_last_bit():
     def second_corner(states):
         return [i for i, state in enumerate(states) if len(state.times) == 1][1]
 
-    assert_goes_on(mechanism, Steps(tolerance=1e-4), 0.02 * REVOLUTION, second_corner)
+    assert_goes_on(mechanism, IntegratorOptions(tolerance=1e-4), 0.02 * REVOLUTION, second_corner)

@@ -17,7 +17,7 @@ import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import summed
 from fenics_ehd.cli.run import report
 from fenics_ehd.multibody import simulation
-from fenics_ehd.multibody.run import Run, Steps
+from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.simulation import Tracker
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
@@ -84,7 +84,7 @@ def test_the_integral_of_what_is_lent_hides_no_loss():
 def run_of(body, *, speed=SPEED, revolutions=1.0, **steps):
     mechanism = replace(flexible_slider_crank(body), drives={"crank": ehd.Speed(speed)})
     end = revolutions * 2 * np.pi / speed
-    run = Run(mechanism, Steps(**{"largest": 0.02 / revolutions, **steps}), end)
+    run = Run(mechanism, IntegratorOptions(**{"largest": 0.02 / revolutions, **steps}), end)
     tracker = Tracker(run.equations, run.norm)
     rows = [tracker.add(step) for step in run.until(end)]
     return tracker, {name: np.array([row[name] for row in rows]) for name in rows[0]}

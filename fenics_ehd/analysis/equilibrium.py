@@ -172,7 +172,7 @@ def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> Solver
     values = np.zeros(len(equations.lower))
     for film, own in zip(equations.films, equations.places, strict=True):
         place, xi = film.place, film.place.xi
-        gap = place.film.gap(z[xi], rates[xi], place.ahead(rates), place.ahead(z))
+        gap = place.film.gap(z[xi], rates[xi], place.relative_angle(rates), place.relative_angle(z))
         try:
             values[own] = film.values(film.film.solve(gap).pressure)
         except SolverError:

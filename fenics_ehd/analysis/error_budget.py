@@ -52,7 +52,7 @@ from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_places, sampling_grid
-from fenics_ehd.multibody.mechanism import FilmPlace, Instant, Motion, System
+from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import StepEquations
@@ -251,7 +251,7 @@ class Lacking(NamedTuple):
     reading: sparse.spmatrix
 
 
-def lacking_in_basis(body: FlexibleBody, place: FilmPlace) -> Lacking:
+def lacking_in_basis(body: FlexibleBody, place: FilmBinding) -> Lacking:
     """Displacement that the basis of a body lacks in the bore of a film.
 
     Raises
@@ -271,7 +271,7 @@ def lacking_in_basis(body: FlexibleBody, place: FilmPlace) -> Lacking:
     return Lacking(estimate, bore.observed_normal @ outward)
 
 
-def lacking_in_mesh(body: FlexibleBody, place: FilmPlace) -> Lacking:
+def lacking_in_mesh(body: FlexibleBody, place: FilmBinding) -> Lacking:
     """Displacement that the mesh of a part lacks under pressures and boundary forces.
 
     Raises
@@ -297,7 +297,7 @@ def lacking_in_mesh(body: FlexibleBody, place: FilmPlace) -> Lacking:
 def lacking_gaps(
     equations: StepEquations,
     course: Course,
-    lacking: Callable[[FlexibleBody, FilmPlace], Lacking],
+    lacking: Callable[[FlexibleBody, FilmBinding], Lacking],
     periodic: bool,
 ) -> list[np.ndarray]:
     """Changes of the gaps of all films along a course by the flexibility that their bores lack.
@@ -548,7 +548,7 @@ class Estimator:
         return change + self._curves.sampling
 
     def _change_by_gaps(
-        self, lacking: Callable[[FlexibleBody, FilmPlace], Lacking], again: Course
+        self, lacking: Callable[[FlexibleBody, FilmBinding], Lacking], again: Course
     ) -> np.ndarray:
         missing = lacking_gaps(self._run.equations, again, lacking, self._cycles is not None)
         sizes = np.column_stack([np.abs(change).max(axis=1) for change in missing])
@@ -558,7 +558,9 @@ class Estimator:
         found = self._follow(again, changes=missing)
         return self._change(again, found.widened(missing), 1.0)
 
-    def _joint(self, i: int, place: FilmPlace, changes: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    def _joint(
+        self, i: int, place: FilmBinding, changes: Mapping[str, np.ndarray]
+    ) -> dict[str, Any]:
         found: dict[str, Any] = {}
         largest: dict[str, Any] = {}
         known: dict[str, Any] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)

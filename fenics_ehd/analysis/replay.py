@@ -35,7 +35,7 @@ from fenics_ehd.multibody.history import History, fixed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import LEADING, CoupledState, MechanismStep, SolverState
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation, history_of, solution
 from fenics_ehd.multibody.trust import QUANTITIES
@@ -132,7 +132,7 @@ class Course(History):
 
     base: Run = field(kw_only=True)
     start: RunState = field(kw_only=True)
-    search: Cycles | None = field(default=None, kw_only=True)
+    search: PeriodicSolver | None = field(default=None, kw_only=True)
 
     @property
     def period(self) -> float | None:
@@ -246,7 +246,7 @@ def course_of(solved: Simulation) -> Course:
 def recorded(
     run: Run,
     end: float,
-    cycles: Cycles | None = None,
+    cycles: PeriodicSolver | None = None,
     look: Callable[[MechanismStep], Mapping[str, float]] = lambda step: {},
 ) -> Course:
     """Steps of a run to its end [s], or of the last cycle of a search, with columns of each."""

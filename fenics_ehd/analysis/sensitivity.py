@@ -43,7 +43,7 @@ from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
-from fenics_ehd.multibody.periodic import Cycles, repeats
+from fenics_ehd.multibody.periodic import PeriodicSolver, repeats
 from fenics_ehd.multibody.quantities import JointStep, joint_row
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import integral
@@ -211,7 +211,7 @@ class Number:
     alike: bool = True
 
 
-def followed(run: Run, end: float, cycles: Cycles | None = None) -> Course:
+def followed(run: Run, end: float, cycles: PeriodicSolver | None = None) -> Course:
     """A run to its end [s], or through a periodic search, with the columns of `look`."""
     return recorded(run, end, cycles, partial(look, run))
 
@@ -222,7 +222,7 @@ def settled(course: Course) -> Course:
     Raises
     ------
     PeriodicityError, SolverError
-        From the steps, and `Cycles`.
+        From the steps, and `PeriodicSolver`.
     """
     if course.search is None:
         return course
@@ -244,7 +244,7 @@ def derivatives(
     Raises
     ------
     PeriodicityError, SolverError, SettingsError
-        From its steps and `Cycles`; there is no finer film.
+        From its steps and `PeriodicSolver`; there is no finer film.
     """
     sides: list[Course] = []
     for sign in (1, -1):
@@ -291,7 +291,7 @@ def _again(
         replay.state = run.state
     # Of the search for its own cycle nothing is left but where it is.
     before = round(replay.state.time / period)
-    cycles = Cycles(replay, period, slack * PERIODICITY, before + MOST)
+    cycles = PeriodicSolver(replay, period, slack * PERIODICITY, before + MOST)
     cycles.number = before + 1
     if cycles.heat and search.heat:
         searches = search.heat.state["searches"]

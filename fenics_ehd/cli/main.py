@@ -112,7 +112,7 @@ def run(
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
     given = {key: value for key, value in output.items() if value is not None}
-    wishes = run.Wishes(plots, interval, as_json, multiplier)
+    wishes = run.RunOptions(plots, interval, as_json, multiplier)
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
         asked = given | ({"paraview": True} if vtk else {})

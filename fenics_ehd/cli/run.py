@@ -191,7 +191,7 @@ LARGEST_ESTIMATE = 0.2
 
 
 @dataclass(frozen=True)
-class Wishes:
+class RunOptions:
     """Options of the command line for a run, new or gone on with, beside its scene."""
 
     plots: bool
@@ -204,7 +204,7 @@ class Wishes:
     began: float = field(default_factory=perf_counter)
 
 
-def run(scene: Scene, directory: Path, overwrite: bool, wishes: Wishes) -> None:
+def run(scene: Scene, directory: Path, overwrite: bool, wishes: RunOptions) -> None:
     """Run a scene; collective until it is built."""
     if wishes.multiplier and not scene.time.periodic:
         raise SettingsError(
@@ -268,7 +268,7 @@ def _whole_parts(built: Machine) -> dict[str, PartFields]:
     return {name: part for name, part in parts.items() if part is not None}
 
 
-def resume(directory: Path, wishes: Wishes) -> None:
+def resume(directory: Path, wishes: RunOptions) -> None:
     """Go on with a run; serial."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
@@ -285,7 +285,7 @@ def _finish(
     scene: Scene,
     built: Machine,
     folder: RunFolder,
-    wishes: Wishes,
+    wishes: RunOptions,
     search: Search | None,
     former: Checkpoint | None = None,
     parts: Mapping[str, PartFields] | None = None,

@@ -122,7 +122,7 @@ class Observed(Protocol):
 
 
 @dataclass(frozen=True)
-class Steps:
+class IntegratorOptions:
     """Options of the integrator.
 
     Attributes
@@ -190,7 +190,12 @@ class IntegratorState(Generic[Carried]):
 
     @classmethod
     def begin(
-        cls, problem: Observed, time: float, x: np.ndarray, rate: np.ndarray, control: Steps
+        cls,
+        problem: Observed,
+        time: float,
+        x: np.ndarray,
+        rate: np.ndarray,
+        control: IntegratorOptions,
     ) -> IntegratorState[Carried]:
         """Before the first step."""
         step = min(control.first, control.largest)
@@ -287,7 +292,7 @@ def advance(
     problem: Observed,
     state: IntegratorState[Carried],
     end: float,
-    control: Steps,
+    control: IntegratorOptions,
     solve: StepSolver[Carried, Solution],
     tables: Sequence[TabulatedLoad] = (),
 ) -> tuple[Step[Solution], IntegratorState[Carried]]:
@@ -364,7 +369,7 @@ def advance(
     ) from cause
 
 
-def _next_step(step: float, error: float, order: int, control: Steps) -> float:
+def _next_step(step: float, error: float, order: int, control: IntegratorOptions) -> float:
     """Step that would have met the tolerance [s]; an infinite error shortens by `SHRINKAGE`."""
     ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
     factor = SAFETY * ratio ** (1.0 / (order + 1))

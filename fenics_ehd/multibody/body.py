@@ -42,16 +42,16 @@ class Marker:
         ``u = (x, y, angle, psi_x, psi_y)``, shape (5,) [m], [rad].
     jacobian
         ``du/dz``, shape (5, n).
-    bend
+    force_derivative
         For f of shape (5,), the derivative of ``jacobian^T f``, shape (n, n); None: zero.
-    carry
+    rate_derivative
         For rates of shape (n,), the derivative of ``jacobian @ rates``, shape (5, n); None: zero.
     """
 
     values: np.ndarray
     jacobian: np.ndarray
-    bend: Callable[[np.ndarray], np.ndarray] | None = None
-    carry: Callable[[np.ndarray], np.ndarray] | None = None
+    force_derivative: Callable[[np.ndarray], np.ndarray] | None = None
+    rate_derivative: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -443,19 +443,19 @@ class PlanarBody(Body):
         if self.held:
             return Marker(values, jacobian[:, self._own])
 
-        def bend(force: np.ndarray) -> np.ndarray:
+        def force_derivative(force: np.ndarray) -> np.ndarray:
             result = np.zeros((len(z), len(z)))
             result[2, 2] = -arm @ force[:2]
             result[2, 3:] = result[3:, 2] = force[1] * shape[0] - force[0] * shape[1]
             return result
 
-        def carry(rates: np.ndarray) -> np.ndarray:
+        def rate_derivative(rates: np.ndarray) -> np.ndarray:
             result, spun = np.zeros((WIDTH, len(z))), np.stack([-shape[1], shape[0]])
             result[:2, 2] = spun @ rates[3:] - arm * rates[2]
             result[:2, 3:] = spun * rates[2]
             return result
 
-        return Marker(values, jacobian, bend, carry)
+        return Marker(values, jacobian, force_derivative, rate_derivative)
 
     @cached_property
     def _ordered(self) -> InertiaIntegrals:

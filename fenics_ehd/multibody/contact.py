@@ -34,7 +34,7 @@ from fenics_ehd.film.rough_surfaces import Touch
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.film_models import FilmModel, FilmPoint
 from fenics_ehd.multibody.lubricated_joint import Turned
-from fenics_ehd.multibody.mechanism import FilmPlace, System
+from fenics_ehd.multibody.mechanism import FilmBinding, System
 from fenics_ehd.multibody.static_correction import BoreResponses
 
 #: Distance of the tips' mean planes over sigma beyond which contact, below 4e-6 of that at 0, is
@@ -65,7 +65,7 @@ class JointContact:
         the first without what the journal's shape does.
     """
 
-    def __init__(self, place: FilmPlace):
+    def __init__(self, place: FilmBinding):
         joint, film = place.film, place.film.film
         assert film.parameters.surfaces is not None
         self.surfaces, self._shaft_radius = film.parameters.surfaces, joint.shaft_radius

@@ -54,7 +54,7 @@ from fenics_ehd.film.rough_surfaces import Touch
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.lubricated_joint import Turned
-from fenics_ehd.multibody.mechanism import FilmPlace
+from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.static_correction import BoreResponses
 
 #: Round-off of a film's balances over the largest flow that squeezes empty nodes, 4e-13 in a film
@@ -153,7 +153,7 @@ class FilmModel(ABC, Generic[PointT]):
     #: equations that are nearly linear on an active set, so that factors serve on.
     weighted, symmetric, nearly_linear = True, False, False
 
-    def __init__(self, place: FilmPlace, nodes: np.ndarray, inside: np.ndarray, pattern: Pattern):
+    def __init__(self, place: FilmBinding, nodes: np.ndarray, inside: np.ndarray, pattern: Pattern):
         self.place, self.nodes, self.inside, self.pattern = place, nodes, inside, pattern
         joint = place.film
         self.film, self.scale, self.lower = joint.film, 1.0, np.zeros(len(nodes))
@@ -347,7 +347,7 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
 
     nearly_linear = True
 
-    def __init__(self, place: FilmPlace):
+    def __init__(self, place: FilmBinding):
         film = place.film.film
         super().__init__(
             place, film.free, np.ones(len(film.free), dtype=bool), film.equation.pattern
@@ -447,7 +447,7 @@ class ConservedOil(FilmModel[OilPoint]):
         Places in the state of what the contents of all nodes lack.
     """
 
-    def __init__(self, place: FilmPlace, first: int):
+    def __init__(self, place: FilmBinding, first: int):
         joint = place.joint
         assert joint.oil is not None
         self._filling = joint.oil.filling
@@ -479,7 +479,7 @@ class ConservedOil(FilmModel[OilPoint]):
         shape, surfaces = self.place.film.shape, self.film.parameters.surfaces
         taken = np.zeros(nominal.size)
         if shape is not None and shape.turning:
-            taken += shape.closing(self.place.ahead(z))[: nominal.size]
+            taken += shape.closing(self.place.relative_angle(z))[: nominal.size]
         if surfaces is not None:
             taken -= surfaces.excess(nominal).ravel()
         return self._full(taken)
@@ -487,7 +487,7 @@ class ConservedOil(FilmModel[OilPoint]):
     def volumes_at(self, z: np.ndarray) -> np.ndarray:
         """The state's volumes of the initial filling, for coordinates z, shape (nodes,) [m^3]."""
         xi = z[self.place.xi]
-        gap = self.place.film.gap(xi, np.zeros_like(xi), 0.0, self.place.ahead(z))
+        gap = self.place.film.gap(xi, np.zeros_like(xi), 0.0, self.place.relative_angle(z))
         empty = np.full(self.balance.assembly.size, 1.0 - self._filling)
         return self.volumes_with(empty, z, gap.thickness.ravel())
 
@@ -644,7 +644,7 @@ class ConservedOil(FilmModel[OilPoint]):
         )
 
 
-def film_models(places: Sequence[FilmPlace], first: int) -> list[FilmModel[Any]]:
+def film_models(places: Sequence[FilmBinding], first: int) -> list[FilmModel[Any]]:
     """Models of all films; void volumes begin at `first` in the state of the integration."""
     found: list[FilmModel[Any]] = []
     for place in places:

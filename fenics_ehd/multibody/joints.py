@@ -4,8 +4,8 @@ A joint names one marker or two, ``"body.point"`` or ``"body"`` for its origin, 
 the values u of these, `WIDTH` each, then its own coordinates. With the values of all relations of
 a mechanism behind one another, ``U = du/dz``, and constraints ``phi(u) = h(t)``,
 
-    G = phi_u U,      d(G^T l)/dz = U^T (l . phi_uu) U + sum bend(l . phi_u),
-    d(G v)/dz = (phi_uu U v) U + phi_u carry(v).
+    G = phi_u U,      d(G^T l)/dz = U^T (l . phi_uu) U + sum force_derivative(l . phi_u),
+    d(G v)/dz = (phi_uu U v) U + phi_u rate_derivative(v).
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ class Mechanism:
 
 
 @dataclass(frozen=True, eq=False)
-class FilmPlace:
+class FilmBinding:
     """A lubricated joint's film and where its coordinates are.
 
     Attributes
@@ -96,14 +96,14 @@ class FilmPlace:
     bore: str
     mounted: float
 
-    def ahead(self, values: np.ndarray) -> float:
+    def relative_angle(self, values: np.ndarray) -> float:
         """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
         journal, bore = self.angles(values)
         return float(journal - bore)
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Places of the angles that `ahead` is made of."""
+        """Places of the angles that `relative_angle` is made of."""
         ends = self.journal_angle, self.bore_angle
         return np.array([angle for angle in ends if angle is not None], dtype=int)
 
@@ -199,7 +199,7 @@ class System:
         mobility = np.concatenate([body.mobility for body in self._bodies.values()])
         self.markers: dict[str, BoundMarker] = {}
         self.own: list[tuple[slice, slice]] = []
-        self.films: list[FilmPlace] = []
+        self.films: list[FilmBinding] = []
         self.constraints: list[Constraint] = []
         for name in sorted(mechanism.joints):
             joint = mechanism.joints[name]
@@ -241,7 +241,7 @@ class System:
             self.k, self.n = self.k + own, self.n + own
         return slice(first, self.k)
 
-    def _film(self, name: str, joint: LubricatedJoint) -> FilmPlace:
+    def _film(self, name: str, joint: LubricatedJoint) -> FilmBinding:
         bore_name, bore, point = self._named(joint.bore)
         journal_name, journal, _ = self._named(joint.journal)
         if journal_name == bore_name:
@@ -262,7 +262,7 @@ class System:
         mounted = bore.marker("", bore.start).values[ANGLE] if bore_angle is None else 0.0
         last = self.bodies[bore_name].stop
         modes = np.arange(last - film.size + film.own, last)
-        return FilmPlace(
+        return FilmBinding(
             name,
             joint,
             film,
@@ -275,7 +275,7 @@ class System:
             float(mounted),
         )
 
-    def bore_at_rest(self, place: FilmPlace) -> str:
+    def bore_at_rest(self, place: FilmBinding) -> str:
         """Marker of the undeformed bore of a film."""
         body = self._bodies[place.bore_body]
         if isinstance(body, FlexibleBody) and place.bore:
@@ -429,9 +429,9 @@ class Instant:
         """``G v + g_t``, shape (m,)."""
         return self.jacobian @ rates - self.imposed_rate
 
-    def bend(self, multipliers: np.ndarray) -> np.ndarray:
+    def force_derivative(self, multipliers: np.ndarray) -> np.ndarray:
         """Derivative of ``G^T multipliers``, shape (n, n)."""
-        return self.bend_values(multipliers @ self.gradient, self.form(multipliers))
+        return self.values_derivative(multipliers @ self.gradient, self.form(multipliers))
 
     def form(self, multipliers: np.ndarray) -> np.ndarray:
         """Second derivative of ``multipliers . phi`` along the values, shape (k, k)."""
@@ -441,21 +441,21 @@ class Instant:
             result[own, own] = multipliers[place.rows] @ curvature.swapaxes(0, 1)
         return result
 
-    def bend_values(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
+    def values_derivative(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Derivative of ``U^T f`` for a force f that changes by `form` along u, shape (n, n)."""
         result = self.values_along.T @ (form @ self.values_along)
         for bound, marker in self._markers:
-            if marker.bend is not None:
+            if marker.force_derivative is not None:
                 for columns in bound.columns:
-                    result[bound.places, bound.places] += marker.bend(force[columns])
+                    result[bound.places, bound.places] += marker.force_derivative(force[columns])
         return result
 
-    def carry(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rate_derivative(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of ``U v``, shape (k, n), and of ``G v``, shape (m, n), along z."""
         values, along = np.zeros_like(self.values_along), np.zeros_like(self.gradient)
         for bound, marker in self._markers:
-            if marker.carry is not None:
-                carried = marker.carry(rates[bound.places])
+            if marker.rate_derivative is not None:
+                carried = marker.rate_derivative(rates[bound.places])
                 for columns in bound.columns:
                     values[columns, bound.places] = carried
         value_rates = self.values_along @ rates
@@ -506,7 +506,7 @@ class Motion:
     @cached_property
     def carried(self) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives along z of the values' rates, shape (k, n), and of ``G v``, shape (m, n)."""
-        return self.instant.carry(self.rates)
+        return self.instant.rate_derivative(self.rates)
 
     def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
         """Forces of joints and loads on points of a body along its x and y, shape (2 a,) [N].
@@ -530,7 +530,7 @@ class Motion:
                 form[own, own] -= load.position
             if load.rate is not None:
                 damping[own, own] -= load.rate
-        position = instant.bend_values(self.on_values, form)
+        position = instant.values_derivative(self.on_values, form)
         rate, acceleration = np.zeros_like(position), np.zeros_like(position)
         if damping.any():
             damping = along.T @ damping

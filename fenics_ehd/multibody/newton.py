@@ -41,7 +41,7 @@ from fenics_ehd.film.lubricant import PressureLaw
 from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved, Step
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
 from fenics_ehd.multibody.film_models import FilmModel
-from fenics_ehd.multibody.mechanism import FilmPlace, Motion, System
+from fenics_ehd.multibody.mechanism import FilmBinding, Motion, System
 from fenics_ehd.multibody.step_equations import Derivative, FilmIntegrals, Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.tabulated import extrapolation_weights
@@ -285,7 +285,7 @@ class StepFactors:
 THICKENED = 1e2
 
 
-def unresolved(place: FilmPlace, steepest: float) -> str:
+def unresolved(place: FilmBinding, steepest: float) -> str:
     """Message about an oil that thickens too much within a cell; usually empty."""
     if steepest <= MOST_WITHIN_A_CELL:
         return ""

@@ -26,7 +26,7 @@ from fenics_ehd.multibody.body import PlanarBody
 from fenics_ehd.multibody.forces import RotatingForce, Torque
 from fenics_ehd.multibody.joints import SpeedTable
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
+from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
@@ -130,7 +130,7 @@ def check_period(
     Parameters
     ----------
     mechanism, period, periodicity
-        As for `Cycles`.
+        As for `PeriodicSolver`.
     supplies
         Pressures over the time, by key, of films that the mechanism is going to have.
 
@@ -152,7 +152,7 @@ def check_period(
             )
 
 
-def temperatures(place: FilmPlace, means: Mapping[str, float]) -> dict[str, float]:
+def temperatures(place: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
     """Figures of a joint whose heat is balanced, of mean power and flow; no others have any."""
     heat, now = place.joint.heat, place.film.film.equation.lubricant.temperature
     if heat is None or now is None or not means:
@@ -165,7 +165,7 @@ def temperatures(place: FilmPlace, means: Mapping[str, float]) -> dict[str, floa
     }
 
 
-def _oil(place: FilmPlace) -> Oil:
+def _oil(place: FilmBinding) -> Oil:
     oil = place.film.film.parameters.lubricant.oil
     assert oil is not None  # `LubricatedJoint` has seen to it
     return oil
@@ -194,7 +194,7 @@ class FilmTemperatures(Stateful):
 
     carried = ("searches", "times", "rates", "first")
 
-    def __init__(self, places: Sequence[FilmPlace]):
+    def __init__(self, places: Sequence[FilmBinding]):
         self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
         self.searches: dict[str, TemperatureSearch] = {}
         for place in self._places.values():
@@ -279,7 +279,7 @@ class FilmTemperatures(Stateful):
         return None
 
 
-class Cycles(Stateful):
+class PeriodicSolver(Stateful):
     """Steps of a run, without a stop in between, until no film changes over a cycle.
 
     Where a joint's heat is balanced, its film takes another temperature with every cycle, and the

@@ -45,7 +45,7 @@ from fenics_ehd.film.film import OilState
 from fenics_ehd.film.forces import under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED
 from fenics_ehd.multibody.lubricated_joint import observed_places
-from fenics_ehd.multibody.mechanism import FilmPlace
+from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.step_equations import FilmIntegrals
 
@@ -68,7 +68,7 @@ class JointStep:
         Film thickness where it is observed, at Gauss points, then at nodes [m].
     """
 
-    place: FilmPlace
+    place: FilmBinding
     step: MechanismStep
     own: FilmIntegrals
     gap: np.ndarray
@@ -124,7 +124,9 @@ class JointStep:
         torque = -self.own.friction.torque
         shape, place = self.place.film.shape, self.place
         if shape is not None:
-            turned = shape.turned(place.ahead(self.step.x), place.ahead(self.step.rate))
+            turned = shape.turned(
+                place.relative_angle(self.step.x), place.relative_angle(self.step.rate)
+            )
             torque -= 0.0 if turned is None else float(turned.torque @ self.pressure)
         if self.own.contact is not None:
             torque += self.own.contact.braking(self.own.touch, self.own.state.gap)
@@ -381,7 +383,7 @@ def film_power(joint: JointStep) -> float:
     place, state, rate, found = joint.place, joint.own.state, joint.step.rate, joint.own.friction
     opening = place.film.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
-    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.ahead(rate)
+    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_angle(rate)
     return squeezed + sheared + joint.own.rubbed
 
 
@@ -517,7 +519,7 @@ def rubbing(film: FilmIntegrals) -> np.ndarray:
     return film.touch.pressure * np.abs(film.state.gap.sliding_velocity.ravel())
 
 
-def wear(place: FilmPlace, slid: np.ndarray) -> dict[str, float]:
+def wear(place: FilmBinding, slid: np.ndarray) -> dict[str, float]:
     """Entries of ``summary.json`` on ``int p_c |U| dt`` [Pa m], where it is largest."""
     worst, points = int(np.argmax(slid)), place.film.film.points
     return {

@@ -9,8 +9,8 @@ import numpy as np
 
 from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
-from fenics_ehd.multibody.bdf import IntegratorState, Steps, advance
-from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System, assemble, check_inertia
+from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState, advance
+from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.newton import CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
@@ -28,7 +28,7 @@ class Run:
         It is assembled from its rough pose.
     steps, span
         How to step, of order 2 for 3 where modes lack damping or oil is conserved; and the time
-        that `Steps.largest` is a share of [s].
+        that `IntegratorOptions.largest` is a share of [s].
     former
         Run of another mechanism, if any, whose formula and temperatures this one has.
 
@@ -49,7 +49,12 @@ class Run:
     """
 
     def __init__(
-        self, mechanism: Mechanism, steps: Steps, span: float, *, former: Run | None = None
+        self,
+        mechanism: Mechanism,
+        steps: IntegratorOptions,
+        span: float,
+        *,
+        former: Run | None = None,
     ):
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
@@ -125,7 +130,7 @@ def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([z, resting]), np.concatenate([rates, np.zeros(len(resting))])
 
 
-def _check_density(place: FilmPlace) -> None:
+def _check_density(place: FilmBinding) -> None:
     # Storage of the first steps is a mass matrix: active sets follow each other for ever.
     if place.joint.oil is None and not place.film.film.parameters.lubricant.density_law.constant:
         raise SettingsError(
@@ -134,7 +139,7 @@ def _check_density(place: FilmPlace) -> None:
         )
 
 
-def _check_start(place: FilmPlace, thickness: float) -> None:
+def _check_start(place: FilmBinding, thickness: float) -> None:
     if not thickness > 0.0:
         raise SettingsError(
             f"joints.{place.name}.bore_shape, journal_shape: the film is {thickness * 1e6:.3g} um "
@@ -143,7 +148,7 @@ def _check_start(place: FilmPlace, thickness: float) -> None:
         )
 
 
-def _check_film(place: FilmPlace, thickness: float, time: float) -> None:
+def _check_film(place: FilmBinding, thickness: float, time: float) -> None:
     surfaces = place.film.film.parameters.surfaces
     if surfaces is not None:
         least = DEEPEST_CONTACT * surfaces.roughness

@@ -25,7 +25,7 @@ from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.film.film import steepest_thickening
-from fenics_ehd.multibody.bdf import IntegratorState, Steps
+from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
 from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
@@ -35,9 +35,9 @@ from fenics_ehd.multibody.history import (
     is_column,
     last_whole_cycle,
 )
-from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
+from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import MechanismStep, SolverState, unresolved
-from fenics_ehd.multibody.periodic import WHOLE, Cycles, crank, temperatures
+from fenics_ehd.multibody.periodic import WHOLE, PeriodicSolver, crank, temperatures
 from fenics_ehd.multibody.quantities import (
     CONTENT,
     JointStep,
@@ -360,7 +360,7 @@ class Tracker(Stateful):
         }
         self.rows = [{name: own[i] for name, own in columns.items()} for i in range(len(history))]
 
-    def add(self, step: MechanismStep, cycles: Cycles | None = None) -> dict[str, float]:
+    def add(self, step: MechanismStep, cycles: PeriodicSolver | None = None) -> dict[str, float]:
         """Account for an accepted step, of a search in its current cycle.
 
         Returns
@@ -394,7 +394,7 @@ class Tracker(Stateful):
         films = self.system.films
         return {column_name(name, films): own for name, own in row.items() if is_column(name)}
 
-    def _angle(self, step: MechanismStep, cycles: Cycles | None) -> float:
+    def _angle(self, step: MechanismStep, cycles: PeriodicSolver | None) -> float:
         """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns.
 
         Every cycle but the first begins in 0 to 360 degrees: an engine's last one is 0 to 720
@@ -466,7 +466,7 @@ class Tracker(Stateful):
                     own[split_unit(name)[0]] = float(values[step]), float(clock[step])
         return found
 
-    def steepest_thickening(self, place: FilmPlace) -> float:
+    def steepest_thickening(self, place: FilmBinding) -> float:
         """Largest factor of a film's viscosity within a cell, over the cycle, or the run."""
         path = f"joints/{place.name}/film/pressure"
         own = [row[path] for row in self.rows[self.first :]]
@@ -501,7 +501,7 @@ class Tracker(Stateful):
             "notices": self._notices(),
         }
 
-    def _joint(self, place: FilmPlace, columns: Columns, used: UsedCycle) -> dict[str, Any]:
+    def _joint(self, place: FilmBinding, columns: Columns, used: UsedCycle) -> dict[str, Any]:
         """Entries on a lubricated joint, from columns by path."""
         name, start = place.name, f"joints/{place.name}/"
         own = {key.removeprefix(start): v for key, v in columns.items() if key.startswith(start)}
@@ -525,7 +525,7 @@ class Tracker(Stateful):
             found["error_budget"] = self.worth[name]
         return found | used.figures(columns, name, rates)
 
-    def _means(self, place: FilmPlace, time: np.ndarray, rates: Columns) -> dict[str, float]:
+    def _means(self, place: FilmBinding, time: np.ndarray, rates: Columns) -> dict[str, float]:
         """Means of a joint's rates over the run, or the cycle, and what follows from them."""
         begin = max(self.first - 1, 0)
         values = np.column_stack([*rates.values()])
@@ -613,7 +613,7 @@ class Simulation(Stateful):
 
     carried = ("integrator", "tracker", "cycles", "wall_time", "processor_time")
 
-    def __init__(self, run: Run, end: float, cycles: Cycles | None = None):
+    def __init__(self, run: Run, end: float, cycles: PeriodicSolver | None = None):
         self.run, self.end, self.cycles = run, end, cycles
         self.tracker, self._start = Tracker(run.equations, run.norm, run.state.time), run.state
         self.wall_time = self.processor_time = 0.0
@@ -673,11 +673,11 @@ def simulate(
     end
         End time of an initial value problem [s]; or
     period, periodicity, cycles
-        Of a mechanism whose forcing repeats, see `Cycles`.
+        Of a mechanism whose forcing repeats, see `PeriodicSolver`.
     progress
         Called after every accepted step: ``lambda step: print(step.time)``.
     steps
-        Fields of `Steps`: ``tolerance=1e-6``.
+        Fields of `IntegratorOptions`: ``tolerance=1e-6``.
 
     Returns
     -------
@@ -700,13 +700,13 @@ def simulate(
         raise SettingsError("simulate takes either end, a time, or period, of what repeats itself")
     span = end if period is None else period
     assert span is not None
-    run = Run(mechanism, Steps(**steps), span)
+    run = Run(mechanism, IntegratorOptions(**steps), span)
     if period is None and run.equations.system.heated:
         raise SettingsError(
             "a joint's heat is balanced over a cycle, and an initial value problem has none: give "
             "a period, or leave `heat` out, the oil at the lubricant's temperature"
         )
-    search = None if period is None else Cycles(run, period, periodicity, cycles)
+    search = None if period is None else PeriodicSolver(run, period, periodicity, cycles)
     found = Simulation(run, span, search)
     for step, _ in found.steps():
         progress(step)

@@ -21,7 +21,7 @@ from scipy import sparse
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.mechanism import FilmPlace, System, consecutive
+from fenics_ehd.multibody.mechanism import FilmBinding, System, consecutive
 
 #: Gauss points of all films up to which answers to forces on all of them are kept.
 FEW_POINTS = 2000
@@ -52,7 +52,7 @@ class _Bore:
     pushing: sparse.csr_matrix
 
     @classmethod
-    def of(cls, body: FlexibleBody | None, place: FilmPlace) -> _Bore:
+    def of(cls, body: FlexibleBody | None, place: FilmBinding) -> _Bore:
         """Patterns at the film of a joint; without a body there are none."""
         joint = place.film
         if body is None or not place.bore:

@@ -40,7 +40,7 @@ from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.contact import ContactColumns, Contacts, JointContact
 from fenics_ehd.multibody.film_models import ConservedOil, FilmPoint, OilPoint, film_models
 from fenics_ehd.multibody.lubricated_joint import JointFilm
-from fenics_ehd.multibody.mechanism import FilmPlace, Instant, Motion, System, consecutive
+from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System, consecutive
 from fenics_ehd.multibody.static_correction import BoreResponses
 
 #: Of every film: change of the gap at the Gauss points and its rate [m], [m/s].
@@ -291,7 +291,9 @@ class StepEquations:
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
         gaps = [
-            place.film.gap(z[place.xi], rates[place.xi], place.ahead(rates), place.ahead(z))
+            place.film.gap(
+                z[place.xi], rates[place.xi], place.relative_angle(rates), place.relative_angle(z)
+            )
             for place in system.films
         ]
         values = [u[own] for own in self.places]
@@ -302,14 +304,16 @@ class StepEquations:
             gaps[i] = gaps[i].changed(*change)
         for i, place in enumerate(system.films):
             if place.film.film.parameters.feeds:
-                gaps[i] = replace(gaps[i], turn=place.ahead(z), time=step.time)
+                gaps[i] = replace(gaps[i], turn=place.relative_angle(z), time=step.time)
         touches = self.contacts.touch(gaps)
         films = []
         for i, place in enumerate(system.films):
             check_gap(gaps[i], place.film.film.parameters.surfaces)
             point = replace(self.films[i].evaluate(gaps[i], values[i]), touch=touches[i])
             if place.film.shape is not None:
-                turned = place.film.shape.turned(place.ahead(z), place.ahead(rates))
+                turned = place.film.shape.turned(
+                    place.relative_angle(z), place.relative_angle(rates)
+                )
                 point = replace(point, turned=turned)
             self.contacts.take(i, point, residual)
             films.append(point)
@@ -365,7 +369,9 @@ class StepEquations:
         core = np.zeros((contact.size,) * 2)
         # v = shift z + past - W G^T m.
         speed = np.zeros((n, size))
-        speed[:, :n] = shift * np.eye(n) - weights * point.motion.instant.bend(point.drift)
+        speed[:, :n] = shift * np.eye(n) - weights * point.motion.instant.force_derivative(
+            point.drift
+        )
         speed[:, n + m :] = -weights * jacobian.T
         core[:n, :size] = (parts.rate + shift * parts.acceleration) @ speed
         core[:n, :n] += parts.position
@@ -430,6 +436,6 @@ class StepEquations:
         return x, rates
 
 
-def _twist(place: FilmPlace, torque: float, residual: np.ndarray) -> None:
+def _twist(place: FilmBinding, torque: float, residual: np.ndarray) -> None:
     """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
     residual[place.turning] -= place.signs * torque

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_ehd.multibody.lubricated_joint import JointShape
-from fenics_ehd.multibody.mechanism import FilmPlace, consecutive
+from fenics_ehd.multibody.mechanism import FilmBinding, consecutive
 from fenics_ehd.multibody.step_equations import StepEquations
 
 
@@ -43,7 +43,7 @@ class StepNorm:
         self._rows = np.vstack([*rows, self._measure, *angles])
         self._constant = np.concatenate([*constants, np.zeros(len(self._measure) + len(angles))])
 
-    def _turning_angles(self, films: Sequence[FilmPlace], size: int) -> list[np.ndarray]:
+    def _turning_angles(self, films: Sequence[FilmBinding], size: int) -> list[np.ndarray]:
         """Rows of the angles of journals whose shape turns; where, which and whose is kept."""
         self._turning: list[tuple[slice, int, JointShape]] = []
         angles: list[np.ndarray] = []

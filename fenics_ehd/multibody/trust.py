@@ -18,7 +18,7 @@ import numpy as np
 from fenics_ehd.base.sealed_file import Stateful
 from fenics_ehd.film.forces import under_pressure
 from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.mechanism import FilmPlace, System
+from fenics_ehd.multibody.mechanism import FilmBinding, System
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.reduction.body import ReducedBody
@@ -252,7 +252,7 @@ def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
     )
 
 
-def bore_body(system: System, place: FilmPlace) -> FlexibleBody:
+def bore_body(system: System, place: FilmBinding) -> FlexibleBody:
     """The flexible body that has the bore of a film."""
     body = system.mechanism.bodies[place.bore_body]
     assert isinstance(body, FlexibleBody)
@@ -352,7 +352,7 @@ def above(worth: Mapping[str, Any], limit: float) -> str:
 NODE_SPACING = 0.5
 
 
-def too_coarse(place: FilmPlace, thickness: float) -> str:
+def too_coarse(place: FilmBinding, thickness: float) -> str:
     """Complaint about a rigid bore's film that is too thin for its mesh; usually nothing."""
     if place.film.bore is not None:
         return ""

@@ -27,7 +27,7 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.history import load_history
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
-from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism
+from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
 from fenics_ehd.plotting.animated_bodies import (
     STEEL,
     BodyView,
@@ -93,7 +93,7 @@ class Bearing:
         There and at `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a) [Pa], [m].
     """
 
-    def __init__(self, replay: RecordedMotion, place: FilmPlace, bodies: Bodies, scale: float):
+    def __init__(self, replay: RecordedMotion, place: FilmBinding, bodies: Bodies, scale: float):
         parameters, joint = place.film.film.parameters, place.joint
         grid, self.clearance = parameters.grid, parameters.clearance
         self.radius, self.elastic = grid.radius, bool(place.bore)

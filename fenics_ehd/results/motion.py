@@ -11,7 +11,7 @@ from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.multibody.body import Body, FlexibleBody, ground
 from fenics_ehd.multibody.history import FIELDS_NAME, History
 from fenics_ehd.multibody.lubricated_joint import nearest_circle
-from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism, System
+from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.trust import bore_loads
@@ -211,7 +211,7 @@ class RecordedMotion:
         }
 
     @staticmethod
-    def nodes(place: FilmPlace) -> int:
+    def nodes(place: FilmBinding) -> int:
         """Number of nodes of a film, behind whose Gauss points the gap is observed at them."""
         return len(place.film.film.parameters.grid.node_positions)
 

@@ -25,7 +25,7 @@ from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import Body, FlexibleBody
 from fenics_ehd.multibody.history import FilmResult, History
 from fenics_ehd.multibody.lubricated_joint import bore_surface
-from fenics_ehd.multibody.mechanism import FilmPlace, Mechanism
+from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.reduction import BasisFile, ReducedBody, Structure
 from fenics_ehd.reduction.body import bore_fields
@@ -250,7 +250,7 @@ def line_block(replay: RecordedMotion, name: str) -> Block:
     return Block("bodies", name, kind, cells, rest, moved, {})
 
 
-def film_block(replay: RecordedMotion, place: FilmPlace, film: FilmResult) -> Block:
+def film_block(replay: RecordedMotion, place: FilmBinding, film: FilmResult) -> Block:
     """A film on its bore, which moves and bends with its body."""
     kind, order = FILM_CELLS[film.family]
     angle, height = np.asarray(film.angle), np.asarray(film.height)
@@ -273,7 +273,7 @@ def film_block(replay: RecordedMotion, place: FilmPlace, film: FilmResult) -> Bl
 
 
 def _bending(
-    replay: RecordedMotion, place: FilmPlace, angle: np.ndarray, height: np.ndarray
+    replay: RecordedMotion, place: FilmBinding, angle: np.ndarray, height: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centre (3,) [m] of a flexible body's bore, displacement at nodes of its film (p, 3, n)."""
     part = replay.part(place.bore_body)

@@ -489,7 +489,7 @@ def record_run(
     InputError
         Something changed since the former run began.
     SolverError
-        See `Run.until` and `Cycles`.
+        See `Run.until` and `PeriodicSolver`.
     """
     tracker, more = run.tracker, dict[str, Any]()
     if former is not None:

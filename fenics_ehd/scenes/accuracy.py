@@ -40,7 +40,7 @@ from fenics_ehd.scenes.part import counts, part_cells, with_counts
 from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints, meshed, stored
 
 if TYPE_CHECKING:
-    from fenics_ehd.multibody.mechanism import FilmPlace
+    from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.simulation import Simulation
 
 #: Least tolerance of a step, least periodicity, most film cells, vibration modes that a basis may
@@ -341,7 +341,7 @@ def _refined(search: Search, scene: Scene, recorded: Simulation, errors: Errors)
     films = {place.name: place for place in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
     free = set(choosable(scene)) - set(search.kept)
-    found: dict[str, tuple[float, str, FilmPlace]] = {}
+    found: dict[str, tuple[float, str, FilmBinding]] = {}
     for (joint, _), own in errors.items():
         keys = {component: _setting(component, films[joint]) for component in own}
         ours = {component: own[component] for component in own if keys[component] in free}
@@ -373,7 +373,7 @@ def water_level(errors: Collection[float], total: float) -> float:
     return inf
 
 
-def _setting(component: str, place: FilmPlace) -> str:
+def _setting(component: str, place: FilmBinding) -> str:
     """Key of what makes a component of the errors of a joint smaller."""
     return {
         "step_size": "time.tolerance",
@@ -390,7 +390,7 @@ def _value(
     recorded: Simulation,
     share: float,
     component: str,
-    place: FilmPlace,
+    place: FilmBinding,
 ) -> Any:
     """Value of its setting that leaves a share of a component, or is the last within limits."""
     if component == "step_size":

@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE
-from fenics_ehd.multibody.bdf import Steps
+from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.body import Body, FlexibleBody, PlanarBody, RigidBody, ground
 from fenics_ehd.multibody.forces import (
     Force,
@@ -277,7 +277,7 @@ class Machine:
     seconds: float
     end: float | None
     period: float | None
-    steps: Steps
+    steps: IntegratorOptions
     options: Mapping[str, Any]
 
 
@@ -360,10 +360,12 @@ def build(
     )
 
 
-def _steps(scene: Scene) -> Steps:
+def _steps(scene: Scene) -> IntegratorOptions:
     time = scene.time
     largest = time.largest_step / (time.revolutions or 1.0)
-    return Steps(time.tolerance, time.order, time.first_step, time.smallest_step, largest)
+    return IntegratorOptions(
+        time.tolerance, time.order, time.first_step, time.smallest_step, largest
+    )
 
 
 def _parts(

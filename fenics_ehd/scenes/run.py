@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, write_whole
 from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
@@ -142,7 +142,9 @@ def run_scene(
     if judged and scene.output.error_budget and lubricated_joints(scene):
         judge = partial(_worth, scene=scene, search=search)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
-    cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
+    cycles = (
+        PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
+    )
     return record_run(
         Simulation(run, scene.span, cycles),
         directory,

@@ -24,7 +24,7 @@ from fenics_ehd.base.errors import EhdError, SensitivityError, SettingsError
 from fenics_ehd.base.fields import NO_TEMPERATURE, SCALES, unit_of
 from fenics_ehd.base.settings import walk
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.periodic import Cycles
+from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.reduction import ReducedBody
 from fenics_ehd.scenes import schema
@@ -213,7 +213,9 @@ def scene_sensitivity(
     period = scene.span if scene.time.periodic else None
     check_periods(built.mechanism, period, [number for number in numbers if number.alike])
     run = Run(built.mechanism, built.steps, scene.span)
-    cycles = Cycles(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
+    cycles = (
+        PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
+    )
     course = settled(followed(run, scene.span, cycles))
     seconds = {"run": process_time() - clock}
     clock = process_time()
