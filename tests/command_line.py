@@ -8,10 +8,10 @@ import time
 
 import numpy as np
 import pytest
+from bench_output import main
 from interrupt_case import heed_interrupt, rows_in
 
 import fenics_ehd as ehd
-from fenics_ehd.cli.main import main
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 

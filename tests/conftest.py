@@ -14,6 +14,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
         del os.environ[variable]
 
 import pytest
+from bench_scenes import elastic_part
 
 # Hooks and fixture of the documentation's figures; pytest finds them here by their names.
 from figures import (  # noqa: F401
@@ -28,8 +29,6 @@ from hypothesis import settings
 from mpi4py import MPI
 
 import fenics_ehd as ehd
-from fenics_ehd.reduction import load_dependent
-from fenics_ehd.scenes.part import elastic_part
 
 # How long an example takes says what else the machine does; the same examples for everybody, so
 # that no change fails by chance (`--hypothesis-profile=default` draws others).
@@ -47,7 +46,7 @@ def rod_structure():
 @pytest.fixture(scope="session")
 def rod_body(rod_structure):
     """Default reduction of the default rod."""
-    return load_dependent(rod_structure, 6, 31)
+    return ehd.load_dependent(rod_structure, 6, 31)
 
 
 @pytest.fixture(scope="session")

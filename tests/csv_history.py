@@ -5,8 +5,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-
-from fenics_ehd.base.sealed_file import seal
+from bench_scenes import seal
 
 
 @contextmanager

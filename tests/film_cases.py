@@ -1,10 +1,9 @@
 """Bearings for the tests of the film, in the units of the paper's slider-crank."""
 
 import numpy as np
+from bench_film import FAMILIES, Gap
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import FAMILIES, uniform_grid
-from fenics_ehd.film.kinematics import Gap, ShaftMotion, shaft_gap
 
 __all__ = ["FAMILIES"]
 
@@ -14,7 +13,7 @@ R, C, OMEGA, ETA = 0.0225, 17e-6, 500.0, 0.01
 def make_film(cells=(20, 5), family="lagrange", *, grid=None, width=2 * R, oil=None, **more):
     """Bearing with L/D = 1 unless told otherwise; `more` goes to parameters or film."""
     options = {name: more.pop(name) for name in ("options_prefix", "tolerance") if name in more}
-    grid = uniform_grid(R, width, cells, family) if grid is None else grid
+    grid = ehd.uniform_grid(R, width, cells, family) if grid is None else grid
     values = {"clearance": C, "rate": OMEGA} | more
     oil = ehd.Lubricant(ETA) if oil is None else oil
     return ehd.Film(ehd.FilmParameters(grid, lubricant=oil, **values), **options)
@@ -23,12 +22,12 @@ def make_film(cells=(20, 5), family="lagrange", *, grid=None, width=2 * R, oil=N
 def shaft(x=0.0, y=0.0, *, speed=OMEGA, rate=(0.0, 0.0), **more):
     """Shaft at an eccentricity given, like its rate, in clearances."""
     rate = C * np.array(rate)
-    return ShaftMotion(C * np.array([x, y]), speed, eccentricity_rate=rate, **more)
+    return ehd.ShaftMotion(C * np.array([x, y]), speed, eccentricity_rate=rate, **more)
 
 
 def gap_of(film, motion):
     p = film.parameters
-    return shaft_gap(film.points, p.grid.radius, p.clearance, motion)
+    return ehd.shaft_gap(film.points, p.grid.radius, p.clearance, motion)
 
 
 def given_gap(film, thickness, rate=0.0, velocity=0.0):

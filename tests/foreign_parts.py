@@ -3,11 +3,10 @@
 import itertools
 
 import numpy as np
+from bench_parts import PointWeights
 from scipy import sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.reduction.bore import bore_from_faces
-from fenics_ehd.reduction.structure import PointWeights
 
 RADIUS, OUTER, WIDTH = 0.02, 0.03, 0.024
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0
@@ -79,7 +78,7 @@ def ring_arguments(**changes):
         "stiffness": stiffness,
         "mass": mass,
         "coordinates": nodes,
-        "bores": bore_from_faces(nodes, faces, "bilinear"),
+        "bores": ehd.bore_from_faces(nodes, faces, "bilinear"),
         "attachments": {
             "right": outer[nodes[outer, 0] > 0],
             "left": PointWeights(

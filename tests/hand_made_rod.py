@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+from bench_film import Gap
+from bench_parts import BoreSurface, InertiaIntegrals, ResidualFlexibility
 from mechanism_cases import slider_crank
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.reduction.body import InertiaIntegrals, ResidualFlexibility
-from fenics_ehd.reduction.bore import BoreSurface
 
 RADIUS, WIDTH, CLEARANCE, VISCOSITY = 0.0225, 0.022, 17e-6, 0.01
 CRANK, ROD, SPEED, PISTON = 0.048, 0.16, 500.0, 0.5
@@ -28,10 +26,10 @@ class Joint:
 
     def __init__(self, cells=(12, 3), bore_family="lagrange", clearance=CLEARANCE):
         self.cells, self.clearance = cells, clearance
-        grid = uniform_grid(RADIUS, WIDTH, cells)
+        grid = ehd.uniform_grid(RADIUS, WIDTH, cells)
         self.film = ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(VISCOSITY), SPEED))
         self.pressure_nodes = grid.nodes
-        self.bore_nodes = uniform_grid(RADIUS, WIDTH, cells, bore_family).nodes
+        self.bore_nodes = ehd.uniform_grid(RADIUS, WIDTH, cells, bore_family).nodes
         points = self.film.points
         angle, height = points.angle.ravel(), points.height.ravel()
         self._interpolation = interpolation(cells, self.bore_nodes, angle, height)

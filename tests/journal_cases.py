@@ -1,19 +1,17 @@
 """Journals in one bearing under loads, for the tests."""
 
 import numpy as np
+from bench_scenes import load_curves
 from scipy.optimize import root
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
-from fenics_ehd.scenes.tables import load_curves
 
 R, C, ETA, OMEGA = 0.02, 20e-6, 0.01, 300.0
 UNIT_LOAD = 6 * ETA * OMEGA * (R / C) ** 2 * R * 2 * R  # of the table for L/D = 1
 
 
 def make_film(cells=(20, 5), *, width=2 * R, clearance=C, oil=None):
-    grid = uniform_grid(R, width, cells, "lagrange")
+    grid = ehd.uniform_grid(R, width, cells, "lagrange")
     return ehd.Film(ehd.FilmParameters(grid, clearance, oil or ehd.Lubricant(ETA), OMEGA))
 
 
@@ -63,7 +61,7 @@ def equilibrium(film, load, speed, start=None):
     size = np.hypot(*load)
 
     def imbalance(ratio):
-        gap = shaft_gap(film.points, R, clearance, ShaftMotion(clearance * ratio, speed))
+        gap = ehd.shaft_gap(film.points, R, clearance, ehd.ShaftMotion(clearance * ratio, speed))
         return (directions @ film.solve(gap).pressure - load) / size
 
     first = 0.5 * load / size if start is None else start / clearance

@@ -5,11 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from bench_machines import JointResult
+from bench_scenes import Quantity
 
 import fenics_ehd as ehd
-from fenics_ehd.base.columns import Quantity
-from fenics_ehd.film.grid import film_grid, uniform_grid
-from fenics_ehd.multibody.history import JointResult
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0
 REVOLUTION = 2 * np.pi / SPEED
@@ -18,7 +17,7 @@ GOLDEN = Path(__file__).parent / "golden"
 
 def film(radius, width, clearance, viscosity, cells=(40, 4), *, rate=SPEED):
     """A film on a uniform mesh of 9-node elements."""
-    grid = uniform_grid(radius, width, cells, "lagrange")
+    grid = ehd.uniform_grid(radius, width, cells, "lagrange")
     return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(viscosity), rate=rate))
 
 
@@ -59,7 +58,9 @@ def rigid_rod(**changes):
 def flexible_slider_crank(body, **joint):
     """The paper's machine with a reduced rod, the film on its bore's own cells."""
     bore_film = ehd.Film(
-        ehd.FilmParameters(film_grid(body.pressure_nodes), 17e-6, ehd.Lubricant(0.01), rate=SPEED)
+        ehd.FilmParameters(
+            ehd.film_grid(body.pressure_nodes), 17e-6, ehd.Lubricant(0.01), rate=SPEED
+        )
     )
     rod = ehd.FlexibleBody(body, 1e-3, position=(CRANK, 0.0))
     return slider_crank(rod, bore_film, **joint)

@@ -1,9 +1,9 @@
 """Small dense systems in time: steps by Newton's method, from a start to an end."""
 
 import numpy as np
+from bench_machines import BOUNDARY_FRACTION, Attempt, IntegratorState, Solved, advance
 
-from fenics_ehd.base.errors import SolverError
-from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, IntegratorState, Solved, advance
+import fenics_ehd as ehd
 
 MAX_NEWTON = 12
 
@@ -20,17 +20,17 @@ def newton(problem, step, solution):
                 step.time, x, rate, step.acceleration(rate), (step.shift, step.shift**2), solution
             )
             update = -np.linalg.solve(jacobian, residual)
-        except (SolverError, np.linalg.LinAlgError) as error:
+        except (ehd.errors.SolverError, np.linalg.LinAlgError) as error:
             return Attempt(iteration, cause=error)
         if not np.isfinite(update).all():
-            return Attempt(iteration, cause=SolverError("Newton's update is not finite"))
+            return Attempt(iteration, cause=ehd.errors.SolverError("Newton's update is not finite"))
         fraction = min(1.0, BOUNDARY_FRACTION * problem.admissible_fraction(x, update))
         x = x + fraction * update
         # One iteration would leave the solution that of the prediction.
         if iteration > 1 and fraction == 1.0 and problem.norm(x, update) <= step.tolerance:
             rate = step.shift * x + step.past_x
             return Attempt(iteration, Solved(x, rate, solution, solution))
-    failure = SolverError(f"Newton did not converge in {MAX_NEWTON} iterations")
+    failure = ehd.errors.SolverError(f"Newton did not converge in {MAX_NEWTON} iterations")
     return Attempt(MAX_NEWTON, cause=failure)
 
 

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from bench_machines import ConservedContent
 from mechanism_cases import CRANK, ROD, SPEED, rigid_rod
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.lubricated_joint import ConservedContent
 
 RADIUS, ETA = 0.0225, 0.01
 CLOSED = ehd.Sides(None, None)
@@ -24,7 +23,7 @@ def oil_film(
     **parameters,
 ):
     """A film on a uniform mesh."""
-    grid = uniform_grid(RADIUS, width, cells, family)
+    grid = ehd.uniform_grid(RADIUS, width, cells, family)
     sides = ehd.Sides() if sides is None else sides
     oil = oil or ehd.Lubricant(ETA)
     return ehd.Film(ehd.FilmParameters(grid, clearance, oil, SPEED, sides, **parameters))

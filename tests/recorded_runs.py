@@ -2,18 +2,13 @@
 
 from types import MappingProxyType, SimpleNamespace
 
+from bench_output import gather_part, part_of_basis, progress_bar, recorded, shape_of_part
+from bench_parts import BasisFile, save_basis
+from bench_scenes import as_stored, run_scene
 from csv_history import read_history
 from scene_cases import write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.plotting.animated_bodies import shape_of_part
-from fenics_ehd.plotting.shown import recorded
-from fenics_ehd.reduction import BasisFile, save_basis
-from fenics_ehd.results.paraview import gather_part, part_of_basis
-from fenics_ehd.results.recorded_run import progress_bar
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.run import run_scene
-from fenics_ehd.scenes.scene import as_stored
 
 BASIS = "part.h5"
 
@@ -34,7 +29,7 @@ def short_run(directory, name, changes=MappingProxyType({}), **time):
     scene = as_stored(
         write_scene(directory / "source.toml", name, changes, {"time": {"order": order, **time}})
     )
-    built = build(scene)
+    built = ehd.build(scene)
     run_scene(scene, built, directory, progress_bar(scene.span))
     found = SimpleNamespace(
         directory=directory, built=built, run=recorded(directory),

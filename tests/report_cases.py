@@ -5,15 +5,12 @@ import json
 from dataclasses import replace
 
 import numpy as np
+from bench_machines import FIELD_UNITS
+from bench_output import COLUMNS, TEXTS, StudyData, StudyRow, errors_path, read_study
+from bench_scenes import Quantity, split_unit
 from foreign_parts import ring
 
 import fenics_ehd as ehd
-from fenics_ehd.base.columns import Quantity, split_unit
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.history import FIELD_UNITS
-from fenics_ehd.reduction import craig_bampton, load_dependent, residual_flexibility
-from fenics_ehd.study.compare import COLUMNS, errors_path
-from fenics_ehd.study.report.study_data import TEXTS, StudyData, StudyRow, read_study
 
 PAPER = {"slider-crank-paper": ("big_end", 0.0125), "rotor-paper": ("bearing", 0.0105)}
 ERRORS = {"pressure_error_max": 0.01, "pressure_error_l2": 0.005, "film_error_max": 0.02,
@@ -122,7 +119,7 @@ def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True
     Of several joints the second has twice the pressure of the first. With the errors that such a
     run has.
     """
-    grid, grids = uniform_grid(0.0225, 0.022, (20, 5)), {}
+    grid, grids = ehd.uniform_grid(0.0225, 0.022, (20, 5)), {}
     nodes = grid.node_positions
     joints, top = study.info["joints"], peak_pressure(7e-3)
     prefixes = [f"{joint}." for joint in joints] if len(joints) > 1 else [""]
@@ -173,10 +170,10 @@ def write_bodies(study, *names):
     part = ring()
     told = {"pressure_set": "pc2", "selection": "lowest-frequency"}
     bodies = [
-        craig_bampton(part, 8),
-        *(replace(load_dependent(part, 6, n), provenance=told | {"residual_modes": str(n)})
+        ehd.craig_bampton(part, 8),
+        *(replace(ehd.load_dependent(part, 6, n), provenance=told | {"residual_modes": str(n)})
           for n in (6, 12)),
-        residual_flexibility(part, 6),
+        ehd.residual_flexibility(part, 6),
     ]  # fmt: skip
     for name, body in zip(names, bodies, strict=True):
         study.folder(name).mkdir(parents=True, exist_ok=True)

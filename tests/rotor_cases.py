@@ -1,17 +1,15 @@
 """Bodies with a bore written down by hand, for the tests: no mesh of a part is needed."""
 
 import numpy as np
+from bench_parts import BoreSurface, InertiaIntegrals
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.reduction.body import InertiaIntegrals
-from fenics_ehd.reduction.bore import BoreSurface
 
 R, WIDTH, C, ETA, SPEED = 0.0225, 0.022, 17e-6, 0.01, 600.0
 
 
 def make_film(cells=(12, 3), *, width=WIDTH, clearance=C, speed=SPEED, family="lagrange"):
-    grid = uniform_grid(R, width, cells, family)
+    grid = ehd.uniform_grid(R, width, cells, family)
     return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(ETA), speed))
 
 

@@ -1,7 +1,8 @@
 """M3 with patterns trained on snapshots, under a name beside those of the selections."""
 
-from fenics_ehd.reduction import SELECTIONS, load_dependent, proper_orthogonal
-from fenics_ehd.reduction.load_dependent import pressure_patterns
+from bench_parts import SELECTIONS, pressure_patterns, proper_orthogonal
+
+import fenics_ehd as ehd
 
 PROPER_ORTHOGONAL = "proper-orthogonal"
 WAYS = (*SELECTIONS, PROPER_ORTHOGONAL)
@@ -13,4 +14,4 @@ def reduce_by(part, n_vibration, n_residual, pressures="pc2", way="lowest-freque
         structure = getattr(part, "structure", part)
         patterns = proper_orthogonal(pressure_patterns(structure, pressures), n_residual)
         pressures, n_residual, way = patterns, patterns.shape[1], "every-column"
-    return load_dependent(part, n_vibration, n_residual, pressures, way, **options)
+    return ehd.load_dependent(part, n_vibration, n_residual, pressures, way, **options)

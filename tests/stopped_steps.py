@@ -2,8 +2,7 @@
 
 import json
 
-from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Tracker
+from bench_machines import Run, Tracker
 
 
 def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):

@@ -8,29 +8,23 @@ from types import SimpleNamespace
 import attrs
 import numpy as np
 import pytest
+from bench_machines import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
+from bench_output import accuracy_lines, make_case, recorded_run
+from bench_scenes import (
+    account,
+    begun,
+    changed,
+    choosable,
+    counts,
+    part_cells,
+    search_of,
+    water_level,
+    with_counts,
+)
 from command_line import call
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import AccuracyError, SettingsError
-from fenics_ehd.cli.run import accuracy_lines
-from fenics_ehd.multibody.trust import (
-    COMPONENTS,
-    NOT_APPLICABLE,
-    NOT_ESTIMATED,
-    QUANTITIES,
-)
-from fenics_ehd.results import recorded_run
-from fenics_ehd.scenes.accuracy import (
-    account,
-    begun,
-    choosable,
-    search_of,
-    water_level,
-)
-from fenics_ehd.scenes.part import counts, part_cells, with_counts
-from fenics_ehd.scenes.scene import changed
-from fenics_ehd.study.cases import make_case
 
 #: A journal bearing whose runs take less than a second.
 QUICK = LOADED_JOURNAL | {"joints.bearing.cells": [16, 3], "output.plots": False}
@@ -77,7 +71,7 @@ def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
     ],
 )
 def test_what_cannot_be_asked_is_refused(values, told):
-    with pytest.raises(SettingsError, match=told):
+    with pytest.raises(ehd.errors.SettingsError, match=told):
         begun(changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01} | values))
 
 
@@ -162,7 +156,9 @@ def test_an_error_that_is_not_estimated_is_refused_by_name():
     budget = {"max_pressure": known | {"known": 2e-3}, "min_film_thickness": lacking}
     recorded = SimpleNamespace(tracker=SimpleNamespace(worth={"pin": budget}))
     notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
-    with pytest.raises(AccuracyError, match=r"joints.pin by film mesh .* the oil is compressible"):
+    with pytest.raises(
+        ehd.errors.AccuracyError, match=r"joints.pin by film mesh .* the oil is compressible"
+    ):
         account(search, scene, recorded, notes)
 
 
@@ -296,7 +292,7 @@ def test_a_finer_mesh_of_a_part_is_one_that_its_model_has():
 
 def test_cases_of_a_study_have_their_own_settings():
     asked = changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01})
-    with pytest.raises(SettingsError, match="drop it"):
+    with pytest.raises(ehd.errors.SettingsError, match="drop it"):
         make_case("one", asked, {"time.tolerance": 1e-3})
 
 

@@ -9,6 +9,17 @@ import json
 import numpy as np
 import pytest
 import ufl
+from bench_parts import (
+    FAMILIES,
+    StaticSolver,
+    _elastic_matrices,
+    _place_centre_nodes,
+    lowest_modes,
+    multiply,
+    quadratic_element,
+    rigid_fields,
+)
+from bench_scenes import compat
 from command_line import exit_of
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, exterior_facet_indices
@@ -19,17 +30,8 @@ from scene_cases import structure, write_scene
 from scipy import sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.base import compat
-from fenics_ehd.base.fields import Material
-from fenics_ehd.fem.elements import FAMILIES, quadratic_element
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.structure import _elastic_matrices, _place_centre_nodes
-from fenics_ehd.reduction import load_dependent
-from fenics_ehd.reduction.eigenmodes import lowest_modes
-from fenics_ehd.reduction.matrices import multiply
-from fenics_ehd.reduction.static import StaticSolver, rigid_fields
 
-STEEL = Material(210e9, 0.3, 7850.0)
+STEEL = ehd.Material(210e9, 0.3, 7850.0)
 BORE_RADIUS, BORE_WIDTH = 0.0225, 0.022
 
 #: A changed design as a scene file and as the oracle take it.
@@ -127,7 +129,9 @@ def test_default_reduction_agrees(rod_body, oracle_body):
 def test_selected_residual_modes_agree(
     rod_structure, oracle_rod, pressure_set, selection, count, figure
 ):
-    body = load_dependent(rod_structure, 6, count, pressure_set, selection, estimate_error=False)
+    body = ehd.load_dependent(
+        rod_structure, 6, count, pressure_set, selection, estimate_error=False
+    )
     oracle = reduce_rod(oracle_rod, count, selection, pressure_set)
     assert body.modes == oracle.modes == 6 + 2 + count
     error = largest_defect(body.basis_flexibility(), oracle.basis_flexibility())
@@ -161,7 +165,7 @@ def test_mean_displacement_of_the_pin_agrees(rod_body, oracle_body):
 def test_frequencies_follow_a_changed_design(name, rod_body):
     changes, arguments = DESIGNS[name]
     part = structure("slider-crank-paper", "rod", MPI.COMM_SELF, changes)
-    body = load_dependent(part, 6, 0, estimate_error=False)
+    body = ehd.load_dependent(part, 6, 0, estimate_error=False)
     theirs = build_rod(**arguments).vibration_modes(6)[0] / (2 * np.pi)
     np.testing.assert_allclose(body.frequencies[:6], theirs, rtol=1e-9)
     ratios = body.frequencies[:6] / rod_body.frequencies[:6]
@@ -237,7 +241,7 @@ def block_frequencies(family, cells):
 @pytest.fixture(scope="module", params=FAMILIES)
 def distorted(request):
     """Function space on the rod with cells bent in all directions, its K and M."""
-    part = ehd.build_mesh(model_path("conrod"), comm=MPI.COMM_SELF, serendipity_geometry=False)
+    part = ehd.build_mesh(ehd.model_path("conrod"), comm=MPI.COMM_SELF, serendipity_geometry=False)
     mesh = part.mesh
     # Slopes of the waves reach 0.15.
     mesh.geometry.x[:] += 5e-4 * np.sin(300.0 * mesh.geometry.x[:, [1, 2, 0]])

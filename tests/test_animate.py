@@ -9,6 +9,27 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
+from bench_output import (
+    Bearing,
+    RecordedMotion,
+    between_steps,
+    body_view,
+    carried_fields,
+    draw,
+    draw_pin,
+    draw_slider,
+    front_faces,
+    nearest_steps,
+    outline,
+    part_of_basis,
+    recorded,
+    round_scale,
+    save_animation,
+    shape_of_bores,
+    write_run,
+)
+from bench_parts import BasisFile, multiply
+from bench_scenes import as_stored, rotation, scene_text, shipped, with_body
 from command_line import exit_of
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
@@ -17,25 +38,6 @@ from recorded_runs import BASIS, short_run
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
-from fenics_ehd.base.plane import rotation
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.plotting.animated_bodies import (
-    body_view,
-    carried_fields,
-    front_faces,
-    outline,
-    shape_of_bores,
-)
-from fenics_ehd.plotting.animation import Bearing, draw, draw_pin, draw_slider, save_animation
-from fenics_ehd.plotting.maps import round_scale
-from fenics_ehd.plotting.shown import recorded
-from fenics_ehd.reduction import BasisFile
-from fenics_ehd.reduction.matrices import multiply
-from fenics_ehd.results.motion import RecordedMotion, between_steps, nearest_steps
-from fenics_ehd.results.paraview import part_of_basis, write_run
-from fenics_ehd.scenes.library import shipped
-from fenics_ehd.scenes.part import with_body
-from fenics_ehd.scenes.scene import as_stored, scene_text
 
 #: Clearance of the paper's machines [m].
 CLEARANCE = 17e-6
@@ -479,7 +481,7 @@ def test_command_takes_a_stopped_run_and_repeats_itself(stopped, capsys):
 def test_model_in_a_folder_that_somebody_sent_is_not_run(stopped, capsys):
     """Neither for a picture nor by a command that goes on with a run."""
     model = stopped / "rod.geo"
-    model.write_text(f'SystemCall "touch {stopped}/ran";\n{model_path("conrod").read_text()}')
+    model.write_text(f'SystemCall "touch {stopped}/ran";\n{ehd.model_path("conrod").read_text()}')
     scene = stopped / "scene.toml"
     scene.write_text(scene.read_text().replace('model = "conrod"', 'model = "rod.geo"'))
     for command in (["animate", stopped, "--frames", 2], ["plot", stopped, "--quantity", "force"]):

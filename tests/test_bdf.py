@@ -4,17 +4,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from newton_steps import integrate
-
-from fenics_ehd.base.errors import GapClosedError, StepSizeError
-from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
-from fenics_ehd.multibody.tabulated import (
+from bench_machines import (
+    IntegratorOptions,
+    IntegratorState,
     blended,
     derivative_weights,
     extrapolation_weights,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from newton_steps import integrate
+
+import fenics_ehd as ehd
 
 pytestmark = pytest.mark.kernels
 
@@ -317,7 +318,7 @@ class Closing(Linear):
         result = super().linearise(time, x, rate, acceleration, shifts, guess)
         # The first weight of the formula of order 1 is 1 / step.
         if shifts[0] < 1.0 / self.longest:
-            raise GapClosedError("closed")
+            raise ehd.errors.GapClosedError("closed")
         return result
 
 
@@ -344,7 +345,7 @@ def test_every_attempt_is_an_accepted_or_a_counted_rejected_step():
 
 def test_a_step_below_the_smallest_names_the_key_and_the_reason():
     problem = Closing(np.ones(1), np.ones(1), longest=1e-9)
-    with pytest.raises(StepSizeError) as caught:
+    with pytest.raises(ehd.errors.StepSizeError) as caught:
         run(problem, 1.0, 1, 0, first=1e-3, smallest=1e-6)
     message = str(caught.value)
     assert "time.smallest_step = 1.0e-06 s" in message
@@ -378,7 +379,7 @@ class Singular(Linear):
     ids=["never converges", "singular", "nan", "inf"],
 )
 def test_what_cannot_be_solved_ends_with_a_named_error(problem, words):
-    with pytest.raises(StepSizeError, match=words):
+    with pytest.raises(ehd.errors.StepSizeError, match=words):
         run(problem, 1.0, 1, 0, first=1e-3, smallest=1e-6)
 
 

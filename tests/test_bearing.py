@@ -7,11 +7,10 @@ curvature of the gap, of order c / R, invisible.
 import attrs
 import numpy as np
 import pytest
+from bench_machines import stability
+from bench_scenes import rotation
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.equilibrium import stability
-from fenics_ehd.base.errors import SettingsError, ViscosityError
-from fenics_ehd.base.plane import rotation
 
 pytestmark = pytest.mark.kernels
 
@@ -291,13 +290,15 @@ def test_default_mesh_is_good_enough_at_the_extremes(figure):
     ],
 )  # fmt: skip
 def test_extremes_that_are_refused(changes, given, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         ehd.solve_bearing(ehd.BearingSettings(**changes), **given)
 
 
 def test_viscosity_that_runs_away_is_a_named_error():
     """1 / p of Barus' film is bounded: at constant viscosity, 54 MPa, it may have 50 at most."""
-    with pytest.raises(ViscosityError, match="the viscosity runs away with the pressure"):
+    with pytest.raises(
+        ehd.errors.ViscosityError, match="the viscosity runs away with the pressure"
+    ):
         ehd.solve_bearing(ehd.BearingSettings(barus=2e-8), eccentricity=0.8)
 
 
@@ -315,10 +316,12 @@ def test_barus_film_is_that_of_reduced_pressure_or_refused(figure):
     name = "peak of 100 MPa under Barus' law, 4e-8 1/Pa, against the reduced pressure"
     figure("rigid bearing", name, error, most=1e-3, unit="%")
     # 500 MPa would need q to 2e-9: the mesh has 183 MPa.
-    with pytest.raises(ViscosityError, match="within a film cell, above 10: use more cells"):
+    with pytest.raises(
+        ehd.errors.ViscosityError, match="within a film cell, above 10: use more cells"
+    ):
         peaking(500e6)
 
 
 def test_centred_shaft_has_no_coefficients():
-    with pytest.raises(SettingsError, match="centred shaft has no derivative"):
+    with pytest.raises(ehd.errors.SettingsError, match="centred shaft has no derivative"):
         ehd.solve_bearing(PLAIN, eccentricity=0.0, with_coefficients=True)

@@ -8,11 +8,11 @@ from functools import partial
 import h5py
 import numpy as np
 import pytest
+from bench_scenes import keeping_failed_film
 from command_line import exit_of
 
+import fenics_ehd as ehd
 import fenics_ehd.analysis.bearing
-from fenics_ehd.base.errors import CavitationError, MeshError, StepSizeError
-from fenics_ehd.base.files import keeping_failed_film
 
 PROMISED = {
     "load_N", "attitude_angle_deg", "max_pressure_Pa", "max_pressure_angle_deg",
@@ -219,7 +219,9 @@ def test_supplied_oil_all_leaves_at_the_sides_when_mass_is_conserved(call):
 
 def test_failed_film_is_kept(call, tmp_path, monkeypatch):
     def fail(*_arguments, **_options):
-        raise CavitationError("no luck", {"pressure": np.arange(3.0), "thickness": np.ones((2, 2))})
+        raise ehd.errors.CavitationError(
+            "no luck", {"pressure": np.arange(3.0), "thickness": np.ones((2, 2))}
+        )
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fenics_ehd.analysis.bearing, "solve_bearing", fail)
@@ -232,18 +234,22 @@ def test_failed_film_is_kept(call, tmp_path, monkeypatch):
 
 
 def test_film_behind_a_step_that_fell_too_short_is_kept(tmp_path):
-    film = CavitationError("no active set", {"pressure": np.arange(4.0), "thickness": np.eye(2)})
+    film = ehd.errors.CavitationError(
+        "no active set", {"pressure": np.arange(4.0), "thickness": np.eye(2)}
+    )
     with (
-        pytest.raises(StepSizeError, match=r"too short; the film is kept in .*failed_film\.h5"),
+        pytest.raises(
+            ehd.errors.StepSizeError, match=r"too short; the film is kept in .*failed_film\.h5"
+        ),
         keeping_failed_film(tmp_path),
     ):
-        raise StepSizeError("too short") from film
+        raise ehd.errors.StepSizeError("too short") from film
     with h5py.File(tmp_path / "failed_film.h5") as file:
         np.testing.assert_array_equal(file["pressure"], np.arange(4.0))
         np.testing.assert_array_equal(file["thickness"], np.eye(2))
 
 
 def test_error_without_a_film_is_left_alone(tmp_path):
-    with pytest.raises(MeshError, match=r"^no bore$"), keeping_failed_film(tmp_path):
-        raise MeshError("no bore")
+    with pytest.raises(ehd.errors.MeshError, match=r"^no bore$"), keeping_failed_film(tmp_path):
+        raise ehd.errors.MeshError("no bore")
     assert not list(tmp_path.iterdir())

@@ -4,14 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_machines import JointFilm
+from bench_scenes import LubricatedSettings, film_mesh
 from film_cases import ETA, OMEGA, C
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InterfaceMismatchError
-from fenics_ehd.film.grid import film_grid, uniform_grid
-from fenics_ehd.multibody.lubricated_joint import JointFilm
-from fenics_ehd.scenes.films import film_mesh
-from fenics_ehd.scenes.schema import LubricatedSettings
 
 MESHES = [
     (20, 5, "serendipity"),
@@ -36,7 +33,7 @@ def test_cells_of_the_bore_take_the_element_of_the_scene(body):
 
 
 def film_in(body, around, along, family, **more):
-    grid = uniform_grid(body.bore.radius, body.bore.width, (around, along), family)
+    grid = ehd.uniform_grid(body.bore.radius, body.bore.width, (around, along), family)
     return film_on(grid, **more)
 
 
@@ -101,7 +98,7 @@ def test_force_and_gap_are_conjugate(body, mesh, tilting):
 
 def test_matching_mesh_gives_the_loads_of_the_body(body):
     # Whose own integrals run over the discrete bore of 20 cells: round to 1e-4.
-    film = film_on(film_grid(body.pressure_nodes))
+    film = film_on(ehd.film_grid(body.pressure_nodes))
     assert film.parameters.grid.cells == (20, 5)
     bore = ehd.BoreFilm(body, film)
     assert bore.projected is None
@@ -149,8 +146,8 @@ def test_film_of_another_cylinder_is_refused(body):
         (1.001 * body.bore.radius, body.bore.width, "radius"),
         (body.bore.radius, 0.9 * body.bore.width, "width"),
     ):
-        film = film_on(uniform_grid(radius, width, (20, 5)))
-        with pytest.raises(InterfaceMismatchError, match=f"the film's {named} of"):
+        film = film_on(ehd.uniform_grid(radius, width, (20, 5)))
+        with pytest.raises(ehd.errors.InterfaceMismatchError, match=f"the film's {named} of"):
             ehd.BoreFilm(body, film)
 
 
@@ -158,5 +155,7 @@ def test_film_of_another_cylinder_is_refused(body):
 def test_load_matrix_of_another_body_is_refused(body, mesh):
     film = film_in(body, *mesh)
     for load in (1.05 * body.load_projection, -body.load_projection, body.load_projection[:, ::-1]):
-        with pytest.raises(InterfaceMismatchError, match="disagree on the work of a pressure"):
+        with pytest.raises(
+            ehd.errors.InterfaceMismatchError, match="disagree on the work of a pressure"
+        ):
             ehd.BoreFilm(replace(body, load_projection=load), film)

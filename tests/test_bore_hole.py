@@ -5,21 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_film import FilmFlows, Surface, interpolation_matrix, mean_value, solid_share
+from bench_machines import bore_surface
+from bench_parts import bore_holes
+from bench_scenes import part as elastic_part
+from bench_scenes import scene_of
 from mpi4py import MPI
 from scene_cases import LOAD, LOADED_JOURNAL, tables_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError, StructureError
-from fenics_ehd.film.forces import FilmFlows
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
-from fenics_ehd.film.transfer import Surface, interpolation_matrix, mean_value, solid_share
-from fenics_ehd.multibody.lubricated_joint import bore_surface
-from fenics_ehd.reduction import load_dependent
-from fenics_ehd.reduction.bore import bore_from_faces, bore_holes
-from fenics_ehd.scenes import part as elastic_part
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.scene import scene_of
 
 MODEL = Path(__file__).parent / "ring-with-hole.geo"
 RING = {
@@ -45,11 +39,11 @@ def ring():
 
 @pytest.fixture(scope="module")
 def body(ring):
-    return load_dependent(ring, 4, 12)
+    return ehd.load_dependent(ring, 4, 12)
 
 
 def film_in(bore, cells=(40, 10)):
-    grid = uniform_grid(bore.radius, bore.width, cells)
+    grid = ehd.uniform_grid(bore.radius, bore.width, cells)
     return ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0))
 
 
@@ -67,7 +61,7 @@ def test_what_the_rim_knows_is_extended_linearly(ring):
     bore = ring.bores["bore"]
     surface = bore_surface(bore.coordinates, bore.cells, bore.family)
     (hole,) = surface.holes
-    grid = uniform_grid(bore.radius, bore.width, (160, 40))
+    grid = ehd.uniform_grid(bore.radius, bore.width, (160, 40))
     angle, height = grid.node_positions.T
     inside = hole.contains(angle, height)
     assert 100 < inside.sum() < 400
@@ -101,7 +95,7 @@ def test_the_film_presses_on_what_the_hole_leaves(ring, body):
 
 def test_shares_of_a_cell_integrate_quadratics():
     # A hole of straight edges in a mesh of bilinear cells: what is left is known.
-    grid = uniform_grid(1.0, 2.0, (24, 12), "bilinear")
+    grid = ehd.uniform_grid(1.0, 2.0, (24, 12), "bilinear")
     angle, height = grid.node_positions.T
     cells = grid.cell_nodes
     out = (np.abs(angle[cells] - np.pi) < 0.6).all(axis=1)
@@ -112,7 +106,7 @@ def test_shares_of_a_cell_integrate_quadratics():
     number[nodes] = np.arange(len(nodes))
     surface = Surface(grid.node_positions[nodes], number[kept], "bilinear")
     (hole,) = surface.holes
-    film_grid = uniform_grid(1.0, 2.0, (10, 7))
+    film_grid = ehd.uniform_grid(1.0, 2.0, (10, 7))
     film = Surface(film_grid.node_positions, film_grid.cell_nodes, "lagrange")
     made = ehd.Film(ehd.FilmParameters(film_grid, 1e-3, ehd.Lubricant(0.01), 1.0))
     share = solid_share(surface, film, made.assembly.reference)
@@ -138,7 +132,7 @@ def ring_run(ring, monkeypatch, changes, end=1e-3):
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: ring)
     short = {"time.periodic": False, "time.period": None, "time.end": end}
     scene = scene_of(tables_of("loaded-journal", LOADED_JOURNAL | RING | short | changes), "ring")
-    mechanism = build(scene).mechanism
+    mechanism = ehd.build(scene).mechanism
     return mechanism, lambda: ehd.simulate(mechanism, end=end, tolerance=1e-3, order=2, first=1e-6)
 
 
@@ -183,11 +177,11 @@ def test_a_hole_in_the_mesh_is_closed_unless_a_supply_is_there(ring, monkeypatch
 
 def test_the_pressure_in_a_closed_hole_is_uniform():
     bore = ehd.HoleSupply(angle=np.degrees(-1.8), diameter=7e-3)
-    grid = uniform_grid(0.0225, 0.022, (80, 20))
+    grid = ehd.uniform_grid(0.0225, 0.022, (80, 20))
     film = ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0, recesses=(bore,)))
     plain = ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0))
-    motion = ShaftMotion(np.array([10e-6, -4e-6]), 300.0)
-    states = [f.solve(shaft_gap(f.points, 0.0225, 20e-6, motion)) for f in (film, plain)]
+    motion = ehd.ShaftMotion(np.array([10e-6, -4e-6]), 300.0)
+    states = [f.solve(ehd.shaft_gap(f.points, 0.0225, 20e-6, motion)) for f in (film, plain)]
     angle, height = grid.node_positions.T
     arc = 0.0225 * (np.mod(angle + 1.8 + np.pi, 2 * np.pi) - np.pi)
     inside = np.hypot(arc, height) < 0.6 * 3.5e-3
@@ -208,26 +202,28 @@ def test_the_pressure_in_a_closed_hole_is_uniform():
     ],
 )  # fmt: skip
 def test_what_does_not_fit_the_hole_is_refused(ring, monkeypatch, load, changes, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         ring_run(ring, monkeypatch, deepcopy(changes))
 
 
 def test_a_rigid_bore_has_no_hole_to_name():
     scene = scene_of(tables_of("loaded-journal", deepcopy(HOLE)), "rigid")
-    with pytest.raises(SettingsError, match="only a flexible bore may have a hole in its mesh"):
-        build(scene)
+    with pytest.raises(
+        ehd.errors.SettingsError, match="only a flexible bore may have a hole in its mesh"
+    ):
+        ehd.build(scene)
 
 
 def test_faces_of_another_program_may_leave_a_hole_but_no_gap(ring):
     bore = ring.bores["bore"]
-    found = bore_from_faces(bore.coordinates, bore.cells, bore.family)
+    found = ehd.bore_from_faces(bore.coordinates, bore.cells, bore.family)
     assert len(bore_holes(found.coordinates, found.cells, found.family)) == 1
-    with pytest.raises(StructureError, match="not a whole cylinder"):
-        bore_from_faces(bore.coordinates, bore.cells[1:], bore.family)
+    with pytest.raises(ehd.errors.StructureError, match="not a whole cylinder"):
+        ehd.bore_from_faces(bore.coordinates, bore.cells[1:], bore.family)
     angle = np.arctan2(bore.coordinates[:, 1], bore.coordinates[:, 0])
     slit = np.abs(angle[bore.cells]).max(axis=1) < 0.3
-    with pytest.raises(StructureError, match="not a whole cylinder"):
-        bore_from_faces(bore.coordinates, bore.cells[~slit], bore.family)
+    with pytest.raises(ehd.errors.StructureError, match="not a whole cylinder"):
+        ehd.bore_from_faces(bore.coordinates, bore.cells[~slit], bore.family)
 
 
 def test_extension_into_a_hole_is_linear_on_its_rim():

@@ -5,27 +5,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bench_machines import (
+    BoreResponses,
+    ConservedContent,
+    IntegratorOptions,
+    Run,
+    System,
+    Tracker,
+    bore_loads,
+)
+from bench_output import RecordedMotion, shape_of_bores
+from bench_parts import two_step_craig_bampton
 from mechanism_cases import CRANK, REVOLUTION, SPEED, recorded, slider_crank
 from mpi4py import MPI
 from test_several_bores import COARSE
 
 import fenics_ehd as ehd
-from fenics_ehd.base.fields import Material
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.film.grid import film_grid, uniform_grid
-from fenics_ehd.multibody.lubricated_joint import ConservedContent
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.simulation import IntegratorOptions, Run, Tracker
-from fenics_ehd.multibody.static_correction import BoreResponses
-from fenics_ehd.multibody.trust import bore_loads
-from fenics_ehd.plotting.animated_bodies import shape_of_bores
-from fenics_ehd.reduction import (
-    full_interface,
-    load_dependent,
-    residual_flexibility,
-    two_step_craig_bampton,
-)
-from fenics_ehd.results.motion import RecordedMotion
 
 END = 0.1 * REVOLUTION
 JOINTS = ("big_end", "gudgeon")
@@ -33,8 +28,8 @@ JOINTS = ("big_end", "gudgeon")
 
 def part(bores):
     geometry = COARSE | {"bore_cells_along": 2}
-    mesh = ehd.build_mesh(model_path("conrod"), geometry, comm=MPI.COMM_SELF, bores=bores)
-    return ehd.Reductor(ehd.assemble_structure(mesh, Material(210e9, 0.3, 7850.0), bores=bores))
+    mesh = ehd.build_mesh(ehd.model_path("conrod"), geometry, comm=MPI.COMM_SELF, bores=bores)
+    return ehd.Reductor(ehd.assemble_structure(mesh, ehd.Material(210e9, 0.3, 7850.0), bores=bores))
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +40,9 @@ def rod():
 @pytest.fixture(scope="module")
 def bodies(rod):
     return {
-        "full": full_interface(rod, 10),
-        "m4": residual_flexibility(rod, 6),
-        "m3": load_dependent(rod, 6, 60),
+        "full": ehd.full_interface(rod, 10),
+        "m4": ehd.residual_flexibility(rod, 6),
+        "m3": ehd.load_dependent(rod, 6, 60),
         "m2": two_step_craig_bampton(rod, 120),
     }
 
@@ -58,9 +53,9 @@ def film(grid, clearance):
 
 def machine(body, gudgeon=True, pin_cells=None):
     bores = body.bores
-    own = [film_grid(bore.pressure_coordinates) for bore in bores.values()]
+    own = [ehd.film_grid(bore.pressure_coordinates) for bore in bores.values()]
     if pin_cells:
-        own[1] = uniform_grid(bores["pin"].radius, bores["pin"].width, pin_cells, "lagrange")
+        own[1] = ehd.uniform_grid(bores["pin"].radius, bores["pin"].width, pin_cells, "lagrange")
     flexible = ehd.FlexibleBody(body, 1e-3, position=(CRANK, 0.0))
     return slider_crank(flexible, film(own[0], 17e-6), film(own[1], 12e-6) if gudgeon else None)
 
@@ -124,7 +119,9 @@ def test_films_of_both_ends_keep_account_of_their_oil(bodies):
 def test_two_rods_answer_their_films_as_each_alone(bodies):
     """The film of one stands between those of the other, whose structure damps otherwise."""
     body = bodies["m4"]
-    films = {n: film(film_grid(bore.pressure_coordinates), 17e-6) for n, bore in body.bores.items()}
+    films = {
+        n: film(ehd.film_grid(bore.pressure_coordinates), 17e-6) for n, bore in body.bores.items()
+    }
     rods = {"one": ehd.FlexibleBody(body, 1e-3), "other": ehd.FlexibleBody(body, 4e-3)}
     bores = {"a": "one.bore", "b": "other.bore", "c": "one.pin"}
     joints = {
@@ -172,7 +169,7 @@ def test_one_film_of_two_bores_is_that_of_a_rod_with_one():
     """The same modes, and patterns that together are the same flexibility."""
     found = [
         ehd.simulate(
-            machine(residual_flexibility(part(bores), 6, truncation=0.0), gudgeon=False),
+            machine(ehd.residual_flexibility(part(bores), 6, truncation=0.0), gudgeon=False),
             0.5 * END,
             tolerance=1e-5,
         )

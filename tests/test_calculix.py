@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_parts import PointWeights, StaticSolver, multiply, structure, tetrahedron_mass
 from calculix_ring import (
     DENSITY,
     POISSON,
@@ -19,23 +20,12 @@ from foreign_parts import to_scipy
 from mpi4py import MPI
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.fields import Material
-from fenics_ehd.fem import structure
-from fenics_ehd.reduction import (
-    PointWeights,
-    bore_from_faces,
-    residual_flexibility,
-    tetrahedron_mass,
-)
-from fenics_ehd.reduction.matrices import multiply
-from fenics_ehd.reduction.static import StaticSolver
 
 pytestmark = pytest.mark.skipif(
     shutil.which("ccx") is None, reason="ccx is not installed (Debian: calculix-ccx)"
 )
 
-STEEL = Material(YOUNG, POISSON, DENSITY)
+STEEL = ehd.Material(YOUNG, POISSON, DENSITY)
 
 
 def both(folder, solid, element):
@@ -58,7 +48,7 @@ def both(folder, solid, element):
         read.stiffness,
         read.mass,
         solid.points,
-        bore_from_faces(solid.points, faces, element),
+        ehd.bore_from_faces(solid.points, faces, element),
         {"pin": PointWeights(places[used], weights[used])},
         comm=MPI.COMM_SELF,
     )
@@ -97,7 +87,7 @@ def test_ring_of_c3d20_is_the_same_body(tmp_path, figure):
     assert masses[0] == pytest.approx(masses[1], rel=1e-12)
     work = compliance(theirs) / compliance(ours) - 1
     figure(group, name + "the bore's flexibility", np.abs(work).max(), most=1e-9)
-    bodies = [residual_flexibility(part, 6) for part in (theirs, ours)]
+    bodies = [ehd.residual_flexibility(part, 6) for part in (theirs, ours)]
     ratio = bodies[0].frequencies[:6] / bodies[1].frequencies[:6] - 1
     figure(group, name + "six frequencies of M4", np.abs(ratio).max(), most=3e-5)
 
@@ -114,8 +104,8 @@ def test_c3d10_by_the_same_rule_is_the_same_and_its_mass_is_refused(tmp_path, mo
     for name in ("stiffness", "mass"):
         assert difference(getattr(theirs, name), getattr(ours, name), order) < 1e-12
     # Four points a cell: the mass of one has rank 12 of 30.
-    with pytest.raises(StructureError, match="mass is singular"):
-        residual_flexibility(theirs, 6)
+    with pytest.raises(ehd.errors.StructureError, match="mass is singular"):
+        ehd.residual_flexibility(theirs, 6)
 
 
 @pytest.mark.slow
@@ -127,7 +117,7 @@ def test_c3d10_with_an_exact_mass_differs_by_the_rule_for_k_alone(tmp_path, figu
         exact = replace(theirs, mass=tetrahedron_mass(solid.points, solid.cells, DENSITY))
         assert difference(exact.mass, ours.mass, order) < 1e-13
         work = compliance(exact) / compliance(ours) - 1
-        bodies = [residual_flexibility(part, 6) for part in (exact, ours)]
+        bodies = [ehd.residual_flexibility(part, 6) for part in (exact, ours)]
         ratio = bodies[0].frequencies[:6] / bodies[1].frequencies[:6] - 1
         differences.append([np.abs(work).max(), np.abs(ratio).max()])
     # Exact where edges are straight: what is left are the arcs. Observed order: 3.3.

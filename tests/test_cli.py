@@ -9,13 +9,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from bench_machines import SIGNS
+from bench_output import check
+from bench_parts import BasisFile
 from command_line import COMMAND, call, exit_of, program
 from csv_history import read_history
 from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
-
-from fenics_ehd.cli import check
-from fenics_ehd.multibody.trust import SIGNS
-from fenics_ehd.reduction import BasisFile
 
 #: The rod without elasticity over the first degrees of crank angle: everything but the many modes.
 TIMES = {"time.revolutions": 0.02, "time.tolerance": 1e-3}

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, Run
 from mechanism_cases import REVOLUTION
 from oil_cases import CLOSED, ETA, RADIUS, heights, oil_film, oscillating, rigid_slider_crank
 from oracle_compressible import CompressibleArc
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.run import IntegratorOptions, Run
 
 pytestmark = pytest.mark.kernels
 
@@ -87,10 +86,12 @@ def test_coefficients_of_a_bearing_do_not_know_it():
     plain = ehd.BearingSettings(cells_around=16, cells_along=3)
     pressures = [ehd.solve_bearing(s, eccentricity=0.8).max_pressure for s in (dense, plain)]
     assert 1.001 < pressures[0] / pressures[1] < 1.1
-    with pytest.raises(SettingsError, match="coefficients need density_law = 'constant'"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match="coefficients need density_law = 'constant'"
+    ):
         ehd.solve_bearing(dense, eccentricity=0.8, with_coefficients=True)
 
 
 def test_it_is_refused_under_reynolds_condition():
-    with pytest.raises(SettingsError, match="needs cavitation = 'mass-conserving'"):
+    with pytest.raises(ehd.errors.SettingsError, match="needs cavitation = 'mass-conserving'"):
         Run(rigid_slider_crank(oil_film((12, 3), oil=DENSE)), IntegratorOptions(), 1e-3)

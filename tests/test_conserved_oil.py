@@ -9,6 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_machines import (
+    NEWTON_FRACTION,
+    ConservedContent,
+    IntegratorOptions,
+    Run,
+    StepEquations,
+    System,
+    Tracker,
+    film_models,
+)
+from bench_scenes import scene_of
 from differences import slope
 from film_cases import oval
 from hand_made_rod import CLEARANCE, Joint, flexible, make_mechanism, with_residual
@@ -33,16 +44,6 @@ from stopped_steps import assert_goes_on
 from test_coupled_steps import joined_matrix, mechanism_with, some_step
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import FilmTooThinError, SettingsError, StepSizeError
-from fenics_ehd.multibody import film_models
-from fenics_ehd.multibody.bdf import NEWTON_FRACTION
-from fenics_ehd.multibody.lubricated_joint import ConservedContent
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Tracker
-from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.scene import scene_of
 
 pytestmark = pytest.mark.kernels
 
@@ -437,7 +438,7 @@ def touched(tolerance, rough):
 
 
 def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones():
-    with pytest.raises(FilmTooThinError):
+    with pytest.raises(ehd.errors.FilmTooThinError):
         touched(1e-3, None)
     result = touched(1e-3, surfaces())
     assert result.time[-1] == pytest.approx(END)
@@ -559,7 +560,7 @@ def mean_flows(result):
 def test_fluid_fractions_far_below_zero_are_no_step(monkeypatch):
     monkeypatch.setattr(film_models, "UNDERSHOOT", -0.5)
     film = oil_film((12, 2))
-    with pytest.raises(StepSizeError, match="fluid fraction below 0"):
+    with pytest.raises(ehd.errors.StepSizeError, match="fluid fraction below 0"):
         ehd.simulate(rigid_slider_crank(film, filling=0.3), REVOLUTION, tolerance=1e-2)
 
 
@@ -575,9 +576,9 @@ def test_nothing_of_it_is_computed_without_it(monkeypatch):
 
 
 def test_films_that_cannot_conserve_oil_are_refused():
-    with pytest.raises(SettingsError, match="needs element = 'bilinear'"):
+    with pytest.raises(ehd.errors.SettingsError, match="needs element = 'bilinear'"):
         ehd.LubricatedJoint("a", "b", oil_film((12, 3), family="lagrange"), oil=ConservedContent())
-    with pytest.raises(SettingsError, match=r"initial_filling = 1\.2"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"initial_filling = 1\.2"):
         ConservedContent(1.2)
 
 
@@ -595,7 +596,7 @@ def test_a_starved_bearing_has_less_film_than_one_that_reynolds_fills(figure):
     found = []
     for changes in ({}, {"cavitation": "reynolds", "initial_filling": 1.0}):
         joint = {f"joints.bearing.{key}": value for key, value in changes.items()}
-        built = build(starved(**joint))
+        built = ehd.build(starved(**joint))
         steps = vars(built.steps)
         found.append(ehd.simulate(built.mechanism, period=built.period, periodicity=5e-3, **steps))
     oil, reynolds = found
@@ -615,7 +616,7 @@ def test_a_slider_crank_on_40_cells_has_the_film_of_80(figure):
     oil = {"element": "bilinear", "cavitation": "mass-conserving", "ambient_pressure": 1e5}
     changes = {f"joints.big_end.{key}": value for key, value in oil.items()}
     tables = tables_of("slider-crank", changes | {"time.tolerance": 1e-3})
-    built = build(scene_of(tables, "oil"))
+    built = ehd.build(scene_of(tables, "oil"))
     run = Run(built.mechanism, built.steps, built.period)
     for _ in run.until(2 * built.period):
         pass
@@ -639,11 +640,11 @@ def test_a_slider_crank_on_40_cells_has_the_film_of_80(figure):
 )
 def test_scenes_that_cannot_conserve_oil_are_refused(changes, words):
     joint = {f"joints.bearing.{key}": value for key, value in changes.items()}
-    with pytest.raises(SettingsError, match=re.escape(words)):
+    with pytest.raises(ehd.errors.SettingsError, match=re.escape(words)):
         starved(**joint)
 
 
 def test_a_massless_journal_needs_a_full_film_at_the_start():
     body = {"bodies.journal.kind": "massless", "bodies.journal.mass": None}
-    with pytest.raises(SettingsError, match="nothing holds the massless body journal"):
+    with pytest.raises(ehd.errors.SettingsError, match="nothing holds the massless body journal"):
         starved(**body, **{"bodies.journal.inertia": None})

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_machines import FilmFriction, IntegratorOptions, Run, System, Tracker, step_equations
+from bench_scenes import rough_surfaces, scene_text
 from film_cases import oval
 from hand_made_rod import CLEARANCE
 from mechanism_cases import REVOLUTION, film, flexible_slider_crank, rigid_rod, slider_crank
@@ -11,15 +13,6 @@ from rough_cases import surfaces
 from test_coupled_steps import assert_derivatives, mechanism_with
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
-from fenics_ehd.multibody import step_equations
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Tracker
-from fenics_ehd.multibody.step_equations import FilmFriction
-from fenics_ehd.reduction import full_interface, residual_flexibility
-from fenics_ehd.scenes.films import rough_surfaces
-from fenics_ehd.scenes.scene import scene_text
 
 
 def with_surfaces(mechanism, rough, **changes):
@@ -70,7 +63,7 @@ def run():
 
 
 def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones(run):
-    with pytest.raises(FilmTooThinError):
+    with pytest.raises(ehd.errors.FilmTooThinError):
         ehd.simulate(machine(None), END, tolerance=1e-4)
     columns = run.columns
     assert run.time[-1] == pytest.approx(END)
@@ -108,7 +101,7 @@ def test_wear_is_where_the_surfaces_rub():
 def test_surfaces_that_overlap_too_far_end_a_run_with_a_named_error():
     # Asperities a thousand times softer than steel's bear nothing.
     rough = surfaces(modulus=1e7, flow_factors=False)
-    with pytest.raises(ContactError, match=r"big_end overlap .*contact describes"):
+    with pytest.raises(ehd.errors.ContactError, match=r"big_end overlap .*contact describes"):
         ehd.simulate(machine(rough, (12, 2), viscosity=2e-5), END, tolerance=1e-3)
 
 
@@ -148,8 +141,8 @@ def test_energy_of_contact_converges_with_the_tolerance(figure):
 def test_methods_agree_in_contact(rod_structure, figure):
     found = {}
     for name, body in {
-        "m4": residual_flexibility(rod_structure, 6),
-        "full": full_interface(rod_structure, 10),
+        "m4": ehd.residual_flexibility(rod_structure, 6),
+        "full": ehd.full_interface(rod_structure, 10),
     }.items():
         mechanism = with_surfaces(flexible_slider_crank(body), surfaces())
         joint = mechanism.joints["big_end"]
@@ -173,7 +166,7 @@ def test_scene_settings_of_contact_reach_the_film(tmp_path):
         ("bore_roughness = 1e-6\nsummit_offset = 2.5", "summit_offset = 2.5 must be at most 2"),
     ):
         scene.write_text(with_keys(text, change))
-        with pytest.raises(SettingsError, match=rf"joints\.big_end\.contact.*{message}"):
+        with pytest.raises(ehd.errors.SettingsError, match=rf"joints\.big_end\.contact.*{message}"):
             ehd.read_scene(scene)
     given = "journal_roughness = 0.3e-6\nbore_roughness = 0.4e-6\njournal_modulus = 100e9"
     given += "\nsummit_offset = 1.2"

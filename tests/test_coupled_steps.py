@@ -4,6 +4,19 @@ from functools import cache
 
 import numpy as np
 import pytest
+from bench_machines import (
+    BorderedSystem,
+    ChangedSystem,
+    CoupledSteps,
+    ImplicitStep,
+    IntegratorOptions,
+    Run,
+    StepEquations,
+    StepNorm,
+    System,
+    assemble,
+)
+from bench_machines import newton as step_solver
 from differences import slope
 from hand_made_rod import (
     CLEARANCE,
@@ -19,15 +32,6 @@ from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody import newton as step_solver
-from fenics_ehd.multibody.bdf import ImplicitStep
-from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
-from fenics_ehd.multibody.mechanism import System, assemble
-from fenics_ehd.multibody.newton import CoupledSteps
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.step_norm import StepNorm
 
 pytestmark = pytest.mark.kernels
 
@@ -43,7 +47,7 @@ OILS = {
 
 def film_of(joint, family, cells=(12, 3), oil=None, feeds=()):
     parameters = joint.film.parameters.grid
-    grid = uniform_grid(parameters.radius, parameters.width, cells, family)
+    grid = ehd.uniform_grid(parameters.radius, parameters.width, cells, family)
     return ehd.Film(
         ehd.FilmParameters(grid, CLEARANCE, oil or ehd.Lubricant(0.01), SPEED, feeds=feeds)
     )

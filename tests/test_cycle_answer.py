@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
+from bench_film import aligned_grid
+from bench_machines import EXTREMES, nearest_circle, upper_most, used_cycle
+from bench_output import real_film
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
 
 import fenics_ehd as ehd
-from fenics_ehd.cli.run import real_film
-from fenics_ehd.film.grid import aligned_grid, uniform_grid
-from fenics_ehd.multibody.lubricated_joint import nearest_circle
-from fenics_ehd.multibody.quantities import upper_most
-from fenics_ehd.multibody.simulation import EXTREMES, used_cycle
 
 TURN = 2 * np.pi / OMEGA
 
@@ -17,7 +15,7 @@ TURN = 2 * np.pi / OMEGA
 @pytest.mark.parametrize("family", ["lagrange", "serendipity", "bilinear", "uneven"])
 def test_journal_is_told_from_the_least_squares_circle_of_its_bore(family):
     """A bore moved, widened, oval, tilted: what is left is the way from its centre."""
-    grid = uniform_grid(R, 2 * R, (20, 4), "lagrange" if family == "uneven" else family)
+    grid = ehd.uniform_grid(R, 2 * R, (20, 4), "lagrange" if family == "uneven" else family)
     if family == "uneven":
         grid = aligned_grid(grid, np.array([0.3, 0.7]))
     film = ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA))

@@ -4,20 +4,15 @@ import json
 
 import numpy as np
 import pytest
+from bench_machines import derivatives, figure_of, smooth_extreme, smooth_mean
+from bench_output import mechanism_number, number_of, scene_sensitivity
+from bench_scenes import scene_of
 from command_line import call, exit_of
 from scene_cases import RIGID_ROD, tables_of, write_scene
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.sensitivity import derivatives, figure_of, smooth_extreme, smooth_mean
-from fenics_ehd.base.errors import SensitivityError, SettingsError
-from fenics_ehd.scenes.scene import scene_of
-from fenics_ehd.study.sensitivity import (
-    mechanism_number,
-    number_of,
-    scene_sensitivity,
-)
 
 #: The shipped loaded journal on a coarse film: massless, so that its orbit depends on groups only.
 JOURNAL = {"joints.bearing.cells": [16, 3], "time.tolerance": 3e-4, "time.largest_step": 0.1}
@@ -95,7 +90,7 @@ def test_a_simulated_mechanism_has_the_derivatives_of_its_scene(periodic):
     for name, figure in zip(names, expected.figures, strict=True):
         slope = expected.derivatives[figure, number.key]
         assert found[name]["clearance"] == pytest.approx(slope, rel=1e-3)
-    with pytest.raises(SensitivityError, match="clearance = 0"):
+    with pytest.raises(ehd.errors.SensitivityError, match="clearance = 0"):
         ehd.sensitivity(history, make, {"clearance": 0.0}, names)
 
 
@@ -191,7 +186,7 @@ def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
     ],
 )
 def test_keys_without_a_derivative_are_refused(key, told):
-    with pytest.raises((SensitivityError, SettingsError), match=told):
+    with pytest.raises((ehd.errors.SensitivityError, ehd.errors.SettingsError), match=told):
         number_of(scene("loaded-journal", JOURNAL), key)
 
 
@@ -219,7 +214,9 @@ def test_a_number_that_breaks_the_period_is_refused_before_the_run(key, off, tmp
 def test_a_temperature_in_celsius_has_no_elasticity():
     once = {"time.periodic": False, "time.revolutions": 0.02, "time.tolerance": 1e-2}
     oil = {"lubricants.oil": {"grade": "ISO VG 46", "temperature": 60.0}}
-    with pytest.raises(SensitivityError, match=r"= -273\.15 stands for what is .* not given"):
+    with pytest.raises(
+        ehd.errors.SensitivityError, match=r"= -273\.15 stands for what is .* not given"
+    ):
         number_of(scene("loaded-journal"), "lubricants.oil.temperature")
     found = scene_sensitivity(
         scene("loaded-journal", JOURNAL, once, oil), ["max_pressure"], ["oil.temperature"]
@@ -251,10 +248,10 @@ def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
 def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
     columns = ("max_pressure_Pa", "max_pressure_angle_deg", "side_flow_m3_per_s")
     paths = [f"joints/bearing/{column}" for column in columns]
-    with pytest.raises(SensitivityError, match=told):
+    with pytest.raises(ehd.errors.SensitivityError, match=told):
         figure_of(name, paths)
     assert figure_of("mean_side_flow", paths).column == "side_flow_m3_per_s"
-    with pytest.raises(SensitivityError, match="no joint is lubricated"):
+    with pytest.raises(ehd.errors.SensitivityError, match="no joint is lubricated"):
         figure_of("max_pressure", [])
 
 

@@ -5,6 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, Run, film_friction
+from bench_scenes import read_angle_table, rotation, scene_of
 from hand_made_rod import (
     CENTRE,
     CLEARANCE,
@@ -34,12 +36,6 @@ from scene_cases import RIGID_ROD, tables_of
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
-from fenics_ehd.base.plane import rotation
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.step_equations import film_friction
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.scene import scene_of
-from fenics_ehd.scenes.tables import read_angle_table
 
 INERTIA, DAMPING = 2e-3, 0.01
 
@@ -251,7 +247,7 @@ def test_a_scene_reaches_the_mechanism(tmp_path):
         "joints.big_end.friction": True, "time.revolutions": 0.01, "time.tolerance": 1e-4,
     }  # fmt: skip
     scene = scene_of(tables_of("slider-crank-paper", {**RIGID_ROD, **changes}), "engine")
-    built = build(scene)
+    built = ehd.build(scene)
     result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
     crank, piston = (result.bodies[name].rates for name in ("crank", "piston"))
     turned, speed = result.bodies["crank"].coordinates[:, 2], crank[:, 2]

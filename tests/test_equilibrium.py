@@ -84,7 +84,7 @@ def test_a_journal_is_unstable_beyond_the_critical_mass():
 
 
 def test_films_that_keep_account_of_their_oil_answer_by_frequency():
-    from fenics_ehd.multibody.lubricated_joint import ConservedContent
+    from bench_machines import ConservedContent
 
     on = film("bilinear", sides=ehd.Sides(1e5, 1e5))
     with pytest.raises(ehd.errors.SettingsError, match="depend on the frequency"):

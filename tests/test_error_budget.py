@@ -6,6 +6,32 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bench_machines import (
+    COMPONENTS,
+    LONGEST,
+    NOT_APPLICABLE,
+    NOT_ESTIMATED,
+    QUANTITIES,
+    SETTLED,
+    ConservedContent,
+    Course,
+    ErrorCurves,
+    Extreme,
+    IntegratorOptions,
+    IntegratorState,
+    Replay,
+    Run,
+    course_of,
+    finer_grid,
+    lacking_gaps,
+    largest_between_nodes,
+    recorded,
+    summed,
+    taken_over,
+    with_finer_films,
+)
+from bench_output import beside, budget_table
+from bench_scenes import Quantity
 from command_line import call
 from hand_made_rod import driven
 from journal_cases import in_bearing, steady
@@ -14,30 +40,6 @@ from mechanism_cases import rigid_rod, slider_crank
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.error_budget import SETTLED, ErrorCurves, Extreme, lacking_gaps, summed
-from fenics_ehd.analysis.replay import (
-    LONGEST,
-    Course,
-    Replay,
-    course_of,
-    finer_grid,
-    largest_between_nodes,
-    recorded,
-    taken_over,
-    with_finer_films,
-)
-from fenics_ehd.base.columns import Quantity
-from fenics_ehd.cli.run import beside, budget_table
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.lubricated_joint import ConservedContent
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.trust import (
-    COMPONENTS,
-    NOT_APPLICABLE,
-    NOT_ESTIMATED,
-    QUANTITIES,
-)
 
 #: Largest true error over the estimate, and least.
 WITHIN = 2.0
@@ -47,7 +49,7 @@ END = 6e-3
 
 
 def machine(cells, clearance=17e-6, family="lagrange", **joint):
-    grid = uniform_grid(0.0225, 0.022, cells, family)
+    grid = ehd.uniform_grid(0.0225, 0.022, cells, family)
     film = ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(0.01), 500.0))
     return slider_crank(rigid_rod(), film, **joint)
 
@@ -114,7 +116,7 @@ def test_a_course_of_one_step_has_no_rates(course):
     ("cells", "finer"), [((20, 5), (30, 8)), ((24, 4), (36, 6)), ((7, 1), (11, 2))]
 )
 def test_finer_films_are_graded_alike(cells, finer):
-    grid = uniform_grid(0.02, 0.01, cells, "lagrange")
+    grid = ehd.uniform_grid(0.02, 0.01, cells, "lagrange")
     graded = replace(grid, heights=0.005 * np.linspace(-1.0, 1.0, cells[1] + 1) ** 3)
     found = finer_grid(graded)
     assert found.cells == finer
@@ -161,7 +163,7 @@ def test_a_peak_between_nodes_is_met_as_it_passes_them(family):
     """The largest nodal value is off by the square of the mesh size, this by more."""
     centres, nodes, between = np.linspace(0.0, 7.0, 200)[:, None], [], []
     for cells in ((24, 4), (48, 8)):
-        places = uniform_grid(0.02, 0.01, cells, family).node_positions.T
+        places = ehd.uniform_grid(0.02, 0.01, cells, family).node_positions.T
         angle, height = places
         values = np.exp(np.cos(angle - centres)) - ((height - 1e-3) / 0.01) ** 2
         nodes.append(np.abs(values.max(axis=1) - np.e).max())
@@ -175,7 +177,7 @@ def test_a_peak_between_nodes_is_met_as_it_passes_them(family):
 
 
 def curves(times, peaks, films, sampled=None, began=0.0, period=None):
-    grid = uniform_grid(0.02, 0.01, (4, 1))
+    grid = ehd.uniform_grid(0.02, 0.01, (4, 1))
     nodal = np.ones(len(grid.node_positions))
     said = sampled or (peaks, films)
     values = {

@@ -8,15 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_parts import ResidualFlexibility, contents, export_npz, rigid
+from bench_scenes import elastic_part
 from mpi4py import MPI
 from scipy import sparse
 from test_demos import demo
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InputError
-from fenics_ehd.reduction import ResidualFlexibility, craig_bampton, load_dependent, rigid
-from fenics_ehd.reduction.body import contents, export_npz
-from fenics_ehd.scenes.part import elastic_part
 
 exudyn_body = demo("exudyn_body")
 
@@ -27,8 +25,8 @@ METHODS = ("m3", "m1")
 def bodies(rod_structure):
     kept = {"keep_basis": True, "estimate_error": False}
     return {
-        "m3": load_dependent(rod_structure, 6, 31, **kept),
-        "m1": craig_bampton(rod_structure, 37, **kept),
+        "m3": ehd.load_dependent(rod_structure, 6, 31, **kept),
+        "m1": ehd.craig_bampton(rod_structure, 37, **kept),
     }
 
 
@@ -78,7 +76,7 @@ def test_a_rigid_body_has_empty_matrices(rod_structure, tmp_path):
 def test_several_bores_stand_one_after_the_other():
     bodies = ehd.read_scene("slider-crank-both-ends").bodies
     part = elastic_part(bodies["rod"], "rod", "lagrange", MPI.COMM_SELF).source
-    body = load_dependent(part, 6, 8, estimate_error=False)
+    body = ehd.load_dependent(part, 6, 8, estimate_error=False)
     found = contents(body)
     first, second = body.bores.values()
     m, k = found["bore_sizes"].T
@@ -158,7 +156,7 @@ def test_couplings_are_the_sums_over_the_part(rod_structure, bodies, files, meth
     ],
 )
 def test_what_exudyn_cannot_hold_is_refused(bodies, rod_structure, tmp_path, change):
-    with pytest.raises(InputError, match="M1, M2, M3"):
+    with pytest.raises(ehd.errors.InputError, match="M1, M2, M3"):
         exudyn_body.export(change(bodies["m1"]), rod_structure, tmp_path / "rod.npz")
     assert not list(tmp_path.iterdir())
 

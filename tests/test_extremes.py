@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from bench_machines import Run
+from bench_scenes import scene_of
 from oracle_slider_crank import RigidSliderCrank, balanced
 from scene_cases import RIGID_ROD, tables_of
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.run import Run
-from fenics_ehd.scenes.scene import scene_of
 
 REDUCTION = "bodies.rod.reduction"
 

@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from attrs import evolve
+from bench_film import EDGES, Feeds, FilmFlows
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, make_film, shaft, solve
 from lone_oil import LoneOil
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.forces import FilmFlows
-from fenics_ehd.film.parameters import EDGES, Feeds
 
 #: What is tried: supply pressure [Pa], a hole, a groove.
 SUPPLY = 3e5
@@ -168,12 +166,12 @@ def test_no_pressure_gives_no_oil():
     ],
 )
 def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, told):
-    with pytest.raises(SettingsError, match=told):
+    with pytest.raises(ehd.errors.SettingsError, match=told):
         make_film((40, 10), feeds=(feed(),))
 
 
 def test_two_supplies_have_two_names():
-    with pytest.raises(SettingsError, match="two supplies of one name: a, a"):
+    with pytest.raises(ehd.errors.SettingsError, match="two supplies of one name: a, a"):
         make_film((40, 10), feeds=(HOLE, evolve(GROOVE, name="a")))
 
 

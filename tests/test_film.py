@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bench_film import Gap
 from film_cases import (
     ETA,
     FAMILIES,
@@ -18,8 +19,6 @@ from film_cases import (
 from film_grids import graded_grid
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import GapClosedError, SettingsError
-from fenics_ehd.film.kinematics import Gap
 
 pytestmark = pytest.mark.kernels
 
@@ -129,7 +128,9 @@ def test_tilt_until_the_edge_nearly_touches_bears_a_moment_and_no_force(family):
 
 
 def test_one_cell_wide_bilinear_film_has_no_unknown_and_says_so():
-    with pytest.raises(SettingsError, match="every node of the film has a given pressure"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match="every node of the film has a given pressure"
+    ):
         make_film((20, 1), "bilinear")
 
 
@@ -153,7 +154,7 @@ def test_growing_gap_cavitates_everywhere(family):
 
 def test_closed_gap_is_refused_with_its_value():
     film = make_film((12, 3))
-    with pytest.raises(GapClosedError, match=r"-0\.1\d* um .* must be positive"):
+    with pytest.raises(ehd.errors.GapClosedError, match=r"-0\.1\d* um .* must be positive"):
         film.solve(given_gap(film, lambda phi, z: 1 - 1.01 * (np.cos(phi) > 0.9)))
 
 
@@ -164,7 +165,9 @@ def test_gap_that_is_no_number_is_refused(name, value):
     values = gap_of(film, shaft(0.5)).__dict__ | {}
     values[name] = values[name].copy()
     values[name][3, 2] = value
-    with pytest.raises((SettingsError, GapClosedError), match=r"finite|positive"):
+    with pytest.raises(
+        (ehd.errors.SettingsError, ehd.errors.GapClosedError), match=r"finite|positive"
+    ):
         film.solve(Gap(**values))
 
 
@@ -179,7 +182,7 @@ def test_gap_that_is_no_number_is_refused(name, value):
     ],
 )
 def test_impossible_parameters_are_refused(more, named):
-    with pytest.raises(SettingsError, match=named):
+    with pytest.raises(ehd.errors.SettingsError, match=named):
         make_film(**more)
 
 

@@ -7,7 +7,6 @@ from film_cases import ETA, FAMILIES, OMEGA, C, R, force, given_gap, make_film
 from film_grids import graded_grid
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
 
 HALF = 0.6  # half width over radius
 RATES = {"bilinear": 2.0, "serendipity": 3.0, "lagrange": 3.0}
@@ -16,7 +15,7 @@ RATES = {"bilinear": 2.0, "serendipity": 3.0, "lagrange": 3.0}
 def grid_of(cells, family, graded, start=0.0, width=2 * HALF * R):
     if graded:
         return graded_grid(R, width, cells, family, focus=start, ratio=4.0)
-    return uniform_grid(R, width, cells, family, start=start)
+    return ehd.uniform_grid(R, width, cells, family, start=start)
 
 
 # --- A full film with a manufactured pressure, dimensionless

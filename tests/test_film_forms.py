@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_film import Gap, compiled
+from bench_scenes import compat
 from differences import slope
 from film_cases import ETA, FAMILIES, OMEGA, C, R, make_film
 from nested_film import GapChange, residual_change
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
-from fenics_ehd.base import compat
-from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.film.weak_form import compiled
 
 
 def place(angle, height):

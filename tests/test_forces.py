@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
+from bench_film import FAMILIES, FilmFlows, film_fields
+from bench_machines import JointFilm, film_friction
+from bench_scenes import SHEAR_RULES
 from oracle_walls import walls
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import SHEAR_RULES
-from fenics_ehd.film.forces import FilmFlows, film_fields
-from fenics_ehd.film.grid import FAMILIES, uniform_grid
-from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
-from fenics_ehd.multibody.lubricated_joint import JointFilm
-from fenics_ehd.multibody.step_equations import film_friction
 
 pytestmark = pytest.mark.kernels
 
@@ -23,7 +19,7 @@ def solved(
     motion, *, cells=(64, 8), family="lagrange", sides=None, regions=(), clearance=C, oil=None
 ):
     parameters = ehd.FilmParameters(
-        uniform_grid(R, B, cells, family),
+        ehd.uniform_grid(R, B, cells, family),
         clearance,
         oil or ehd.Lubricant(ETA),
         OMEGA,
@@ -31,11 +27,11 @@ def solved(
         regions,
     )
     film = ehd.Film(parameters)
-    return film, film.solve(shaft_gap(film.points, R, clearance, motion))
+    return film, film.solve(ehd.shaft_gap(film.points, R, clearance, motion))
 
 
 def everything_moves(clearance=C):
-    return ShaftMotion(
+    return ehd.ShaftMotion(
         clearance * np.array([0.3, -0.4]),
         OMEGA,
         clearance * np.array([100.0, 50.0]),
@@ -46,7 +42,7 @@ def everything_moves(clearance=C):
 
 
 def eccentric(ratio=0.6, clearance=C):
-    return ShaftMotion(np.array([ratio * clearance, 0.0]), OMEGA)
+    return ehd.ShaftMotion(np.array([ratio * clearance, 0.0]), OMEGA)
 
 
 def friction_of(film, state, rule="streamers"):
@@ -58,7 +54,7 @@ def friction_of(film, state, rule="streamers"):
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("clearance", [C, C / 100])
 def test_friction_is_that_of_the_two_walls_as_they_are(family, clearance):
-    motion = ShaftMotion(
+    motion = ehd.ShaftMotion(
         clearance * np.array([0.3, -0.4]), OMEGA, clearance * np.array([100.0, 50.0])
     )
     film, state = solved(
@@ -103,7 +99,7 @@ def test_power_put_in_is_dissipated(oil):
 
 
 def test_supply_pressure_pumps():
-    motion = ShaftMotion(np.array([0.4 * C, 0.2 * C]), 0.0)
+    motion = ehd.ShaftMotion(np.array([0.4 * C, 0.2 * C]), 0.0)
     film, state = solved(motion, regions=GROOVES)
     lost, flow = film.powers(state)[0], FilmFlows(film, state).balance
     assert friction_of(film, state)[1].sheared == 0.0
@@ -141,8 +137,8 @@ def test_streamers_carry_the_flow_of_the_rupture():
 def test_streamers_come_from_upstream_as_the_cavity_sees_it(share):
     # A whirling shaft, and the same in the frame that turns with its centre.
     position, whirl = np.array([0.7 * C / 100, 0.0]), share * OMEGA
-    going = ShaftMotion(position, OMEGA, whirl * np.array([0.0, position[0]]))
-    standing = ShaftMotion(position, OMEGA - whirl, bore_speed=-whirl)
+    going = ehd.ShaftMotion(position, OMEGA, whirl * np.array([0.0, position[0]]))
+    standing = ehd.ShaftMotion(position, OMEGA - whirl, bore_speed=-whirl)
     lost = []
     for motion in (going, standing):
         film, state = solved(motion, clearance=C / 100)
@@ -163,7 +159,9 @@ def test_shear_rules_are_in_order_and_grooves_are_free_of_it():
     inside = np.abs(np.abs(film.points.angle - np.pi) - np.pi / 2) < np.pi / 16
     assert np.all(filled[inside] == 0.0)
     assert np.all(filled[~inside] == 1.0)
-    with pytest.raises(SettingsError, match="'most' is not one of streamers, full, none"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match="'most' is not one of streamers, full, none"
+    ):
         film_fields(film, state, "most")
 
 

@@ -4,6 +4,16 @@ import dolfinx
 import numpy as np
 import pytest
 import ufl
+from bench_parts import (
+    ELEMENTS,
+    bore_load_matrix,
+    package_order,
+    quadratic_element,
+    rigid_fields,
+    surface_gram,
+)
+from bench_parts import _unrolled as unrolled
+from bench_scenes import compat, elastic_part, scene_of
 from dolfinx import fem
 from foreign_parts import RADIUS, WIDTH, ring_mesh, to_scipy
 from hypothesis import given, settings
@@ -12,14 +22,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scene_cases import tables_of
 
-from fenics_ehd.base import compat
-from fenics_ehd.base.errors import StructureError
-from fenics_ehd.fem.elements import quadratic_element
-from fenics_ehd.reduction.bore import _unrolled as unrolled
-from fenics_ehd.reduction.bore import bore_from_faces, bore_load_matrix, rigid_fields, surface_gram
-from fenics_ehd.reduction.elements import ELEMENTS, package_order
-from fenics_ehd.scenes.part import elastic_part
-from fenics_ehd.scenes.scene import scene_of
+import fenics_ehd as ehd
 
 RODS = {
     "serendipity": {"element": "serendipity"},
@@ -57,7 +60,7 @@ def cylinder(element, around=12, along=3, radius=RADIUS, width=WIDTH):
 
 def test_bore_and_load_matrix_are_those_of_the_volume_mesh(rod):
     theirs = rod.bore
-    ours = bore_from_faces(rod.coordinates, theirs.nodes[theirs.cells], theirs.family)
+    ours = ehd.bore_from_faces(rod.coordinates, theirs.nodes[theirs.cells], theirs.family)
     for name in ("nodes", "coordinates", "pressure_coordinates", "cells", "pressure_cells"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
         assert getattr(ours, name).dtype == getattr(theirs, name).dtype
@@ -89,7 +92,7 @@ def test_mean_motion_is_that_of_the_volume_mesh(rod):
     weighted = np.column_stack(weighted)
     motion = weighted @ np.linalg.inv(weighted.T @ rigid_fields(rod.coordinates))
     expected = motion.reshape(-1, 3, 6)[bore.nodes]
-    found = bore_from_faces(rod.coordinates, bore.nodes[bore.cells], bore.family).reference
+    found = ehd.bore_from_faces(rod.coordinates, bore.nodes[bore.cells], bore.family).reference
     for part in (slice(0, 3), slice(3, 6)):
         scale = np.abs(expected[..., part]).max()
         assert np.abs(found[..., part] - expected[..., part]).max() < 1e-9 * scale
@@ -103,7 +106,7 @@ def test_force_on_a_sector_converges_at_the_order_of_the_geometry(element, order
     errors = []
     for around in (12, 24, 48):
         nodes, faces = cylinder(element, around, around // 4)
-        bore = bore_from_faces(nodes, faces, element)
+        bore = ehd.bore_from_faces(nodes, faces, element)
         pressures = bore.coordinates[:, 0] / RADIUS
         force = (bore.load @ pressures).reshape(-1, 3).sum(axis=0)
         errors.append(abs(force[0] / (np.pi * RADIUS * WIDTH) - 1))
@@ -115,7 +118,7 @@ def test_force_on_a_sector_converges_at_the_order_of_the_geometry(element, order
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_uniform_pressure_pushes_outward_and_is_in_equilibrium(element):
     nodes, faces = cylinder(element)
-    bore = bore_from_faces(nodes, faces, element)
+    bore = ehd.bore_from_faces(nodes, faces, element)
     force = (bore.load @ np.ones(len(bore.nodes))).reshape(-1, 3)
     work = np.einsum("nc,nc->", force[:, :2], nodes[:, :2]) / RADIUS
     assert work == pytest.approx(2 * np.pi * RADIUS * WIDTH, rel=0.06)
@@ -128,7 +131,7 @@ def test_uniform_pressure_pushes_outward_and_is_in_equilibrium(element):
 def test_neither_numbers_nor_orientation_of_faces_matter(element, seed):
     random = np.random.default_rng(seed)
     nodes, faces = cylinder(element)
-    bore = bore_from_faces(nodes, faces, element)
+    bore = ehd.bore_from_faces(nodes, faces, element)
     numbers = random.permutation(len(nodes))
     moved = np.empty_like(nodes)
     moved[numbers] = nodes
@@ -137,7 +140,7 @@ def test_neither_numbers_nor_orientation_of_faces_matter(element, seed):
     flipped = faces.copy()
     some = random.random(len(faces)) < 0.5
     flipped[some] = flipped[some][:, swap]
-    again = bore_from_faces(moved, random.permutation(numbers[flipped]), element)
+    again = ehd.bore_from_faces(moved, random.permutation(numbers[flipped]), element)
     np.testing.assert_array_equal(again.nodes, numbers[bore.nodes])
     np.testing.assert_array_equal(again.coordinates, bore.coordinates)
     dofs = (3 * numbers[:, None] + np.arange(3)).ravel()
@@ -148,7 +151,7 @@ def test_neither_numbers_nor_orientation_of_faces_matter(element, seed):
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_reference_reproduces_rigid_motion(element):
     nodes, faces = cylinder(element)
-    bore = bore_from_faces(nodes, faces, element)
+    bore = ehd.bore_from_faces(nodes, faces, element)
     fields = rigid_fields(bore.coordinates).reshape(-1, 3, 6)
     motion = np.einsum("ick,icl->kl", bore.reference, fields)
     np.testing.assert_allclose(motion, np.eye(6), atol=1e-12 / RADIUS)
@@ -252,25 +255,27 @@ def straight(nodes, faces):
     ],
 )
 def test_faces_that_are_no_bore_are_named(change, message):
-    with pytest.raises(StructureError, match=message):
-        bore_from_faces(*change(*cylinder("serendipity")), "serendipity")
+    with pytest.raises(ehd.errors.StructureError, match=message):
+        ehd.bore_from_faces(*change(*cylinder("serendipity")), "serendipity")
 
 
 def test_unknown_element_and_flat_face_are_named():
     nodes, faces = cylinder("bilinear")
-    with pytest.raises(StructureError, match="element 'quad' is not one of bilinear, serendipity"):
+    with pytest.raises(
+        ehd.errors.StructureError, match="element 'quad' is not one of bilinear, serendipity"
+    ):
         bore_load_matrix(nodes, faces, "quad")
     disk = np.array([[1.0, 1, 0], [2, 1, 0], [1, 2, 0], [2, 2, 0]])
-    with pytest.raises(StructureError, match="does not face the z axis"):
+    with pytest.raises(ehd.errors.StructureError, match="does not face the z axis"):
         bore_load_matrix(disk, np.arange(4)[None], "bilinear")
 
 
 def test_ring_of_hexahedra_has_a_bilinear_bore():
     nodes, _, faces = ring_mesh()
-    bore = bore_from_faces(nodes, faces, "bilinear")
+    bore = ehd.bore_from_faces(nodes, faces, "bilinear")
     assert bore.family == bore.pressure_family == "bilinear"
     assert bore.radius == pytest.approx(RADIUS)
     assert bore.width == pytest.approx(WIDTH)
     assert bore.load.shape == (3 * len(nodes), len(bore.nodes))
     linear = cylinder("linear triangle")
-    assert bore_from_faces(*linear, "linear triangle").family == ""
+    assert ehd.bore_from_faces(*linear, "linear triangle").family == ""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_parts import check_structure, tetrahedron_mass
 from calculix_ring import DENSITY, POISSON, YOUNG, ring_solid, write_deck, write_model
 from foreign_parts import ring_arguments, to_scipy
 from hypothesis import given, settings
@@ -14,9 +15,6 @@ from scipy import io, sparse
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.fields import Material
-from fenics_ehd.reduction import check_structure, load_dependent, tetrahedron_mass
 
 PAGE = (Path(__file__).parents[1] / "docs" / "reduction.md").read_text()
 
@@ -74,7 +72,7 @@ def quadratic(tmp_path_factory):
     folder, solid = tmp_path_factory.mktemp("ring"), ring_solid("hex")
     write_model(folder / "ring.msh", solid)
     mesh = ehd.build_mesh(folder / "ring.msh", comm=MPI.COMM_SELF, serendipity_geometry=True)
-    made = ehd.assemble_structure(mesh, Material(YOUNG, POISSON, DENSITY), attachments=())
+    made = ehd.assemble_structure(mesh, ehd.Material(YOUNG, POISSON, DENSITY), attachments=())
     _, places = cKDTree(made.coordinates).query(solid.points)
     order = (3 * places[:, None] + np.arange(3)).ravel()
     return solid, [to_scipy(m)[order][:, order] for m in (made.stiffness, made.mass)]
@@ -106,7 +104,7 @@ def test_recipe_of_the_documentation(quadratic, kind, tmp_path, monkeypatch):
     exec(recipe(kind), names)
     body = ehd.load_body(tmp_path / "ring.h5")
     part = names["part"]
-    direct = load_dependent(
+    direct = ehd.load_dependent(
         ehd.Structure(*matrices, solid.points, names["bore"], {"pin": names["pin"]}), 6, 31
     )
     assert part.size == 3 * len(numbers)
@@ -165,7 +163,9 @@ def test_held_nodes_are_held(small, tmp_path):
     assert (k[held, held] > 0).all()
     without = ehd.read_calculix(tmp_path / "m")
     np.testing.assert_array_equal(without.numbers, numbers[2:])
-    with pytest.raises(StructureError, match="node 5 has no row in the matrices: if it is held"):
+    with pytest.raises(
+        ehd.errors.StructureError, match="node 5 has no row in the matrices: if it is held"
+    ):
         without.places([[7, 5]])
     # A penalty says the same.
     penalty = small[0].copy()
@@ -185,7 +185,7 @@ def test_nodes_in_a_wrong_order_are_found(small, tmp_path):
         found = ehd.read_abaqus(*files, order)
         part = ehd.Structure(**arguments | {"stiffness": found.stiffness, "mass": found.mass})
         if order is swapped:
-            with pytest.raises(StructureError, match="rigid"):
+            with pytest.raises(ehd.errors.StructureError, match="rigid"):
                 check_structure(part)
         else:
             check_structure(part)
@@ -223,7 +223,7 @@ def test_files_of_calculix_that_do_not_fit_are_named(tmp_path, file, text, messa
     for name, good in GOOD.items():
         if name != file or text is not None:
             (tmp_path / name).write_text(text if name == file else good)
-    with pytest.raises(StructureError, match=message):
+    with pytest.raises(ehd.errors.StructureError, match=message):
         ehd.read_calculix(tmp_path / "m")
 
 
@@ -243,7 +243,7 @@ def test_files_of_abaqus_that_do_not_fit_are_named(tmp_path, stiffness, numbers,
     files = tmp_path / "STIF.mtx", tmp_path / "MASS.mtx"
     files[0].write_text(stiffness)
     files[1].write_text("1,1, 1,1, 1.0\n")
-    with pytest.raises(StructureError, match=message):
+    with pytest.raises(ehd.errors.StructureError, match=message):
         ehd.read_abaqus(*files, None if numbers is None else np.array(numbers))
 
 
@@ -251,7 +251,7 @@ def test_coordinates_of_another_number_of_nodes_are_named(tmp_path):
     files = tmp_path / "STIF.mtx", tmp_path / "MASS.mtx"
     for file in files:
         file.write_text("1 1 1.0\n4 4 1.0\n")
-    with pytest.raises(StructureError, match="4 rows, not 3 for each of 2 nodes"):
+    with pytest.raises(ehd.errors.StructureError, match="4 rows, not 3 for each of 2 nodes"):
         ehd.read_abaqus(*files)
 
 
@@ -265,9 +265,9 @@ def test_mass_of_tetrahedra_is_that_of_rigid_motions_and_refuses_folded_cells():
     x = np.column_stack([solid.points[:, 0], np.zeros((len(solid.points), 2))]).ravel()
     y = np.column_stack([solid.points[:, 1], np.zeros((len(solid.points), 2))]).ravel()
     assert x @ mass @ x == pytest.approx(y @ mass @ y, rel=1e-3)
-    with pytest.raises(StructureError, match=r"cell 0 .* is folded"):
+    with pytest.raises(ehd.errors.StructureError, match=r"cell 0 .* is folded"):
         tetrahedron_mass(solid.points, solid.cells[:, [4, 1, 2, 3, 0, *range(5, 10)]], 1.0)
-    with pytest.raises(StructureError, match=r"cells of shape \(144, 4\)"):
+    with pytest.raises(ehd.errors.StructureError, match=r"cells of shape \(144, 4\)"):
         tetrahedron_mass(solid.points, solid.cells[:, :4], 1.0)
-    with pytest.raises(StructureError, match="cells name nodes 0 to"):
+    with pytest.raises(ehd.errors.StructureError, match="cells name nodes 0 to"):
         tetrahedron_mass(solid.points[:-1], solid.cells, 1.0)

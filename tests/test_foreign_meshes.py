@@ -11,15 +11,12 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
+from bench_parts import Solid, read_deck, read_mesh, session
+from bench_scenes import printing_kept
 from calculix_ring import ring_solid, write_deck, write_model
 from command_line import call, exit_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.processes import printing_kept
-from fenics_ehd.fem.gmsh_session import session
-from fenics_ehd.fem.solid import Solid
-from fenics_ehd.fem.solid_file import read_deck, read_mesh
 
 KINDS = ("tet", "hex")
 
@@ -121,7 +118,7 @@ def test_deck_of_files_that_it_includes(ring, tmp_path):
 )
 def test_deck_that_cannot_be_read(text, message, tmp_path):
     (tmp_path / "deck.inp").write_text(text)
-    with pytest.raises(MeshError, match=message):
+    with pytest.raises(ehd.errors.MeshError, match=message):
         read_deck(tmp_path / "deck.inp")
 
 
@@ -147,7 +144,7 @@ def test_includes_end_and_show_nothing(files, message, tmp_path):
         (tmp_path / name).write_text(text)
     end = "*ELEMENT, TYPE=C3D4\n"
     (tmp_path / "deck.inp").write_text(f"*NODE\n1,0,0,0\n*NODE\n*INCLUDE, INPUT=1\n{end}")
-    with pytest.raises(MeshError, match=message) as found:
+    with pytest.raises(ehd.errors.MeshError, match=message) as found:
         read_deck(tmp_path / "deck.inp")
     assert "\n" not in str(found.value)
     assert "hidden" not in str(found.value)
@@ -223,7 +220,7 @@ def test_cells_that_are_no_solid(how, message, tmp_path):
         # Of hexahedra in one layer every edge is on the surface.
         solid = changed(ring_solid(kind, 12, 2, 2), how)
         write_deck(tmp_path / "ring.inp", solid, np.arange(1, len(solid.points) + 1))
-        with pytest.raises(MeshError, match=message):
+        with pytest.raises(ehd.errors.MeshError, match=message):
             read_mesh(tmp_path / "ring.inp", "m")
 
 
@@ -231,7 +228,7 @@ def test_a_model_with_cells_twice_ends_in_one_line(tmp_path):
     solid = changed(ring_solid("tet"), "twice")
     write_model(tmp_path / "ring.msh", solid)
     # dolfinx would free memory twice, and the process be gone.
-    with pytest.raises(MeshError, match=r"ring\.msh: 3 of \d+ cells are there twice"):
+    with pytest.raises(ehd.errors.MeshError, match=r"ring\.msh: 3 of \d+ cells are there twice"):
         ehd.build_mesh(tmp_path / "ring.msh")
 
 
@@ -239,7 +236,7 @@ def test_faces_of_three_cells(tmp_path):
     points = np.vstack([np.zeros(3), np.eye(3), [1, 1, 1], [2, 2, 2.5]])
     cells = np.array([[0, 1, 2, 3], [1, 2, 3, 4], [1, 2, 3, 5]])
     meshio.write(tmp_path / "three.vtu", meshio.Mesh(points, [("tetra", cells)]))
-    with pytest.raises(MeshError, match="1 faces are shared by more than two cells"):
+    with pytest.raises(ehd.errors.MeshError, match="1 faces are shared by more than two cells"):
         read_mesh(tmp_path / "three.vtu", "m")
 
 
@@ -251,7 +248,7 @@ def test_a_check_that_fails_leaves_no_model(tmp_path, monkeypatch, capfd):
 
     def fails(_opened, _placed, path, *_):
         assert path.is_file()
-        raise MeshError(f"{path}: no part")
+        raise ehd.errors.MeshError(f"{path}: no part")
 
     monkeypatch.setattr("fenics_ehd.cli.part._checked", fails)
     status, out, err = exit_of(capfd, *asked, "--json")

@@ -5,14 +5,11 @@ import subprocess
 import sys
 
 import pytest
+from bench_parts import gmsh, open_part, session
 from calculix_ring import ring_solid, write_model
 from mpi4py import MPI
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import MeshError
-from fenics_ehd.fem.drawn_part import open_part
-from fenics_ehd.fem.gmsh_session import gmsh, session
-from fenics_ehd.fem.models import model_path
 
 #: Where PETSc may be started from.
 MODULES = (
@@ -63,7 +60,7 @@ for cells in ("hex", "tet"):
 
 @pytest.mark.slow
 def test_gmsh_obeys_the_model_alone(tmp_path):
-    model = model_path("conrod").read_text()
+    model = ehd.model_path("conrod").read_text()
     (tmp_path / "rod.geo").write_text(model)
     expected = in_home(MESHED, tmp_path)
     assert len(expected.split()) == 2
@@ -76,28 +73,28 @@ def test_gmsh_obeys_the_model_alone(tmp_path):
 
 def test_model_finds_the_files_that_it_includes(tmp_path):
     (tmp_path / "whole.geo").write_text('Include "rod.geo";\n')
-    (tmp_path / "rod.geo").write_text(model_path("conrod").read_text())
+    (tmp_path / "rod.geo").write_text(ehd.model_path("conrod").read_text())
     assert ehd.build_mesh(tmp_path / "whole.geo", {"shank_cells": 6}, comm=MPI.COMM_SELF).groups
     (tmp_path / "b\\e.geo").symlink_to(tmp_path / "rod.geo")
-    with pytest.raises(MeshError, match=r"b\\e\.geo: quotes and backslashes"):
+    with pytest.raises(ehd.errors.MeshError, match=r"b\\e\.geo: quotes and backslashes"):
         ehd.build_mesh(tmp_path / "b\\e.geo", comm=MPI.COMM_SELF)
 
 
 def test_mesh_is_read_and_never_run(tmp_path):
     """Gmsh takes what does not begin as a mesh does for a model, and a model is a program."""
-    model = model_path("conrod").read_text()
+    model = ehd.model_path("conrod").read_text()
     (tmp_path / "program.msh").write_text(f'SystemCall "touch {tmp_path}/ran";\n{model}')
     (tmp_path / "program.step").write_text(f'SystemCall "touch {tmp_path}/ran";\n{model}')
     for name, message in (("program.msh", "is no mesh"), ("program.step", "must be a .geo model")):
-        with pytest.raises(MeshError, match=message):
+        with pytest.raises(ehd.errors.MeshError, match=message):
             ehd.build_mesh(tmp_path / name, comm=MPI.COMM_SELF)
     with session():
         gmsh.onelab.clear()
-        gmsh.open(str(model_path("conrod")))
+        gmsh.open(str(ehd.model_path("conrod")))
         gmsh.model.mesh.generate(3)
         gmsh.write(str(tmp_path / "rod.msh"))
     (tmp_path / "rod.msh.opt").write_text(f'SystemCall "touch {tmp_path}/ran";\n')
-    paths = model_path("conrod"), tmp_path / "rod.msh"
+    paths = ehd.model_path("conrod"), tmp_path / "rod.msh"
     meshed, read = (ehd.build_mesh(path, comm=MPI.COMM_SELF) for path in paths)
     assert read.groups == meshed.groups
     assert read.mesh.geometry.x.shape == meshed.mesh.geometry.x.shape
@@ -117,10 +114,10 @@ def test_capitals_in_an_ending_change_nothing(tmp_path):
 
 def test_a_broken_model_leaves_nothing_to_the_next(tmp_path):
     (tmp_path / "broken.geo").write_text("Macro a\nPoint(1) = {0, 0, 0;\nIf (1)\nFor i In {0:")
-    with pytest.raises(MeshError, match=r"Gmsh cannot (read|mesh) .*broken\.geo"):
+    with pytest.raises(ehd.errors.MeshError, match=r"Gmsh cannot (read|mesh) .*broken\.geo"):
         ehd.build_mesh(tmp_path / "broken.geo", comm=MPI.COMM_SELF)
-    (tmp_path / "rod.geo").write_text(model_path("conrod").read_text())
-    for path in (tmp_path / "rod.geo", model_path("conrod")):
+    (tmp_path / "rod.geo").write_text(ehd.model_path("conrod").read_text())
+    for path in (tmp_path / "rod.geo", ehd.model_path("conrod")):
         assert ehd.build_mesh(path, {"shank_cells": 6}, comm=MPI.COMM_SELF).groups
 
 
@@ -134,5 +131,5 @@ def test_a_broken_model_leaves_nothing_to_the_next(tmp_path):
     ],
 )
 def test_parameters_obey_the_limits_of_the_model(name, value, message):
-    with pytest.raises(MeshError, match=message):
-        ehd.build_mesh(model_path("conrod"), {name: value}, comm=MPI.COMM_SELF)
+    with pytest.raises(ehd.errors.MeshError, match=message):
+        ehd.build_mesh(ehd.model_path("conrod"), {name: value}, comm=MPI.COMM_SELF)

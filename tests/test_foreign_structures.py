@@ -6,6 +6,16 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from bench_parts import (
+    PointWeights,
+    as_matrix,
+    check_structure,
+    load_structure,
+    mean_motion,
+    reorder,
+    save_structure,
+)
+from bench_scenes import seal
 from foreign_parts import ring, ring_arguments, to_scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,13 +24,6 @@ from petsc4py import PETSc
 from scipy import io, sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.sealed_file import seal
-from fenics_ehd.reduction import load_dependent
-from fenics_ehd.reduction.bore import mean_motion
-from fenics_ehd.reduction.matrices import as_matrix, reorder
-from fenics_ehd.reduction.part_files import load_structure, save_structure
-from fenics_ehd.reduction.structure import PointWeights, check_structure
 
 COMM = MPI.COMM_WORLD
 
@@ -162,7 +165,9 @@ def test_other_petsc_formats_become_aij(arguments):
     assert as_matrix(blocked, MPI.COMM_SELF).getType() == "seqaij"
     assert blocked.getType() == "seqbaij"
     shell = PETSc.Mat().createPython(matrix.size, comm=PETSc.COMM_SELF)
-    with pytest.raises(StructureError, match="mass: a PETSc matrix of type python cannot"):
+    with pytest.raises(
+        ehd.errors.StructureError, match="mass: a PETSc matrix of type python cannot"
+    ):
         as_matrix(shell, MPI.COMM_SELF, "mass")
 
 
@@ -170,7 +175,7 @@ def test_other_petsc_formats_become_aij(arguments):
 @pytest.mark.mpi
 def test_foreign_rod_reduces_to_the_same_body(foreign_rod, rod_body):
     check_structure(foreign_rod)
-    body = load_dependent(foreign_rod, 6, 31)
+    body = ehd.load_dependent(foreign_rod, 6, 31)
     np.testing.assert_allclose(body.frequencies, rod_body.frequencies, rtol=1e-7)
     np.testing.assert_array_equal(body.bore_nodes, rod_body.bore_nodes)
     np.testing.assert_allclose(
@@ -245,13 +250,15 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_what_is_no_part_is_named(case):
     changes, message = BAD[case]
-    with pytest.raises(StructureError, match=message):
+    with pytest.raises(ehd.errors.StructureError, match=message):
         ring(**changes)
 
 
 def test_number_of_load_vectors_is_named():
     vector = ring().attachments["left"][0]
-    with pytest.raises(StructureError, match="attachment 'pin' has 2 load vectors, not 3"):
+    with pytest.raises(
+        ehd.errors.StructureError, match="attachment 'pin' has 2 load vectors, not 3"
+    ):
         ring(attachments={"pin": (vector, vector)})
 
 
@@ -278,7 +285,7 @@ def test_unreadable_files_are_named_on_every_rank(folder, arguments, name, messa
     if COMM.rank == 0:
         write_spoiled(folder, name, arguments["stiffness"])
     COMM.barrier()
-    with pytest.raises(StructureError, match=message) as caught:
+    with pytest.raises(ehd.errors.StructureError, match=message) as caught:
         as_matrix(f"{folder}/{name}", COMM, "stiffness")
     assert "\n" not in str(caught.value)
     assert name.split(":")[0] in str(caught.value)
@@ -370,15 +377,15 @@ def test_spoiled_files_are_named(folder, change, message):
             del file[change]
         seal(folder / "part.h5", folder / "part.h5")
     COMM.barrier()
-    with pytest.raises(StructureError, match=message):
+    with pytest.raises(ehd.errors.StructureError, match=message):
         load_structure(folder / "part.h5")
 
 
 @pytest.mark.mpi
 def test_file_that_cannot_be_written_is_named(folder):
-    with pytest.raises(StructureError, match=r"nowhere/part\.h5"):
+    with pytest.raises(ehd.errors.StructureError, match=r"nowhere/part\.h5"):
         save_structure(ring(), folder / "nowhere" / "part.h5")
-    with pytest.raises(StructureError, match="name 'a/b': a file needs one without"):
+    with pytest.raises(ehd.errors.StructureError, match="name 'a/b': a file needs one without"):
         save_structure(ring(attachments={"a/b": [3]}), folder / "part.h5")
 
 
@@ -424,7 +431,7 @@ def test_clamped_foreign_part_is_clamped(arguments):
     ],
 )
 def test_dofs_that_do_not_fit_are_named(matrix, dofs, message):
-    with pytest.raises(StructureError, match=message):
+    with pytest.raises(ehd.errors.StructureError, match=message):
         reorder(matrix, dofs)
 
 
@@ -451,5 +458,5 @@ def test_mean_motion_of_a_rigid_motion_is_that_motion(nodes, lumped, exponent, s
 
 
 def test_nodes_on_a_line_have_no_mean_rotation():
-    with pytest.raises(StructureError, match="lie on one line"):
+    with pytest.raises(ehd.errors.StructureError, match="lie on one line"):
         mean_motion(np.outer(np.arange(4.0), [1, 2, 3]), np.ones(4))

@@ -10,12 +10,11 @@ from functools import cache
 import attrs
 import numpy as np
 import pytest
+from bench_machines import ConservedContent
 from film_cases import oval
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.lubricated_joint import ConservedContent
 
 #: c / R, 5e-4, is what thin-film equations leave out.
 R, C, WIDTH, ETA, OMEGA = 0.02, 10e-6, 0.02, 0.01, 300.0
@@ -149,7 +148,7 @@ def machine(name, view):
     values |= model(view)
     family, cells, lubricant, load, joint, mass = (values.pop(key) for key in list(values)[:6])
     size, speed = view.length, view.sense * OMEGA / view.time
-    grid = uniform_grid(R * size, WIDTH * size, cells, family)
+    grid = ehd.uniform_grid(R * size, WIDTH * size, cells, family)
     film = ehd.Film(ehd.FilmParameters(grid, C * size, lubricant, OMEGA / view.time, **values))
     inertia = mass * view.pressure * size * view.time**2
     bodies = {"shaft": ehd.RigidBody(inertia, 0.0), "bearing": ehd.RigidBody(0.0)}

@@ -5,12 +5,10 @@ Momenta are summed over every node of the rod's mesh by its own mass matrix.
 
 import numpy as np
 import pytest
+from bench_parts import MassOperator
 from mechanism_cases import REVOLUTION
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import film_grid
-from fenics_ehd.reduction import craig_bampton, load_dependent
-from fenics_ehd.reduction.matrices import MassOperator
 
 DISK = ehd.RigidBody(0.8, 4e-4, centre=(0.002, 0.001), speed=600.0, velocity=(0.2, 0.5))
 END = 0.5 * REVOLUTION
@@ -20,8 +18,8 @@ END = 0.5 * REVOLUTION
 def parts(rod_structure):
     kept = {"keep_basis": True, "estimate_error": False}
     return {
-        "m1": craig_bampton(rod_structure, 12, **kept),
-        "m3": load_dependent(rod_structure, 6, 12, **kept),
+        "m1": ehd.craig_bampton(rod_structure, 12, **kept),
+        "m3": ehd.load_dependent(rod_structure, 6, 12, **kept),
     }
 
 
@@ -86,7 +84,9 @@ def floating(part, joint):
 def oil_in(part, friction):
     # Streamers begin and end at points of the film, so that powers are not smooth over time.
     film = ehd.Film(
-        ehd.FilmParameters(film_grid(part.pressure_nodes), 17e-6, ehd.Lubricant(0.02), rate=600.0)
+        ehd.FilmParameters(
+            ehd.film_grid(part.pressure_nodes), 17e-6, ehd.Lubricant(0.02), rate=600.0
+        )
     )
     return ehd.LubricatedJoint(
         "disk", "rod.bore", film, friction=friction, shear_rule="full",

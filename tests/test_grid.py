@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from bench_film import aligned_grid, film_layout, match
 from film_cases import FAMILIES, R
 from film_grids import graded_grid
 from hypothesis import given
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
-from fenics_ehd.film.grid import aligned_grid, film_grid, film_layout, match, uniform_grid
 
 COUNTS = {"bilinear": 120, "serendipity": 340, "lagrange": 440}
 GRADED = {"focus": 1.0, "ratio": 6.0}
@@ -22,7 +21,7 @@ def turned(angles):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_twenty_by_five_cells_have_the_nodes_of_the_paper(family):
-    grid = uniform_grid(R, 0.022, (20, 5), family)
+    grid = ehd.uniform_grid(R, 0.022, (20, 5), family)
     assert len(grid.nodes) == COUNTS[family]
     assert set(grid.cell_nodes.ravel()) == set(range(len(grid.nodes)))
     assert np.linalg.norm(grid.nodes[:, :2], axis=1) == pytest.approx(R, rel=1e-14)
@@ -61,11 +60,11 @@ def test_aligned_boundaries_include_every_edge(start, edges, graded):
     grid = (
         graded_grid(R, R, (48, 2), focus=start, ratio=4.0)
         if graded
-        else uniform_grid(R, R, (48, 2), start=start)
+        else ehd.uniform_grid(R, R, (48, 2), start=start)
     )
     try:
         aligned = aligned_grid(grid, np.array(edges))
-    except SettingsError:
+    except ehd.errors.SettingsError:
         # Refused only when two different edges are closer than one cell.
         gaps = np.abs(turned(np.subtract.outer(edges, edges)))
         largest = np.diff(grid.angles).max()
@@ -80,56 +79,58 @@ def test_aligned_boundaries_include_every_edge(start, edges, graded):
 
 
 def test_edges_that_a_turn_makes_the_same_are_one():
-    grid = uniform_grid(R, R, (36, 2))
+    grid = ehd.uniform_grid(R, R, (36, 2))
     edges = np.radians([-1e-13, 0.0, 30.0, 360.0])
     found = aligned_grid(grid, edges).angles[:-1]
     np.testing.assert_allclose(turned(found - grid.angles[:-1]), 0, atol=1e-12)
 
 
 def test_edges_in_one_cell_are_refused_with_their_angles():
-    grid = uniform_grid(R, R, (36, 2), start=1.0)
-    with pytest.raises(SettingsError, match=r"36 cells .* at 89 and 91 degrees: use more"):
+    grid = ehd.uniform_grid(R, R, (36, 2), start=1.0)
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"36 cells .* at 89 and 91 degrees: use more"
+    ):
         aligned_grid(grid, np.radians([89.0, 91.0]))
 
 
 @pytest.mark.parametrize(
     ("make", "named"),
     [
-        (lambda: uniform_grid(R, R, (2, 5)), "2 x 5 cells: at least 3"),
-        (lambda: uniform_grid(R, R, (20, 0)), "20 x 0 cells"),
-        (lambda: uniform_grid(R, R, (-4, -4)), "0 x 0 cells"),
-        (lambda: uniform_grid(R, -R, (20, 5)), "must ascend"),
-        (lambda: uniform_grid(R, np.nan, (20, 5)), "must ascend"),
-        (lambda: uniform_grid(R, R, (20, 5), "hermite"), "'hermite' is not one of bilinear"),
+        (lambda: ehd.uniform_grid(R, R, (2, 5)), "2 x 5 cells: at least 3"),
+        (lambda: ehd.uniform_grid(R, R, (20, 0)), "20 x 0 cells"),
+        (lambda: ehd.uniform_grid(R, R, (-4, -4)), "0 x 0 cells"),
+        (lambda: ehd.uniform_grid(R, -R, (20, 5)), "must ascend"),
+        (lambda: ehd.uniform_grid(R, np.nan, (20, 5)), "must ascend"),
+        (lambda: ehd.uniform_grid(R, R, (20, 5), "hermite"), "'hermite' is not one of bilinear"),
         (lambda: ehd.FilmGrid(R, np.linspace(0, 6, 9), np.arange(3.0)), "6 rad, not one turn"),
-        (lambda: uniform_grid(-R, R, (20, 5)), "radius"),
-        (lambda: uniform_grid(np.nan, R, (20, 5)), "radius"),
+        (lambda: ehd.uniform_grid(-R, R, (20, 5)), "radius"),
+        (lambda: ehd.uniform_grid(np.nan, R, (20, 5)), "radius"),
     ],
 )
 def test_impossible_meshes_are_refused(make, named):
-    with pytest.raises(SettingsError, match=named):
+    with pytest.raises(ehd.errors.SettingsError, match=named):
         make()
 
 
 @pytest.mark.parametrize("family", ["serendipity", "lagrange"])
 @pytest.mark.parametrize("start", [0.0, 0.1, np.pi / 20, 5.0])
 def test_layout_recognises_cells_element_and_start(family, start):
-    grid = uniform_grid(R, 0.022, (20, 5), family, start=start)
+    grid = ehd.uniform_grid(R, 0.022, (20, 5), family, start=start)
     order = np.random.default_rng(0).permutation(len(grid.nodes))
     given = grid.nodes[order]
     assert film_layout(given) == ((20, 5), family)
-    found = film_grid(given)
+    found = ehd.film_grid(given)
     assert found.cells == (20, 5)
     assert found.family == family
     np.testing.assert_allclose(given[match(found.nodes, given)], found.nodes, atol=1e-9)
 
 
 def test_nodes_of_no_structured_mesh_are_refused():
-    grid = uniform_grid(R, 0.022, (20, 5))
-    with pytest.raises(InterfaceMismatchError, match="structured"):
+    grid = ehd.uniform_grid(R, 0.022, (20, 5))
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match="structured"):
         film_layout(grid.nodes[1:])
     graded = graded_grid(R, 0.022, (20, 5), **GRADED)
-    with pytest.raises(InterfaceMismatchError, match="equal cells"):
-        film_grid(graded.nodes)
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match="equal cells"):
+        ehd.film_grid(graded.nodes)
     assert match(grid.nodes, grid.nodes[1:]) is None
     assert match(grid.nodes, graded.nodes) is None

@@ -5,14 +5,10 @@ from math import exp, log10, pi
 import attrs
 import numpy as np
 import pytest
+from bench_film import FilmFlows, TemperatureSearch, film_fields
 from scipy.optimize import brentq
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import HeatError, SettingsError
-from fenics_ehd.film.forces import FilmFlows, film_fields
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.film.heat import TemperatureSearch
-from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
 
 OIL = ehd.Oil(46.0, 6.645)
 #: A thousand times as thin over the temperatures that it has.
@@ -94,7 +90,7 @@ def test_a_search_goes_on_as_if_it_had_not_stopped():
      ("outlet_weight", 1.1), ("tolerance", 0.0), ("supply_temperature", np.nan)],
 )  # fmt: skip
 def test_what_no_balance_can_have_is_refused(key, value):
-    with pytest.raises(SettingsError, match=key):
+    with pytest.raises(ehd.errors.SettingsError, match=key):
         ehd.Heat(**{"supply_temperature": 60.0, key: value})
 
 
@@ -102,14 +98,14 @@ def test_what_no_balance_can_have_is_refused(key, value):
 
 
 def film_of(lubricant, **given):
-    grid = uniform_grid(0.0225, 0.022, (24, 6), "lagrange")
+    grid = ehd.uniform_grid(0.0225, 0.022, (24, 6), "lagrange")
     return ehd.Film(ehd.FilmParameters(grid, 17e-6, lubricant, 500.0, **given))
 
 
 def state_of(film, eccentricity=(0.7, 0.0), rate=(0.0, 0.0), tilt=(0.0, 0.0)):
     place, speed = np.array(eccentricity) * 17e-6, np.array(rate)
-    motion = ShaftMotion(place, 500.0, speed, np.array(tilt))
-    return film.solve(shaft_gap(film.points, 0.0225, 17e-6, motion))
+    motion = ehd.ShaftMotion(place, 500.0, speed, np.array(tilt))
+    return film.solve(ehd.shaft_gap(film.points, 0.0225, 17e-6, motion))
 
 
 @pytest.mark.parametrize("law", [None, ehd.Barus(2e-8), ehd.Roelands(OIL.viscosity(70.0), 0.6)])
@@ -300,7 +296,7 @@ def test_a_published_example_of_charts():
     ],
 )
 def test_what_a_bearing_cannot_balance_is_told(changes, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         ehd.solve_bearing(attrs.evolve(BEARING, **changes), load=3000.0)
 
 
@@ -308,7 +304,7 @@ def test_a_bearing_whose_heat_cannot_leave_is_told():
     shut = attrs.evolve(
         BEARING, radius=0.1, width=0.4, clearance=30e-6, speed=3000.0,
     )  # fmt: skip
-    with pytest.raises(HeatError, match=r"the heat cannot leave: .* conducted"):
+    with pytest.raises(ehd.errors.HeatError, match=r"the heat cannot leave: .* conducted"):
         ehd.solve_bearing(shut, eccentricity=0.05)
 
 

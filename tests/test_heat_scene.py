@@ -3,16 +3,13 @@
 import json
 
 import pytest
+from bench_machines import PeriodicSolver, Run, Tracker
+from bench_scenes import scene_of, stored
 from command_line import call
 from csv_history import read_history
 from scene_cases import tables_of, toml
 
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.periodic import PeriodicSolver
-from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Tracker
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.scene import scene_of, stored
+import fenics_ehd as ehd
 
 HEAT = {"supply_temperature": 70.0}
 OIL = {"grade": "ISO VG 46"}
@@ -53,7 +50,9 @@ def test_keys_of_version_0_2_are_read_and_one_line_gives_the_name_of_today():
     ]
     assert stored(scene).warnings == ()
     assert "held_by" in given["bodies"]["part"]
-    with pytest.raises(SettingsError, match=r"unknown key joints\.bearing\.heat\.mixing"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"unknown key joints\.bearing\.heat\.mixing"
+    ):
         scene_of(tables(HEAT | {"mixing": 0.4, "outlet_weight": 0.5}), "both")
 
 
@@ -72,7 +71,7 @@ def test_keys_of_version_0_2_are_read_and_one_line_gives_the_name_of_today():
     ],
 )  # fmt: skip
 def test_heat_that_cannot_be_balanced_names_its_key(given, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         scene_of(tables(**given), "scene")
 
 
@@ -134,7 +133,7 @@ def test_conserved_oil_is_warmed_too():
             ),
             "starved",
         )
-        built = build(scene)
+        built = ehd.build(scene)
         run = Run(built.mechanism, built.steps, scene.span)
         cycles, recorder = (
             PeriodicSolver(run, scene.span, 2e-3, 20),

@@ -3,26 +3,22 @@
 import attrs
 import numpy as np
 import pytest
+from bench_machines import ENERGY_LIMIT
+from bench_parts import check_structure, rigid_body_modes
+from bench_scenes import (
+    ReductionSettings,
+    elastic_part,
+    reduce_structure,
+    reduction_provenance,
+    scene_of,
+    structure_provenance,
+)
 from foreign_parts import to_scipy
 from mpi4py import MPI
 from scene_cases import tables_of
 from scipy.sparse.linalg import eigsh
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import MeshError
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.multibody.trust import ENERGY_LIMIT
-from fenics_ehd.reduction.static import rigid_body_modes
-from fenics_ehd.reduction.structure import check_structure
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.part import (
-    elastic_part,
-    reduce_structure,
-    reduction_provenance,
-    structure_provenance,
-)
-from fenics_ehd.scenes.part_settings import ReductionSettings
-from fenics_ehd.scenes.scene import scene_of
 
 HEIGHT, THICKNESS, FOOT = 0.060, 0.022, 0.104
 
@@ -60,7 +56,7 @@ def pressed_at_once(coarse):
         changes |= {"time.periodicity": None, "time.cycles": None}
         force = {"kind": "constant", "point": "journal", "force": [500.0, 900.0]}
         scene = scene_of(tables_of("loaded-journal", changes | {"forces.load": force}), "pressed")
-        built = build(scene, bodies={"housing": made})
+        built = ehd.build(scene, bodies={"housing": made})
         return ehd.simulate(built.mechanism, scene.span, **vars(built.steps)).figures["bearing"]
 
     return {zeta: run(zeta) for zeta in (0.0, 1e-8, 1e-5)}
@@ -227,20 +223,20 @@ def test_housing_of_tetrahedra_is_the_same_part(figure):
     ],
 )
 def test_geometry_that_cannot_be_is_named(geometry, message):
-    with pytest.raises(MeshError, match=message):
-        ehd.build_mesh(model_path("housing"), geometry, comm=MPI.COMM_SELF)
+    with pytest.raises(ehd.errors.MeshError, match=message):
+        ehd.build_mesh(ehd.model_path("housing"), geometry, comm=MPI.COMM_SELF)
 
 
 def test_structure_without_a_foot_is_named(tmp_path):
-    text = model_path("housing").read_text().replace('Physical Surface("foot", 3)', "x[]")
+    text = ehd.model_path("housing").read_text().replace('Physical Surface("foot", 3)', "x[]")
     (tmp_path / "loose.geo").write_text(text)
-    with pytest.raises(MeshError, match="'foot'"):
+    with pytest.raises(ehd.errors.MeshError, match="'foot'"):
         build_structure(housing_settings(model=str(tmp_path / "loose.geo")))
 
 
 def test_provenance_names_what_the_body_depends_on():
     settings = housing_settings({"wall": 0.011}, reduction=ReductionSettings(method="m4"))
-    found = structure_provenance(settings, model_path("housing"), "lagrange")
+    found = structure_provenance(settings, ehd.model_path("housing"), "lagrange")
     found |= reduction_provenance(settings.reduction)
     assert found["geometry.wall"] == "0.011"
     assert found["residual_truncation"] == "0.0001"
@@ -263,7 +259,7 @@ def part_of_a_turn(body, turns, tolerance=1e-4):
     """The paper's rotor in this housing, from rest."""
     scene = ehd.read_scene("rotor-paper")
     time = attrs.evolve(scene.time, revolutions=turns, tolerance=tolerance)
-    built = build(attrs.evolve(scene, time=time), bodies={"housing": body})
+    built = ehd.build(attrs.evolve(scene, time=time), bodies={"housing": body})
     result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
     assert result.summary()["energy_balance_error"] < ENERGY_LIMIT
     return result.joints["bearing"], result.time

@@ -4,6 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_machines import (
+    IntegratorOptions,
+    JointStep,
+    PeriodicSolver,
+    Run,
+    Tracker,
+    averaged,
+    film_friction,
+    joint_row,
+)
 from film_cases import oval
 from hand_made_rod import (
     CLEARANCE,
@@ -23,19 +33,13 @@ from mechanism_cases import rigid_rod, slider_crank
 from oracle_walls import walls
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.periodic import PeriodicSolver
-from fenics_ehd.multibody.quantities import JointStep, averaged, joint_row
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Tracker
-from fenics_ehd.multibody.step_equations import film_friction
 
 pytestmark = pytest.mark.kernels
 
 
 def supplied_film(pressure=2e5, ambient=5e4, cells=(24, 4)):
     """The paper's bearing with a groove and sides at given pressures."""
-    grid = uniform_grid(RADIUS, WIDTH, cells, "lagrange")
+    grid = ehd.uniform_grid(RADIUS, WIDTH, cells, "lagrange")
     groove = ehd.AxialGroove(np.pi / 2, 2 * np.pi / cells[0], pressure)
     sides = ehd.Sides(ambient, ambient)
     return ehd.Film(

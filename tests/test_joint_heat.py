@@ -4,23 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, PeriodicSolver, Run, periodic
 from journal_cases import in_bearing, steady
 from mechanism_cases import REVOLUTION, SPEED, rigid_rod, slider_crank
 from scipy.optimize import brentq
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import FilmTooThinError, HeatError, PeriodicityError, SettingsError
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody import periodic
-from fenics_ehd.multibody.periodic import PeriodicSolver
-from fenics_ehd.multibody.run import IntegratorOptions, Run
 
 OIL = ehd.Oil(46.0, 6.645)
 SUPPLY = 76.0
 
 
 def oil_film(cells=(16, 3), radius=22.5e-3, width=22e-3, oil=OIL, temperature=SUPPLY):
-    grid = uniform_grid(radius, width, cells, "lagrange")
+    grid = ehd.uniform_grid(radius, width, cells, "lagrange")
     return ehd.Film(ehd.FilmParameters(grid, 17e-6, ehd.Lubricant.of(oil, temperature), rate=SPEED))
 
 
@@ -131,21 +127,23 @@ def test_without_heat_nothing_of_it_is_called(monkeypatch):
 
 
 def test_an_initial_value_problem_has_no_balance():
-    with pytest.raises(SettingsError, match="over a cycle"):
+    with pytest.raises(ehd.errors.SettingsError, match="over a cycle"):
         ehd.simulate(journal(oil_film(), heat=ehd.Heat(supply_temperature=SUPPLY)), REVOLUTION)
 
 
 def test_an_oil_of_one_viscosity_has_no_balance():
-    grid = uniform_grid(22.5e-3, 22e-3, (16, 3), "lagrange")
+    grid = ehd.uniform_grid(22.5e-3, 22e-3, (16, 3), "lagrange")
     film = ehd.Film(ehd.FilmParameters(grid, 17e-6, ehd.Lubricant(0.01), rate=SPEED))
-    with pytest.raises(SettingsError, match="does not depend on its temperature"):
+    with pytest.raises(ehd.errors.SettingsError, match="does not depend on its temperature"):
         ehd.LubricatedJoint("journal", "ground", film, heat=ehd.Heat(supply_temperature=SUPPLY))
 
 
 def test_heat_that_cannot_leave_is_told():
     # Wide and lightly loaded: hardly any oil leaves.
     film = oil_film(width=0.3)
-    with pytest.raises(HeatError, match=r"joints\.bearing\.heat: the heat cannot leave: .* W with"):
+    with pytest.raises(
+        ehd.errors.HeatError, match=r"joints\.bearing\.heat: the heat cannot leave: .* W with"
+    ):
         periodic_run(
             journal(film, load=30.0, heat=ehd.Heat(supply_temperature=SUPPLY)), tolerance=1e-3
         )
@@ -153,13 +151,13 @@ def test_heat_that_cannot_leave_is_told():
 
 def test_a_film_that_heat_thins_away_is_told_as_such(monkeypatch):
     def too_thin(*_args):
-        raise FilmTooThinError("too thin")
+        raise ehd.errors.FilmTooThinError("too thin")
 
     film = oil_film(width=0.3)
     mechanism = journal(film, load=30.0, heat=ehd.Heat(supply_temperature=SUPPLY))
     run = Run(mechanism, IntegratorOptions(tolerance=1e-3), REVOLUTION)
     cycles = PeriodicSolver(run, REVOLUTION)
-    with pytest.raises(HeatError, match="too thin"):  # noqa: PT012
+    with pytest.raises(ehd.errors.HeatError, match="too thin"):  # noqa: PT012
         for _ in cycles:
             if cycles.number == 2:
                 monkeypatch.setattr("fenics_ehd.multibody.run._check_film", too_thin)
@@ -167,7 +165,9 @@ def test_a_film_that_heat_thins_away_is_told_as_such(monkeypatch):
 
 def test_a_temperature_that_still_moves_is_told():
     mechanism = journal(oil_film(), heat=ehd.Heat(supply_temperature=SUPPLY, tolerance=1e-9))
-    with pytest.raises(PeriodicityError, match=r"joints\.bearing\.heat\.tolerance = 1e-09"):
+    with pytest.raises(
+        ehd.errors.PeriodicityError, match=r"joints\.bearing\.heat\.tolerance = 1e-09"
+    ):
         periodic_run(mechanism, tolerance=1e-3, periodicity=0.5, cycles=2)
 
 

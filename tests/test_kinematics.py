@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from bench_film import SurfacePoints
 from differences import numbers, slope
 from film_cases import ETA, OMEGA, C, R, make_film
 from hypothesis import given
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.kinematics import ShaftMotion, SurfacePoints, shaft_gap
 
 WIDTH = 0.022
 SHAFT = R - C
@@ -25,7 +24,7 @@ speeds = st.floats(-1000, 1000)
 def motion(position, rate=(0.0,) * 4, speed=OMEGA, **more):
     scale = C * np.array([1, 1, 1 / WIDTH, 1 / WIDTH])
     e, e_rate = scale * position, scale * np.array(rate)
-    return ShaftMotion(e[:2], speed, e_rate[:2], e[2:], e_rate[2:], **more)
+    return ehd.ShaftMotion(e[:2], speed, e_rate[:2], e[2:], e_rate[2:], **more)
 
 
 def distance(position, *, perpendicular=False):
@@ -52,7 +51,7 @@ def distance(position, *, perpendicular=False):
 
 @given(position=positions)
 def test_thickness_is_the_distance_to_the_shaft(position):
-    found = shaft_gap(POINTS, R, C, motion(position)).thickness
+    found = ehd.shaft_gap(POINTS, R, C, motion(position)).thickness
     assert np.abs(found - distance(position)).max() < 1e-10 * C
     # A true cylinder's section is an ellipse, longer by the square of the tilt.
     tilt = np.linalg.norm(position[2:]) * C / WIDTH
@@ -62,7 +61,7 @@ def test_thickness_is_the_distance_to_the_shaft(position):
 
 @given(position=positions, rate=rates, speed=speeds)
 def test_thickness_rate_is_the_rate_of_that_distance_whatever_the_spin(position, rate, speed):
-    found = shaft_gap(POINTS, R, C, motion(position, rate, speed)).thickness_rate
+    found = ehd.shaft_gap(POINTS, R, C, motion(position, rate, speed)).thickness_rate
     size = C * (1.0 + np.abs(rate).max())
     expected = slope(lambda t: distance(position + t * rate), step=1e-5)
     assert np.abs(found - expected).max() < 1e-7 * size
@@ -87,7 +86,7 @@ def test_thickness_rate_is_the_rate_of_that_distance_whatever_the_spin(position,
     h, radial, tangential = surface(phi)
     inclination = slope(lambda a: surface(phi + a)[0]) / h
     assert np.abs(found + radial - tangential * inclination).max() < 1e-9 * (size + abs(speed) * C)
-    velocity = shaft_gap(POINTS, R, C, motion(position, rate, speed)).sliding_velocity
+    velocity = ehd.shaft_gap(POINTS, R, C, motion(position, rate, speed)).sliding_velocity
     assert np.abs(velocity - tangential).max() < 1e-13 * R * (1 + abs(speed))
 
 
@@ -97,13 +96,13 @@ def turned_pressure(clearance, frame_speed):
         (96, 4), width=R, clearance=clearance, oil=ehd.Lubricant(ETA * (clearance / C) ** 2)
     )
     e, e_rate = clearance * np.array([0.5, 0.2]), clearance * np.array([60.0, -90.0])
-    seen = ShaftMotion(
+    seen = ehd.ShaftMotion(
         e,
         OMEGA - frame_speed,
         e_rate - frame_speed * np.array([-e[1], e[0]]),
         bore_speed=40.0 - frame_speed,
     )
-    return film.solve(shaft_gap(film.points, R, clearance, seen)).pressure
+    return film.solve(ehd.shaft_gap(film.points, R, clearance, seen)).pressure
 
 
 def test_turning_both_bodies_and_the_frame_leaves_the_pressure():
@@ -122,14 +121,16 @@ def test_turning_bore_drags_the_oil_as_a_turning_shaft():
     film = make_film((24, 3), width=R, clearance=1e-8 * R, oil=ehd.Lubricant(1e-10))
     e = 0.6e-8 * R * np.array([1.0, 0.5])
     shaft, bore = (
-        film.solve(shaft_gap(film.points, R, 1e-8 * R, ShaftMotion(e, a, bore_speed=b))).pressure
+        film.solve(
+            ehd.shaft_gap(film.points, R, 1e-8 * R, ehd.ShaftMotion(e, a, bore_speed=b))
+        ).pressure
         for a, b in ((OMEGA, 0.0), (0.0, OMEGA))
     )
     np.testing.assert_allclose(bore, shaft, atol=1e-6 * shaft.max())
-    against = shaft_gap(film.points, R, 1e-8 * R, ShaftMotion(e, OMEGA, bore_speed=-OMEGA))
+    against = ehd.shaft_gap(film.points, R, 1e-8 * R, ehd.ShaftMotion(e, OMEGA, bore_speed=-OMEGA))
     assert film.solve(against).pressure.max() < 1e-5 * shaft.max()
 
 
 def test_shaft_far_off_is_refused():
-    with pytest.raises(SettingsError, match="outside the shaft's radius"):
-        shaft_gap(POINTS, R, C, motion(np.array([2 * R / C, 0, 0, 0])))
+    with pytest.raises(ehd.errors.SettingsError, match="outside the shaft's radius"):
+        ehd.shaft_gap(POINTS, R, C, motion(np.array([2 * R / C, 0, 0, 0])))

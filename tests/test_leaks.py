@@ -20,8 +20,6 @@ from petsc4py import PETSc
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.scenes.build import build
 
 RADIUS, WIDTH, CLEARANCE, VISCOSITY = 0.0225, 0.022, 17e-6, 0.01
 
@@ -43,7 +41,7 @@ def nine_nodes(_):
 
 def weighted(_):
     body = make_body(Joint((8, 2)))
-    grid = uniform_grid(RADIUS, WIDTH, (8, 2), "serendipity")
+    grid = ehd.uniform_grid(RADIUS, WIDTH, (8, 2), "serendipity")
     run(
         on_film(
             body,
@@ -69,7 +67,7 @@ def both_ends(_):
 def journal(folder):
     changes = LOADED_JOURNAL | {"joints.bearing.cells": [8, 2]}
     scene = ehd.read_scene(write_scene(folder / "journal.toml", "loaded-journal", changes))
-    mechanism = build(scene).mechanism
+    mechanism = ehd.build(scene).mechanism
     ehd.simulate(mechanism, period=20e-3, periodicity=0.9, tolerance=1e-2, largest=0.1)
 
 

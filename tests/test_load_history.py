@@ -3,12 +3,11 @@
 import make_single_cylinder
 import numpy as np
 import pytest
+from bench_scenes import read_angle_table, read_time_table, table_file
 from make_single_cylinder import Engine, engine_load
 from scipy.integrate import trapezoid
 
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.scenes.library import table_file
-from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table
+import fenics_ehd as ehd
 
 GOOD = "# a comment\n\ntime_ms, Fx [kN], Fy_N\n0,1,-5\n 1, 2 ,0\n# more\n2,0,7\n4,1,-5\n"
 
@@ -21,14 +20,14 @@ def test_load_file_is_read_in_its_units(tmp_path):
     path = tmp_path / "load.csv"
     path.write_text(GOOD)
     for interpolation in ("cubic", "linear"):
-        curves = read_load(path, scale=2.0, interpolation=interpolation)
+        curves = ehd.read_load(path, scale=2.0, interpolation=interpolation)
         assert [curve.period for curve in curves] == pytest.approx([4e-3, 4e-3])
         assert at(curves, 1e-3) == pytest.approx([4000.0, 0.0])
         assert at(curves, 9e-3) == pytest.approx([4000.0, 0.0])
         assert at(curves, 4e-3) == pytest.approx([2000.0, -10.0])
     assert at(curves, 1.5e-3) == pytest.approx([2000.0, 7.0])
     path.write_text(GOOD.replace("4,1,-5\n", ""))
-    assert at(read_load(path, period=4e-3), 4e-3) == pytest.approx([1000.0, -5.0])
+    assert at(ehd.read_load(path, period=4e-3), 4e-3) == pytest.approx([1000.0, -5.0])
 
 
 #: Every refusal of a table once, in files of loads; those of other tables that loads do not know.
@@ -84,13 +83,13 @@ OTHERS = [
 
 @pytest.mark.parametrize(
     ("read", "text", "named"),
-    [(lambda path, *_: read_load(path), *case) for case in LOADS] + OTHERS,
+    [(lambda path, *_: ehd.read_load(path), *case) for case in LOADS] + OTHERS,
 )
 def test_bad_tables_are_refused_by_line_and_value(read, text, named, tmp_path):
     path = tmp_path / "load.csv"
     if text is not None:
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(SettingsError) as error:
+    with pytest.raises(ehd.errors.SettingsError) as error:
         read(path, "load.file", {"force": {"N": 1.0}})
     assert str(error.value).startswith(f"load.file {path}")
     assert named in str(error.value)
@@ -100,8 +99,10 @@ def test_bad_tables_are_refused_by_line_and_value(read, text, named, tmp_path):
 def test_period_must_reach_beyond_the_file(tmp_path):
     path = tmp_path / "load.csv"
     path.write_text(GOOD)
-    with pytest.raises(SettingsError, match=r"load.period = 0.003 s must be above 0.004 s"):
-        read_load(path, period=3e-3)
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"load.period = 0.003 s must be above 0.004 s"
+    ):
+        ehd.read_load(path, period=3e-3)
 
 
 def test_the_demo_writes_its_load(tmp_path):
@@ -111,7 +112,7 @@ def test_the_demo_writes_its_load(tmp_path):
 
 
 def test_example_load_is_the_formula():
-    shipped = read_load(table_file("main-bearing", "load"))
+    shipped = ehd.read_load(table_file("main-bearing", "load"))
     times, forces = engine_load(300.0)
     assert shipped[0].curve.x == pytest.approx(times, abs=1e-9)
     for curve, values in zip(shipped, forces.T, strict=True):

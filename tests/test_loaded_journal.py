@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, Run, Tracker
 from journal_cases import (
     ETA,
     OMEGA,
@@ -19,9 +20,6 @@ from journal_cases import (
 from scipy.integrate import quad, solve_ivp
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import PeriodicityError
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Tracker
 
 
 def constant(force):
@@ -69,7 +67,9 @@ def test_rotating_load_sees_the_speed_minus_twice_its_own(share):
 
 def test_no_load_can_turn_at_half_speed():
     mechanism, period = journal(make_film((12, 2)), ellipse(0.15, 1.0, 1), 4 * np.pi / OMEGA)
-    with pytest.raises(PeriodicityError, match=r"after cycles = 2 .* above periodicity = 0.0"):
+    with pytest.raises(
+        ehd.errors.PeriodicityError, match=r"after cycles = 2 .* above periodicity = 0.0"
+    ):
         ehd.simulate(mechanism, period=period, cycles=2, tolerance=1e-3, order=2, first=1e-6)
 
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from bench_film import Constant
 from film_cases import ETA, FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film, shaft, solve
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.lubricant import Constant
 
 LAWS = [
     Constant(),
@@ -142,5 +141,5 @@ def test_compressible_film_conserves_mass(family, rise, stiffening):
     ],
 )
 def test_impossible_oils_are_refused(make, named):
-    with pytest.raises(SettingsError, match=named):
+    with pytest.raises(ehd.errors.SettingsError, match=named):
         make()

@@ -4,6 +4,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+from bench_film import Assembly, Gap, Strips, Transport
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -13,11 +14,6 @@ from oracle_mass_conserving import JournalFilm, SqueezedPlates
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.assembly import Assembly
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.film.kinematics import Gap, ShaftMotion, shaft_gap
-from fenics_ehd.film.oil_balance import Strips, Transport
 
 pytestmark = pytest.mark.kernels
 
@@ -26,7 +22,7 @@ CLOSED = ehd.Sides(None, None)
 
 
 def film(cells, sides=CLOSED, regions=(), width=2 * R, lubricant=None, family="bilinear"):
-    grid = uniform_grid(R, width, cells, family)
+    grid = ehd.uniform_grid(R, width, cells, family)
     return ehd.Film(
         ehd.FilmParameters(grid, C, lubricant or ehd.Lubricant(ETA), OMEGA, sides, regions)
     )
@@ -40,7 +36,7 @@ def turning(film, thickness, speed=OMEGA):
 
 
 def eccentric(film, x, y=0.0):
-    return shaft_gap(film.points, R, C, ShaftMotion(np.array([x, y]) * C, OMEGA))
+    return ehd.shaft_gap(film.points, R, C, ehd.ShaftMotion(np.array([x, y]) * C, OMEGA))
 
 
 @pytest.mark.parametrize("supply", [1e5, 3e6])
@@ -246,5 +242,5 @@ def test_starved_bearing_balances_its_groove_and_carries_less_than_reynolds():
 
 @pytest.mark.parametrize("family", ["lagrange", "serendipity"])
 def test_elements_without_monotone_matrices_are_refused_by_name(family):
-    with pytest.raises(SettingsError, match=r"film\.element"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"film\.element"):
         whirling(film((8, 2), family=family), 0.5, 0.0)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
+from bench_scenes import angle_table
 from mechanism_cases import (
     REVOLUTION,
     film,
@@ -14,7 +15,6 @@ from mechanism_cases import (
 )
 
 import fenics_ehd as ehd
-from fenics_ehd.scenes.tables import angle_table
 
 
 def floating(friction):

@@ -4,15 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from bench_scenes import scene_of, shipped, to_json
 from command_line import call
 from csv_history import read_history
 from scene_cases import RIGID_ROD, tables_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.files import to_json
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.library import shipped
-from fenics_ehd.scenes.scene import scene_of
 
 #: Rows over the crank's angle, beside the scene.
 PUSH = "angle_deg,force_N\n0,0\n90,40\n180,0\n270,-40\n360,0\n"
@@ -75,7 +72,7 @@ def test_films_of_all_elements_agree(element):
     for name in ("lagrange", element):
         changes = RIGID_ROD | {"joints.big_end.element": name, "joints.big_end.cells": [20, 5]}
         scene = scene_of(tables_of("slider-crank-paper", changes), name)
-        mechanism = build(scene).mechanism
+        mechanism = ehd.build(scene).mechanism
         result = ehd.simulate(mechanism, 4e-6, tolerance=1e-3)
         assert result.summary()["rejected_steps"] == 0
         peaks[name] = result.joints["big_end"].max_pressure[-1]

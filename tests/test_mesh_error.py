@@ -4,6 +4,19 @@ import json
 
 import numpy as np
 import pytest
+from bench_machines import NOT_ESTIMATED, Instant, Motion, System, sampling_grid
+from bench_parts import (
+    PATTERNS,
+    SMOOTH,
+    StaticSolver,
+    compliance_errors,
+    excess,
+    smooth_answers,
+    smooth_fields,
+    store_mesh_error,
+    stored_mesh_error,
+)
+from bench_scenes import rotation, scene_of
 from command_line import call
 from hand_made_rod import Joint, make_body
 from mpi4py import MPI
@@ -11,23 +24,6 @@ from scene_cases import ROD_OF_A_FILE, structure, tables_of, write_scene
 from scipy import integrate
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import MeshError, SettingsError, StructureError
-from fenics_ehd.base.plane import rotation
-from fenics_ehd.fem.models import store_mesh_error, stored_mesh_error
-from fenics_ehd.multibody.lubricated_joint import sampling_grid
-from fenics_ehd.multibody.mechanism import Instant, Motion, System
-from fenics_ehd.multibody.trust import NOT_ESTIMATED
-from fenics_ehd.reduction.mesh_error import (
-    PATTERNS,
-    SMOOTH,
-    compliance_errors,
-    excess,
-    smooth_answers,
-    smooth_fields,
-)
-from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.scene import scene_of
 
 ROD_OF_M1 = {"bodies.rod.reduction.method": "m1", "bodies.rod.reduction.modes": 8}
 
@@ -62,7 +58,7 @@ def known(request):
     """Error of a rod's mesh that is estimated and, by a finer one, true; its body, and scene."""
     cells = {"bodies.rod.cells": request.param}
     tables = tables_of("slider-crank-paper", rod(10, **cells) | ROD_OF_M1)
-    built = build(scene_of(tables, "rod"))
+    built = ehd.build(scene_of(tables, "rod"))
     body = built.bodies["rod"]
     (own, size), (fine, finest) = of_mesh(10, **cells), of_mesh(30, **cells)
     true = excess(size, finest) * (fine.compliance - own.compliance)
@@ -95,7 +91,7 @@ def test_what_the_pin_holds_is_part_of_what_a_mesh_misses(known):
 
 def test_forces_on_points_are_those_that_accelerate_the_body():
     tables = tables_of("slider-crank-paper", rod(10) | ROD_OF_M1)
-    system = System(build(scene_of(tables, "rod")).mechanism)
+    system = System(ehd.build(scene_of(tables, "rod")).mechanism)
     own, random = system.bodies["rod"], np.random.default_rng(0)
     body, z = system.mechanism.bodies["rod"], system.start.copy()
     z[own.start + body.angle] = 0.4
@@ -110,7 +106,7 @@ def test_forces_on_points_are_those_that_accelerate_the_body():
 
 
 def test_meshes_alike_tell_nothing():
-    with pytest.raises(StructureError, match="tell nothing"):
+    with pytest.raises(ehd.errors.StructureError, match="tell nothing"):
         excess(1000, 1100)
 
 
@@ -118,7 +114,7 @@ def test_a_mesh_says_what_it_misses(tmp_path):
     path, size = tmp_path / "part.msh", SMOOTH + 4
     missing = 1e-9 * np.add.outer(np.arange(7), np.arange(size))
     path.write_bytes(b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
-    with pytest.raises(MeshError, match="does not say what its mesh misses"):
+    with pytest.raises(ehd.errors.MeshError, match="does not say what its mesh misses"):
         stored_mesh_error(path, ["bore"], ["pin"])
     store_mesh_error(path, ["bore"], ["pin", "eye"], 0.02, missing)
     # In the order of their names.
@@ -129,7 +125,7 @@ def test_a_mesh_says_what_it_misses(tmp_path):
     _, found = stored_mesh_error(path, ["bore"], ["pin"])
     np.testing.assert_allclose(found[:, SMOOTH:], missing[:, -2:], rtol=1e-6)
     for other in ((["other"], ["pin"]), (["bore"], ["hook"])):
-        with pytest.raises(MeshError):
+        with pytest.raises(ehd.errors.MeshError):
             stored_mesh_error(path, *other)
 
 
@@ -149,6 +145,6 @@ def test_files_of_parts_are_missed_before_anything_is_meshed(monkeypatch):
     tables["bodies"]["other"] = tables["bodies"]["rod"] | {"model": "nowhere.msh"}
     meshed = []
     monkeypatch.setattr("fenics_ehd.scenes.build.elastic_part", lambda *given: meshed.append(given))
-    with pytest.raises(SettingsError, match=r"bodies\.other\.model = 'nowhere\.msh'"):
-        build(scene_of(tables, "two"))
+    with pytest.raises(ehd.errors.SettingsError, match=r"bodies\.other\.model = 'nowhere\.msh'"):
+        ehd.build(scene_of(tables, "two"))
     assert not meshed

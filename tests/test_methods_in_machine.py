@@ -5,31 +5,23 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, Run, System, Tracker, neglected_inertia
+from bench_parts import (
+    Basis,
+    MassOperator,
+    bore_rows,
+    centre_constraints,
+    gram_matrices,
+    rigid,
+    rigid_fields,
+    two_step_craig_bampton,
+)
+from bench_scenes import ReductionSettings, reduce_structure
 from mechanism_cases import REVOLUTION, flexible_slider_crank
 from scipy.interpolate import PchipInterpolator
 from snapshot_cases import reduce_by
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Tracker
-from fenics_ehd.multibody.trust import neglected_inertia
-from fenics_ehd.reduction import (
-    craig_bampton,
-    full_interface,
-    load_dependent,
-    residual_flexibility,
-    rigid,
-    two_step_craig_bampton,
-)
-from fenics_ehd.reduction.bore import rigid_fields
-from fenics_ehd.reduction.craig_bampton import centre_constraints
-from fenics_ehd.reduction.matrices import MassOperator
-from fenics_ehd.reduction.reductor import Basis, bore_rows, gram_matrices
-from fenics_ehd.scenes.part import reduce_structure
-from fenics_ehd.scenes.part_settings import ReductionSettings
 
 #: The first film build-up from no pressure at all is compared from here on [s].
 START = 2e-4
@@ -56,7 +48,7 @@ def difference(curves, reference, start=START):
 
 @pytest.fixture(scope="module")
 def residual_body(rod_structure):
-    return residual_flexibility(rod_structure, 6, truncation=1e-2)
+    return ehd.residual_flexibility(rod_structure, 6, truncation=1e-2)
 
 
 def moved_to_the_bore(structure, body):
@@ -71,7 +63,7 @@ def moved_to_the_bore(structure, body):
 
 
 def test_frame_does_not_change_the_physics(rod_structure):
-    body = load_dependent(rod_structure, 6, 12, estimate_error=False, keep_basis=True)
+    body = ehd.load_dependent(rod_structure, 6, 12, estimate_error=False, keep_basis=True)
     curves = [run(b, 0.05)[0] for b in (body, moved_to_the_bore(rod_structure, body))]
     # Not round-off: the gap is to leading order in displacements, and the bore's elastic rotation
     # of 1e-4 shifts h along the circumference in one frame, where the other turns with it.
@@ -81,10 +73,9 @@ def test_frame_does_not_change_the_physics(rod_structure):
 @pytest.mark.slow
 def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body):
     """``S_res``'s own second-order term ``G_res M G_res J``, for a smooth pressure."""
-    from fenics_ehd.reduction.matrices import load_columns
-    from fenics_ehd.reduction.static import StaticSolver
+    from bench_parts import StaticSolver, load_columns
 
-    whole = residual_flexibility(rod_structure, 6, truncation=0.0, keep_basis=True)
+    whole = ehd.residual_flexibility(rod_structure, 6, truncation=0.0, keep_basis=True)
     x, y, _ = whole.pressure_nodes.T
     pressure = 1.0 + np.cos(3 * np.arctan2(y, x))
     static = StaticSolver(rod_structure)
@@ -107,7 +98,7 @@ def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body)
 @pytest.mark.slow
 def test_every_method_runs(rod_structure, rod_body, residual_body):
     bodies = {
-        "m1": craig_bampton(rod_structure, 10),
+        "m1": ehd.craig_bampton(rod_structure, 10),
         "m2": two_step_craig_bampton(rod_structure, 10, 5, estimate_error=False),
         "m3": rod_body,
         "m4": residual_body,
@@ -136,7 +127,7 @@ def recorded(mechanism, end, folder):
 
 @pytest.mark.slow
 def test_snapshots_of_a_run_are_a_pressure_set(rod_structure, tmp_path):
-    body = load_dependent(rod_structure, 6, 8, estimate_error=False)
+    body = ehd.load_dependent(rod_structure, 6, 8, estimate_error=False)
     mechanism = flexible_slider_crank(body)
     pressures = recorded(mechanism, 0.02 * REVOLUTION, tmp_path / "run")
     reduction = ReductionSettings(
@@ -148,22 +139,24 @@ def test_snapshots_of_a_run_are_a_pressure_set(rod_structure, tmp_path):
     assert again.accuracy["static_added"] == 0
     flexibility = again.basis_flexibility(), given.basis_flexibility()
     np.testing.assert_allclose(*flexibility, atol=1e-9 * np.abs(flexibility[0]).max())
-    with pytest.raises(InputError, match=r"no: no such folder"):
+    with pytest.raises(ehd.errors.InputError, match=r"no: no such folder"):
         reduce_structure(rod_structure, attrs.evolve(reduction, snapshots=str(tmp_path / "no")))
     joint = mechanism.joints["big_end"]
-    cells = uniform_grid(body.bore.radius, body.bore.width, (12, 3))
+    cells = ehd.uniform_grid(body.bore.radius, body.bore.width, (12, 3))
     other = ehd.Film(replace(joint.film.parameters, grid=cells))
     joints = {**mechanism.joints, "big_end": replace(joint, film=other)}
     recorded(replace(mechanism, joints=joints), 1e-7, tmp_path / "other")
-    with pytest.raises(SettingsError, match="its 168 film nodes are not the 440 pressure nodes"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match="its 168 film nodes are not the 440 pressure nodes"
+    ):
         reduce_structure(rod_structure, attrs.evolve(reduction, snapshots=str(tmp_path / "other")))
 
 
 @pytest.mark.slow
 def test_residual_flexibility_is_the_full_interface(rod_structure):
     """DESIGN: 0.073 % and 0.0014 % with 9 modes, against every residual mode."""
-    full = full_interface(rod_structure)
-    body = residual_flexibility(rod_structure, 6)
+    full = ehd.full_interface(rod_structure)
+    body = ehd.residual_flexibility(rod_structure, 6)
     assert body.modes == 9
     reference, _ = run(full, 0.3, 1e-6)
     times, expected_pressure, expected_film = reference[:, reference[0] > START]
@@ -194,7 +187,7 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
 def test_a_formula_that_feeds_undamped_modes_is_not_taken(
     rod_structure, damping_time, order, taken
 ):
-    body = load_dependent(rod_structure, 6, 4, estimate_error=False)
+    body = ehd.load_dependent(rod_structure, 6, 4, estimate_error=False)
     assert order_taken(body, damping_time, order) == taken
 
 

@@ -6,13 +6,12 @@ without it, see `test_export.py`.
 
 import numpy as np
 import pytest
+from bench_machines import System, assemble
 from mechanism_cases import CRANK, REVOLUTION, ROD, SPEED
 from scipy.interpolate import CubicHermiteSpline
 from test_demos import demo
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.mechanism import System, assemble
-from fenics_ehd.reduction import craig_bampton
 
 exudyn_body = demo("exudyn_body")
 
@@ -214,7 +213,7 @@ def test_rigid_mechanisms_move_as_in_exudyn(exudyn, make, figure):
 
 @pytest.fixture(scope="module")
 def body(rod_structure):
-    return craig_bampton(rod_structure, MODES, keep_basis=True, estimate_error=False)
+    return ehd.craig_bampton(rod_structure, MODES, keep_basis=True, estimate_error=False)
 
 
 @pytest.fixture(scope="module")

@@ -5,15 +5,11 @@ import tomllib
 
 import attrs
 import pytest
+from bench_film import make_lubricant, oil_of_grade
+from bench_scenes import NO_TEMPERATURE, OilSettings, build_film, scene_of, shipped
 from command_line import exit_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NO_TEMPERATURE, OilSettings
-from fenics_ehd.film.lubricant import make_lubricant, oil_of_grade
-from fenics_ehd.scenes.films import build_film
-from fenics_ehd.scenes.library import shipped
-from fenics_ehd.scenes.scene import scene_of
 
 TABLES = tomllib.loads(shipped("loaded-journal"))
 
@@ -74,7 +70,7 @@ def test_laws_are_multiplied_into_one_oil():
     ],
 )  # fmt: skip
 def test_contradictions_are_refused_in_a_line(oil, named):
-    with pytest.raises(SettingsError) as caught:
+    with pytest.raises(ehd.errors.SettingsError) as caught:
         scene_with(**oil)
     assert named in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -2,19 +2,11 @@
 
 import numpy as np
 import pytest
+from bench_film import GRADES, LARGEST, SMALLEST, WaltherLine, grade_name, oil_of_grade
 from hypothesis import given
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.lubricant import (
-    GRADES,
-    LARGEST,
-    SMALLEST,
-    WaltherLine,
-    grade_name,
-    oil_of_grade,
-)
 
 #: Synthetic oil of ISO VG 220 [C, mm2/s, kg/m3] (github.com/MadsKirkFoged/SharpFluids,
 #: CustomFluids/SHC230.cs).
@@ -128,7 +120,7 @@ def test_range_of_the_equation_is_told():
     assert OIL.kinematic_viscosity(OIL.hottest - 1e-6) == pytest.approx(SMALLEST, rel=1e-6)
     assert OIL.kinematic_viscosity(OIL.coldest + 1e-6) == pytest.approx(LARGEST, rel=1e-6)
     for temperature in (OIL.hottest + 1, OIL.coldest - 1, np.nan):
-        with pytest.raises(SettingsError, match="must lie between"):
+        with pytest.raises(ehd.errors.SettingsError, match="must lie between"):
             OIL.viscosity(temperature)
 
 
@@ -136,13 +128,13 @@ def test_range_of_the_equation_is_told():
     "values", [(1.9, 1.5), (10.0, 1.9), (10.0, 12.0), (10.0, 10.0), (np.inf, 5.0), (np.nan, 5.0)]
 )
 def test_viscosities_out_of_range_are_refused(values):
-    with pytest.raises(SettingsError, match=r"mm2/s|must be a finite number"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"mm2/s|must be a finite number"):
         ehd.Oil(*values)
 
 
 @pytest.mark.parametrize("key", ["density_15", "specific_heat", "expansion"])
 def test_properties_out_of_range_are_refused(key):
-    with pytest.raises(SettingsError, match=key):
+    with pytest.raises(ehd.errors.SettingsError, match=key):
         ehd.Oil(100.0, 11.0, **{key: -1.0})
 
 
@@ -167,7 +159,7 @@ def test_grades_are_found_however_they_are_spelled(name, expected):
 
 @pytest.mark.parametrize("name", ["30", "SAE 31", "", "W"])
 def test_an_unknown_grade_is_refused_with_those_there_are(name):
-    with pytest.raises(SettingsError, match="is not one of ISO VG 10"):
+    with pytest.raises(ehd.errors.SettingsError, match="is not one of ISO VG 10"):
         grade_name(name)
 
 
@@ -181,5 +173,5 @@ def test_lubricant_at_another_temperature():
     assert thick.at(90.0).viscosity_law == ehd.Barus(1e-8)
     thick = ehd.Lubricant(cold.viscosity, ehd.Roelands(cold.viscosity), oil=oil)
     assert thick.at(90.0).viscosity_law == ehd.Roelands(warm.viscosity)
-    with pytest.raises(SettingsError, match="give a grade"):
+    with pytest.raises(ehd.errors.SettingsError, match="give a grade"):
         ehd.Lubricant(0.01).at(90.0)

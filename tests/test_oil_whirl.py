@@ -6,16 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from bench_machines import Instant, IntegratorOptions, Run, System, assemble, beam_plane
 from journal_cases import in_bearing, steady
 from scipy.linalg import eig
 from scipy.optimize import brentq, least_squares
 from test_bearing import COEFFICIENTS
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.mechanism import Instant, System, assemble
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.shaft import beam_plane
 
 R, VISCOSITY, SPEED = 0.0225, 0.01, 600.0
 TURN = 2 * np.pi / SPEED
@@ -25,7 +22,7 @@ TABLE = {ratio: (number, angle, mass) for ratio, number, angle, _, _, mass in CO
 
 
 def film_of(width, clearance, cells):
-    grid = uniform_grid(R, width, cells, "lagrange")
+    grid = ehd.uniform_grid(R, width, cells, "lagrange")
     return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(VISCOSITY), SPEED))
 
 

@@ -4,14 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, Run, Tracker, classify_failure
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, equilibrium, journal, make_film
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SolverError, StepSizeError, ViscosityError
-from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
-from fenics_ehd.multibody.newton import classify_failure
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Tracker
 
 GROUP = "oil"
 
@@ -89,9 +85,9 @@ def test_steps_converge_at_the_order_of_the_formula(name, figure):
 def test_a_load_that_no_viscosity_bears_is_a_named_error(figure):
     # Rigid surfaces: what the law can bear at a place is the load of q = 1 / alpha at its peak.
     film = make_film((24, 4), oil=ehd.Lubricant(ETA, ehd.Barus(4e-8)))
-    squeeze = ShaftMotion(np.zeros(2), OMEGA, eccentricity_rate=np.array([0.0, -1e-3]))
+    squeeze = ehd.ShaftMotion(np.zeros(2), OMEGA, eccentricity_rate=np.array([0.0, -1e-3]))
     plain = make_film((24, 4))
-    q = plain.solve(shaft_gap(plain.points, 0.02, C, squeeze)).pressure
+    q = plain.solve(ehd.shaft_gap(plain.points, 0.02, C, squeeze)).pressure
     pressure = -np.log1p(-(1 - 1e-9) * q / q.max()) / 4e-8
     bearable = (film.load(np.stack(film.points.normal, axis=-1)) @ pressure)[1] / LOAD[1]
     assert 6 < bearable < 9
@@ -104,7 +100,7 @@ def test_a_load_that_no_viscosity_bears_is_a_named_error(figure):
             highest = 4e-8 * state.pressure.max()
             figure(GROUP, "Barus near what it can bear, alpha p", highest, least=4.0)
             continue
-        with pytest.raises(StepSizeError, match="viscosity runs away with the pressure"):
+        with pytest.raises(ehd.errors.StepSizeError, match="viscosity runs away with the pressure"):
             next(going.until(0.02))
 
 
@@ -119,7 +115,7 @@ def stages(oil, share, cells=(16, 3)):
 
 
 def test_a_step_that_fails_with_thick_oil_says_so():
-    failure = SolverError("no convergence")
+    failure = ehd.errors.SolverError("no convergence")
     for oil, told in ((OILS["Barus"], True), (OILS["Cross"], False)):
         going, _ = stages(oil, 1.0)
         equations, former = going.equations, going.state.solver
@@ -129,12 +125,15 @@ def test_a_step_that_fails_with_thick_oil_says_so():
         highest = equations.films[0].pressure(former.values[0][equations.places[0]]).max()
         thick = replace(former, values=former.values * 155e6 / highest)
         named = classify_failure(failure, equations, thick)
-        assert isinstance(named, ViscosityError) == told
+        assert isinstance(named, ehd.errors.ViscosityError) == told
         if told:
             assert "the viscosity of the oil in bearing runs away" in str(named)
             assert "at 155 MPa it is 4.9e+02 times" in str(named)
         beyond = replace(former, values=former.values * 1e12 / highest)
-        assert isinstance(classify_failure(failure, equations, beyond), ViscosityError) == told
+        assert (
+            isinstance(classify_failure(failure, equations, beyond), ehd.errors.ViscosityError)
+            == told
+        )
 
 
 def test_pressures_that_are_the_mesh_s_own_are_not_trusted():
@@ -152,5 +151,8 @@ def test_pressures_that_are_the_mesh_s_own_are_not_trusted():
 def test_no_number_overflows_on_the_way_to_the_error():
     film = make_film((12, 2), oil=ehd.Lubricant(ETA, ehd.Barus(4e-8)))
     mechanism, _ = journal(film, constant(1e4 * LOAD), 0.02, rows=3)
-    with np.errstate(all="raise", under="ignore"), pytest.raises(StepSizeError, match="runs away"):
+    with (
+        np.errstate(all="raise", under="ignore"),
+        pytest.raises(ehd.errors.StepSizeError, match="runs away"),
+    ):
         ehd.simulate(mechanism, 0.02, order=2, first=1e-6)

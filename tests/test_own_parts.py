@@ -12,6 +12,27 @@ import example_parts
 import meshio
 import numpy as np
 import pytest
+from bench_film import Surface
+from bench_output import cli
+from bench_parts import (
+    SOLIDS,
+    NamedFaces,
+    Solid,
+    StaticSolver,
+    bore_holes,
+    compliance_errors,
+    corner_volumes,
+    fit_cylinder,
+    open_part,
+    part_answers,
+    place_part,
+    raised,
+    refined,
+    rigid,
+    smooth_answers,
+    stored_mesh_error,
+)
+from bench_scenes import elastic_part
 from calculix_ring import run_calculix
 from click.testing import CliRunner
 from hypothesis import given
@@ -19,23 +40,8 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.fields import Material
-from fenics_ehd.cli.main import cli
-from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part
-from fenics_ehd.fem.faces import fit_cylinder
-from fenics_ehd.fem.models import model_path, stored_mesh_error
-from fenics_ehd.fem.solid import Solid, corner_volumes, raised, refined
-from fenics_ehd.fem.structure import part_answers
-from fenics_ehd.film.transfer import Surface
-from fenics_ehd.reduction.bore import bore_holes
-from fenics_ehd.reduction.elements import SOLIDS
-from fenics_ehd.reduction.mesh_error import compliance_errors, smooth_answers
-from fenics_ehd.reduction.reductor import rigid
-from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.scenes.part import elastic_part
 
-STEEL = Material(210e9, 0.3, 7850.0)
+STEEL = ehd.Material(210e9, 0.3, 7850.0)
 
 #: Of the shipped model's default rod [kg].
 MASS = 0.97280
@@ -148,7 +154,7 @@ def reference():
     """The shipped rod on a fine mesh."""
     given = {"bore_cells_around": 40, "bore_cells_along": 10, "shank_cells": 24}
     given |= {"big_end_layers": 4, "small_end_layers": 4}
-    structure, answers = part_answers(model_path("conrod"), STEEL, ["bore"], None, given)
+    structure, answers = part_answers(ehd.model_path("conrod"), STEEL, ["bore"], None, given)
     assert rigid(structure).inertia.total_mass == pytest.approx(MASS, rel=1e-4)
     return answers
 
@@ -284,7 +290,7 @@ def test_first_order_cells_get_straight_edges(kind):
 )
 def test_what_cannot_be_is_named(wrong_parts, arguments, message, monkeypatch):
     monkeypatch.chdir(wrong_parts)
-    with pytest.raises((MeshError, SettingsError), match=message):
+    with pytest.raises((ehd.errors.MeshError, ehd.errors.SettingsError), match=message):
         CliRunner().invoke(cli, ["part", *arguments], catch_exceptions=False, standalone_mode=False)
     assert not Path("x.msh").exists()
 

@@ -22,7 +22,7 @@ from report_cases import (
     write_study,
 )
 
-from fenics_ehd.base.errors import InputError
+import fenics_ehd as ehd
 
 UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
 LITERAL = {"selection": "smallest-eigenvalue"}
@@ -268,5 +268,5 @@ def test_the_slider_crank_has_the_paper_s_figures_5_to_8(tmp_path):
 
 def test_the_study_of_another_machine_is_refused(tmp_path):
     write_study(tmp_path, [m1(37)], scene="engine")
-    with pytest.raises(InputError, match="scene = engine"):
+    with pytest.raises(ehd.errors.InputError, match="scene = engine"):
         paper.read_paper(tmp_path)

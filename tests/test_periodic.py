@@ -5,17 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bench_machines import Curve, IntegratorState, PeriodicSolver, check_period, periodic, repeating
 from journal_cases import in_bearing, steady
 from mechanism_cases import REVOLUTION, rigid_rod, slider_crank
 from mechanism_cases import film as mechanism_film
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import PeriodicityError, SettingsError
-from fenics_ehd.multibody import periodic
-from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.periodic import PeriodicSolver, check_period, repeating
-from fenics_ehd.multibody.tabulated import Curve
 
 #: Multipliers of a cycle: a whirl that dies away slowly, and a film's that dies at once.
 SLOW = 0.93 * np.array([[np.cos(1.3), -np.sin(1.3)], [np.sin(1.3), np.cos(1.3)]])
@@ -121,7 +117,7 @@ def test_a_start_that_would_close_a_gap_is_not_taken(monkeypatch):
     ],
 )
 def test_no_cycle_is_enough_for_a_map_that_turns_for_ever(tolerance, cure):
-    with pytest.raises(PeriodicityError, match=f"above periodicity .*{cure}"):
+    with pytest.raises(ehd.errors.PeriodicityError, match=f"above periodicity .*{cure}"):
         searched(periodicity=1e-30, most=5, tolerance=tolerance)
 
 
@@ -134,7 +130,7 @@ def test_films_that_repeat_every_few_cycles_are_named(cycles):
     run.state = run.at(0.0, np.array([0.4, 0.0, 0.0, 0.0]))
     told = f"repeat every {cycles} cycles of 1 s .*: make .* time.period {cycles} times as long"
     search = PeriodicSolver(run, 1.0, 1e-4, 20)
-    with pytest.raises(PeriodicityError, match=told):
+    with pytest.raises(ehd.errors.PeriodicityError, match=told):
         list(search)
     assert search.number <= 2 * cycles
 
@@ -144,7 +140,9 @@ def test_half_frequency_whirl_is_named_and_found_over_two_revolutions():
     # A light load on a heavy rotor: its journal goes around every second turn.
     heavy, period = rotor(400.0, 200.0, load=50.0), 2 * np.pi / 300
     steps = {"periodicity": 1e-3, "cycles": 60, "tolerance": 1e-3, "order": 2}
-    with pytest.raises(PeriodicityError, match=r"every 2 cycles .* half-frequency whirl"):
+    with pytest.raises(
+        ehd.errors.PeriodicityError, match=r"every 2 cycles .* half-frequency whirl"
+    ):
         ehd.simulate(heavy, period=period, **steps)
     found = ehd.simulate(heavy, period=2 * period, **steps, largest=0.01)
     turns = np.unwrap(np.arctan2(*found.joints["bearing"].eccentricity.T[::-1]))
@@ -180,13 +178,13 @@ def test_loads_of_another_period_than_the_cycle_are_refused_at_once(change, told
     if told is None:
         check_period(mechanism, 2 * np.pi / 300, 1e-4)
         return
-    with pytest.raises(SettingsError, match=told):
+    with pytest.raises(ehd.errors.SettingsError, match=told):
         ehd.simulate(mechanism, period=2 * np.pi / 300)
 
 
 def test_a_crank_that_ends_elsewhere_than_it_began_is_no_cycle():
     arm = {"journal": ehd.RigidBody(5.0, 1e-3, {"pin": (0.05, 0.0)})}
-    with pytest.raises(SettingsError, match=r"drives\.journal repeats 1\.5 times"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"drives\.journal repeats 1\.5 times"):
         ehd.simulate(replace(rotor(5.0, 60.0), bodies=arm, forces={}), period=3 * np.pi / 300)
 
 
@@ -209,7 +207,7 @@ def peak(ramp, most):
 def test_a_force_that_grows_slowly_is_none_that_repeats():
     # Its films change by less than 1e-2 a cycle: over 300 cycles, for a quarter of the pressure.
     with pytest.raises(
-        PeriodicityError,
+        ehd.errors.PeriodicityError,
         match=r"forces\.unbalance\.ramp changes until 6\.28319 s, .* cycle 301 .* cycles = 4:",
     ):
         peak(300, 4)

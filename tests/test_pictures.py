@@ -10,19 +10,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bench_output import (
+    MADE,
+    OF_EVERY_RUN,
+    QUANTITIES,
+    Pictures,
+    ShownJoint,
+    ShownRun,
+    plot_run,
+    plt,
+    shown,
+)
+from bench_output import maps as bores
+from bench_scenes import Quantity
 from command_line import call
 from recorded_runs import short_run
 
 import fenics_ehd as ehd
-from fenics_ehd.base.columns import Quantity
-from fenics_ehd.base.errors import InputError
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.plotting import maps as bores
-from fenics_ehd.plotting import shown
-from fenics_ehd.plotting.picture import plt
-from fenics_ehd.plotting.pictures import OF_EVERY_RUN, QUANTITIES, Pictures, plot_run
-from fenics_ehd.plotting.shown import ShownJoint, ShownRun
-from fenics_ehd.results.recorded_run import MADE
 
 #: Steps of a cycle, short and long ones.
 TURN = 360.0 * np.linspace(0.0, 1.0, 40) ** 1.5
@@ -201,7 +205,7 @@ def test_a_difference_of_vectors_is_that_of_components():
 
 def filmed(width=0.02, cells=(8, 2), peak=0.0, run="one", **columns):
     """A joint with the fields of its film: pressure and gap waves that go around the bore."""
-    grid = uniform_grid(0.025, width, cells)
+    grid = ehd.uniform_grid(0.025, width, cells)
     angle, height = grid.node_positions.T
     time = np.radians(TURN)[:, None]
     along = 1.0 - (2 * height / width) ** 2
@@ -440,7 +444,7 @@ def test_the_error_budget_is_drawn_by_component(bearings, tmp_path):
     expected = 0.01 * np.interp(middle + late["time_s"], time, [0.0, 1.0, 0.0])
     np.testing.assert_allclose(late["film_mesh.pressure_error"], expected, atol=1e-12)
     (run / "error_budget.json").write_text("[]")
-    with pytest.raises(InputError, match="not the error budget"):
+    with pytest.raises(ehd.errors.InputError, match="not the error budget"):
         Pictures({"": run}).draw("error_budget", tmp_path)
 
 
@@ -481,5 +485,5 @@ def test_a_run_leaves_what_needs_only_its_history(bearings, tmp_path):
     assert names >= {"max_pressure", "min_film_thickness", "orbit", "force", "energy"}
     assert names <= set(OF_EVERY_RUN)
     assert not {"film_map", "bore"} & names
-    with pytest.raises(InputError, match="history"):
+    with pytest.raises(ehd.errors.InputError, match="history"):
         plot_run(tmp_path)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_parts import BasisFile, StaticSolver, StressField, save_basis, von_mises
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -13,13 +14,8 @@ from scene_cases import structure as structure_of
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import BodyFileError, SettingsError
-from fenics_ehd.base.fields import Material
-from fenics_ehd.fem.stress import StressField
-from fenics_ehd.reduction.part_files import BasisFile, save_basis, von_mises
-from fenics_ehd.reduction.static import StaticSolver
 
-STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
+STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 COARSE = {"bodies.rod.geometry": {"bore_cells_around": 10, "shank_cells": 4}}
 PARTS = {
     "serendipity": COARSE | {"bodies.rod.element": "serendipity"},
@@ -207,15 +203,15 @@ def test_equivalent_stress_is_that_of_the_deviator(stress):
 def test_what_does_not_fit_is_refused(basis_file, rod_structure, columns, tmp_path):
     with (
         BasisFile(basis_file) as basis,
-        pytest.raises(SettingsError, match=r"shape \(39,\) for the 40 modes"),
+        pytest.raises(ehd.errors.SettingsError, match=r"shape \(39,\) for the 40 modes"),
     ):
         basis.displacement(np.zeros(39))
     for wrong in (columns[:-3], columns[:, 0]):
-        with pytest.raises(SettingsError, match="on a rank with"):
+        with pytest.raises(ehd.errors.SettingsError, match="on a rank with"):
             save_basis(tmp_path / "rod.h5", rod_structure, wrong)
     save_basis(tmp_path / "rod.h5", rod_structure, columns, stress=False)
     with BasisFile(tmp_path / "rod.h5") as basis:
-        with pytest.raises(BodyFileError, match="holds no stresses"):
+        with pytest.raises(ehd.errors.BodyFileError, match="holds no stresses"):
             basis.stress(np.zeros(40))
 
 
@@ -234,10 +230,10 @@ def test_a_save_that_fails_on_one_rank_fails_on_all_and_keeps_the_former_file(
     with monkeypatch.context() as last:
         if comm.rank == comm.size - 1:
             last.setattr(StressField, "block", fail)
-        with pytest.raises(BodyFileError, match=r"rod\.h5 cannot be written: disk full"):
+        with pytest.raises(ehd.errors.BodyFileError, match=r"rod\.h5 cannot be written: disk full"):
             save_basis(path, structure, columns)
     comm.Barrier()
     assert [p.name for p in path.parent.iterdir()] == ["rod.h5"]
     assert path.read_text() == "former"
-    with pytest.raises(BodyFileError, match="cannot be written"):
+    with pytest.raises(ehd.errors.BodyFileError, match="cannot be written"):
         save_basis(path.parent / "no" / "rod.h5", structure, columns)

@@ -9,21 +9,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_parts import PRESSURE_SETS_LOAD_DEPENDENT as PRESSURE_SETS
+from bench_parts import (
+    LinearSolver,
+    MassOperator,
+    energy_orthonormal,
+    rigid,
+    rigid_body_modes,
+    without_redundancy,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 from scene_cases import structure as structure_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.reduction import craig_bampton, load_dependent, rigid
-from fenics_ehd.reduction.load_dependent import (
-    PRESSURE_SETS,
-    energy_orthonormal,
-    without_redundancy,
-)
-from fenics_ehd.reduction.matrices import MassOperator
-from fenics_ehd.reduction.static import LinearSolver, rigid_body_modes
 
 ROOT = Path(__file__).parents[1]
 
@@ -35,7 +35,7 @@ def structure():
 
 @pytest.fixture(scope="module")
 def body(structure):
-    return load_dependent(structure, 6, 31)
+    return ehd.load_dependent(structure, 6, 31)
 
 
 ALONE = """
@@ -87,7 +87,7 @@ def test_reduced_matrices_are_diagonal_with_ascending_groups(body):
 def test_static_response_is_exact_for_the_whole_set(structure, pressure_set, figure):
     pressures = PRESSURE_SETS[pressure_set](structure.bore)
     size = pressures.shape[1]
-    whole = load_dependent(structure, 6, size, pressure_set)
+    whole = ehd.load_dependent(structure, 6, size, pressure_set)
     exact = (whole.basis_flexibility() + whole.missing_flexibility) @ pressures
     missed = whole.missing_flexibility @ pressures
     error = np.abs(missed).max() / np.abs(exact).max()
@@ -101,14 +101,14 @@ def test_static_response_is_exact_for_the_whole_set(structure, pressure_set, fig
 
 
 def test_unknown_names_and_too_many_modes_are_refused(structure):
-    with pytest.raises(SettingsError, match="pressure_set 'pc3' is not one of pc1, pc2"):
-        load_dependent(structure, 6, 31, "pc3")
-    with pytest.raises(SettingsError, match="selection 'best'"):
-        load_dependent(structure, 6, 31, "pc2", "best")
-    with pytest.raises(SettingsError, match="residual_modes 81 is not between 0 and 80"):
-        load_dependent(structure, 6, 81)
-    with pytest.raises(SettingsError, match="vibration_modes -1"):
-        load_dependent(structure, -1, 31)
+    with pytest.raises(ehd.errors.SettingsError, match="pressure_set 'pc3' is not one of pc1, pc2"):
+        ehd.load_dependent(structure, 6, 31, "pc3")
+    with pytest.raises(ehd.errors.SettingsError, match="selection 'best'"):
+        ehd.load_dependent(structure, 6, 31, "pc2", "best")
+    with pytest.raises(ehd.errors.SettingsError, match="residual_modes 81 is not between 0 and 80"):
+        ehd.load_dependent(structure, 6, 81)
+    with pytest.raises(ehd.errors.SettingsError, match="vibration_modes -1"):
+        ehd.load_dependent(structure, -1, 31)
 
 
 @pytest.mark.mpi
@@ -124,7 +124,7 @@ def test_every_rank_holds_the_same_body(body):
 def test_rigid_modes_are_orthonormal_and_store_no_energy(structure, figure):
     modes = rigid_body_modes(structure)
     comm = structure.comm
-    from fenics_ehd.reduction.matrices import inner, multiply
+    from bench_parts import inner, multiply
 
     gram = inner(modes, multiply(structure.mass, modes), comm)
     np.testing.assert_allclose(gram, np.eye(6), atol=1e-12)
@@ -157,7 +157,7 @@ def test_rigid_part_misses_the_whole_flexibility(structure, body):
 
 @pytest.mark.parametrize("method", ["m1", "m3"])
 def test_rigid_motions_weigh_the_same_wherever_they_stand(rod_structure, body, method):
-    made = body if method == "m3" else craig_bampton(rod_structure, 8, estimate_error=False)
+    made = body if method == "m3" else ehd.craig_bampton(rod_structure, 8, estimate_error=False)
     inertia, load, spun = made.inertia, made.load_projection, made.spin_load_projection
     total, plane = inertia.total_mass, [0, 1, 5]
     moments = np.array([-inertia.mass[2, 0], inertia.mass[1, 0], inertia.centrifugal[0, 0]])
@@ -190,7 +190,7 @@ def test_journal_pressures_need_fewer_modes_than_single_positions(structure):
     pressure *= 1 - np.cosh(3 * z / width) / np.cosh(1.5)
     missed = {
         name: np.abs(
-            load_dependent(structure, 6, 12, name, selection).missing_flexibility @ pressure
+            ehd.load_dependent(structure, 6, 12, name, selection).missing_flexibility @ pressure
         ).max()
         for name, selection in (
             ("journal", "largest-eigenvalue"),
@@ -211,7 +211,7 @@ def test_redundant_patterns_change_nothing(structure):
         without_redundancy(mixed) @ without_redundancy(mixed).T, mixed @ mixed.T, atol=1e-9
     )
     flexibility = [
-        load_dependent(structure, 6, 3, p, "largest-eigenvalue").basis_flexibility()
+        ehd.load_dependent(structure, 6, 3, p, "largest-eigenvalue").basis_flexibility()
         for p in (mixed, mixed @ np.linalg.qr(random.standard_normal((30, 30)))[0])
     ]
     np.testing.assert_allclose(*flexibility, atol=1e-9 * np.abs(flexibility[0]).max())
@@ -219,6 +219,6 @@ def test_redundant_patterns_change_nothing(structure):
 
 def test_nothing_of_a_reduction_stays_behind(structure):
     """PETSc keeps what its Python owners let go of last: factors are hundreds of megabytes."""
-    load_dependent(structure, 3, 4, estimate_error=False)
+    ehd.load_dependent(structure, 3, 4, estimate_error=False)
     gc.collect()
     assert not [o for o in gc.get_objects() if isinstance(o, LinearSolver | MassOperator)]

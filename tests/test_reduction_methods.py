@@ -12,6 +12,18 @@ from functools import cache
 import numpy as np
 import oracle_reduction as oracle
 import pytest
+from bench_parts import PRESSURE_SETS_REDUCTION as PRESSURE_SETS
+from bench_parts import (
+    LinearSolver,
+    StaticSolver,
+    eigenmodes,
+    lowest_modes,
+    rigid,
+    two_step_craig_bampton,
+)
+from bench_parts import matrices as distributed
+from bench_parts import reductor as loads
+from bench_parts import static as linear_solver
 from foreign_parts import ring_matrices, ring_mesh, to_scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,22 +34,6 @@ from scipy import linalg, sparse
 from snapshot_cases import WAYS, reduce_by
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError, SolverError, StructureError, VerificationError
-from fenics_ehd.reduction import (
-    PRESSURE_SETS,
-    craig_bampton,
-    eigenmodes,
-    full_interface,
-    load_dependent,
-    residual_flexibility,
-    rigid,
-    two_step_craig_bampton,
-)
-from fenics_ehd.reduction import matrices as distributed
-from fenics_ehd.reduction import reductor as loads
-from fenics_ehd.reduction import static as linear_solver
-from fenics_ehd.reduction.eigenmodes import lowest_modes
-from fenics_ehd.reduction.static import LinearSolver, StaticSolver
 
 pytestmark = pytest.mark.kernels
 
@@ -197,7 +193,7 @@ def other_methods(directions=(0, 1)):
 
     return {
         "m1": (
-            lambda s, p: craig_bampton(reductor(s), 12, **common),
+            lambda s, p: ehd.craig_bampton(reductor(s), 12, **common),
             lambda p: (oracle.craig_bampton(p, 12, directions), None),
         ),
         "m2": (
@@ -209,19 +205,19 @@ def other_methods(directions=(0, 1)):
             lambda p: (oracle.two_step(p, 12, 0, directions), None),
         ),
         "full": (
-            lambda s, p: full_interface(reductor(s), N_V, **common),
+            lambda s, p: ehd.full_interface(reductor(s), N_V, **common),
             lambda p: (oracle.full_interface(p, N_V, directions), None),
         ),
         "m4": (
-            lambda s, p: residual_flexibility(reductor(s), N_V, truncation=0.0, **common),
+            lambda s, p: ehd.residual_flexibility(reductor(s), N_V, truncation=0.0, **common),
             lambda p: oracle.residual_flexibility(p, N_V, directions),
         ),
         "m4 no vibration modes": (
-            lambda s, p: residual_flexibility(reductor(s), 0, truncation=0.0, **common),
+            lambda s, p: ehd.residual_flexibility(reductor(s), 0, truncation=0.0, **common),
             lambda p: oracle.residual_flexibility(p, 0, directions),
         ),
         "m4 not centrifugal": (
-            lambda s, p: residual_flexibility(
+            lambda s, p: ehd.residual_flexibility(
                 reductor(s), 2, truncation=0.0, centrifugal=False, **common
             ),
             lambda p: oracle.residual_flexibility(p, 2, directions, centrifugal=False),
@@ -231,11 +227,11 @@ def other_methods(directions=(0, 1)):
 
 METHODS = other_methods() | {
     "m3 no residual modes": (
-        lambda s, p: load_dependent(s, N_V, 0, keep_basis=True),
+        lambda s, p: ehd.load_dependent(s, N_V, 0, keep_basis=True),
         lambda p: (oracle.load_dependent(p, N_V, 0, np.eye(60), "every-column"), None),
     ),
     "m3 no vibration modes": (
-        lambda s, p: load_dependent(s, 0, 12, selection="largest-eigenvalue", keep_basis=True),
+        lambda s, p: ehd.load_dependent(s, 0, 12, selection="largest-eigenvalue", keep_basis=True),
         lambda p: (
             oracle.load_dependent(p, 0, 12, oracle.pressure_set(p, "pc2"), "largest-eigenvalue"),
             None,
@@ -394,7 +390,7 @@ def test_residual_factors_are_those_of_the_remaining_responses(name, method):
 @pytest.mark.parametrize("truncation", [3e-3, 3e-2, 0.3])
 def test_truncation_drops_the_patterns_that_move_the_bore_least(truncation):
     dense_rod = part("free")
-    ours = residual_flexibility(structure("free"), N_V, truncation=truncation)
+    ours = ehd.residual_flexibility(structure("free"), N_V, truncation=truncation)
     basis, responses = oracle.residual_flexibility(dense_rod, N_V)
     patterns = linalg.eigh(dense_rod.load.T @ responses)[1][:, ::-1]
     moved = responses[dense_rod.bore_dofs] @ patterns
@@ -466,7 +462,7 @@ def test_two_steps_with_every_mode_follow_the_bore_exactly(name):
 
 def test_two_steps_become_one_as_interior_modes_are_added():
     """Frequencies fall to those of M1, as those of any Ritz method do."""
-    dense_rod, limit = part("free"), craig_bampton(structure("free"), 8).frequencies[:8]
+    dense_rod, limit = part("free"), ehd.craig_bampton(structure("free"), 8).frequencies[:8]
     found = [
         two_step_craig_bampton(structure("free"), 8, n, estimate_error=False).frequencies[:8]
         for n in (0, 10, 40, 180)
@@ -497,7 +493,7 @@ def test_neither_half_of_the_shapes_covers_the_other():
     """As section 4.2 says of one analytical solution alone; both together cover both."""
     sets = {name: oracle.pressure_set(part("free"), name) for name in ("pc2-long", "pc2-short")}
     bodies = {
-        name: load_dependent(structure("free"), N_V, 40 if name == "pc2" else 20, name)
+        name: ehd.load_dependent(structure("free"), N_V, 40 if name == "pc2" else 20, name)
         for name in ("pc2", *sets)
     }
     for name, pressures in sets.items():
@@ -571,7 +567,7 @@ def test_pressures_that_push_no_node_make_no_mode():
     for name in ("without points", "clamped"):
         for selection in ("smallest-eigenvalue", "largest-eigenvalue"):
             for n_vibration in (0, 1, N_V):
-                ours = load_dependent(
+                ours = ehd.load_dependent(
                     structure(name), n_vibration, 60, "pc1", selection, estimate_error=False
                 )
                 assert ours.modes == n_vibration + 59
@@ -590,8 +586,8 @@ def test_a_bore_whose_middle_is_not_at_z_0_is_refused():
     up = np.array([0.0, 0.0, 0.5])
     raised = part("free")
     raised = replace(raised, nodes=raised.nodes + up, pressure_nodes=raised.pressure_nodes + up)
-    with pytest.raises(StructureError):
-        load_dependent(as_structure(raised, reference=None), N_V, 6, "pc2-short")
+    with pytest.raises(ehd.errors.StructureError):
+        ehd.load_dependent(as_structure(raised, reference=None), N_V, 6, "pc2-short")
 
 
 # --- modes -----------------------------------------------------------------------------------
@@ -628,7 +624,7 @@ def test_a_mode_that_the_eigensolver_leaves_out_is_found_or_missed_aloud(left_ou
         np.testing.assert_allclose(lowest_modes(StaticSolver(bar), 5)[0], angular[:5], rtol=1e-9)
         return
     # The lowest, time and again.
-    with pytest.raises(VerificationError, match=r"misses modes: .* Hz below .* Hz"):
+    with pytest.raises(ehd.errors.VerificationError, match=r"misses modes: .* Hz below .* Hz"):
         lowest_modes(StaticSolver(bar), 5)
 
 
@@ -665,28 +661,28 @@ def test_numbers_of_modes_have_limits():
     free, size = structure("free"), part("free").size
     quarter = rf"{size // 4 + 1} modes: must be between 0 and {size // 4}, a quarter"
     for refused in (
-        lambda: craig_bampton(free, size // 4 + 1),
+        lambda: ehd.craig_bampton(free, size // 4 + 1),
         lambda: two_step_craig_bampton(free, 5, size // 4 + 1),
-        lambda: load_dependent(free, size // 4 + 1, 5),
-        lambda: full_interface(free, size // 4 + 1),
-        lambda: residual_flexibility(free, size // 4 + 1),
+        lambda: ehd.load_dependent(free, size // 4 + 1, 5),
+        lambda: ehd.full_interface(free, size // 4 + 1),
+        lambda: ehd.residual_flexibility(free, size // 4 + 1),
     ):
-        with pytest.raises(SettingsError, match=quarter):
+        with pytest.raises(ehd.errors.SettingsError, match=quarter):
             refused()
-    with pytest.raises(SettingsError, match="modes 0: ask for at least 1"):
-        craig_bampton(free, 0)
-    with pytest.raises(SettingsError, match="modes 0 is not between 1 and 145"):
+    with pytest.raises(ehd.errors.SettingsError, match="modes 0: ask for at least 1"):
+        ehd.craig_bampton(free, 0)
+    with pytest.raises(ehd.errors.SettingsError, match="modes 0 is not between 1 and 145"):
         two_step_craig_bampton(free, 0, 1)
-    with pytest.raises(SettingsError, match="modes 146 is not between 1 and 145"):
+    with pytest.raises(ehd.errors.SettingsError, match="modes 146 is not between 1 and 145"):
         two_step_craig_bampton(free, 146, 1)
-    with pytest.raises(SettingsError, match="interior_modes -1 is below 0"):
+    with pytest.raises(ehd.errors.SettingsError, match="interior_modes -1 is below 0"):
         two_step_craig_bampton(free, 5, -1)
-    with pytest.raises(SettingsError, match="are both 0"):
-        load_dependent(free, 0, 0)
-    with pytest.raises(SettingsError, match="vibration_modes -1 is below 0"):
-        residual_flexibility(free, -1)
-    with pytest.raises(SettingsError, match="no mode"):
-        residual_flexibility(structure("without points"), 0, centrifugal=False)
+    with pytest.raises(ehd.errors.SettingsError, match="are both 0"):
+        ehd.load_dependent(free, 0, 0)
+    with pytest.raises(ehd.errors.SettingsError, match="vibration_modes -1 is below 0"):
+        ehd.residual_flexibility(free, -1)
+    with pytest.raises(ehd.errors.SettingsError, match="no mode"):
+        ehd.residual_flexibility(structure("without points"), 0, centrifugal=False)
     assert len(lowest_modes(StaticSolver(free), 0)[0]) == 0
 
 
@@ -701,11 +697,11 @@ def test_any_allowed_number_of_modes_is_found(count):
 # --- parts that are none, and other solvers ---------------------------------------------------
 
 REDUCTIONS = {
-    "m1": lambda s, **options: craig_bampton(s, 5, **options),
+    "m1": lambda s, **options: ehd.craig_bampton(s, 5, **options),
     "m2": lambda s, **options: two_step_craig_bampton(s, 5, 3, **options),
-    "m3": lambda s, **options: load_dependent(s, 4, 6, **options),
-    "m4": lambda s, **options: residual_flexibility(s, 4, truncation=0.0, **options),
-    "full": lambda s, **options: full_interface(s, 4, **options),
+    "m3": lambda s, **options: ehd.load_dependent(s, 4, 6, **options),
+    "m4": lambda s, **options: ehd.residual_flexibility(s, 4, truncation=0.0, **options),
+    "full": lambda s, **options: ehd.full_interface(s, 4, **options),
 }
 
 
@@ -754,7 +750,7 @@ def with_a_negative_eigenvalue(dense_rod):
 def test_a_loose_piece_is_named(name, method):
     loose = as_structure(with_loose_piece(part(name)))
     named = r"more than the rigid motions|loose"
-    with pytest.raises((SolverError, VerificationError), match=named):
+    with pytest.raises((ehd.errors.SolverError, ehd.errors.VerificationError), match=named):
         REDUCTIONS[method](loose)
 
 
@@ -763,7 +759,7 @@ def test_a_loose_piece_is_named(name, method):
 def test_a_node_without_stiffness_is_named(method):
     loose = as_structure(with_node_of_no_stiffness(part("free")))
     with pytest.raises(
-        StructureError, match="stiffness has the diagonal entry 0 at node 241, comp"
+        ehd.errors.StructureError, match="stiffness has the diagonal entry 0 at node 241, comp"
     ):
         REDUCTIONS[method](loose)
 
@@ -773,15 +769,17 @@ def test_a_node_without_stiffness_is_named(method):
 @pytest.mark.parametrize("name", ["free", "clamped"])
 def test_an_indefinite_stiffness_is_named(name, method):
     indefinite = as_structure(with_a_negative_eigenvalue(part(name)))
-    with pytest.raises(SolverError, match="1 negative pivots: it is not positive semidefinite"):
+    with pytest.raises(
+        ehd.errors.SolverError, match="1 negative pivots: it is not positive semidefinite"
+    ):
         REDUCTIONS[method](indefinite)
 
 
 @pytest.mark.mpi
 def test_an_iteration_on_an_indefinite_stiffness_is_named():
     indefinite = as_structure(with_a_negative_eigenvalue(part("free")))
-    with pytest.raises(SolverError, match=r"no convergence in .* iterations"):
-        load_dependent(ehd.Reductor(indefinite, solver="iterative"), 4, 6)
+    with pytest.raises(ehd.errors.SolverError, match=r"no convergence in .* iterations"):
+        ehd.load_dependent(ehd.Reductor(indefinite, solver="iterative"), 4, 6)
 
 
 @pytest.mark.mpi
@@ -795,10 +793,10 @@ def test_factors_on_disk_give_the_body_of_those_in_memory(monkeypatch, tmp_path)
         return solve(solver, loads)
 
     monkeypatch.setattr(LinearSolver, "solve", observed)
-    body = load_dependent(as_structure(part("free")), 4, 6)
+    body = ehd.load_dependent(as_structure(part("free")), 4, 6)
     assert max(written) == 0
     monkeypatch.setattr(linear_solver, "IN_CORE_LIMIT", 100)
-    other = load_dependent(as_structure(part("free")), 4, 6)
+    other = ehd.load_dependent(as_structure(part("free")), 4, 6)
     assert max(written) > 0
     assert other.frequencies == pytest.approx(body.frequencies, rel=1e-9)
     flexibility = body.basis_flexibility()
@@ -825,22 +823,24 @@ def test_a_load_whose_iteration_ends_early_is_found_among_those_that_converge():
     finally:
         options.delValue("ksp_max_it")
     # The last column, of zeros, converges at once.
-    with pytest.raises(SolverError, match="no convergence in 3 iterations"):
+    with pytest.raises(ehd.errors.SolverError, match="no convergence in 3 iterations"):
         solver.solve(loads)
 
 
 @pytest.mark.mpi
 def test_an_unknown_solver_is_named():
-    with pytest.raises(SettingsError, match="'magic' is not one of auto, direct, iterative"):
-        craig_bampton(ehd.Reductor(structure("free"), solver="magic"), 5)
+    with pytest.raises(
+        ehd.errors.SettingsError, match="'magic' is not one of auto, direct, iterative"
+    ):
+        ehd.craig_bampton(ehd.Reductor(structure("free"), solver="magic"), 5)
 
 
 #: Few solves: an iteration for each of them takes long on so small a part.
 ITERATED = {
-    "m1": lambda s, **options: craig_bampton(s, 2, **options),
+    "m1": lambda s, **options: ehd.craig_bampton(s, 2, **options),
     "m2": lambda s, **options: two_step_craig_bampton(s, 2, 1, **options),
-    "m3": lambda s, **options: load_dependent(s, 1, 2, snapshots()[:, :3], **options),
-    "m4": lambda s, **options: residual_flexibility(s, 0, truncation=0.0, **options),
+    "m3": lambda s, **options: ehd.load_dependent(s, 1, 2, snapshots()[:, :3], **options),
+    "m4": lambda s, **options: ehd.residual_flexibility(s, 0, truncation=0.0, **options),
 }
 
 
@@ -870,9 +870,9 @@ def test_iterative_solver_finds_what_the_direct_one_does(name, method):
 def test_a_structure_can_be_reduced_again_after_an_iterative_solver():
     given_one = as_structure(part("free"))
     iterative = ehd.Reductor(given_one, solver="iterative")
-    load_dependent(iterative, 0, 1, snapshots()[:, :1], estimate_error=False)
-    again = craig_bampton(given_one, 5)
-    assert defect(followed(again), followed(craig_bampton(structure("free"), 5))) < TOLERANCE
+    ehd.load_dependent(iterative, 0, 1, snapshots()[:, :1], estimate_error=False)
+    again = ehd.craig_bampton(given_one, 5)
+    assert defect(followed(again), followed(ehd.craig_bampton(structure("free"), 5))) < TOLERANCE
 
 
 # --- many reductions of one part --------------------------------------------------------------
@@ -881,14 +881,16 @@ def test_a_structure_can_be_reduced_again_after_an_iterative_solver():
 IN_TURN = {
     "rigid": lambda s, **options: rigid(s, estimate_error=True, **options),
     **REDUCTIONS,
-    "m1 with more": lambda s, **options: craig_bampton(s, 9, **options),
-    "m1 with fewer": lambda s, **options: craig_bampton(s, 3, **options),
+    "m1 with more": lambda s, **options: ehd.craig_bampton(s, 9, **options),
+    "m1 with fewer": lambda s, **options: ehd.craig_bampton(s, 3, **options),
     "m2 with more": lambda s, **options: two_step_craig_bampton(s, 9, 3, **options),
-    "m3 pc1": lambda s, **options: load_dependent(s, 4, 9, "pc1", "largest-eigenvalue", **options),
-    "m3 again": lambda s, **options: load_dependent(s, 4, 3, "pc1", **options),
-    "m3 snapshots": lambda s, **options: load_dependent(s, 2, 5, snapshots(), **options),
-    "m4 truncated": lambda s, **options: residual_flexibility(s, 4, truncation=0.05, **options),
-    "full with fewer": lambda s, **options: full_interface(s, 2, **options),
+    "m3 pc1": lambda s, **options: ehd.load_dependent(
+        s, 4, 9, "pc1", "largest-eigenvalue", **options
+    ),
+    "m3 again": lambda s, **options: ehd.load_dependent(s, 4, 3, "pc1", **options),
+    "m3 snapshots": lambda s, **options: ehd.load_dependent(s, 2, 5, snapshots(), **options),
+    "m4 truncated": lambda s, **options: ehd.residual_flexibility(s, 4, truncation=0.05, **options),
+    "full with fewer": lambda s, **options: ehd.full_interface(s, 2, **options),
 }
 
 
@@ -943,15 +945,15 @@ def test_a_reductor_factorises_once_and_its_interior_once(monkeypatch):
 @pytest.mark.mpi
 def test_a_reductor_does_not_solve_for_what_it_has(monkeypatch):
     shared = ehd.Reductor(structure("free"))
-    craig_bampton(shared, 9)
-    load_dependent(shared, 4, 9, "pc1")
-    residual_flexibility(shared, 4)
+    ehd.craig_bampton(shared, 9)
+    ehd.load_dependent(shared, 4, 9, "pc1")
+    ehd.residual_flexibility(shared, 4)
     solves = counted(monkeypatch, LinearSolver, "solve")
-    craig_bampton(shared, 5)
-    load_dependent(shared, 4, 3, "pc1", "largest-eigenvalue")
-    residual_flexibility(shared, 4, truncation=0.05, estimate_error=False)
+    ehd.craig_bampton(shared, 5)
+    ehd.load_dependent(shared, 4, 3, "pc1", "largest-eigenvalue")
+    ehd.residual_flexibility(shared, 4, truncation=0.05, estimate_error=False)
     assert not solves
-    load_dependent(shared, 4, 3, "pc2")
+    ehd.load_dependent(shared, 4, 3, "pc2")
     assert solves
 
 
@@ -966,8 +968,8 @@ def test_a_reductor_keeps_the_responses_to_one_pressure_set(monkeypatch):
     monkeypatch.setattr(loads.StaticResponses, "__init__", remember)
     shared = ehd.Reductor(structure("free"))
     for pressure_set in ("pc1", "pc2", snapshots()):
-        load_dependent(shared, 4, 6, pressure_set)
-        residual_flexibility(shared, 4)
+        ehd.load_dependent(shared, 4, 6, pressure_set)
+        ehd.residual_flexibility(shared, 4)
         gc.collect()
         assert len(kept) == 1
     del shared
@@ -1120,7 +1122,7 @@ def test_a_body_holds_nothing_of_the_size_of_the_part(method):
 @pytest.mark.parametrize("method", [*REDUCTIONS, "m3 pc1"])
 def test_blocks_stay_narrow_and_change_nothing(method, monkeypatch):
     """No dense block of all pressures or all bore dofs, and each rank has its own rows alone."""
-    reduce_it = REDUCTIONS.get(method, lambda s, **options: load_dependent(s, 4, 6, "pc1"))
+    reduce_it = REDUCTIONS.get(method, lambda s, **options: ehd.load_dependent(s, 4, 6, "pc1"))
     given_one = structure("free")
     usual = reduce_it(given_one)
     widths = []

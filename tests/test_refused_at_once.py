@@ -4,13 +4,12 @@ import json
 import os
 
 import pytest
+from bench_output import reduce_part
 from command_line import exit_of
 from hand_made_rod import Joint, make_body
 from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.cli.reduction import reduce_part
 
 GAS = "angle_deg,force_N\n0,80\n90,10\n180,20\n360,80\n"
 
@@ -159,14 +158,16 @@ def reduce_rod_of(path, target, part="rod"):
 
 
 def test_part_of_another_mechanism_or_of_an_unknown_one(scene, tmp_path):
-    with pytest.raises(SettingsError, match="has 0 flexible bodies of that name or model, not one"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match="has 0 flexible bodies of that name or model, not one"
+    ):
         reduce_rod_of(scene(name="rotor-paper"), tmp_path / "rod.h5")
-    with pytest.raises(SettingsError, match="its flexible bodies with a model: rod"):
+    with pytest.raises(ehd.errors.SettingsError, match="its flexible bodies with a model: rod"):
         reduce_rod_of(scene(), tmp_path / "rod.h5", "crank")
 
 
 def test_parameter_that_the_model_does_not_have(scene, tmp_path):
-    with pytest.raises(MeshError) as caught:
+    with pytest.raises(ehd.errors.MeshError) as caught:
         reduce_rod_of(scene({"bodies.rod.geometry.bore_diameter": 0.05}), tmp_path / "rod.h5")
     message = str(caught.value)
     assert "did you mean bore_width or bore_radius? it has big_end_layers," in message
@@ -178,7 +179,7 @@ def test_model_beside_its_scene_is_found_from_anywhere(scene, tmp_path, monkeypa
     (tmp_path / "mine.geo").write_text("Point(1) = {0, 0, 0};\n")
     path = scene({"bodies.rod.model": "mine.geo"})
     monkeypatch.chdir("/")
-    with pytest.raises(MeshError, match=r"mine\.geo"):
+    with pytest.raises(ehd.errors.MeshError, match=r"mine\.geo"):
         reduce_rod_of(path, tmp_path / "rod.h5")
 
 

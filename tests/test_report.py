@@ -9,6 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_output import (
+    COLUMNS,
+    CURVES,
+    PRESSURE,
+    best_bodies,
+    first_shapes,
+    read_study,
+    render,
+    unknown_floors,
+    write_report,
+)
+from bench_output import FILM_STUDY_DATA as FILM
+from bench_output import figures_report as figures
 from command_line import exit_of
 from foreign_parts import ring
 from hypothesis import given
@@ -27,12 +40,6 @@ from report_cases import (
 )
 
 import fenics_ehd as ehd
-from fenics_ehd.reduction import craig_bampton
-from fenics_ehd.study.compare import COLUMNS
-from fenics_ehd.study.report import figures
-from fenics_ehd.study.report.figures import best_bodies, first_shapes
-from fenics_ehd.study.report.study_data import CURVES, FILM, PRESSURE, read_study
-from fenics_ehd.study.report.write import render, unknown_floors, write_report
 
 UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
 STEPS = [(1e-3, 0.04), (1e-4, 0.04 / 10 ** (2 / 3)), (1e-5, 0.04 / 100 ** (2 / 3))]
@@ -336,7 +343,7 @@ def test_the_true_gap_of_the_reference_bounds_what_a_run_can_be_seen_to_have(tmp
 
 def test_every_bore_of_a_part_has_its_mode_shapes(tmp_path):
     study = write_study(tmp_path, [m1(8)])
-    body = craig_bampton(ring(), 8, estimate_error=False)
+    body = ehd.craig_bampton(ring(), 8, estimate_error=False)
     twice = replace(
         body,
         bores={"bore": body.bore, "pin": body.bore},

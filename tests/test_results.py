@@ -10,14 +10,13 @@ from types import ModuleType
 import h5py
 import numpy as np
 import pytest
+from bench_machines import OUTPUTS
+from bench_scenes import Quantity, split_unit, with_unit
 from csv_history import edited, read_history
 from mechanism_cases import film, rigid_rod, slider_crank
 from report_cases import write_history, write_study
 
 import fenics_ehd as ehd
-from fenics_ehd.base.columns import Quantity, split_unit, with_unit
-from fenics_ehd.base.errors import InputError
-from fenics_ehd.multibody.quantities import OUTPUTS
 
 END = 2e-5
 
@@ -95,7 +94,7 @@ def test_some_steps_and_no_films(both):
     np.testing.assert_array_equal(half.joints[name].film.gap, disk.joints[name].film.gap[::2])
     small = ehd.load_results(folder, films=False)
     np.testing.assert_array_equal(small.joints[name].force, disk.joints[name].force)
-    with pytest.raises(InputError, match="films were not read"):
+    with pytest.raises(ehd.errors.InputError, match="films were not read"):
         _ = small.joints[name].film
     with pytest.raises(AttributeError, match=r"no 'temperature' here, only .*max_pressure"):
         _ = disk.joints[name].temperature
@@ -171,17 +170,19 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
 
 
 def test_what_cannot_be_read_is_one_line(tmp_path):
-    with pytest.raises(InputError, match=r"no: no such folder"):
+    with pytest.raises(ehd.errors.InputError, match=r"no: no such folder"):
         ehd.load_results(tmp_path / "no")
-    with pytest.raises(InputError, match=r"not a results folder, it has no history\.h5"):
+    with pytest.raises(ehd.errors.InputError, match=r"not a results folder, it has no history\.h5"):
         ehd.load_results(tmp_path)
     with h5py.File(tmp_path / "history.h5", "w") as file:
         file["coordinates"] = np.zeros((3, 2))  # as 0.1 wrote it
-    with pytest.raises(InputError, match="not a fenics_ehd history"):
+    with pytest.raises(ehd.errors.InputError, match="not a fenics_ehd history"):
         ehd.load_results(tmp_path)
     with h5py.File(tmp_path / "history.h5", "a") as file:
         file.attrs.update(format=np.bytes_("fenics_ehd history"), format_version=2)  # 0.2
-    with pytest.raises(InputError, match=r"version 2, this program reads 3; .*history\.csv"):
+    with pytest.raises(
+        ehd.errors.InputError, match=r"version 2, this program reads 3; .*history\.csv"
+    ):
         ehd.load_results(tmp_path)
     study = write_study(tmp_path, [])
     write_history(study, "one", steps=8)
@@ -189,14 +190,14 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
     (folder / "summary.json").write_text('{"status": "complete", "basis_error_estimate_m": null}')
     assert np.isnan(ehd.load_results(folder).summary()["basis_error_estimate_m"])
     (folder / "summary.json").write_text("[")
-    with pytest.raises(InputError, match=r"summary\.json: not a summary of a run"):
+    with pytest.raises(ehd.errors.InputError, match=r"summary\.json: not a summary of a run"):
         ehd.load_results(folder)
 
 
 def test_a_table_of_pandas_where_it_is(both, monkeypatch):
     memory, *_ = both
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match="needs pandas, which is not installed"):
+    with pytest.raises(ehd.errors.InputError, match="needs pandas, which is not installed"):
         memory.to_dataframe()
     pandas = ModuleType("pandas")
     pandas.Index = lambda values, name: (name, values)
@@ -211,7 +212,9 @@ def test_a_table_of_pandas_where_it_is(both, monkeypatch):
 def test_a_dataset_of_xarray_where_it_is(both, monkeypatch):
     memory, *_ = both
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match="to_xarray needs xarray, which is not installed"):
+    with pytest.raises(
+        ehd.errors.InputError, match="to_xarray needs xarray, which is not installed"
+    ):
         memory.to_xarray()
     xarray = ModuleType("xarray")
     xarray.Dataset = dict

@@ -14,6 +14,9 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, PeriodicSolver, Run, Simulation, fixed
+from bench_output import CsvFile, load_run_state, recorded_steps, save_run_state
+from bench_scenes import claim, digest, listed, open_sealed, read_tree, save_tree
 from command_line import (
     COMMAND,
     assert_same_results,
@@ -29,19 +32,6 @@ from mechanism_cases import film, rigid_rod, slider_crank
 from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.files import claim, listed
-from fenics_ehd.base.sealed_file import digest, open_sealed, read_tree, save_tree
-from fenics_ehd.multibody.history import fixed
-from fenics_ehd.multibody.periodic import PeriodicSolver
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.results.recorded_run import (
-    CsvFile,
-    load_run_state,
-    recorded_steps,
-    save_run_state,
-)
 
 #: Changes of a short run of a journal, by the model whose state it carries.
 MODELS = {
@@ -404,7 +394,7 @@ def test_a_table_goes_on_after_the_rows_of_its_checkpoint(tmp_path):
 
 def test_a_table_without_the_checkpoints_rows_is_refused(tmp_path):
     table_of(tmp_path, 4)
-    with pytest.raises(InputError, match="not the history of the run to go on with"):
+    with pytest.raises(ehd.errors.InputError, match="not the history of the run to go on with"):
         table_of(tmp_path, 8, before=6)
 
 

@@ -7,8 +7,7 @@ import pytest
 from film_cases import OMEGA, C, R, make_film
 from rough_cases import surfaces
 
-from fenics_ehd.base.errors import GapClosedError
-from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
+import fenics_ehd as ehd
 
 ROUGH = {
     "average gap alone": surfaces(flow_factors=False),
@@ -20,8 +19,8 @@ ROUGH = {
 def touching(film, seed=3):
     """A gap whose surfaces overlap at some points."""
     p = film.parameters
-    motion = ShaftMotion(C * np.array([0.99, 0.12]), OMEGA, C * np.array([0.0, 30.0]))
-    gap = shaft_gap(film.points, R, C, motion)
+    motion = ehd.ShaftMotion(C * np.array([0.99, 0.12]), OMEGA, C * np.array([0.0, 30.0]))
+    gap = ehd.shaft_gap(film.points, R, C, motion)
     bump = 0.01 * C * np.random.default_rng(seed).standard_normal(gap.thickness.shape)
     gap = replace(gap, thickness=gap.thickness + bump)
     assert gap.thickness.min() < 0.0 < gap.thickness.min() + 2 * p.surfaces.roughness
@@ -30,7 +29,7 @@ def touching(film, seed=3):
 
 def test_film_far_above_its_roughness_is_that_of_smooth_surfaces():
     smooth, rough = make_film(), make_film(surfaces=surfaces(0.1e-6, flow_factors=False))
-    gap = shaft_gap(smooth.points, R, C, ShaftMotion(C * np.array([0.9, 0.0]), OMEGA))
+    gap = ehd.shaft_gap(smooth.points, R, C, ehd.ShaftMotion(C * np.array([0.9, 0.0]), OMEGA))
     assert gap.thickness.min() > 10 * 0.1e-6
     np.testing.assert_allclose(
         rough.solve(gap).pressure, smooth.solve(gap).pressure, rtol=1e-12, atol=1e-6
@@ -46,7 +45,7 @@ def test_flow_factors_hinder_flow_and_roughness_on_the_journal_drags_it_along():
         "bore": surfaces(1e-6, 0.0),
     }.items():
         film = make_film(surfaces=rough)
-        gap = shaft_gap(film.points, R, C, ShaftMotion(C * np.array([0.8, 0.0]), OMEGA))
+        gap = ehd.shaft_gap(film.points, R, C, ehd.ShaftMotion(C * np.array([0.8, 0.0]), OMEGA))
         load[name] = np.hypot(
             *(film.load(np.stack(film.points.normal, -1)) @ film.solve(gap).pressure)
         )
@@ -68,6 +67,6 @@ def test_powers_of_the_film_are_what_its_surfaces_do(rough):
 
 def test_surfaces_that_overlap_too_far_are_refused():
     film = make_film(surfaces=surfaces())
-    gap = shaft_gap(film.points, R, C, ShaftMotion(C * np.array([1.2, 0.0]), OMEGA))
-    with pytest.raises(GapClosedError, match=r"overlap by .* their combined roughness"):
+    gap = ehd.shaft_gap(film.points, R, C, ehd.ShaftMotion(C * np.array([1.2, 0.0]), OMEGA))
+    with pytest.raises(ehd.errors.GapClosedError, match=r"overlap by .* their combined roughness"):
         film.solve(gap)

@@ -7,14 +7,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from bench_output import RunFolder
+from bench_scenes import HEADER, clear, complete_result
 from command_line import exit_of
 from hand_made_rod import Joint, make_body
 from scene_cases import ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InputError, InUseError
-from fenics_ehd.base.files import HEADER, clear, complete_result
-from fenics_ehd.results.recorded_run import RunFolder
 
 SCENE = ROD_OF_A_FILE | {"time.revolutions": 0.005, "time.tolerance": 1e-4}
 COARSER = SCENE | {"time.tolerance": 1e-3}
@@ -104,7 +103,7 @@ def test_two_runs_do_not_share_a_folder(more, run, tmp_path, capfd):
         assert "InUseError" in errors
         assert "another process is writing to this folder" in errors.splitlines()[-1]
         assert exit_of(capfd, "run", "--resume", out)[0] == 2
-        with pytest.raises(InUseError):
+        with pytest.raises(ehd.errors.InUseError):
             RunFolder(out, resume=True)
     assert run(SCENE, *more)[0] == 0
 
@@ -177,7 +176,7 @@ def test_nothing_is_done_through_links(link, listing, tmp_path):
                 (folder / "manifest.txt").write_text("\n".join([HEADER, *names]))
     before = contents(elsewhere)
     for options in ({"overwrite": True}, {"resume": True}, {}):
-        with suppress(InputError), RunFolder(out, ["rod"], **options) as folder:
+        with suppress(ehd.errors.InputError), RunFolder(out, ["rod"], **options) as folder:
             clear(folder.path)
             write_run(folder.path, "new", "complete")
         assert contents(elsewhere) == before
@@ -284,7 +283,7 @@ def exchange_until(out, former, status, step):
 
 
 def test_nothing_stays_of_a_run_without_a_step(tmp_path):
-    with pytest.raises(InputError, match="nosuch: no checkpoint to go on from"):
+    with pytest.raises(ehd.errors.InputError, match="nosuch: no checkpoint to go on from"):
         RunFolder(tmp_path / "nosuch", resume=True)
     with RunFolder(tmp_path) as folder:
         (folder.path / "history.csv").write_text("time_s\n")

@@ -6,21 +6,24 @@ import tomllib
 import attrs
 import numpy as np
 import pytest
+from bench_machines import System
+from bench_parts import rigid
+from bench_scenes import (
+    fields,
+    films,
+    part_settings,
+    scene_of,
+    schema,
+    shipped,
+    shipped_names,
+    with_method,
+)
+from bench_scenes import part as elastic_part
 from mechanism_cases import GOLDEN, deviation
 from mpi4py import MPI
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base import fields
-from fenics_ehd.base.errors import InterfaceMismatchError, MeshError, SettingsError
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.reduction import load_dependent, rigid
-from fenics_ehd.scenes import films, part_settings, schema
-from fenics_ehd.scenes import part as elastic_part
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.library import shipped, shipped_names
-from fenics_ehd.scenes.part import with_method
-from fenics_ehd.scenes.scene import scene_of
 
 FOUR_BAR = shipped("four-bar")
 SLIDER_CRANK = shipped("slider-crank-paper")
@@ -38,7 +41,7 @@ def tables(text, *changes, extra=""):
 def made(text, *changes, extra="", method=None, **options):
     scene = scene_of(tables(text, *changes, extra=extra), "case")
     scene = with_method(scene, method) if method else scene
-    return build(scene, **options)
+    return ehd.build(scene, **options)
 
 
 @pytest.fixture
@@ -70,7 +73,7 @@ def test_shipped_scenes_read_assemble_and_run(name, reduced_at_once):
     assert scene.warnings == ()
     flexible = any(isinstance(b, schema.FlexibleSettings) for b in scene.bodies.values())
     scene = with_method(scene, reduced_at_once) if flexible else scene
-    built = build(scene)
+    built = ehd.build(scene)
     assert {part.method for part in built.bodies.values()} <= {"rigid"}
     assert built.reduced.keys() == built.bodies.keys()
     assert (built.period is None) != (built.end is None)
@@ -128,7 +131,7 @@ GOLDEN_CURVES = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("scene", "curve", "method", "steps", "largest"), GOLDEN_CURVES)
 def test_translated_scenes_give_the_golden_curves(scene, curve, method, steps, largest):
-    built = build(with_method(ehd.read_scene(scene), method))
+    built = ehd.build(with_method(ehd.read_scene(scene), method))
     result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
     (joint,) = result.joints.values()
     found = deviation(curve, result.time, joint)
@@ -144,7 +147,7 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
     changed["drives"]["crank"] = {"kind": "torque", "torque": 1.0, "damping": 0.05, "speed": 500.0}
     gas = {"kind": "angle-table", "point": "piston", "angle_of": "crank"}
     changed["forces"] = {"gas": gas | {"file": str(GOLDEN / "slider-crank-driven-gas.csv")}}
-    built = build(with_method(scene_of(changed, "driven"), "m4"))
+    built = ehd.build(with_method(scene_of(changed, "driven"), "m4"))
     result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
     found = deviation("slider-crank-driven", result.time, result.joints["big_end"])
     assert max(found.values()) < 0.004, found
@@ -155,7 +158,7 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
 @pytest.mark.slow
 def test_the_translated_loaded_journal_gives_the_golden_orbit():
     scene = ehd.read_scene("loaded-journal")
-    built = build(scene)
+    built = ehd.build(scene)
     result = ehd.simulate(
         built.mechanism,
         period=built.period,
@@ -216,11 +219,15 @@ position = [0.048, 0.0]
     assert built.bodies["rod"].method == "rigid"
     assert not built.reduced
     assert built.seconds == 0.0
-    with pytest.raises(SettingsError, match=r"method m3: scene case has no model to reduce"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"method m3: scene case has no model to reduce"
+    ):
         made(text, method="m3")
-    with pytest.raises(SettingsError, match=r"bodies\.rod\.points do nothing beside body ="):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"bodies\.rod\.points do nothing beside body ="
+    ):
         made(text, ("position = [0.048, 0.0]\n", 'points = ["pin"]\n'))
-    with pytest.raises(SettingsError, match=r"'rod.pni': body rod has no point pni"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"'rod.pni': body rod has no point pni"):
         made(text, ("rod.pin", "rod.pni"))
 
 
@@ -233,7 +240,7 @@ def test_the_method_of_the_command_line_wins(reduced_at_once):
 def test_reductions_of_a_scene_are_those_of_the_program(monkeypatch, rod_structure):
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
     m3 = made(SLIDER_CRANK).bodies["rod"]
-    assert m3.frequencies == pytest.approx(load_dependent(rod_structure, 6, 31).frequencies)
+    assert m3.frequencies == pytest.approx(ehd.load_dependent(rod_structure, 6, 31).frequencies)
     assert m3.provenance["method"] == "m3"
     assert m3.provenance["geometry.rod_length"] == "0.16"
 
@@ -377,23 +384,23 @@ def test_steps_and_times():
 def test_ranks_get_the_same_mechanism_and_the_same_refusal():
     comm = MPI.COMM_WORLD
     scene = with_method(scene_of(tables(SLIDER_CRANK), "case"), "rigid")
-    built = build(scene, comm)
+    built = ehd.build(scene, comm)
     rod = built.mechanism.bodies["rod"]
     figures = [rod.integrals.total_mass, *rod.fields["pin"][:, 0], *rod.start, *rod.start_rates]
     for others in comm.allgather(figures):
         assert others == pytest.approx(figures, rel=1e-12, abs=1e-12)
     assert figures[:2] == pytest.approx([0.9728, 0.16], rel=1e-3)
     extra = '\n[joints.again]\nkind = "revolute"\nbetween = ["rod.pin", "piston"]\n'
-    with pytest.raises(SettingsError, match="repeats or contradicts other joints"):
-        build(scene_of(tables(SLIDER_CRANK, extra=extra), "case"), comm)
+    with pytest.raises(ehd.errors.SettingsError, match="repeats or contradicts other joints"):
+        ehd.build(scene_of(tables(SLIDER_CRANK, extra=extra), "case"), comm)
 
 
 def test_a_bore_that_offers_no_cells_is_refused_before_reduction(nothing_reduced, monkeypatch):
     def no_cells(_):
-        raise InterfaceMismatchError("no cells")
+        raise ehd.errors.InterfaceMismatchError("no cells")
 
     monkeypatch.setattr(films, "film_grid", no_cells)
-    with pytest.raises(InterfaceMismatchError):
+    with pytest.raises(ehd.errors.InterfaceMismatchError):
         made(SLIDER_CRANK)
 
 
@@ -409,7 +416,7 @@ def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_stru
     scene = scene_of(given, "both")
     films = {}
     for method in ("rigid", "m3"):
-        built = build(with_method(scene, method))
+        built = ehd.build(with_method(scene, method))
         result = ehd.simulate(built.mechanism, 5e-4, tolerance=1e-3, order=2)
         films[method] = result.joints["small_end"].min_film_thickness[-1]
         pin = built.mechanism.bodies["rod"].marker(
@@ -424,7 +431,9 @@ def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(monkeypatch, rod_stru
 def test_grooves_and_ambient_pressure_feed_the_film(monkeypatch, rod_structure):
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)
     fed = ("grooves = []              #", "grooves = [[90, 30, 3e5]] #")
-    with pytest.raises(SettingsError, match=r"joints.big_end.cells: grooves need film cells"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"joints.big_end.cells: grooves need film cells"
+    ):
         made(SLIDER_CRANK, fed)
     bars = ("ambient_pressure = 0.0 ", "ambient_pressure = 1e5 ")
     cells = ("cells = []                #", "cells = [20, 5]           #")
@@ -434,7 +443,9 @@ def test_grooves_and_ambient_pressure_feed_the_film(monkeypatch, rod_structure):
     assert film.parameters.sides.lower == 1e5
     for wrong, message in (("1e9", "degrees wide"), ("1e-3", "cannot resolve groove edges")):
         few = ("grooves = []              #", f"grooves = [[90, {wrong}, 3e5]] #")
-        with pytest.raises(SettingsError, match=rf"joints.rocker_end.grooves: .*{message}"):
+        with pytest.raises(
+            ehd.errors.SettingsError, match=rf"joints.rocker_end.grooves: .*{message}"
+        ):
             made(FOUR_BAR, few)
 
 
@@ -473,7 +484,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("old", "new", "message"), WRONG)
 def test_what_a_scene_cannot_say(old, new, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         made(FOUR_BAR, (old, new))
 
 
@@ -500,7 +511,7 @@ MORE = [
 
 @pytest.mark.parametrize(("extra", "message"), MORE)
 def test_what_cannot_be_put_together(extra, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         made(FOUR_BAR, extra=f"\n{extra}\n")
 
 
@@ -515,15 +526,15 @@ between = ["ground", "wheel"]
 """
     for drive in ('kind = "speed"\nspeed = 1.0', 'kind = "torque"\ndamping = 1.0\nspeed = 1.0'):
         assert made(FOUR_BAR, extra=wheel + drive)
-    with pytest.raises(SettingsError, match=r"body wheel can move or turn"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"body wheel can move or turn"):
         made(FOUR_BAR, extra=wheel + 'kind = "torque"\ntorque = 1.0')
 
 
 def test_a_loop_that_does_not_close_and_one_that_jams():
-    with pytest.raises(SettingsError, match=r"cannot be assembled from its rough pose"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"cannot be assembled from its rough pose"):
         made(FOUR_BAR, ("tip = [0.15, 0.0]", "tip = [0.05, 0.0]"))
     with pytest.raises(
-        SettingsError, match=r"at angles of crank \d+ degrees: the mechanism cannot"
+        ehd.errors.SettingsError, match=r"at angles of crank \d+ degrees: the mechanism cannot"
     ):
         made(FOUR_BAR, ("tip = [0.05, 0.0]", "tip = [0.13, 0.0]"), ("hook = [0.14", "hook = [0.1"))
 
@@ -539,38 +550,42 @@ def test_parts_are_refused_before_they_are_reduced(nothing_reduced):
         ([("inertia = 1e-3            # [kg m2]", "#"), ("hold_rotation = true ",
           "hold_rotation = false")], "body piston can move or turn freely without inertia"),
     ):  # fmt: skip
-        with pytest.raises(SettingsError, match=message):
+        with pytest.raises(ehd.errors.SettingsError, match=message):
             made(SLIDER_CRANK, *changes)
     extra = '\n[joints.again]\nkind = "revolute"\nbetween = ["rod.pin", "piston"]\n'
-    with pytest.raises(SettingsError, match=r"joint .* repeats or contradicts other joints"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"joint .* repeats or contradicts other joints"
+    ):
         made(SLIDER_CRANK, extra=extra)
 
 
 def test_a_shaft_that_does_not_fit_its_bore_or_has_none():
-    with pytest.raises(SettingsError, match=r"bodies.shaft.diameter = 0.05 m must be that of the"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"bodies.shaft.diameter = 0.05 m must be that of the"
+    ):
         made(ROTOR, ("diameter = 0.04 ", "diameter = 0.05 "))
-    with pytest.raises(SettingsError, match=r"a shaft has no bore"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"a shaft has no bore"):
         made(ROTOR, ('"shaft.left"', '"ground"'), ('"ground.left"', '"shaft.left"'))
-    with pytest.raises(SettingsError, match=r"shaft.points.left = 1.5 must be a share"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"shaft.points.left = 1.5 must be a share"):
         made(ROTOR, ("left = 0.15", "left = 1.5 "))
-    with pytest.raises(SettingsError, match=r"shaft.modes = 11 must be even"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"shaft.modes = 11 must be even"):
         made(ROTOR, ("modes = 12 ", "modes = 11 "))
-    with pytest.raises(SettingsError, match=r"disks: position = 1.5 must be a share"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"disks: position = 1.5 must be a share"):
         made(ROTOR, ("disks = [[0.5,", "disks = [[1.5,"))
 
 
 def test_names_of_groups_are_those_of_the_model():
-    with pytest.raises(MeshError, match=r"no physical group 'pni'"):
+    with pytest.raises(ehd.errors.MeshError, match=r"no physical group 'pni'"):
         made(SLIDER_CRANK, ('points = ["pin"]', 'points = ["pni"]'), ("rod.pin", "rod.pni"))
 
 
 def test_files_and_names_that_are_no_scenes(tmp_path):
-    with pytest.raises(SettingsError, match=r"scene 'for-bar': did you mean four-bar"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"scene 'for-bar': did you mean four-bar"):
         ehd.read_scene("for-bar")
-    with pytest.raises(SettingsError, match=r"absent.toml: No such file"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"absent.toml: No such file"):
         ehd.read_scene(tmp_path / "absent.toml")
     for text in ("bodies = 3", "bodies.crank = 3", "[bodies.ground]\nmass = 1"):
-        with pytest.raises(SettingsError):
+        with pytest.raises(ehd.errors.SettingsError):
             scene_of(tomllib.loads(text), "case")
 
 
@@ -620,7 +635,7 @@ def test_both_bores_of_the_rod_are_elastic():
 
 def test_a_bore_that_is_not_listed_is_rigid(reduced_at_once):
     both = shipped("slider-crank-both-ends")
-    with pytest.raises(SettingsError, match=r"joints\.small_end\.radius is missing"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"joints\.small_end\.radius is missing"):
         made(both, ('bores = ["bore", "pin"]', 'bores = ["bore"]'))
     size = ("clearance = 12e-6", "clearance = 12e-6\nradius = 0.012\nwidth = 0.022")
     built = made(both, ('bores = ["bore", "pin"]', 'bores = ["bore"]'), size, method="rigid")
@@ -631,16 +646,36 @@ def test_a_bore_that_is_not_listed_is_rigid(reduced_at_once):
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        (('"bore", "pin"]', '"bore", "bore"]'), SettingsError, "must be names, each of them once"),
-        (('"bore", "pin"]', '"bore", "hole"]'), SettingsError, r"small_end\.radius is missing"),
-        (('"bore", "pin"]', '"bore", "pin", "hole"]'), MeshError, "no physical group 'hole'"),
-        (('"bore", "pin"]', '"pin", "bore"]'), MeshError, "pin is not a cylinder about the z axis"),
+        (
+            ('"bore", "pin"]', '"bore", "bore"]'),
+            ehd.errors.SettingsError,
+            "must be names, each of them once",
+        ),
+        (
+            ('"bore", "pin"]', '"bore", "hole"]'),
+            ehd.errors.SettingsError,
+            r"small_end\.radius is missing",
+        ),
+        (
+            ('"bore", "pin"]', '"bore", "pin", "hole"]'),
+            ehd.errors.MeshError,
+            "no physical group 'hole'",
+        ),
+        (
+            ('"bore", "pin"]', '"pin", "bore"]'),
+            ehd.errors.MeshError,
+            "pin is not a cylinder about the z axis",
+        ),
         (
             ("clearance = 12e-6", "clearance = 12e-6\nradius = 0.02"),
-            SettingsError,
+            ehd.errors.SettingsError,
             "0.02 m must be",
         ),
-        (('bore = "rod.pin"', 'bore = "rod.bore"'), SettingsError, "is the bore of joints.big_end"),
+        (
+            ('bore = "rod.pin"', 'bore = "rod.bore"'),
+            ehd.errors.SettingsError,
+            "is the bore of joints.big_end",
+        ),
     ],
 )
 def test_bores_that_cannot_be_are_named(change, error, message):
@@ -656,8 +691,10 @@ def test_a_file_without_the_bore_of_a_film_is_named(tmp_path, rod_structure):
         del rod[key]
     del rod["reduction"]
     rod["body"] = str(tmp_path / "rod.h5")
-    with pytest.raises(SettingsError, match=r"small_end\.bore: .*rod\.h5 has the bores bore"):
-        build(scene_of(scene, "case"))
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"small_end\.bore: .*rod\.h5 has the bores bore"
+    ):
+        ehd.build(scene_of(scene, "case"))
 
 
 @pytest.mark.parametrize(
@@ -672,5 +709,7 @@ def test_a_file_without_the_bore_of_a_film_is_named(tmp_path, rod_structure):
 )
 def test_key_in_the_wrong_table(key, message):
     tables = {"bodies": {"rod": {"kind": "flexible", "model": "conrod", key: 1.0}}}
-    with pytest.raises(SettingsError, match=rf"unknown key bodies\.rod\.{key} of kind.*{message}"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=rf"unknown key bodies\.rod\.{key} of kind.*{message}"
+    ):
         scene_of(tables, "new.toml")

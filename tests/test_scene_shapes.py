@@ -4,16 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, Run
+from bench_scenes import read_shape_table, scene_of, scene_text
 from command_line import exit_of
 from scene_cases import RIGID_ROD, tables_of, write_scene
 from stopped_steps import assert_goes_on
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.films import read_shape_table
-from fenics_ehd.scenes.scene import scene_of, scene_text
 
 WIDTH, CLEARANCE = 0.022, 17e-6
 
@@ -21,7 +18,7 @@ WIDTH, CLEARANCE = 0.022, 17e-6
 def mechanism_of(**changes):
     keys = {f"joints.big_end.{key}": value for key, value in changes.items()}
     scene = scene_of(tables_of("slider-crank-paper", RIGID_ROD | keys), "scene")
-    return build(scene).mechanism
+    return ehd.build(scene).mechanism
 
 
 def rows(angles, heights, function):
@@ -79,7 +76,7 @@ def test_rows_of_a_table_may_come_in_any_order(tmp_path):
 def test_tables_that_are_none_are_refused(tmp_path, text, message):
     path = tmp_path / "shape.csv"
     path.write_text(text)
-    with pytest.raises(SettingsError, match=f"a.table .*shape.csv.*{message}"):
+    with pytest.raises(ehd.errors.SettingsError, match=f"a.table .*shape.csv.*{message}"):
         read_shape_table(path, "a.table", WIDTH, CLEARANCE)
 
 
@@ -98,7 +95,7 @@ def test_a_scene_lists_what_is_not_round(tmp_path):
         },
     )  # fmt: skip
     scene = ehd.read_scene(path)
-    joint = build(scene).mechanism.joints["big_end"]
+    joint = ehd.build(scene).mechanism.joints["big_end"]
     assert joint.bore_shape.radial(0.0, 0.0) == pytest.approx(3e-6)
     assert joint.journal_shape.radial(np.radians(30), WIDTH / 2) == pytest.approx(1e-6)
     # Stored and read again.
@@ -121,14 +118,14 @@ def test_a_scene_lists_what_is_not_round(tmp_path):
     ],
 )
 def test_shapes_that_cannot_be_are_refused(changes, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         mechanism_of(**changes)
 
 
 def test_shapes_that_close_the_gap_together_are_refused_at_the_start():
     # Both are below the clearance; the journal is narrow where the bore is wide.
     apart = mechanism_of(**{"bore_shape.ovality": 10e-6, "journal_shape.ovality": -10e-6})
-    with pytest.raises(SettingsError, match=r"joints\.big_end\.bore_shape.*-3 um"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"joints\.big_end\.bore_shape.*-3 um"):
         Run(apart, IntegratorOptions(), 1e-3)
 
 

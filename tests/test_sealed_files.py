@@ -9,17 +9,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from foreign_parts import ring
-from hand_made_rod import Joint, flexible
-from mpi4py import MPI
-
-import fenics_ehd as ehd
-from fenics_ehd.base import files as whole_file
-from fenics_ehd.base import sealed_file
-from fenics_ehd.base.columns import Quantity
-from fenics_ehd.base.errors import BodyFileError, InputError, OutputError, StructureError
-from fenics_ehd.base.sealed_file import seal
-from fenics_ehd.reduction import (
+from bench_parts import (
     BasisFile,
     as_matrix,
     body_digest,
@@ -27,6 +17,13 @@ from fenics_ehd.reduction import (
     save_basis,
     save_structure,
 )
+from bench_scenes import Quantity, seal, sealed_file
+from bench_scenes import files as whole_file
+from foreign_parts import ring
+from hand_made_rod import Joint, flexible
+from mpi4py import MPI
+
+import fenics_ehd as ehd
 
 TREE = {"rows": 3, "state": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
 
@@ -53,14 +50,22 @@ def write_basis(path):
 FILE = "history.h5"
 
 KINDS = {
-    "body": (lambda path: ehd.save_body(flexible(Joint())[0], path), ehd.load_body, BodyFileError),
+    "body": (
+        lambda path: ehd.save_body(flexible(Joint())[0], path),
+        ehd.load_body,
+        ehd.errors.BodyFileError,
+    ),
     "history": (
         lambda path: small_history().write(path, state=TREE),
         lambda path: ehd.load_history(path.parent),
-        InputError,
+        ehd.errors.InputError,
     ),
-    "part": (write_part, lambda path: load_structure(path, MPI.COMM_SELF), StructureError),
-    "basis": (write_basis, lambda path: BasisFile(path).close(), BodyFileError),
+    "part": (
+        write_part,
+        lambda path: load_structure(path, MPI.COMM_SELF),
+        ehd.errors.StructureError,
+    ),
+    "basis": (write_basis, lambda path: BasisFile(path).close(), ehd.errors.BodyFileError),
 }
 
 
@@ -247,7 +252,7 @@ def test_what_lies_in_another_file_is_not_followed(kind, change, tmp_path):
     with h5py.File(path, "w") as file:
         change(file)
         file["shape"] = (3, 3)
-    with pytest.raises(StructureError, match=message):
+    with pytest.raises(ehd.errors.StructureError, match=message):
         as_matrix(str(path), MPI.COMM_SELF, "stiffness")
 
 
@@ -261,7 +266,7 @@ def test_a_full_disk_keeps_the_former_file_and_leaves_no_other(kind, tmp_path, m
     former = path.read_bytes()
     with monkeypatch.context() as full:
         full.setattr(os, "fsync", fail)
-        with pytest.raises(OutputError, match=r"history\.h5: No space left"):
+        with pytest.raises(ehd.errors.OutputError, match=r"history\.h5: No space left"):
             KINDS[kind][0](path)
     assert path.read_bytes() == former
     assert [p.name for p in tmp_path.iterdir()] == [FILE]

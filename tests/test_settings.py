@@ -4,19 +4,21 @@ import os
 import tomllib
 
 import pytest
+from bench_parts import FAMILIES, SELECTIONS
+from bench_parts import PRESSURE_SETS_REDUCTION as PRESSURE_SETS
+from bench_scenes import (
+    part_settings,
+    read_toml,
+    require_thin_film,
+    scene_of,
+    scene_text,
+    shipped_names,
+)
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import require_thin_film
-from fenics_ehd.base.settings import read_toml
-from fenics_ehd.fem.elements import FAMILIES
-from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
-from fenics_ehd.scenes import part_settings
-from fenics_ehd.scenes.library import shipped_names
-from fenics_ehd.scenes.scene import scene_of, scene_text
 
 PAPER = "slider-crank-paper"
 
@@ -110,7 +112,7 @@ def test_names_that_need_quotes_read_back(body, point, hole, folder):
 
 def test_a_name_that_is_no_text_is_one_line():
     scene = scene_of(tables_of(PAPER, {"bodies.rod.model": "\udcff/rod.geo"}), "case")
-    with pytest.raises(SettingsError, match=r"'.udcff/rod.geo' is no text in UTF-8"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"'.udcff/rod.geo' is no text in UTF-8"):
         scene_text(scene)
 
 
@@ -178,7 +180,7 @@ def film(**changes):
     ],
 )
 def test_bad_value_is_named_with_its_limit(changes, message):
-    with pytest.raises(SettingsError) as caught:
+    with pytest.raises(ehd.errors.SettingsError) as caught:
         scene_of(tables_of(PAPER, changes), "case")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -230,9 +232,9 @@ def test_choices_are_those_of_the_reduction_and_the_elements():
 def test_broken_toml_is_named(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text("mechanism = [")
-    with pytest.raises(SettingsError, match=r"broken\.toml"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"broken\.toml"):
         read_toml(path)
-    with pytest.raises(SettingsError, match="No such file"):
+    with pytest.raises(ehd.errors.SettingsError, match="No such file"):
         read_toml(tmp_path / "absent.toml")
 
 
@@ -253,7 +255,7 @@ LONG = "more than 300 characters"
 )
 def test_text_that_no_scene_has_is_refused(text, message, tmp_path):
     (tmp_path / "scene.toml").write_text(text, encoding="latin-1")
-    with pytest.raises(SettingsError) as caught:
+    with pytest.raises(ehd.errors.SettingsError) as caught:
         read_toml(tmp_path / "scene.toml")
     assert message in str(caught.value)
     assert len(str(caught.value)) < 300 + len(str(tmp_path))
@@ -269,5 +271,5 @@ def test_long_quotations_and_comments_are_read(tmp_path):
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: path.symlink_to("/dev/zero")])
 def test_scene_that_is_no_file_is_not_waited_for(make, tmp_path):
     make(tmp_path / "scene.toml")
-    with pytest.raises(SettingsError, match="a folder, pipe or device, not a file"):
+    with pytest.raises(ehd.errors.SettingsError, match="a folder, pipe or device, not a file"):
         read_toml(tmp_path / "scene.toml")

@@ -4,30 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_film import film_layout
+from bench_parts import (
+    body_digest,
+    check_structure,
+    load_structure,
+    outward,
+    rigid,
+    save_structure,
+    two_step_craig_bampton,
+)
+from bench_scenes import ReductionSettings, reduce_structure
 from foreign_parts import to_scipy
 from mpi4py import MPI
 from scipy import linalg, sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError, StructureError
-from fenics_ehd.base.fields import Material
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.film.grid import film_layout
-from fenics_ehd.reduction import (
-    body_digest,
-    check_structure,
-    craig_bampton,
-    full_interface,
-    load_dependent,
-    load_structure,
-    residual_flexibility,
-    rigid,
-    save_structure,
-    two_step_craig_bampton,
-)
-from fenics_ehd.reduction.bore import outward
-from fenics_ehd.scenes.part import reduce_structure
-from fenics_ehd.scenes.part_settings import ReductionSettings
 
 #: A mesh that a dense eigenvalue problem takes.
 COARSE = {
@@ -41,8 +33,8 @@ LENGTH, RADII = 0.16, {"bore": 0.0225, "pin": 0.012}
 
 
 def rod(comm=MPI.COMM_WORLD, bores=("bore", "pin"), cells="hex"):
-    mesh = ehd.build_mesh(model_path("conrod"), COARSE, comm=comm, cells=cells, bores=bores)
-    return ehd.assemble_structure(mesh, Material(210e9, 0.3, 7850.0), bores=bores)
+    mesh = ehd.build_mesh(ehd.model_path("conrod"), COARSE, comm=comm, cells=cells, bores=bores)
+    return ehd.assemble_structure(mesh, ehd.Material(210e9, 0.3, 7850.0), bores=bores)
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +50,10 @@ def part(structure):
 @pytest.fixture(scope="module")
 def bodies(part):
     return {
-        "full": full_interface(part, 6),
-        "m4": residual_flexibility(part, 6, truncation=0.0),
-        "m3": load_dependent(part, 6, 20),
-        "m1": craig_bampton(part, 12),
+        "full": ehd.full_interface(part, 6),
+        "m4": ehd.residual_flexibility(part, 6, truncation=0.0),
+        "m3": ehd.load_dependent(part, 6, 20),
+        "m1": ehd.craig_bampton(part, 12),
         "m2": two_step_craig_bampton(part, 12),
         "rigid": rigid(part, estimate_error=True),
     }
@@ -146,7 +138,10 @@ def test_a_patterns_work_on_both_bores_is_its_own(bodies):
 @pytest.mark.parametrize("method", ["full", "m4"])
 def test_a_bore_that_nothing_loads_changes_nothing(bodies, method):
     """The rod with one bore has the same flexibility there."""
-    reduce = {"full": full_interface, "m4": lambda p, n: residual_flexibility(p, n, truncation=0)}
+    reduce = {
+        "full": ehd.full_interface,
+        "m4": lambda p, n: ehd.residual_flexibility(p, n, truncation=0),
+    }
     alone = reduce[method](rod(MPI.COMM_SELF, ("bore",)), 6)
     ours = bodies[method].at_bore("bore").basis_flexibility()
     theirs = alone.basis_flexibility()
@@ -184,24 +179,28 @@ def test_a_part_in_a_file_keeps_all_bores(structure, tmp_path):
 
 def test_the_bore_of_several_must_be_named(structure, bodies):
     for part, what in ((structure, "structure"), (bodies["m4"], "reduced body")):
-        with pytest.raises(SettingsError, match=f"the {what} has the bores bore, pin: name one"):
+        with pytest.raises(
+            ehd.errors.SettingsError, match=f"the {what} has the bores bore, pin: name one"
+        ):
             part.bore  # noqa: B018
-    with pytest.raises(SettingsError, match="bore, pin: name one of them"):
+    with pytest.raises(ehd.errors.SettingsError, match="bore, pin: name one of them"):
         bodies["m4"].bore_nodes  # noqa: B018
-    with pytest.raises(SettingsError, match="no bore 'small': bore, pin"):
+    with pytest.raises(ehd.errors.SettingsError, match="no bore 'small': bore, pin"):
         bodies["m4"].at_bore("small")
 
 
 def test_snapshots_of_a_run_are_those_of_one_bore(structure):
-    with pytest.raises(SettingsError, match="those of one bore, the part has bore, pin"):
+    with pytest.raises(ehd.errors.SettingsError, match="those of one bore, the part has bore, pin"):
         reduce_structure(structure, ReductionSettings(method="m3", snapshots="run"))
 
 
 def test_bores_of_one_place_and_of_another_origin_are_refused(structure):
     bore, pin = structure.bores.values()
-    with pytest.raises(StructureError, match=r"pin\.centre: the first bore's must be the origin"):
+    with pytest.raises(
+        ehd.errors.StructureError, match=r"pin\.centre: the first bore's must be the origin"
+    ):
         check_structure(replace(structure, bores={"pin": pin, "bore": bore}))
-    with pytest.raises(StructureError, match=r"bore, again: node .* is named 2 times"):
+    with pytest.raises(ehd.errors.StructureError, match=r"bore, again: node .* is named 2 times"):
         check_structure(replace(structure, bores={"bore": bore, "again": bore}))
 
 
@@ -209,8 +208,8 @@ def test_bores_of_one_place_and_of_another_origin_are_refused(structure):
 @pytest.mark.parametrize("method", ["m4", "m3", "m2"])
 def test_any_number_of_ranks_gives_the_same_body(method):
     reductions = {
-        "m4": lambda p: residual_flexibility(p, 6),
-        "m3": lambda p: load_dependent(p, 6, 20),
+        "m4": lambda p: ehd.residual_flexibility(p, 6),
+        "m3": lambda p: ehd.load_dependent(p, 6, 20),
         "m2": lambda p: two_step_craig_bampton(p, 12),
     }
     ours, alone = (reductions[method](rod(c)) for c in (MPI.COMM_WORLD, MPI.COMM_SELF))

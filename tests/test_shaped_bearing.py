@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from attrs import evolve
+from bench_machines import minimum_film
 from film_cases import oval
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.bearing import minimum_film
-from fenics_ehd.base.errors import SettingsError
 
 pytestmark = pytest.mark.kernels
 
@@ -172,5 +171,5 @@ def test_the_smallest_film_is_found_between_samples(shape):
     ],
 )
 def test_shapes_that_cannot_be_are_refused(settings, how, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         ehd.solve_bearing(ehd.BearingSettings(**settings), **how)

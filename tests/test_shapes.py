@@ -5,17 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from attrs import evolve
+from bench_machines import IntegratorOptions, JointFilm, Run, System
 from film_cases import oval
 from hand_made_rod import Joint, flexible, make_mechanism, run, with_residual
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, in_bearing, make_film
 from moving_point import assert_derivatives
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.grid import uniform_grid
-from fenics_ehd.multibody.lubricated_joint import JointFilm
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import IntegratorOptions, Run
 
 pytestmark = pytest.mark.kernels
 
@@ -84,7 +80,7 @@ def test_a_table_of_one_height_stands_for_all_and_ends_stay():
     [([0.0, 1.0, 2.0], "at least 4"), ([0.0, 2, 1, 3], "ascend"), ([0.0, 1, 2, 7], "one turn")],
 )
 def test_angles_of_a_table_are_checked(angles, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         ehd.ShapeTable(np.array(angles), np.zeros(1), np.zeros((len(angles), 1)))
 
 
@@ -266,7 +262,9 @@ def test_a_turning_journal_is_a_turned_frame_on_a_fine_mesh(figure):
 
 
 def test_a_gap_closed_at_the_start_is_refused():
-    with pytest.raises(SettingsError, match=r"joints\.bearing\.bore_shape.*-4 um.*20 um"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"joints\.bearing\.bore_shape.*-4 um.*20 um"
+    ):
         Run(swinging(oval(1.2 * C)), IntegratorOptions(), 1e-3)
 
 
@@ -275,7 +273,7 @@ def test_a_gap_closed_at_the_start_is_refused():
 
 def crowned_film(along):
     """Largest error of the pressure under a crowned journal pressed flat onto its bore."""
-    grid = uniform_grid(R, R, (8, along), "lagrange")
+    grid = ehd.uniform_grid(R, R, (8, along), "lagrange")
     film = ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA))
     crown, speed, half = 0.4 * C, 1e-3, 0.5 * R
     gap = joint_film(film, journal=ehd.Shape(half_width=half, barrel=-crown)).gap(

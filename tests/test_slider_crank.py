@@ -4,6 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_film import cavitation as snes_vi
+from bench_machines import (
+    ImplicitStep,
+    IntegratorOptions,
+    Powers,
+    Run,
+    StepEquations,
+    System,
+    balance_error,
+    columns_of,
+    energy_row,
+    step_powers,
+)
+from bench_scenes import rotation
 from differences import slope
 from hand_made_rod import (
     CENTRE,
@@ -37,14 +51,6 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 import fenics_ehd as ehd
-from fenics_ehd.base.plane import rotation
-from fenics_ehd.film import cavitation as snes_vi
-from fenics_ehd.multibody.bdf import ImplicitStep
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import columns_of
-from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.trust import Powers, balance_error, energy_row, step_powers
 
 pytestmark = pytest.mark.kernels
 

@@ -7,6 +7,10 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
+from bench_output import cycle_stress, write_fields
+from bench_output import figures_stress as figures
+from bench_parts import NodalStress, basis_of, largest_half_range, largest_principal, von_mises
+from bench_parts import stress as stress_module
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -17,13 +21,6 @@ from scipy import linalg
 from test_recovery import STEEL, ring_under_pressure
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import VerificationError
-from fenics_ehd.fem import stress as stress_module
-from fenics_ehd.fem.stress import NodalStress, largest_half_range, largest_principal
-from fenics_ehd.reduction import load_dependent, residual_flexibility
-from fenics_ehd.reduction.part_files import von_mises
-from fenics_ehd.reduction.residual_flexibility import basis_of
-from fenics_ehd.results.stress import cycle_stress, figures, write_fields
 
 #: Length, and half of height and width, of the bar along x.
 LENGTH, HEIGHT, WIDTH = 0.1, 0.01, 0.006
@@ -168,7 +165,7 @@ def test_hoop_stress_at_the_bore_of_a_ring_converges_to_that_of_lame(tmp_path, f
 
 @pytest.fixture(scope="module")
 def reduced(rod_structure):
-    return load_dependent(rod_structure, 6, 12, estimate_error=False, keep_basis=True)
+    return ehd.load_dependent(rod_structure, 6, 12, estimate_error=False, keep_basis=True)
 
 
 def test_basis_made_again_is_turned_to_the_coordinates_of_the_run(reduced):
@@ -189,10 +186,10 @@ def test_basis_made_again_is_turned_to_the_coordinates_of_the_run(reduced):
     columns = basis_of(reduced, other, reduced.columns @ turn)
     assert np.abs(columns - reduced.columns).max() < 1e-7 * np.abs(reduced.columns).max()
     assert basis_of(reduced, reduced, reduced.columns) is reduced.columns
-    with pytest.raises(VerificationError, match="was its model changed"):
+    with pytest.raises(ehd.errors.VerificationError, match="was its model changed"):
         basis_of(reduced, replace(other, mass=1.01 * other.mass), reduced.columns)
     fewer = replace(reduced, bore_basis=reduced.bore_basis[:-1])
-    with pytest.raises(VerificationError, match="bore nodes"):
+    with pytest.raises(ehd.errors.VerificationError, match="bore nodes"):
         basis_of(reduced, fewer, reduced.columns)
 
 
@@ -220,7 +217,7 @@ def test_stresses_of_a_held_housing_are_those_of_the_static_solution():
     """Two pressures at rest, M4 with every pattern: half their difference is the half-range."""
     coarse = {"bodies.housing.geometry": {"bore_cells_along": 2}}
     housing = structure_of("rotor-paper", "housing", MPI.COMM_SELF, coarse)
-    body = residual_flexibility(
+    body = ehd.residual_flexibility(
         housing,
         4,
         truncation=0.0,

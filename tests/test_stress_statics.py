@@ -4,6 +4,15 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+from bench_machines import IntegratorOptions, Run
+from bench_output import RecordedMotion
+from bench_parts import (
+    NodalStress,
+    missing_fields,
+    pattern_fields,
+    two_step_craig_bampton,
+    von_mises,
+)
 from mechanism_cases import REVOLUTION, film, recorded, slider_crank
 from mpi4py import MPI
 from oracle_stress import ROD, StaticRod
@@ -11,28 +20,15 @@ from rough_cases import surfaces
 from scene_cases import structure as structure_of
 
 import fenics_ehd as ehd
-from fenics_ehd.fem.stress import NodalStress
-from fenics_ehd.film.grid import film_grid
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.reduction import (
-    craig_bampton,
-    full_interface,
-    load_dependent,
-    residual_flexibility,
-    two_step_craig_bampton,
-)
-from fenics_ehd.reduction.part_files import von_mises
-from fenics_ehd.reduction.residual_flexibility import missing_fields, pattern_fields
-from fenics_ehd.results.motion import RecordedMotion
 
 KEPT = {"keep_basis": True, "estimate_error": False}
 METHODS = {
-    "m4": partial(residual_flexibility, n_vibration=6, **KEPT),
-    "m4, every pattern": partial(residual_flexibility, n_vibration=6, truncation=0.0, **KEPT),
-    "m3": partial(load_dependent, n_vibration=6, n_residual=31, **KEPT),
-    "m1": partial(craig_bampton, n_modes=37, **KEPT),
+    "m4": partial(ehd.residual_flexibility, n_vibration=6, **KEPT),
+    "m4, every pattern": partial(ehd.residual_flexibility, n_vibration=6, truncation=0.0, **KEPT),
+    "m3": partial(ehd.load_dependent, n_vibration=6, n_residual=31, **KEPT),
+    "m1": partial(ehd.craig_bampton, n_modes=37, **KEPT),
     "m2": lambda part: two_step_craig_bampton(part, 37, 20, **KEPT),
-    "full": partial(full_interface, n_vibration=6, keep_basis=True),
+    "full": partial(ehd.full_interface, n_vibration=6, keep_basis=True),
 }
 
 #: Coarse rods: what is compared does not ask for fine ones.
@@ -58,7 +54,7 @@ def machine(body, **parameters):
     if body.bore.pressure_family == "triangle":
         own = film(22.5e-3, 22e-3, 17e-6, 0.01, (20, 2))
     else:
-        grid = film_grid(body.pressure_nodes)
+        grid = ehd.film_grid(body.pressure_nodes)
         own = ehd.Film(
             ehd.FilmParameters(grid, 17e-6, ehd.Lubricant(0.01), rate=500.0, **parameters)
         )

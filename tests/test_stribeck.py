@@ -3,11 +3,11 @@
 import attrs
 import numpy as np
 import pytest
+from bench_machines import minimum_film
+from bench_output import report_bearing as report
+from bench_output import summary
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.bearing import minimum_film
-from fenics_ehd.base.errors import GapClosedError
-from fenics_ehd.cli.bearing import report, summary
 
 LOAD, ROUGHNESS = 8000.0, 0.5e-6
 ROUGH = ehd.BearingSettings(
@@ -84,5 +84,5 @@ def test_figures_of_contact_are_there_for_rough_surfaces_alone():
 
 
 def test_surfaces_that_overlap_too_far_are_refused():
-    with pytest.raises(GapClosedError, match="must be above -1 um"):
+    with pytest.raises(ehd.errors.GapClosedError, match="must be above -1 um"):
         minimum_film(ROUGH, np.array([1.07 * ROUGH.clearance, 0.0]))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_parts import check_structure
 from foreign_parts import ring, ring_arguments
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,8 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
-from fenics_ehd.base.errors import StructureError
-from fenics_ehd.reduction.structure import check_structure
+import fenics_ehd as ehd
 
 ARGUMENTS = ring_arguments()
 K, M, BORE = ARGUMENTS["stiffness"], ARGUMENTS["mass"], ARGUMENTS["bores"]
@@ -191,7 +191,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_every_defect_is_named(case):
     changes, message = CASES[case]
-    with pytest.raises(StructureError, match=message) as caught:
+    with pytest.raises(ehd.errors.StructureError, match=message) as caught:
         check_structure(ring(**changes))
     assert "\n" not in str(caught.value)
 
@@ -219,7 +219,7 @@ def test_units_do_not_matter(stiffness, density, length):
 @given(st.integers(0, SIZE // 3 - 3), st.integers(0, 2), st.sampled_from([0.0, -0.05, 1e-12]))
 def test_hidden_null_vectors_of_the_mass_are_found(node, component, value):
     part = ring(mass=hidden(M, 3 * node + component, value), comm=MPI.COMM_SELF)
-    with pytest.raises(StructureError, match=r"mass .* largest at node \d+, component"):
+    with pytest.raises(ehd.errors.StructureError, match=r"mass .* largest at node \d+, component"):
         check_structure(part)
 
 
@@ -235,7 +235,9 @@ def vector(size):
 
 def test_sizes_of_petsc_matrices_that_do_not_fit_are_named():
     part = ring(comm=MPI.COMM_SELF)
-    with pytest.raises(StructureError, match="stiffness has 217 rows, not 3 for every node"):
+    with pytest.raises(
+        ehd.errors.StructureError, match="stiffness has 217 rows, not 3 for every node"
+    ):
         ring(stiffness=petsc(sparse.eye(217)))
     for changes, message in (
         ({"stiffness": petsc(sparse.eye(216, 219))}, r"stiffness has shape \(216, 219\)"),
@@ -250,7 +252,7 @@ def test_sizes_of_petsc_matrices_that_do_not_fit_are_named():
         ),
     ):
         bare = {"bores": {}, "attachments": {}, **changes}
-        with pytest.raises(StructureError, match=message):
+        with pytest.raises(ehd.errors.StructureError, match=message):
             check_structure(replace(part, **bare))
 
 
@@ -262,7 +264,7 @@ def test_weights_of_load_vectors_are_checked():
         ((x, y + 0.1 * x, z), "'pin': a unit translation along x moves it by 0.1 along y, not 0: "),
         ((x, y, np.nan * z), "'pin': a unit translation along . moves it by nan along"),
     ):
-        with pytest.raises(StructureError, match=message):
+        with pytest.raises(ehd.errors.StructureError, match=message):
             check_structure(replace(part, attachments={"pin": vectors}))
 
 
@@ -279,7 +281,9 @@ def test_rows_that_split_a_node_are_named():
     )
     nodes = len(X) // 2
     mine = X[:nodes] if comm.rank == 0 else X[nodes:]
-    with pytest.raises(StructureError, match=r"a rank owns \d+ rows, not 3 for every node"):
+    with pytest.raises(
+        ehd.errors.StructureError, match=r"a rank owns \d+ rows, not 3 for every node"
+    ):
         ring(stiffness=matrix, mass=matrix, coordinates=mine)
 
 

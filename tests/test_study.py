@@ -10,29 +10,32 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from bench_output import (
+    COLUMNS,
+    ERROR_COLUMNS,
+    REFERENCE,
+    Case,
+    StoredRun,
+    StudyFolder,
+    errors_path,
+    film,
+    full,
+    m3,
+    m4,
+    make_study,
+    make_sweep,
+    read_errors,
+    rigid,
+    run_study,
+    steps,
+)
+from bench_scenes import claim, planned_cells, scene_text, shipped_names
 from command_line import exit_of
 from csv_history import edited, read_history
 from study_cases import COARSE, SCENE, START, TINY, TOO_MANY, run_tiny, tiny_study
 from sweep_cases import Inline, scene_as, sweep_inline
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InputError, InUseError, SettingsError
-from fenics_ehd.base.files import claim
-from fenics_ehd.scenes.films import planned_cells
-from fenics_ehd.scenes.library import shipped_names
-from fenics_ehd.scenes.scene import scene_text
-from fenics_ehd.study.cases import Case
-from fenics_ehd.study.compare import (
-    COLUMNS,
-    ERROR_COLUMNS,
-    StoredRun,
-    StudyFolder,
-    errors_path,
-    read_errors,
-    run_study,
-)
-from fenics_ehd.study.plan import REFERENCE, film, full, m3, m4, make_study, rigid, steps
-from fenics_ehd.study.sweep import make_sweep
 
 
 @pytest.fixture(scope="module")
@@ -295,20 +298,22 @@ def test_a_failed_reference_leaves_rows_without_errors(studied, tmp_path):
 
 def test_folder_of_another_scene_or_process_is_refused(studied, tmp_path):
     directory, study, _ = studied
-    with pytest.raises(InputError, match=r"scene = slider-crank-paper there, rotor-paper"):
+    with pytest.raises(
+        ehd.errors.InputError, match=r"scene = slider-crank-paper there, rotor-paper"
+    ):
         StudyFolder(directory, make_study("rotor-paper", quick=True))
     claim(tmp_path, ["study.json"])
     (tmp_path / "study.json").write_text("[]")
-    with pytest.raises(InputError, match="scene = None there"):
+    with pytest.raises(ehd.errors.InputError, match="scene = None there"):
         StudyFolder(tmp_path, study)
-    with StudyFolder(directory, study), pytest.raises(InUseError):
+    with StudyFolder(directory, study), pytest.raises(ehd.errors.InUseError):
         StudyFolder(directory, study)
 
 
 @pytest.mark.parametrize("start", [1e-3, 2e-4])
 def test_a_scene_that_ends_before_enough_errors_count_is_refused(start):
     # The second one leaves 5e-5 s, less than its largest step of 7e-5 s.
-    with pytest.raises(SettingsError, match=r"from start = .* ends at 0.000251 s"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"from start = .* ends at 0.000251 s"):
         tiny_study(start=start)
 
 
@@ -392,7 +397,7 @@ def test_errors_over_time_are_kept_beside_the_runs(studied, again):
     claim(path.parent, ["errors-gone.npz"])
     path.with_name("errors-gone.npz").write_bytes(before)
     shorten(path, 0.5)
-    with pytest.raises(InputError, match="not the errors of a run"):
+    with pytest.raises(ehd.errors.InputError, match="not the errors of a run"):
         read_errors(path)
     run_tiny(again)
     assert path.read_bytes() == before
@@ -448,7 +453,7 @@ def test_a_folder_that_holds_what_is_not_of_a_study_is_refused(name, link, studi
         path.parent.mkdir()
     path.write_text("mine")
     for overwrite in (False, True):
-        with pytest.raises(InputError, match="not of a former run"):
+        with pytest.raises(ehd.errors.InputError, match="not of a former run"):
             StudyFolder(tmp_path / "out", studied[1], overwrite=overwrite)
     assert path.read_text() == "mine"
 
@@ -479,7 +484,7 @@ def test_film_mesh_is_checked_by_a_finer_one(values, cells, tmp_path):
 
 @pytest.mark.parametrize("factor", [{}, film(1)])
 def test_a_film_check_that_is_not_finer_is_refused(factor):
-    with pytest.raises(SettingsError, match="film_check: 1 times the cells"):
+    with pytest.raises(ehd.errors.SettingsError, match="film_check: 1 times the cells"):
         tiny_study(replace(TINY, film_check=factor | steps(1e-5)))
 
 

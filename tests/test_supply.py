@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from bench_film import aligned_grid
 from film_cases import ETA, FAMILIES, OMEGA, R, force, given_gap, make_film, solve
 from film_grids import graded_grid
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.film.grid import aligned_grid, uniform_grid
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -58,7 +57,7 @@ def test_ambient_pressure_shifts_a_film_that_stays_whole():
 @pytest.mark.parametrize("family", FAMILIES)
 def test_groove_has_its_pressure_between_its_edges(family):
     groove = ehd.AxialGroove(np.radians(40.0), np.radians(25.0), 3e5)
-    grid = aligned_grid(uniform_grid(R, 2 * R, (48, 6), family), np.array(groove.edges))
+    grid = aligned_grid(ehd.uniform_grid(R, 2 * R, (48, 6), family), np.array(groove.edges))
     film = make_film(grid=grid, regions=(groove,))
     pressure = solve(film, -0.6).pressure
     angle = grid.node_positions[:, 0]
@@ -133,5 +132,5 @@ def test_later_regions_win():
     ],
 )
 def test_impossible_supplies_are_refused(make, named):
-    with pytest.raises(SettingsError, match=named):
+    with pytest.raises(ehd.errors.SettingsError, match=named):
         make()

@@ -5,16 +5,13 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
+from bench_machines import System
+from bench_scenes import build_film, scene_of
 from command_line import call
 from scene_cases import LOAD, LOADED_JOURNAL, tables_of, write_scene
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.films import build_film
-from fenics_ehd.scenes.scene import scene_of
 
 AT = "joints.bearing.supply"
 
@@ -42,7 +39,7 @@ def made(tmp_path, monkeypatch):
         scene = scene_of(
             tables_of("loaded-journal", LOADED_JOURNAL | deepcopy(FED) | changes), "case"
         )
-        return build(scene).mechanism
+        return ehd.build(scene).mechanism
 
     return make
 
@@ -91,13 +88,15 @@ def test_cells_that_grooves_stretch_must_hold_a_hole_before_anything_is_reduced(
     scene = scene_of(
         tables_of("loaded-journal", deepcopy(FED) | {f"{AT}.groove": None} | hole | groove), "case"
     )
-    with pytest.raises(SettingsError, match=r"^joints.bearing.supply.inlet has a size of 6.3 mm"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"^joints.bearing.supply.inlet has a size of 6.3 mm"
+    ):
         build_film(scene, "bearing", None, 300.0)
 
 
 @pytest.mark.parametrize(("changes", "message"), WRONG)
 def test_what_a_scene_cannot_say_of_a_supply(made, changes, message):
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         made(changes)
 
 
@@ -111,7 +110,7 @@ def test_what_a_scene_cannot_say_of_a_supply(made, changes, message):
 )
 def test_tables_that_are_none(made, tmp_path, table, message):
     (tmp_path / "supply.csv").write_text(table)
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         made({})
 
 
@@ -124,8 +123,8 @@ def test_a_supply_of_another_period_than_the_cycle_is_refused_before_anything_is
     told = (
         r"^joints\.big_end\.supply\.inlet repeats 0\.628318\d* times in the cycle of 0\.0125664 s"
     )
-    with pytest.raises(SettingsError, match=told):
-        build(scene, announce=begun.extend)
+    with pytest.raises(ehd.errors.SettingsError, match=told):
+        ehd.build(scene, announce=begun.extend)
     assert not begun
 
 

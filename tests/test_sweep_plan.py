@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
+from bench_output import MOST_CASES, make_sweep, parse_values, resolve_key
+from bench_scenes import as_stored
 from command_line import exit_of
 from hypothesis import given
 from hypothesis import strategies as st
 from sweep_cases import LOADED_JOURNAL, given_values, write_scene
 
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.scenes.scene import as_stored
-from fenics_ehd.study.cases import MOST_CASES, parse_values, resolve_key
-from fenics_ehd.study.sweep import make_sweep
+import fenics_ehd as ehd
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +71,7 @@ def test_values_as_written(text, like, values):
     ],
 )
 def test_malformed_values_are_named(text, like, named):
-    with pytest.raises(SettingsError) as error:
+    with pytest.raises(ehd.errors.SettingsError) as error:
         parse_values("section.key", text, like)
     assert str(error.value).startswith("section.key = ")
     assert named in str(error.value)
@@ -115,13 +114,13 @@ def test_key_or_the_end_of_it(name, key):
     ],
 )
 def test_key_that_is_none_is_named(name, named):
-    with pytest.raises(SettingsError) as error:
+    with pytest.raises(ehd.errors.SettingsError) as error:
         resolve_key(as_stored("slider-crank-paper"), name)
     assert named in str(error.value)
 
 
 def test_several_joints_have_keys_of_their_own():
-    with pytest.raises(SettingsError) as error:
+    with pytest.raises(ehd.errors.SettingsError) as error:
         resolve_key(as_stored("engine"), "clearance")
     for joint in ("front", "back", "big_end"):
         assert f"joints.{joint}.clearance" in str(error.value)

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
+from bench_machines import Instant, Motion, System, assemble, beam_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanism_cases import film
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.multibody.mechanism import Instant, Motion, System, assemble
-from fenics_ehd.multibody.shaft import beam_plane
 
 
 def wave(angle):
@@ -181,7 +179,7 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
 )
 def test_what_cannot_be_assembled_is_named(bodies, joints, drives, message):
     rod = ehd.RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)})
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         assemble(System(ehd.Mechanism({"rod": rod, **bodies}, joints, drives)))
 
 
@@ -192,12 +190,12 @@ def run(bodies, joints, drives=(), forces=()):
 def test_a_motion_without_inertia_is_named():
     wheel, hinge = {"wheel": ehd.RigidBody(0.0)}, {"hinge": ehd.Revolute(("ground", "wheel"))}
     message = "body wheel can move or turn freely without inertia"
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         run(wheel, hinge)
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         run(wheel, hinge, forces={"motor": ehd.Torque("wheel", lambda _: (1.0, 0.0))})
     oil = film(10e-3, 10e-3, 2e-5, 0.05, (12, 2))
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         run(wheel, {"bearing": ehd.LubricatedJoint("wheel", "ground", oil)})
     # A drive holds it, and a damper.
     run(wheel, hinge, drives={"wheel": ehd.Speed(1.0)})
@@ -205,18 +203,22 @@ def test_a_motion_without_inertia_is_named():
 
 
 def test_joints_that_cannot_be():
-    with pytest.raises(SettingsError, match=r"direction = .* one of them not 0"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"direction = .* one of them not 0"):
         ehd.Slider("ground", "rod", (0.0, 0.0))
     oil = film(10e-3, 10e-3, 2e-5, 0.05, (12, 2))
     bodies = {name: ehd.RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}) for name in ("one", "other")}
-    with pytest.raises(SettingsError, match="joint b: ground is the bore of a already"):
+    with pytest.raises(ehd.errors.SettingsError, match="joint b: ground is the bore of a already"):
         run(
             bodies,
             {n: ehd.LubricatedJoint(j, "ground", oil) for n, j in zip("ab", bodies, strict=True)},
         )
-    with pytest.raises(SettingsError, match="journal and bore are points of one body, one"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match="journal and bore are points of one body, one"
+    ):
         run(bodies, {"a": ehd.LubricatedJoint("one", "one.tip", oil)})
-    with pytest.raises(SettingsError, match=r"is 1.5 of the clearance: it must be below 1"):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"is 1.5 of the clearance: it must be below 1"
+    ):
         ehd.LubricatedJoint("one", "ground", oil, eccentricity=(3e-5, 0.0))
 
 

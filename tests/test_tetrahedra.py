@@ -7,25 +7,31 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
+from bench_film import Surface, interpolation_matrix
+from bench_output import gather_part, part_block, write_series
+from bench_parts import (
+    GMSH_HEX,
+    GMSH_TET,
+    SOLIDS,
+    Solid,
+    StaticSolver,
+    _columns,
+    _hats,
+    bearing_shapes,
+    bore_rows,
+    inside_out,
+    load_columns,
+    no_cells,
+    rigid,
+    session,
+    unit_pressures,
+)
 from exact_transfer import conservative_load, intersection_points
 from mpi4py import MPI
 from scene_cases import structure as structure_of
 from scipy import sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import MeshError
-from fenics_ehd.fem.gmsh_session import session
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid, inside_out
-from fenics_ehd.film.transfer import Surface, interpolation_matrix
-from fenics_ehd.reduction import load_dependent, rigid
-from fenics_ehd.reduction.bore import no_cells
-from fenics_ehd.reduction.elements import SOLIDS
-from fenics_ehd.reduction.load_dependent import _columns, _hats, bearing_shapes, unit_pressures
-from fenics_ehd.reduction.matrices import load_columns
-from fenics_ehd.reduction.reductor import bore_rows
-from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.results.paraview import gather_part, part_block, write_series
 
 
 def rod_of_tetrahedra(comm):
@@ -39,7 +45,7 @@ def structure():
 
 @pytest.fixture(scope="module")
 def body(structure):
-    return load_dependent(structure, 6, 31, estimate_error=False, keep_basis=True)
+    return ehd.load_dependent(structure, 6, 31, estimate_error=False, keep_basis=True)
 
 
 def surfaces(body):
@@ -192,9 +198,11 @@ def test_paraview_files_hold_quadratic_tetrahedra(structure, body, tmp_path):
 
 
 def test_cells_are_those_that_the_model_gives():
-    with pytest.raises(MeshError, match="no tetrahedra: it needs a parameter tetrahedra"):
-        ehd.build_mesh(model_path("conrod"), {"tetrahedra": 0}, comm=MPI.COMM_SELF, cells="tet")
-    found = ehd.build_mesh(model_path("conrod"), {"tetrahedra": 1}, comm=MPI.COMM_SELF)
+    with pytest.raises(
+        ehd.errors.MeshError, match="no tetrahedra: it needs a parameter tetrahedra"
+    ):
+        ehd.build_mesh(ehd.model_path("conrod"), {"tetrahedra": 0}, comm=MPI.COMM_SELF, cells="tet")
+    found = ehd.build_mesh(ehd.model_path("conrod"), {"tetrahedra": 1}, comm=MPI.COMM_SELF)
     assert found.cell == "tetrahedron"
 
 

@@ -4,14 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_machines import JointFilm, System, beam_plane
 from moving_point import assert_derivatives
 from rotor_cases import MODES, SPEED, C, R, flexible, held_body, make_film, shifted
 
 import fenics_ehd as ehd
-from fenics_ehd.film.kinematics import ShaftMotion, shaft_gap
-from fenics_ehd.multibody.lubricated_joint import JointFilm
-from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.shaft import beam_plane
 
 pytestmark = pytest.mark.kernels
 
@@ -35,11 +32,13 @@ def joint(film):
 def test_gap_of_a_tilting_shaft_is_the_films_own(film, joint):
     xi, rate = np.zeros((2, joint.size))
     xi[:4], rate[:4] = [3e-7, -2e-7, 1e-5, 3e-5], [2e-3, 1e-3, 0.2, -0.1]
-    exact = shaft_gap(
+    exact = ehd.shaft_gap(
         film.points,
         R,
         C,
-        ShaftMotion(xi[:2], SPEED, eccentricity_rate=rate[:2], tilt=xi[2:4], tilt_rate=rate[2:4]),
+        ehd.ShaftMotion(
+            xi[:2], SPEED, eccentricity_rate=rate[:2], tilt=xi[2:4], tilt_rate=rate[2:4]
+        ),
     )
     found = joint.gap(xi, rate, SPEED)
     # What is left out is e_t^2 / 2 R and its rate.
@@ -64,8 +63,8 @@ def test_gap_of_a_bent_bore_is_the_films_own(film):
     shape = (*film.points.angle.shape, -1)
     normal = joint.thickness[:, 4:].reshape(shape)
     tangential = -joint.sliding_velocity[:, 4:].reshape(shape)
-    expected = shaft_gap(
-        film.points, R, C, ShaftMotion(np.zeros(2), SPEED * (R - C) / R),
+    expected = ehd.shaft_gap(
+        film.points, R, C, ehd.ShaftMotion(np.zeros(2), SPEED * (R - C) / R),
         bore_displacement=(normal @ q, tangential @ q),
         bore_velocity=(normal @ q_rate, tangential @ q_rate),
     )  # fmt: skip

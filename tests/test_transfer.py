@@ -2,21 +2,13 @@
 
 import numpy as np
 import pytest
+from bench_film import Mortar, Surface, interpolation_matrix, outward_displacement, overlay, unwrap
+from bench_parts import ELEMENTS
 from exact_transfer import conservative_load, intersection_points
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
-from fenics_ehd.base.errors import InterfaceMismatchError
-from fenics_ehd.film.transfer import (
-    Mortar,
-    Surface,
-    interpolation_matrix,
-    outward_displacement,
-    overlay,
-    unwrap,
-)
-from fenics_ehd.reduction.elements import ELEMENTS
 
 pytestmark = pytest.mark.kernels
 
@@ -268,25 +260,29 @@ def test_tiles_lie_in_both_cells():
 
 def test_meshes_of_different_cylinders_are_refused():
     film = rectangles(12, 3, "lagrange", width=0.02)
-    with pytest.raises(InterfaceMismatchError, match=r"0\.02 m wide .* bore mesh 0\.022 m"):
+    with pytest.raises(
+        ehd.errors.InterfaceMismatchError, match=r"0\.02 m wide .* bore mesh 0\.022 m"
+    ):
         Mortar(triangles(8, 3), film, RADIUS)
     shifted = rectangles(12, 3, "lagrange", bottom=0.0)
-    with pytest.raises(InterfaceMismatchError, match=r"from 0 m.*from -0\.011 m"):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match=r"from 0 m.*from -0\.011 m"):
         Mortar(triangles(8, 3), shifted, RADIUS)
-    with pytest.raises(InterfaceMismatchError, match=r"z = 0\.0121 m lies outside"):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match=r"z = 0\.0121 m lies outside"):
         interpolation_matrix(film, np.array([0.3]), np.array([0.0121]))
 
 
 def test_meshes_that_are_no_whole_cylinder_are_refused():
     whole = rectangles(12, 3, "lagrange")
-    with pytest.raises(InterfaceMismatchError, match="must use each of the 168 given"):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match="must use each of the 168 given"):
         Surface(whole.nodes, whole.cells[:-3], "lagrange")
     nodes, cells = np.unique(whole.cells[:-3], return_inverse=True)
-    with pytest.raises(InterfaceMismatchError, match="rad of the circumference, not a whole turn"):
+    with pytest.raises(
+        ehd.errors.InterfaceMismatchError, match="rad of the circumference, not a whole turn"
+    ):
         Surface(whole.nodes[nodes], cells.reshape(-1, 9), "lagrange")
-    with pytest.raises(InterfaceMismatchError, match="have 8 nodes each"):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match="have 8 nodes each"):
         Surface(whole.nodes, whole.cells, "serendipity")
     crooked = whole.nodes.copy()
     crooked[whole.cells[0, 8], 0] += 0.01
-    with pytest.raises(InterfaceMismatchError, match="cells off its place"):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match="cells off its place"):
         Surface(crooked, whole.cells, "lagrange")

@@ -7,6 +7,22 @@ from time import perf_counter
 
 import numpy as np
 import pytest
+from bench_machines import (
+    COMPONENTS,
+    ENERGY_LIMIT,
+    QUANTITIES,
+    BasisErrorEstimate,
+    IntegratorOptions,
+    Powers,
+    Run,
+    Tracker,
+    energy_row,
+    neglected_inertia,
+    simulation,
+    slowest_pattern,
+    summed,
+)
+from bench_output import report_run as report
 from command_line import call
 from hand_made_rod import SPEED, Joint, flexible, make_body, with_residual
 from journal_cases import OMEGA, ellipse, journal, make_film
@@ -14,21 +30,6 @@ from mechanism_cases import flexible_slider_crank
 from scene_cases import ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.error_budget import summed
-from fenics_ehd.cli.run import report
-from fenics_ehd.multibody import simulation
-from fenics_ehd.multibody.run import IntegratorOptions, Run
-from fenics_ehd.multibody.simulation import Tracker
-from fenics_ehd.multibody.trust import (
-    COMPONENTS,
-    ENERGY_LIMIT,
-    QUANTITIES,
-    BasisErrorEstimate,
-    Powers,
-    energy_row,
-    neglected_inertia,
-    slowest_pattern,
-)
 
 # --- What is printed
 

@@ -7,7 +7,6 @@ from journal_cases import in_bearing
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import uniform_grid
 
 R, C, ETA, OMEGA, WIDTH = 0.02, 2e-6, 0.01, 100.0, 0.02
 LOAD = 0.5 * 6 * ETA * OMEGA * (R / C) ** 2 * R * WIDTH
@@ -26,7 +25,7 @@ def seen_from_the_groove(
     load: that is a groove on the bore, with the journal turning backwards.
     """
     feed = attrs.evolve(GROOVE, on="journal" if on_journal else "bore")
-    grid = uniform_grid(R, WIDTH, cells, family)
+    grid = ehd.uniform_grid(R, WIDTH, cells, family)
     film = ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA, feeds=(feed,)))
     speed, load = (OMEGA, 0.0) if on_journal else (-OMEGA, -OMEGA)
     force = {"load": ehd.RotatingForce("journal", LOAD, load, 0.0)}

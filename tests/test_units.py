@@ -6,13 +6,12 @@ import tomllib
 from math import pi
 
 import pytest
+from bench_scenes import in_unit, scene_of, scene_text
 from hypothesis import given
 from hypothesis import strategies as st
 from scene_cases import tables_of
 
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import in_unit
-from fenics_ehd.scenes.scene import scene_of, scene_text
+import fenics_ehd as ehd
 
 
 @pytest.mark.parametrize(
@@ -50,7 +49,7 @@ from fenics_ehd.scenes.scene import scene_of, scene_text
 def test_number_is_the_one_written_out(written, unit, value):
     """To the last bit, so that a scene with units is the scene without."""
     if value is None:
-        with pytest.raises(SettingsError):
+        with pytest.raises(ehd.errors.SettingsError):
             in_unit(written, unit)
     else:
         assert in_unit(written, unit) == value
@@ -90,7 +89,7 @@ def test_lengths_are_decimal(number, unit):
     ],
 )
 def test_other_dimension_is_one_line(changes, message):
-    with pytest.raises(SettingsError) as caught:
+    with pytest.raises(ehd.errors.SettingsError) as caught:
         scene_of(tables_of("slider-crank", changes), "case")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)

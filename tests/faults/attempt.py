@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fenics_ehd.base.errors import EhdError
+import fenics_ehd as ehd
 
 #: Memory that a call may take beyond what it begins with [bytes].
 ROOM = 4 * 2**30
@@ -63,7 +63,7 @@ def launch(call: Callable[[], object], folder: Path, limit: int, *, largest_file
         status = 0
     except SystemExit as error:
         status = error.code if isinstance(error.code, int) else 0
-    except EhdError as error:
+    except ehd.errors.EhdError as error:
         print(f"fenics-ehd: {type(error).__name__}: {error}", file=sys.stderr)
         status = error.exit_status
     except BaseException:

@@ -8,11 +8,10 @@ from pathlib import Path
 from random import Random
 
 import h5py
+from bench_scenes import seal
 from cases import Case
 from texts import put_in_place
 from world import CALLS, RESUME, RUN, World, command
-
-from fenics_ehd.base.sealed_file import seal
 
 #: Names of a point, and of folders.
 NAMES = ("hook left", "größe", "a.b", '"', "'", "\\", "#", "]", "=", "\t", "\x7f", "😀", "日本")

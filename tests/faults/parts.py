@@ -6,14 +6,13 @@ from itertools import pairwise
 from pathlib import Path
 from random import Random
 
+from bench_parts import gmsh, session
+from bench_scenes import printing_kept
 from cases import Case
 from mpi4py import MPI
 from world import World, command
 
-from fenics_ehd.base.processes import printing_kept
-from fenics_ehd.fem.gmsh_session import gmsh, session
-from fenics_ehd.fem.models import model_path
-from fenics_ehd.fem.structure import build_mesh
+import fenics_ehd as ehd
 
 DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n*ELEMENT,TYPE=C3D4\n1,1,2,3,4\n"
 POINTS = '<Geometry GeometryType="XYZ"><DataItem Dimensions="4 3" Format="{}">{}</DataItem>'
@@ -82,9 +81,11 @@ def _listing(file: str) -> Callable[[], None]:
 def _meshing() -> None:
     """Mesh a model, then one without a fault."""
     try:
-        build_mesh("rod.geo", comm=MPI.COMM_SELF)
+        ehd.build_mesh("rod.geo", comm=MPI.COMM_SELF)
     finally:
-        assert build_mesh(model_path("conrod"), {"shank_cells": 6}, comm=MPI.COMM_SELF).groups
+        assert ehd.build_mesh(
+            ehd.model_path("conrod"), {"shank_cells": 6}, comm=MPI.COMM_SELF
+        ).groups
 
 
 def _without(text: str, random: Random) -> str:
@@ -113,7 +114,7 @@ def part_files(world: World, random: Random) -> Iterator[Case]:
     for name, files in random.sample(list(FILES.items()), len(FILES)):
         part = next(iter(files))
         yield Case("part files", name, _written(files), _listing(part))
-    step, model = _drawing(world.folder / "plate.step"), model_path("conrod").read_text()
+    step, model = _drawing(world.folder / "plate.step"), ehd.model_path("conrod").read_text()
     while True:
         seed = random.randrange(2**32)
         cut = _written({"part.step": _without(step, Random(seed))})

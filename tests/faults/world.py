@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from attempt import attempt, finish, launch
+from bench_output import main
+from bench_parts import as_matrix, load_structure, save_structure
 from hand_made_rod import Joint, make_body
 from judge import figures
 from mpi4py import MPI
@@ -19,8 +21,7 @@ from petsc4py import PETSc
 from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, structure, write_scene
 from scipy import io, sparse
 
-from fenics_ehd.cli.main import main
-from fenics_ehd.reduction import as_matrix, load_structure, save_body, save_structure
+import fenics_ehd as ehd
 
 #: The paper's machine with a rod of a file under two tables.
 SCENE = ROD_OF_A_FILE | {
@@ -81,7 +82,7 @@ def read_matrix(name: str) -> Callable[[], None]:
 
 def read_structure() -> None:
     """Read and check ``part.h5``, the digest of what was read in ``figures.json``."""
-    from fenics_ehd.reduction import check_structure
+    from bench_parts import check_structure
 
     part = load_structure("part.h5", MPI.COMM_SELF)
     check_structure(part)
@@ -137,7 +138,7 @@ def make_world(folder: Path) -> World:
     scenes = {"scene.toml": SCENE, "long.toml": LONG_SCENE, "large.toml": LARGE_SCENE}
     for name, changes in scenes.items():
         write_scene(folder / name, "slider-crank-paper", changes)
-    save_body(make_body(Joint()), folder / "rod.h5")
+    ehd.save_body(make_body(Joint()), folder / "rod.h5")
     part = structure("slider-crank-paper", "rod", MPI.COMM_SELF, {"bodies.rod.geometry": COARSE})
     save_structure(part, folder / "part.h5")
     write_matrices(folder)
