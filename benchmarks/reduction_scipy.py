@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 import fenics_ehd as ehd
 from fenics_ehd.reduction.bore import rigid_fields
-from fenics_ehd.reduction.load_dependent import PRESSURE_SETS
+from fenics_ehd.reduction.load_dependent_basis import PRESSURE_SETS
 
 
 def csr(matrix: object) -> sparse.csr_matrix:

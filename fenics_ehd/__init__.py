@@ -15,6 +15,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from fenics_ehd.base.lazy import lazily
+
 __version__ = "0.3.0.dev0"
 
 #: Public names by the module that defines them.
@@ -54,27 +56,22 @@ _NAMES = {
     "multibody.simulation": ("simulate",),
     "reduction.body": ("ReducedBody", "load_body", "save_body"),
     "reduction.bore": ("bore_from_faces",),
-    "reduction.craig_bampton": ("craig_bampton",),
+    "reduction.fixed_interface_modes": ("craig_bampton",),
     "reduction.foreign_matrices": ("read_abaqus", "read_calculix"),
-    "reduction.load_dependent": ("full_interface", "load_dependent"),
+    "reduction.load_dependent_basis": ("full_interface", "load_dependent"),
     "reduction.reductor": ("Reductor",),
-    "reduction.residual_flexibility": ("residual_flexibility",),
+    "reduction.residual_completion": ("residual_flexibility",),
     "reduction.structure": ("Structure",),
     "scenes.build": ("Machine", "build"),
     "scenes.run": ("run",),
     "scenes.scene": ("Scene", "read_scene"),
     "scenes.tables": ("read_load",),
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+_public = lazily(__name__, _NAMES)
 
-__all__ = ["__version__", "errors", *_MODULES]
+__all__ = ["__version__", "errors", *(name for names in _NAMES.values() for name in names)]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the module of a public name when that is asked for."""
-    if name == "errors":
-        return import_module(f"{__name__}.base.errors")
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = import_module(f"{__name__}.{_MODULES[name]}")
-    return getattr(module, name)
+    """A public name; `errors` is a module itself."""
+    return import_module(f"{__name__}.base.errors") if name == "errors" else _public(name)

@@ -40,12 +40,12 @@ from fenics_ehd.reduction.bore import (
     rigid_fields,
     surface_gram,
 )
-from fenics_ehd.reduction.craig_bampton import centre_constraints, two_step_craig_bampton
 from fenics_ehd.reduction.eigenmodes import lowest_modes
 from fenics_ehd.reduction.elements import ELEMENTS, SOLIDS, package_order
+from fenics_ehd.reduction.fixed_interface_modes import centre_constraints, two_step_craig_bampton
 from fenics_ehd.reduction.foreign_matrices import tetrahedron_mass
-from fenics_ehd.reduction.load_dependent import PRESSURE_SETS as PRESSURE_SETS_LOAD_DEPENDENT
-from fenics_ehd.reduction.load_dependent import (
+from fenics_ehd.reduction.load_dependent_basis import PRESSURE_SETS as PRESSURE_SETS_LOAD_DEPENDENT
+from fenics_ehd.reduction.load_dependent_basis import (
     _columns,
     _hats,
     bearing_shapes,
@@ -79,6 +79,6 @@ from fenics_ehd.reduction.part_files import (
     von_mises,
 )
 from fenics_ehd.reduction.reductor import Basis, bore_rows, gram_matrices, rigid
-from fenics_ehd.reduction.residual_flexibility import basis_of, missing_fields, pattern_fields
+from fenics_ehd.reduction.residual_completion import basis_of, missing_fields, pattern_fields
 from fenics_ehd.reduction.static import LinearSolver, StaticSolver, rigid_body_modes
 from fenics_ehd.reduction.structure import PointWeights, check_structure

@@ -107,7 +107,7 @@ def _lowest(folder: Path, launcher: list[str]) -> float:
 
 def _steps(folder: Path) -> str:
     from fenics_ehd.multibody.simulation import simulate
-    from fenics_ehd.reduction import load_body
+    from fenics_ehd.reduction.body import load_body
     from fenics_ehd.scenes.build import build
     from fenics_ehd.scenes.scene import read_scene
 
@@ -120,7 +120,7 @@ def _steps(folder: Path) -> str:
 
 
 def _ranks(folder: Path) -> str:
-    from fenics_ehd.reduction import load_body
+    from fenics_ehd.reduction.body import load_body
 
     launcher = shutil.which("mpirun")
     if launcher is None:

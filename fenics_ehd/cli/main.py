@@ -11,6 +11,7 @@ with ending_signals_raise():
     import sys
     import traceback
     from contextlib import suppress
+    from importlib import import_module
     from importlib.util import find_spec
     from itertools import pairwise
     from mmap import MAP_ANONYMOUS, MAP_PRIVATE, PROT_READ, mmap
@@ -21,8 +22,6 @@ with ending_signals_raise():
     from fenics_ehd import __version__
     from fenics_ehd.base.errors import EhdError
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
-    from fenics_ehd.cli.bearing import bearing
-    from fenics_ehd.cli.check import check, info
     from fenics_ehd.cli.options import (
         FILE,
         FOLDER,
@@ -31,10 +30,6 @@ with ending_signals_raise():
         output_option,
         setting_options,
     )
-    from fenics_ehd.cli.part import part
-    from fenics_ehd.cli.pictures import animate, paraview, plot, stress
-    from fenics_ehd.cli.sensitivity import sensitivity
-    from fenics_ehd.cli.study import report, study, sweep
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
 
 # One thread per rank; the BLAS reads these when numpy is first imported.
@@ -54,7 +49,37 @@ LEAST_MEMORY = 768 << 20
 KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+#: Modules of commands that are imported when one of theirs is asked for.
+COMMANDS = {
+    "bearing": ("bearing",),
+    "check": ("check", "info"),
+    "part": ("part",),
+    "pictures": ("animate", "paraview", "plot", "stress"),
+    "sensitivity": ("sensitivity",),
+    "study": ("report", "study", "sweep"),
+}
+
+
+class Commands(click.Group):
+    """Commands of this module and of `COMMANDS`."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        """Names of all."""
+        other = [name for names in COMMANDS.values() for name in names]
+        return sorted([*super().list_commands(context), *other])
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        """A command by its name."""
+        for module, names in COMMANDS.items():
+            if name in names:
+                command: click.Command = getattr(import_module(f"{__package__}.{module}"), name)
+                return command
+        return super().get_command(context, name)
+
+
+@click.group(
+    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
 @click.version_option(__version__, prog_name="fenics-ehd")
 def cli() -> None:
     """Mechanisms with elastohydrodynamically lubricated revolute joints."""
@@ -179,12 +204,6 @@ def init(scene: str | None) -> None:
     from fenics_ehd.scenes.library import shipped, shipped_names
 
     click.echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
-
-
-for _command in (
-    animate, bearing, check, info, paraview, part, plot, report, sensitivity, stress, sweep, study,
-):  # fmt: skip
-    cli.add_command(_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

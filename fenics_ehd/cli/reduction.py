@@ -17,13 +17,8 @@ from fenics_ehd.base.files import naming, require_writable, versions
 from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import build, unusual
 from fenics_ehd.cli.options import answer, say_reducing, warn_of
-from fenics_ehd.reduction import (
-    ModeRecord,
-    ReducedBody,
-    export_npz,
-    save_basis,
-    save_body,
-)
+from fenics_ehd.reduction.body import ModeRecord, ReducedBody, export_npz, save_body
+from fenics_ehd.reduction.part_files import save_basis
 from fenics_ehd.scenes.part import ReducedPart, elastic_part
 from fenics_ehd.scenes.scene import Scene, meshed, read_scene
 

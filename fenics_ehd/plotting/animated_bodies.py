@@ -22,8 +22,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.fem.solid import Solid
 from fenics_ehd.plotting.maps import round_scale
-from fenics_ehd.reduction import ReducedBody
-from fenics_ehd.reduction.body import bore_fields
+from fenics_ehd.reduction.body import ReducedBody, bore_fields
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.paraview import PartFields
 

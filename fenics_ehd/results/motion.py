@@ -15,7 +15,7 @@ from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.trust import bore_loads
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.body import ReducedBody
 
 
 def between_steps(history: History, time: np.ndarray) -> History:

@@ -27,9 +27,10 @@ from fenics_ehd.multibody.history import FilmResult, History
 from fenics_ehd.multibody.lubricated_joint import bore_surface
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
 from fenics_ehd.multibody.shaft import ShaftBody
-from fenics_ehd.reduction import BasisFile, ReducedBody, Structure
-from fenics_ehd.reduction.body import bore_fields
-from fenics_ehd.reduction.residual_flexibility import pattern_fields
+from fenics_ehd.reduction.body import ReducedBody, bore_fields
+from fenics_ehd.reduction.part_files import BasisFile
+from fenics_ehd.reduction.residual_completion import pattern_fields
+from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.motion import RecordedMotion, nearest_steps
 
 #: meshio's names of quadratic cells, by their number of nodes.

@@ -18,8 +18,10 @@ from fenics_ehd.fem.stress import (
     largest_half_range,
     largest_principal,
 )
-from fenics_ehd.reduction import ReducedBody, Structure, von_mises
-from fenics_ehd.reduction.residual_flexibility import missing_fields, pattern_fields
+from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.reduction.part_files import von_mises
+from fenics_ehd.reduction.residual_completion import missing_fields, pattern_fields
+from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.paraview import CELL_NAMES
 
 

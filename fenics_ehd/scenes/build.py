@@ -34,7 +34,7 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.periodic import check_period
 from fenics_ehd.multibody.shaft import Disk, ModalRotor, ShaftBody, beam_plane
-from fenics_ehd.reduction import ReducedBody, load_body
+from fenics_ehd.reduction.body import ReducedBody, load_body
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.films import (
     lubricated_joint,

@@ -27,20 +27,14 @@ from fenics_ehd.fem.models import check_model, is_program, model_path, stored_me
 from fenics_ehd.film.grid import match
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.lubricated_joint import bore_surface, sampling_grid
-from fenics_ehd.reduction import (
-    ReducedBody,
-    Reductor,
-    Structure,
-    craig_bampton,
+from fenics_ehd.reduction.body import ReducedBody, load_body
+from fenics_ehd.reduction.bore import BoreSurface
+from fenics_ehd.reduction.fixed_interface_modes import craig_bampton, two_step_craig_bampton
+from fenics_ehd.reduction.load_dependent_basis import (
     full_interface,
-    load_body,
     load_dependent,
     proper_orthogonal,
-    residual_flexibility,
-    rigid,
-    two_step_craig_bampton,
 )
-from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.reduction.mesh_error import (
     BETWEEN_NODES,
     FINER,
@@ -52,8 +46,10 @@ from fenics_ehd.reduction.mesh_error import (
     excess,
     smooth_answers,
 )
-from fenics_ehd.reduction.residual_flexibility import basis_of
+from fenics_ehd.reduction.reductor import Reductor, rigid
+from fenics_ehd.reduction.residual_completion import basis_of, residual_flexibility
 from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part_settings import ELEMENTS, ReductionSettings
 from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed

@@ -21,7 +21,7 @@ from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
-from fenics_ehd.reduction import ReducedBody, body_digest, load_body, save_body
+from fenics_ehd.reduction.body import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.results.recorded_run import (
     BODY_FILE,
     CHECKPOINT_EVERY,

@@ -32,7 +32,7 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import claim, clear, read_json, versions, write_whole
 from fenics_ehd.base.processes import interrupt_kept
 from fenics_ehd.multibody.history import History, load_history
-from fenics_ehd.reduction.load_dependent import RANK_TOLERANCE
+from fenics_ehd.reduction.load_dependent_basis import RANK_TOLERANCE
 from fenics_ehd.results.motion import RecordedMotion, between_steps
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.part import METHOD_KEYS

@@ -44,7 +44,9 @@ from fenics_ehd.base.files import (
 from fenics_ehd.base.processes import interrupt_between_steps
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.reduction import ReducedBody, Reductor, Structure, load_body, save_body
+from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
+from fenics_ehd.reduction.reductor import Reductor
+from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.part import ReducedPart, elastic_part

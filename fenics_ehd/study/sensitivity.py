@@ -26,7 +26,7 @@ from fenics_ehd.base.settings import walk
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.reduction import ReducedBody
+from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.scene import Scene, changed

@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 from fenics_ehd.plotting.maps import draw_rasters, raster_of
 from fenics_ehd.plotting.picture import BLACK, BLUE, PRESSURES, RED, YELLOW, factor_of, plt
 from fenics_ehd.plotting.shown import film_grid
-from fenics_ehd.reduction import ReducedBody, load_body
+from fenics_ehd.reduction.body import ReducedBody, load_body
 from fenics_ehd.reduction.bore import outward, rigid_fields
 from fenics_ehd.scenes.part_settings import ReductionSettings
 from fenics_ehd.study.plan import REFERENCE

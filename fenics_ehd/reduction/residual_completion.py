@@ -26,7 +26,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.bore import all_outward
-from fenics_ehd.reduction.load_dependent import dual_basis
+from fenics_ehd.reduction.load_dependent_basis import dual_basis
 from fenics_ehd.reduction.matrices import (
     MassOperator,
     blocks,
