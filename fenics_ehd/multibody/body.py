@@ -208,7 +208,7 @@ def with_total(
 
 #: Weight of multipliers on coordinates that the films see, next to 1 on frames: about the square
 #: of clearance over length. A weight of 1 turns the drift of the large motion into false squeeze
-#: velocities, 0 is singular where two films carry one body (DESIGN, fact 6).
+#: velocities, 0 is singular where two films carry one body.
 FINE_WEIGHT = 1e-7
 
 
