@@ -20,7 +20,7 @@ COARSE = {"bodies.rod.geometry": {"bore_cells_around": 10, "shank_cells": 4}}
 PARTS = {
     "serendipity": COARSE | {"bodies.rod.element": "serendipity"},
     "lagrange": COARSE | {"bodies.rod.element": "lagrange"},
-    "tetrahedra": COARSE | {"bodies.rod.cells": "tet"},
+    "tetrahedra": {"bodies.rod.cells": "tet"},
 }
 
 

@@ -16,9 +16,9 @@ active sets held.
 A rigid rotor of mass M on ``M x'' + b x' + k x = 0``, stiffness and damping those of its bearing,
 is about to whirl when a solution ``exp(i nu t)`` exists,
 
-    M nu^2 = kappa = (k_xx b_yy + k_yy b_xx - k_xy b_yx - k_yx b_xy) / (b_xx + b_yy)
-                   = tr k - tr (k b) / tr b
-    nu^2 = det (k - kappa) / det b
+    M nu^2 = kappa = (k_xx b_yy + k_yy b_xx - k_xy b_yx - k_yx b_xy) / (b_xx + b_yy),
+    kappa = tr k - tr (k b) / tr b,
+    nu^2 = det (k - kappa) / det b.
 
 It is stable for masses below ``kappa / nu^2``, and at every mass when there is no such nu
 (``nu^2 <= 0``).
