@@ -57,7 +57,12 @@ CLASSES: dict[str, tuple[Callable[[World, Random], Iterator[Case]], int]] = {
 }
 
 #: What else is done to it.
-PARTS = {"kills": accidents.kills, "ranks": accidents.ranks, "disk": accidents.full_disk}
+PARTS = {
+    "kills": accidents.kills,
+    "compilations": accidents.compilations,
+    "ranks": accidents.ranks,
+    "disk": accidents.full_disk,
+}
 
 #: Seconds after which a call hangs.
 LIMIT = 40
@@ -114,7 +119,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--seconds", type=float, default=1e9, help="none begins after so many")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="at a time")
-    parser.add_argument("--only", help="one class of malformed inputs, or kills, disk, ranks")
+    parser.add_argument("--only", help=f"a class of malformed inputs, or {', '.join(PARTS)}")
     parser.add_argument("--keep", type=Path, help="folder for the inputs that show a fault")
     parser.add_argument("--all", action="store_true", help="print what was no fault, too")
     options = parser.parse_args()

@@ -6,11 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 
 from attempt import Outcome, attempt, finish, launch
+from bench_scenes import compat
 from judge import Verdict, figures, judge
 from scene_cases import write_scene
 from world import COARSE, RESUME, World, command
@@ -21,6 +22,9 @@ NEEDED = ("long.toml", "large.toml", "rod.h5")
 
 #: Seconds for what two ranks do, and for a run.
 LIMIT = 90
+
+#: Seconds that a film's forms take to compile, from the first file on.
+COMPILING = 1.0
 
 
 def _run(scene: str, every: float = 0) -> tuple[str, ...]:
@@ -67,6 +71,40 @@ def kills(world: World, options: argparse.Namespace) -> Found:
             finish(process, folder, began)
         name = f"{how.name} after {', '.join(f'{m:.3f}' for m in moments)} s"
         yield "kills", name, _went_on(folder, intact)
+
+
+def _compiling_into(cache: Path, arguments: tuple[str, ...]) -> Callable[[], None]:
+    """A call of the command line whose forms are not those that this machine has compiled."""
+
+    def call() -> None:
+        compat.FORMS = compat._JIT["cache_dir"] = cache
+        command(*arguments)()
+
+    return call
+
+
+def compilations(world: World, options: argparse.Namespace) -> Found:
+    """A run killed while its forms are compiled; the next one compiles what that has left."""
+    intact, _, _ = _undisturbed(world, "long.toml")
+    random = Random(f"{options.seed} compilations")
+    for number in range(max(1, round(10 * options.share))):
+        if time.monotonic() > options.deadline:
+            return
+        folder = world.folder / "compilations" / str(number)
+        world.copy(NEEDED, folder)
+        cache = folder / "cache"
+        began = time.monotonic()
+        process = launch(_compiling_into(cache, _run("long.toml")), folder, LIMIT)
+        while not list(cache.glob("*.c")) and time.monotonic() < began + LIMIT:
+            time.sleep(0.01)
+        moment = random.uniform(0.0, COMPILING)
+        time.sleep(moment)
+        os.kill(process, signal.SIGKILL)
+        finish(process, folder, began)
+        left = len(compat.orphans(cache))
+        call = _compiling_into(cache, (*_run("long.toml"), "--overwrite"))
+        name = f"SIGKILL {moment:.3f} s after a first file, {left} not compiled to its end"
+        yield "compilations", name, judge(attempt(call, folder, LIMIT), folder, intact)
 
 
 def full_disk(world: World, options: argparse.Namespace) -> Found:
