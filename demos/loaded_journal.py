@@ -38,7 +38,7 @@ def mechanism(load: str | Path) -> tuple[ehd.Mechanism, float]:
     )
     along_x, along_y = ehd.read_load(Path(load))
     journal = ehd.Mechanism(
-        bodies={"ground": ehd.ground({"bearing": (0.0, 0.0)}), "journal": ehd.RigidBody(0.0, 0.0)},
+        bodies={"ground": ehd.ground({"bearing": (0.0, 0.0)}), "journal": ehd.MasslessBody()},
         joints={"film": ehd.LubricatedJoint("journal", "ground.bearing", film, smallest_film=1e-4)},
         drives={"journal": ehd.Speed(SPEED)},
         forces={

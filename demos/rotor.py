@@ -14,7 +14,6 @@ import numpy as np
 from mpi4py import MPI
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.shaft import beam_plane
 
 SPEED = 600.0  # rad/s
 STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
@@ -28,13 +27,21 @@ STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 
 def shaft() -> ehd.ShaftBody:
     """The paper's shaft; bearing and force at shares of its length."""
-    beams = ehd.Shaft(1.0, 0.045, 210e9, 7446.0, support_stiffness=1.58e8, elements=20)
-    disk = ehd.Disk(0.5, mass=0.8, polar_inertia=1e-3, diametral_inertia=5e-4)
-    rotor = ehd.ModalRotor.of(beam_plane(beams, [disk]), 10)
-    frequencies = rotor.angular[:3] / (2 * np.pi)
+    found = ehd.ShaftBody(
+        length=1.0,
+        diameter=0.045,
+        youngs_modulus=210e9,
+        density=7446.0,
+        support_stiffness=1.58e8,
+        elements=20,
+        modes=20,
+        damping_ratio=1e-3,
+        disks=[(0.5, 0.8, 1e-3, 5e-4)],  # place, mass, polar and diametral inertia
+        points={"bearing": 0.5, "force": 0.75},
+    )
+    frequencies = found.rotor.angular[:3] / (2 * np.pi)
     print("shaft without oil:", ", ".join(f"{f:.1f}" for f in frequencies), "Hz")
-    polar = beams.polar_inertia + disk.polar_inertia
-    return ehd.ShaftBody(rotor, polar, 1e-3, {"bearing": 0.5, "force": 0.75})
+    return found
 
 
 # ## The housing

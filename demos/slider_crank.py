@@ -54,7 +54,7 @@ def mechanism(rod: ehd.ReducedBody) -> ehd.Mechanism:
     )
     return ehd.Mechanism(
         bodies={
-            "crank": ehd.RigidBody(mass=1.0, inertia=1e-3, named_points={"pin": (CRANK, 0.0)}),
+            "crank": ehd.RigidBody(mass=1.0, inertia=1e-3, points={"pin": (CRANK, 0.0)}),
             "rod": ehd.FlexibleBody(rod, damping_time=1e-3, position=(CRANK, 0.0)),
             "piston": ehd.RigidBody(mass=0.5, inertia=1e-3, position=(CRANK + ROD, 0.0)),
         },

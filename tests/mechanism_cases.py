@@ -1,9 +1,9 @@
 """Mechanisms that several tests run."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
+import attrs
 import numpy as np
 from bench_machines import JointResult
 from bench_scenes import Quantity
@@ -52,7 +52,7 @@ def rigid_rod(**changes):
     rod = ehd.RigidBody(
         0.973, 4e-3, {"pin": (ROD, 0.0)}, centre=(0.0677, 0.0), position=(CRANK, 0.0)
     )
-    return replace(rod, **changes)
+    return attrs.evolve(rod, **changes)
 
 
 def flexible_slider_crank(body, **joint):

@@ -23,9 +23,9 @@ class RigidSliderCrank:
 
     def __init__(self, built: ehd.Machine):
         bodies = built.mechanism.bodies
-        self.crank, self.piston = bodies["crank"].named_points["pin"][0], bodies["piston"].mass
+        self.crank, self.piston = bodies["crank"].points["pin"][0], bodies["piston"].mass
         rod = bodies["rod"]
-        self.rod, self.centre = rod.named_points["pin"][0], rod.centre[0]
+        self.rod, self.centre = rod.points["pin"][0], rod.centre[0]
         self.mass, self.inertia = rod.mass, rod.inertia
         gas = built.mechanism.forces.get("gas")
         self._gas = gas.size if isinstance(gas, ehd.PointForce) else None
@@ -112,7 +112,7 @@ def balanced(built: ehd.Machine, end: float) -> tuple[np.ndarray, np.ndarray, np
     speed = built.mechanism.drives["crank"](0.0)[1]
     load = _JournalLoad(RigidSliderCrank(built), speed)
     mechanism = ehd.Mechanism(
-        bodies={"journal": ehd.RigidBody(0.0)},
+        bodies={"journal": ehd.MasslessBody()},
         joints={"bearing": ehd.LubricatedJoint("journal", "ground", film)},
         drives={"journal": load.angle},
         forces={

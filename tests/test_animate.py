@@ -563,7 +563,7 @@ def test_one_file_opens_all_bodies_and_films_where_the_motion_has_them(machine, 
             if name not in machine.parts:
                 # As they are: at rest and the elastic motion.
                 moved = body.points + body.point_data["displacement_m"]
-                for point in run.bodies[name].points():
+                for point in run.bodies[name].point_names:
                     place = run.marker(name, point)[step, :2]
                     assert np.abs(moved[:, :2] - place).max(axis=1).min() < 1e-12
         for place in run.system.films:

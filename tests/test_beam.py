@@ -1,5 +1,6 @@
 """The shaft's beam elements, its modes and its whirl against closed forms."""
 
+import attrs
 import numpy as np
 import pytest
 from bench_machines import beam_plane
@@ -22,9 +23,14 @@ def pinned_frequencies(beam, modes):
     return k**2 * np.sqrt(MODULUS * moment / (beam.density * (area + moment * k**2)))
 
 
-def turning(rotor, speed, damping=0.0):
-    """``M, C, K`` of the deflections of a shaft that turns at a speed, and its body."""
-    body = ehd.ShaftBody(rotor, 1.0, damping)
+def in_modes(beam, modes, disks=(), **more):
+    """A shaft in so many modes of either plane; a scene may have none without mass, as here."""
+    with attrs.validators.disabled():
+        return ehd.ShaftBody(**attrs.asdict(beam), modes=2 * modes, disks=disks, **more)
+
+
+def turning(body, speed):
+    """``M, C, K`` of the deflections of a shaft that turns at a speed."""
     rest, rates = np.zeros((2, body.size))
     rates[0] = speed
     found = body.balance(rest, rates, rest, lift=np.zeros(2)).derivatives()
@@ -116,8 +122,7 @@ def test_points_see_any_cubic(position):
 @pytest.mark.parametrize("speed", [600.0, 2e4])
 def test_forward_and_backward_whirl_of_a_turning_shaft(speed, figure):
     beam = shaft(0.1, elements=24)
-    rotor = ehd.ModalRotor.of(beam_plane(beam), 10)
-    found = whirl_frequencies(*turning(rotor, speed))[:8]
+    found = whirl_frequencies(*turning(in_modes(beam, 10, damping_ratio=0.0), speed))[:8]
     # (A + I k^2) w^2 -+ 2 I k^2 Omega w - E I k^4 / rho = 0
     k = np.pi * np.arange(1, 11) / LENGTH
     inertia = beam.area + beam.second_moment * k**2
@@ -133,8 +138,8 @@ def test_forward_and_backward_whirl_of_a_disk(speed, figure):
     # A disk half way on a shaft without mass: it bounces, and it nods against 12 E I / l.
     beam = shaft(0.02, density=1e-6)
     disk = ehd.Disk(0.5, 5.0, 0.04, 0.025)
-    rotor = ehd.ModalRotor.of(beam_plane(beam, [disk]), 2)
-    found = whirl_frequencies(*turning(rotor, speed))
+    body = in_modes(beam, 2, [tuple(vars(disk).values())], damping_ratio=0.0)
+    found = whirl_frequencies(*turning(body, speed))
     rigidity = MODULUS * beam.second_moment
     bounce = np.sqrt(48 * rigidity / LENGTH**3 / disk.mass)
     half = disk.polar_inertia * speed / 2
@@ -145,10 +150,9 @@ def test_forward_and_backward_whirl_of_a_disk(speed, figure):
 
 
 def test_forward_whirl_turns_with_the_shaft():
-    rotor = ehd.ModalRotor.of(
-        beam_plane(shaft(0.02, density=1e-6), [ehd.Disk(0.5, 5, 0.04, 0.025)]), 2
-    )
-    mass, damping, stiffness = turning(rotor, 3000.0)
+    beam = shaft(0.02, density=1e-6)
+    body = in_modes(beam, 2, [(0.5, 5.0, 0.04, 0.025)], damping_ratio=0.0)
+    mass, damping, stiffness = turning(body, 3000.0)
     a, b = damping[:2, :2], damping[:2, 2:]
     # In w = u + i v, of which e^(i w t) is forward.
     forward = whirl_frequencies(mass, damping, stiffness)[-1]
@@ -158,8 +162,7 @@ def test_forward_whirl_turns_with_the_shaft():
 
 
 def test_gyroscopic_forces_do_no_work():
-    rotor = ehd.ModalRotor.of(beam_plane(shaft()), 10)
-    body = ehd.ShaftBody(rotor, 1.0)
+    body = in_modes(shaft(), 10, damping_ratio=0.0)
     rates = np.append(600.0, np.random.default_rng(3).standard_normal(20))
     forces = body.balance(np.zeros(21), rates, np.zeros(21), lift=np.zeros(2)).forces
     assert np.abs(forces).max() > 1.0
@@ -169,14 +172,15 @@ def test_gyroscopic_forces_do_no_work():
 # --- Jeffcott's rotor
 
 
-def jeffcott(ratio, modes=1):
+def jeffcott(ratio, damping, modes=1):
     """A disk half way on a shaft without mass, its speed a share of the critical one."""
-    beam, disk = shaft(0.02, density=1e-6), ehd.Disk(0.5, 5.0, 0.0, 0.0)
-    rotor = ehd.ModalRotor.of(beam_plane(beam, [disk]), modes)
-    critical = np.sqrt(48 * MODULUS * beam.second_moment / LENGTH**3 / disk.mass)
+    beam, mass = shaft(0.02, density=1e-6), 5.0
+    more = {"damping_ratio": damping, "points": {"middle": 0.5}}
+    body = in_modes(beam, modes, [(0.5, mass, 0.0, 0.0)], **more)
+    critical = np.sqrt(48 * MODULUS * beam.second_moment / LENGTH**3 / mass)
     speed = ratio * critical
     # 10 um off centre.
-    return rotor, critical, speed, disk.mass * 1e-5 * speed**2
+    return body, critical, speed, mass * 1e-5 * speed**2
 
 
 def circle(ratio, damping):
@@ -187,11 +191,11 @@ def circle(ratio, damping):
 @pytest.mark.parametrize("ratio", [0.3, 0.95, 1.0, 1.4, 5.0])
 @pytest.mark.parametrize("damping", [0.001, 0.2])
 def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping, figure):
-    rotor, _, speed, amplitude = jeffcott(ratio, modes=2)
-    mass, damped, stiffness = turning(rotor, speed, damping)
+    body, _, speed, amplitude = jeffcott(ratio, damping, modes=2)
+    mass, damped, stiffness = turning(body, speed)
     # f(t) = Re (f e^(i speed t)), whose imaginary part is that of a quarter of a turn before.
-    force = amplitude * rotor.motion(0.5)[:2].T @ [1.0, -1.0j]
-    x, y = rotor.motion(0.5)[:2] @ np.linalg.solve(
+    force = amplitude * body.rotor.motion(0.5)[:2].T @ [1.0, -1.0j]
+    x, y = body.rotor.motion(0.5)[:2] @ np.linalg.solve(
         stiffness - speed**2 * mass + 1j * speed * damped, force
     )
     expected = circle(ratio, damping)
@@ -201,9 +205,9 @@ def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping, figure):
 
 def test_unbalance_whirl_in_time(figure):
     ratio, damping = 1.4, 0.05
-    rotor, critical, speed, amplitude = jeffcott(ratio)
+    body, critical, speed, amplitude = jeffcott(ratio, damping)
     mechanism = ehd.Mechanism(
-        {"shaft": ehd.ShaftBody(rotor, 1e-3, damping, {"middle": 0.5})},
+        {"shaft": body},
         joints={},
         drives={"shaft": ehd.Speed(speed)},
         forces={"unbalance": ehd.RotatingForce("shaft.middle", amplitude, speed)},
@@ -213,9 +217,10 @@ def test_unbalance_whirl_in_time(figure):
     other = np.conj(free)
     shares = np.linalg.solve([[1.0, 1.0], [free, other]], [-radius, -1j * speed * radius])
     errors = []
+    to_disk = body.rotor.motion(0.5)[:2].T @ [1.0, 1.0j]
     for tolerance in (1e-6, 1e-8):
         result = ehd.simulate(mechanism, 4 * np.pi / speed, tolerance=tolerance, order=2)
-        found = result.bodies["shaft"].coordinates[:, 1:] @ rotor.motion(0.5)[:2].T @ [1.0, 1.0j]
+        found = result.bodies["shaft"].coordinates[:, 1:] @ to_disk
         time = result.time
         exact = radius * np.exp(1j * speed * time) + shares @ np.exp(np.outer([free, other], time))
         errors.append(np.abs(found - exact).max() / np.abs(exact).max())

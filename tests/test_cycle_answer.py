@@ -41,7 +41,10 @@ def at_rest(load, *, turned=0.0):
     film = make_film((64, 8))
     joint = ehd.LubricatedJoint("journal", "block", film, eccentricity=(0.1 * C, 0.0))
     weight = ehd.PointForce("journal", (1.0, 0.0), lambda _: (load, 0.0))
-    bodies = {"journal": ehd.RigidBody(0.0), "block": ehd.RigidBody(1e9, 1e9, orientation=turned)}
+    bodies = {
+        "journal": ehd.MasslessBody(),
+        "block": ehd.RigidBody(1e9, 1e9, angle=np.degrees(turned)),
+    }
     drives = {"journal": ehd.Speed(OMEGA), "block": ehd.Speed(0.0, turned)}
     machine = ehd.Mechanism(bodies, {"film": joint}, drives, {"load": weight})
     return ehd.simulate(machine, 6 * TURN, tolerance=1e-3)
@@ -165,7 +168,7 @@ def test_crank_angle_is_that_of_what_is_driven():
 
     def angles(drives, forces):
         wheel, other = (
-            ehd.RigidBody(1.0, 1e-3, orientation=0.5),
+            ehd.RigidBody(1.0, 1e-3, angle=np.degrees(0.5)),
             ehd.RigidBody(1.0, 1e-3, speed=20.0),
         )
         bodies = {"wheel": wheel, "axle": other, "ground": ehd.ground({})}
@@ -174,6 +177,6 @@ def test_crank_angle_is_that_of_what_is_driven():
         return ehd.simulate(machine, 0.1, tolerance=1e-6).columns["crank_angle_deg"]
 
     assert angles({"wheel": ehd.Speed(10.0, 0.5)}, {})[-1] == pytest.approx(np.degrees(1.5))
-    torque = ehd.Torque("wheel", lambda _: (0.2, 0.0))
+    torque = ehd.Torque("wheel", torque=0.2)
     assert angles({}, {"motor": torque})[-1] == pytest.approx(np.degrees(1.5), rel=1e-4)
     assert angles({}, {})[-1] == pytest.approx(np.degrees(2.0), rel=1e-4)

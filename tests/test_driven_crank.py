@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import attrs
 import numpy as np
 import pytest
 from bench_machines import IntegratorOptions, Run, film_friction
@@ -52,7 +53,7 @@ def steady(joint, body, **settings):
 
 def engine(joint, body, inertia=INERTIA, **settings):
     """Its crank is driven by `torque`, its piston by `gas`."""
-    forces = {"torque": ehd.Torque("crank", torque, True, DAMPING, SPEED), "gas": push()}
+    forces = {"torque": ehd.Torque("crank", torque, damping=DAMPING, speed=SPEED), "gas": push()}
     return driven(make_mechanism(body, joint, **settings), inertia, **forces)
 
 
@@ -175,7 +176,7 @@ def test_friction_brakes_a_free_crank(joint, figure):
     # Hardly any mass but the crank's: it can turn and heat the oil, after Petroff.
     body = make_body(joint, masses=np.full(2, 1e-6))
     mechanism = driven(make_mechanism(body, joint, friction=True), INERTIA)
-    light = replace(mechanism.bodies["piston"], mass=1e-5)
+    light = attrs.evolve(mechanism.bodies["piston"], mass=1e-5)
     result = run(replace(mechanism, bodies={**mechanism.bodies, "piston": light}), 0.2, 1e-5)
     speed = result.bodies["crank"].rates[-1, 2]
     sliding = speed - result.bodies["rod"].rates[-1, 2]

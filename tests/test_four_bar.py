@@ -52,7 +52,9 @@ def motor(time):
 
 def free(*changes):
     """A motor turns the crank."""
-    return replace(linkage(FREE, *changes), forces={"motor": ehd.Torque("crank", motor)})
+    return replace(
+        linkage(FREE, *changes), forces={"motor": ehd.Torque("crank", motor, over="time")}
+    )
 
 
 def centres(crank):

@@ -151,7 +151,7 @@ def machine(name, view):
     grid = ehd.uniform_grid(R * size, WIDTH * size, cells, family)
     film = ehd.Film(ehd.FilmParameters(grid, C * size, lubricant, OMEGA / view.time, **values))
     inertia = mass * view.pressure * size * view.time**2
-    bodies = {"shaft": ehd.RigidBody(inertia, 0.0), "bearing": ehd.RigidBody(0.0)}
+    bodies = {"shaft": ehd.RigidBody(inertia, 0.0), "bearing": ehd.MasslessBody()}
     pair = ("bearing", "shaft") if view.exchanged else ("shaft", "bearing")
     joints = {
         "held": ehd.Revolute(("ground", "bearing")),

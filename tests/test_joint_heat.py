@@ -88,7 +88,7 @@ def test_a_run_with_heat_goes_on_as_if_it_had_not_stopped():
 def test_joints_that_share_a_film_have_temperatures_of_their_own():
     film = oil_film()
     mechanism = ehd.Mechanism(
-        bodies={"a": ehd.RigidBody(0.0, 0.0), "b": ehd.RigidBody(0.0, 0.0)},
+        bodies={"a": ehd.MasslessBody(), "b": ehd.MasslessBody()},
         joints={
             name: ehd.LubricatedJoint(
                 name,
@@ -106,10 +106,9 @@ def test_joints_that_share_a_film_have_temperatures_of_their_own():
     )
     bodies = {
         **mechanism.bodies,
-        "ground": ehd.RigidBody(0.0, 0.0, {"a": (0.0, 0.0), "b": (1.0, 0.0)}),
+        "ground": ehd.ground({"a": (0.0, 0.0), "b": (1.0, 0.0)}),
     }
-    bodies["b"] = ehd.RigidBody(0.0, 0.0, position=(1.0, 0.0))
-    bodies["ground"] = replace(bodies["ground"], held=True)
+    bodies["b"] = ehd.MasslessBody(position=(1.0, 0.0))
     found = periodic_run(replace(mechanism, bodies=bodies), periodicity=1e-2).figures
     hot, cool = (found[name]["effective_temperature_C"] for name in ("a", "b"))
     assert hot > cool + 5.0

@@ -94,7 +94,7 @@ def test_forces_on_points_are_those_that_accelerate_the_body():
     system = System(ehd.build(scene_of(tables, "rod")).mechanism)
     own, random = system.bodies["rod"], np.random.default_rng(0)
     body, z = system.mechanism.bodies["rod"], system.start.copy()
-    z[own.start + body.angle] = 0.4
+    z[own.start + body.angle_index] = 0.4
     (joint,) = (p for p in system.constraints if "rod.pin" in getattr(p.joint, "markers", ()))
     multipliers = np.zeros(system.m)
     multipliers[joint.rows] = random.standard_normal(joint.rows.stop - joint.rows.start)

@@ -197,6 +197,6 @@ def test_a_rigid_rod_has_no_modes_to_feed(rod_structure):
 
 def order_taken(body, damping_time, order):
     mechanism = flexible_slider_crank(body)
-    rod = replace(mechanism.bodies["rod"], damping_time=damping_time)
+    rod = attrs.evolve(mechanism.bodies["rod"], damping_time=damping_time)
     mechanism = replace(mechanism, bodies={**mechanism.bodies, "rod": rod})
     return Run(mechanism, IntegratorOptions(order=order), 1e-3).control.order

@@ -51,7 +51,7 @@ def linkage():
         name: ehd.RigidBody(mass, 1e-3, {"tip": (length, 0.0)}, centre=(0.4 * length, 0.01))
         for name, (length, mass) in links.items()
     }
-    rocker = {"position": (0.14, 0.0), "orientation": 1.6}
+    rocker = {"position": (0.14, 0.0), "angle": np.degrees(1.6)}
     return ehd.Mechanism(
         {
             **bodies,
@@ -66,7 +66,7 @@ def linkage():
             "right": ehd.Revolute(("ground.hook", "rocker")),
         },
         forces={
-            "motor": ehd.Torque("crank", lambda _: (TORQUE, 0.0)),
+            "motor": ehd.Torque("crank", torque=TORQUE),
             "spring": ehd.SpringDamper(("rocker.tip", "ground.wall"), 500.0, 5.0),
         },
         gravity=(0.0, -GRAVITY),
@@ -79,12 +79,12 @@ def slider_crank():
     along = np.array([np.cos(tilted), np.sin(tilted)])
     return ehd.Mechanism(
         {
-            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}, orientation=0.5, speed=30.0),
+            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}, angle=28.6, speed=30.0),
             "rod": ehd.RigidBody(
                 0.973, 4e-3, {"pin": (ROD, 0.0)}, centre=(0.0677, 0.0), position=(0.04, 0.02)
             ),
             "piston": ehd.RigidBody(
-                0.5, 1e-3, position=tuple(0.2 * along), orientation=tilted
+                0.5, 1e-3, position=tuple((0.2 * along).tolist()), angle=np.degrees(tilted)
             ),
         },
         {
@@ -93,7 +93,7 @@ def slider_crank():
             "gudgeon": ehd.Revolute(("rod.pin", "piston")),
             "cylinder": ehd.Slider("ground", "piston", tuple(along), angle=np.degrees(tilted)),
         },
-        forces={"motor": ehd.Torque("crank", lambda _: (TORQUE, 0.0))},
+        forces={"motor": ehd.Torque("crank", torque=TORQUE)},
         gravity=(0.0, -GRAVITY),
     )  # fmt: skip
 
@@ -104,7 +104,12 @@ def double_pendulum():
         {
             "upper": ehd.RigidBody(1.0, 5e-3, {"tip": (0.2, 0.0)}, centre=(0.1, 0.0)),
             "lower": ehd.RigidBody(
-                0.7, 2e-3, centre=(0.13, 0.02), position=(0.2, 0.0), orientation=0.7, speed=-5.0
+                0.7,
+                2e-3,
+                centre=(0.13, 0.02),
+                position=(0.2, 0.0),
+                angle=40.1,
+                speed=-5.0,
             ),
         },
         {"hinge": ehd.Revolute(("ground", "upper")), "elbow": ehd.Revolute(("upper.tip", "lower"))},
@@ -157,7 +162,7 @@ class InExudyn:
         """Of a point, from the centre of mass where the body is not the ground."""
         body_name, _, point = name.partition(".")
         body = self._mechanism.bodies.get(body_name, ehd.ground())
-        at = np.array(body.named_points[point] if point else (0.0, 0.0))
+        at = np.array(body.points[point] if point else (0.0, 0.0))
         number = self._bodies.get(body_name, self._ground)
         return self.mbs.AddMarker(kind(bodyNumber=number, localPosition=[*(at - body.centre), 0.0]))
 

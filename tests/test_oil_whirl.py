@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar
 
+import attrs
 import numpy as np
 import pytest
 from bench_machines import Instant, IntegratorOptions, Run, System, assemble, beam_plane
@@ -176,7 +177,13 @@ class TwoBearings:
 
     def mechanism(self, mass, film, place):
         load, names = self.table[0], self.stations
-        shaft = ehd.ShaftBody(ehd.ModalRotor.of(self.beam(mass), 6), 0.02, 0.0, self.stations)
+        shaft = ehd.ShaftBody(
+            **attrs.asdict(self.shaft),
+            modes=12,
+            damping_ratio=0.0,
+            disks=[(0.5, mass, 1e-3 * mass, 5e-4 * mass)],
+            points=self.stations,
+        )
         return ehd.Mechanism(
             {"shaft": shaft, "ground": ehd.ground(dict.fromkeys(names, (0.0, 0.0)))},
             {

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 from bench_machines import Curve, IntegratorState, PeriodicSolver, check_period, periodic, repeating
@@ -31,7 +32,7 @@ class AffineRun:
             closing=lambda before, after: 1.0 - (after / before).min(),
             film_gaps=lambda observed: [observed[:3]],
         )
-        body = SimpleNamespace(angle=0)
+        body = SimpleNamespace(angle_index=0)
         system = SimpleNamespace(
             films=["film"],
             heated=False,
@@ -218,15 +219,17 @@ def test_a_force_that_grows_slowly_is_none_that_repeats():
 
 def test_a_table_over_time_has_to_be_over():
     rising = Curve(PchipInterpolator([0.0, 2.0], [100.0, 300.0]), periodic=False)
-    run_up = replace(rotor(5.0, 600.0, 0.5), drives={"journal": ehd.SpeedTable(rising)})
+    run_up = replace(rotor(5.0, 600.0, 0.5), drives={"journal": ehd.Speed(curve=rising)})
     assert repeating(run_up)[0] == 2.0
-    torque = ehd.Torque("journal", rising)
+    torque = ehd.Torque("journal", rising, over="time")
     assert repeating(replace(rotor(5.0, 60.0), drives={}, forces={"drive": torque}))[0] == 2.0
     held = Curve(PchipInterpolator([0.0, 0.5, 10.0], [100.0, 300.0, 300.0]), periodic=False)
-    assert repeating(replace(run_up, drives={"journal": ehd.SpeedTable(held)}))[0] == 0.5
+    assert repeating(replace(run_up, drives={"journal": ehd.Speed(curve=held)}))[0] == 0.5
     even = Curve(PchipInterpolator([0.0, 10.0], [300.0, 300.0]), periodic=False)
-    assert repeating(replace(run_up, forces={}, drives={"journal": ehd.SpeedTable(even)}))[0] == 0.0
-    over_angle = replace(torque, over_angle=True)
+    assert (
+        repeating(replace(run_up, forces={}, drives={"journal": ehd.Speed(curve=even)}))[0] == 0.0
+    )
+    over_angle = attrs.evolve(torque, over="angle")
     assert repeating(replace(rotor(5.0, 60.0), drives={}, forces={"drive": over_angle}))[0] == 0.0
     assert repeating(rotor(5.0, 600.0, 0.5))[0] == 0.5
 

@@ -155,8 +155,8 @@ def swinging(bore=None, journal=None, film=None, **joint):
     film = film or make_film((12, 3))
     return ehd.Mechanism(
         {
-            "shaft": ehd.RigidBody(2.0, 1e-3, speed=OMEGA, orientation=0.3),
-            "ring": ehd.RigidBody(1.0, 2e-3, speed=-40.0, orientation=-0.2),
+            "shaft": ehd.RigidBody(2.0, 1e-3, speed=OMEGA, angle=np.degrees(0.3)),
+            "ring": ehd.RigidBody(1.0, 2e-3, speed=-40.0, angle=np.degrees(-0.2)),
         },
         {
             "pivot": ehd.Revolute(("ground", "ring")),

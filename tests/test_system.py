@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bench_machines import Instant, Motion, System, assemble, beam_plane
+from bench_machines import Instant, Motion, System, assemble
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanism_cases import film
@@ -16,10 +16,13 @@ def wave(angle):
 
 
 def shaft_body():
-    beam = beam_plane(
-        ehd.Shaft(1.0, 0.045, 210e9, 7446.0, 1.58e8, 6), [ehd.Disk(0.5, 0.8, 1e-3, 5e-4)]
+    return ehd.ShaftBody(
+        density=7446.0,
+        elements=6,
+        modes=6,
+        disks=[(0.5, 0.8, 1e-3, 5e-4)],
+        points={"middle": 0.5, "end": 0.9},
     )
-    return ehd.ShaftBody(ehd.ModalRotor.of(beam, 3), 2e-3, 1e-3, {"middle": 0.5, "end": 0.9})
 
 
 def everything(rod_body):
@@ -45,7 +48,7 @@ def everything(rod_body):
         drives={"crank": ehd.Speed(500.0, 0.2), "shaft": ehd.Speed(600.0)},
         forces={
             "spring": ehd.SpringDamper(("rod.pin", "ground.hook"), 1e3, 10.0),
-            "motor": ehd.Torque("rod", wave, True, 0.1, 3.0),
+            "motor": ehd.Torque("rod", wave, damping=0.1, speed=3.0),
             "gas": ehd.PointForce("rod.pin", (1.0, 1.0), wave, "crank"),
             "unbalance": ehd.RotatingForce("shaft.end", 10.0, 600.0, 0.2),
         },
@@ -110,7 +113,7 @@ def test_every_derivative_is_exact(system, seed):
 
 def test_a_pendulum_swings_as_its_differential_equation_says():
     mass, inertia, length, gravity = 2.0, 0.01, 0.3, 9.81
-    rod = ehd.RigidBody(mass, inertia, centre=(length, 0.0), orientation=0.4)
+    rod = ehd.RigidBody(mass, inertia, centre=(length, 0.0), angle=np.degrees(0.4))
     mechanism = ehd.Mechanism(
         {"rod": rod}, {"hinge": ehd.Revolute(("ground", "rod"))}, gravity=(0.0, -gravity)
     )
@@ -142,7 +145,7 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
         (
             {
                 "far": ehd.ground({"hook": (0.3, 0.0)}),
-                "link": ehd.RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}, orientation=2.0),
+                "link": ehd.RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}, angle=np.degrees(2.0)),
             },
             {
                 "a": ehd.Revolute(("ground", "rod")),
@@ -153,12 +156,6 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
             "cannot be assembled",
         ),
         ({}, {"a": ehd.Revolute(("ground", "ground"))}, {}, "connects nothing that can move"),
-        (
-            {"ground": ehd.ground({"x": (np.nan, 0.0)})},
-            {"a": ehd.Revolute(("ground.x", "rod"))},
-            {},
-            "finite",
-        ),
         # A parallelogram with all its bars in a line: which way it folds is not known.
         (
             {
@@ -188,12 +185,12 @@ def run(bodies, joints, drives=(), forces=()):
 
 
 def test_a_motion_without_inertia_is_named():
-    wheel, hinge = {"wheel": ehd.RigidBody(0.0)}, {"hinge": ehd.Revolute(("ground", "wheel"))}
+    wheel, hinge = {"wheel": ehd.MasslessBody()}, {"hinge": ehd.Revolute(("ground", "wheel"))}
     message = "body wheel can move or turn freely without inertia"
     with pytest.raises(ehd.errors.SettingsError, match=message):
         run(wheel, hinge)
     with pytest.raises(ehd.errors.SettingsError, match=message):
-        run(wheel, hinge, forces={"motor": ehd.Torque("wheel", lambda _: (1.0, 0.0))})
+        run(wheel, hinge, forces={"motor": ehd.Torque("wheel", torque=1.0)})
     oil = film(10e-3, 10e-3, 2e-5, 0.05, (12, 2))
     with pytest.raises(ehd.errors.SettingsError, match=message):
         run(wheel, {"bearing": ehd.LubricatedJoint("wheel", "ground", oil)})
@@ -205,6 +202,8 @@ def test_a_motion_without_inertia_is_named():
 def test_joints_that_cannot_be():
     with pytest.raises(ehd.errors.SettingsError, match=r"direction = .* one of them not 0"):
         ehd.Slider("ground", "rod", (0.0, 0.0))
+    with pytest.raises(ehd.errors.SettingsError, match=r"points\.x = .* two numbers"):
+        ehd.ground({"x": (np.nan, 0.0)})
     oil = film(10e-3, 10e-3, 2e-5, 0.05, (12, 2))
     bodies = {name: ehd.RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}) for name in ("one", "other")}
     with pytest.raises(ehd.errors.SettingsError, match="joint b: ground is the bore of a already"):
@@ -242,7 +241,7 @@ def four_bar(**changes):
 
 @pytest.mark.parametrize("above", [True, False])
 def test_a_loop_is_assembled_on_the_branch_that_the_rough_pose_says(above):
-    rough = {"orientation": np.pi / 2 if above else -np.pi / 2, "position": (0.25, 0.0)}
+    rough = {"angle": 90.0 if above else -90.0, "position": (0.25, 0.0)}
     system = System(four_bar(rocker=rough))
     z, v = assemble(system)
     instant = Instant(system, 0.0, z)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import attrs
 import numpy as np
 import pytest
 from bench_machines import Curve, IntegratorOptions, TabulatedLoad, tabulated
@@ -134,9 +135,9 @@ def under_table(curve, kind="gas"):
     if kind == "gas":
         forces = {"gas": ehd.PointForce("piston", (-1.0, 0.0), curve, "crank")}
     else:
-        drives, forces = {}, {"motor": ehd.Torque("crank", curve, True, 0.01, SPEED)}
+        drives, forces = {}, {"motor": ehd.Torque("crank", curve, damping=0.01, speed=SPEED)}
     mechanism = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (10, 2)))
-    crank = replace(mechanism.bodies["crank"], speed=SPEED)
+    crank = attrs.evolve(mechanism.bodies["crank"], speed=SPEED)
     return replace(
         mechanism, bodies={**mechanism.bodies, "crank": crank}, drives=drives, forces=forces
     )
@@ -179,7 +180,7 @@ def test_default_steps_of_a_journal_see_a_spike():
 
 def test_a_spike_of_a_speed_table_is_felt():
     times, speeds = np.array([0.0, 1e-3, 1.01e-3, 1.02e-3, 2e-3]), np.array([1.0, 1, 50, 1, 1])
-    drive = ehd.SpeedTable(Curve(PchipInterpolator(times, speeds), periodic=False))
+    drive = ehd.Speed(curve=Curve(PchipInterpolator(times, speeds), periodic=False))
     axle = {"axle": ehd.Revolute(("ground", "wheel"))}
     wheel = ehd.Mechanism({"wheel": ehd.RigidBody(1.0, 1e-3)}, axle, {"wheel": drive})
     result = ehd.simulate(wheel, 2e-3, largest=0.5)

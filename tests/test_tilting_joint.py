@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import JointFilm, System, beam_plane
+from bench_machines import JointFilm, System
 from moving_point import assert_derivatives
 from rotor_cases import MODES, SPEED, C, R, flexible, held_body, make_film, shifted
 
@@ -130,8 +130,15 @@ def test_observed_gap_holds_gauss_points_and_nodes(film, joint):
 
 def shaft_in_housing(film, force="shaft.disk"):
     """An elastic shaft that tilts, on springs, in a flexible bore."""
-    beam = beam_plane(ehd.Shaft(1.0, 2 * R, 210e9, 7446.0, 2e7, 8))
-    shaft = ehd.ShaftBody(ehd.ModalRotor.of(beam, 4), 1e-3, 5e-3, {"middle": 0.5, "disk": 0.75})
+    shaft = ehd.ShaftBody(
+        diameter=2 * R,
+        density=7446.0,
+        support_stiffness=2e7,
+        elements=8,
+        modes=8,
+        damping_ratio=5e-3,
+        points={"middle": 0.5, "disk": 0.75},
+    )
     return ehd.Mechanism(
         {"shaft": shaft, "housing": ehd.FlexibleBody(flexible(film), 1e-6)},
         {"bearing": ehd.LubricatedJoint("shaft.middle", "housing.bore", film)},

@@ -55,7 +55,7 @@ from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT, RoughSurfaces
 from fenics_ehd.film.supply import AxialGroove, Sides
-from fenics_ehd.multibody.body import RigidBody, ground
+from fenics_ehd.multibody.body import MasslessBody, ground
 from fenics_ehd.multibody.forces import PointForce
 from fenics_ehd.multibody.joints import Revolute, Speed
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
@@ -226,8 +226,8 @@ class _Bearing:
             joints["held"] = _Held(("shaft", "ground.place"), np.array(s.squeeze))
         else:
             forces["load"] = PointForce("shaft", (1.0, 0.0), lambda _: (load, 0.0))
-        shaft = RigidBody(0.0, position=held, velocity=s.squeeze)
-        bodies = {"shaft": shaft, "bore": RigidBody(0.0), "ground": ground({"place": held})}
+        shaft = MasslessBody(position=held, velocity=s.squeeze)
+        bodies = {"shaft": shaft, "bore": MasslessBody(), "ground": ground({"place": held})}
         drives = {
             "shaft": Speed(s.direction * s.speed),
             "bore": Speed(s.direction * s.bore_speed, self.angle),

@@ -19,7 +19,7 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.cli.options import say_reducing
-from fenics_ehd.multibody.body import FlexibleBody, RigidBody
+from fenics_ehd.multibody.body import FlexibleBody, MasslessBody
 from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.results.motion import RecordedMotion
@@ -139,7 +139,7 @@ def _bodies(
 
 def _why_none(body: object, has_model: bool) -> str:
     """Why a body has no stresses, empty: it has."""
-    if isinstance(body, RigidBody):
+    if isinstance(body, MasslessBody):
         return "it is rigid"
     if not isinstance(body, FlexibleBody):
         return "it is no part with a mesh"

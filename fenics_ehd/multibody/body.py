@@ -17,14 +17,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import ClassVar
 
+import attrs
 import numpy as np
 from scipy import linalg
 
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.fields import REQUIRED, number, pair, place, places
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
@@ -265,7 +266,7 @@ class Body(ABC):
 
     @property
     @abstractmethod
-    def angle(self) -> int | None:
+    def angle_index(self) -> int | None:
         """Place of the body's angle among its coordinates; None: it cannot turn."""
 
     @property
@@ -283,8 +284,9 @@ class Body(ABC):
         """Readiness of each coordinate to change in assembly, shape (n,)."""
         return self.weights
 
+    @property
     @abstractmethod
-    def points(self) -> tuple[str, ...]:
+    def point_names(self) -> tuple[str, ...]:
         """Names of its points beside the origin."""
 
     @abstractmethod
@@ -319,26 +321,26 @@ class Body(ABC):
 ELASTIC_SHARE = 1e-3
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlanarBody(Body):
-    """Coordinates ``(x, y, theta, q)`` of which `held` bodies have q alone.
+@attrs.frozen(eq=False, slots=False, kw_only=True)
+class Pose:
+    """A body's origin and angle at the start, roughly: assembly closes the joints."""
 
-    Attributes
-    ----------
-    position, orientation, velocity, speed
-        Rough pose of origin and angle at the start, in the frame at rest [m], [rad], and their
-        rates where nothing else gives them [m/s], [rad/s].
-    """
+    position: tuple[float, float] = place("origin at the start, roughly [m]")
+    angle: float = number(0.0, "at the start, of the body's x axis from x, + from x to y [degrees]")
+    velocity: tuple[float, float] = pair("of the origin at the start, where nothing gives it [m/s]")
+    speed: float = quantities.speed(
+        0.0, "of the angle at the start, where no drive gives it [rad/s]"
+    )
 
-    position: tuple[float, float] = (0.0, 0.0)
-    orientation: float = 0.0
-    velocity: tuple[float, float] = (0.0, 0.0)
-    speed: float = 0.0
 
-    @property
-    @abstractmethod
-    def held(self) -> bool:
-        """Whether it stays there: a part of the ground."""
+class PlanarBody(Pose, Body):
+    """Coordinates ``(x, y, theta, q)``, of which bodies that are held have q alone."""
+
+    #: Whether it stays where it is: a part of the ground.
+    held: bool
+
+    #: Structural damping zeta of ``D_e = zeta K_e`` [s].
+    damping_time: float
 
     @property
     @abstractmethod
@@ -354,11 +356,6 @@ class PlanarBody(Body):
     @abstractmethod
     def stiffness(self) -> np.ndarray:
         """Stiffness of the elastic coordinates, shape (n, n)."""
-
-    @property
-    @abstractmethod
-    def damping_time(self) -> float:
-        """Structural damping zeta of ``D_e = zeta K_e`` [s]."""
 
     @cached_property
     def _own(self) -> slice:
@@ -382,7 +379,7 @@ class PlanarBody(Body):
 
     @cached_property
     def _pose(self) -> np.ndarray:
-        return np.array([*self.position, self.orientation, *np.zeros(self.modes)])
+        return np.array([*self.position, np.radians(self.angle), *np.zeros(self.modes)])
 
     @cached_property
     def start(self) -> np.ndarray:
@@ -395,7 +392,7 @@ class PlanarBody(Body):
         return np.array([*self.velocity, self.speed, *np.zeros(self.modes)])[self._own]
 
     @property
-    def angle(self) -> int | None:
+    def angle_index(self) -> int | None:
         """Place of the angle among the coordinates; None of a held body."""
         return None if self.held else ANGLE
 
@@ -404,7 +401,8 @@ class PlanarBody(Body):
         """Largest distance of a point from the origin [m]."""
         return max((float(np.hypot(*f[:, 0])) for f in self.fields.values()), default=0.0)
 
-    def points(self) -> tuple[str, ...]:
+    @property
+    def point_names(self) -> tuple[str, ...]:
         """Names of the points beside the origin."""
         return tuple(self.fields)
 
@@ -502,35 +500,17 @@ class PlanarBody(Body):
         return measure[self._own, self._own]
 
 
-@dataclass(frozen=True, eq=False)
-class RigidBody(PlanarBody):
-    """A rigid body.
+@attrs.frozen(eq=False, slots=False)
+class MasslessBody(PlanarBody):
+    """A rigid body without mass, as a journal under a given load."""
 
-    Attributes
-    ----------
-    mass, inertia
-        [kg], [kg m^2] about the centre of mass; zero of both: a massless body.
-    centre
-        Centre of mass from the body's origin, in the body's frame [m].
-    named_points
-        Points by name, in the body's frame [m].
-    held
-        Whether it stays there: a part of the ground.
-    """
-
-    mass: float
-    inertia: float = 0.0
-    named_points: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    centre: tuple[float, float] = (0.0, 0.0)
-    held: bool = False
-    stiffness: ClassVar[np.ndarray] = np.zeros((0, 0))
-    damping_time: ClassVar[float] = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("mass", "inertia"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise SettingsError(f"{name} = {value:g} of a rigid body must be at least 0")
+    points: dict = places("points in the body's frame [m]")
+    held: bool = attrs.field(default=False, kw_only=True)
+    mass = 0.0
+    inertia = 0.0
+    centre = (0.0, 0.0)
+    stiffness = np.zeros((0, 0))
+    damping_time = 0.0
 
     @cached_property
     def integrals(self) -> InertiaIntegrals:
@@ -539,19 +519,35 @@ class RigidBody(PlanarBody):
 
     @cached_property
     def fields(self) -> dict[str, np.ndarray]:
-        """Fields of the named points, see `PlanarBody`."""
+        """Fields of the points, see `PlanarBody`."""
         return {
             name: np.column_stack([np.array(at, dtype=float), np.eye(2)])
-            for name, at in self.named_points.items()
+            for name, at in self.points.items()
         }
 
 
-def ground(points: Mapping[str, tuple[float, float]] | None = None) -> RigidBody:
+@attrs.frozen(eq=False, slots=False)
+class RigidBody(MasslessBody):
+    """A rigid body."""
+
+    mass: float = quantities.mass(REQUIRED, "[kg]", 100)
+    inertia: float = number(
+        0.0,
+        "about the centre of mass [kg m2]",
+        least=0,
+        usual=(1e-8, 1e4),
+        example="1e-3 for 10 kg cm2",
+    )
+    points: dict = places("points in the body's frame [m]")
+    centre: tuple[float, float] = place("centre of mass in the body's frame [m]")
+
+
+def ground(points: dict[str, tuple[float, float]] | None = None) -> MasslessBody:
     """The ground with points of its own."""
-    return RigidBody(0.0, named_points=points or {}, held=True)
+    return MasslessBody(points or {}, held=True)
 
 
-@dataclass(frozen=True, eq=False)
+@attrs.frozen(eq=False, slots=False)
 class FlexibleBody(PlanarBody):
     """A reduced part, free in a floating frame or held.
 
@@ -576,7 +572,7 @@ class FlexibleBody(PlanarBody):
     centre: tuple[float, float] | None = None
 
     @cached_property
-    def held(self) -> bool:
+    def held(self) -> bool:  # type: ignore[override]
         """True of a part that was clamped when it was reduced."""
         return self.reduced.frame == "clamped"
 

@@ -10,9 +10,12 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base import fields as quantities
-from fenics_ehd.base.fields import REQUIRED, names, number, text
+from fenics_ehd.base.fields import NONE, REQUIRED, choice, names, number, text
 from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.joints import SECOND
+
+#: What a torque's table may be over.
+BASES = ("angle", "time")
 
 #: A number over time or over an angle, with its derivative; made of rows, which no step may jump
 #: over, it is a `Curve`.
@@ -45,8 +48,8 @@ class Force(ABC):
         """Whose values and rates it depends on or acts on."""
 
     @property
-    def table(self) -> tuple[Table, str] | None:
-        """Its table and the body whose angle it is read at, empty: at the time; None without."""
+    def tabulated(self) -> tuple[Table, str] | None:
+        """Its curve and the body whose angle it is read at, empty: at the time; None without."""
         return None
 
     @abstractmethod
@@ -81,8 +84,8 @@ class PointForce(Force):
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
 
     @property
-    def table(self) -> tuple[Table, str]:
-        """Table of its size, see `Force`."""
+    def tabulated(self) -> tuple[Table, str]:
+        """Its size and the body of the angle, see `Force`."""
         return self.size, self.angle_of
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
@@ -99,27 +102,26 @@ class PointForce(Force):
         return Load(value, position)
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class Torque(Force):
-    """Torque on a body, in the sense of its angle.
+    """A torque turns a body, from the body's angle and speed at the start on.
 
     Attributes
     ----------
     body
         Marker.
-    size
-        Over time [s] or over the body's own angle [rad]: [N m]; None: none.
-    over_angle
-        Which of the two.
-    damping, speed
-        ``damping (speed - angle')`` is added [N m s/rad], [rad/s].
+    curve
+        More torque [N m], over the body's own angle [rad] or over time [s]; read from the table of
+        a scene.
     """
 
-    body: str
-    size: Table | None = None
-    over_angle: bool = False
-    damping: float = 0.0
-    speed: float = 0.0
+    body: str = ""
+    curve: Table | None = None
+    torque: float = number(0.0, "constant part, + in the sense of the angle [N m]")
+    table: str = text(NONE, "more torque: CSV file angle_deg,torque_Nm or time_s,torque_Nm")
+    over: str = choice("angle", BASES, "what the table is over, the body's own angle or time")
+    damping: float = number(0.0, "more torque per speed below the given one [N m s/rad]", least=0)
+    speed: float = quantities.speed(0.0, "the given one [rad/s]")
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -127,18 +129,20 @@ class Torque(Force):
         return (self.body,)
 
     @property
-    def table(self) -> tuple[Table, str] | None:
-        """Table of its size, None without one; see `Force`."""
-        return None if self.size is None else (self.size, self.body if self.over_angle else "")
+    def tabulated(self) -> tuple[Table, str] | None:
+        """Its curve, None without one; see `Force`."""
+        over_angle = self.over == "angle"
+        return None if self.curve is None else (self.curve, self.body if over_angle else "")
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Torque on the body, see `Force`."""
         value, position, rate = np.zeros(len(u)), np.zeros((len(u),) * 2), np.zeros((len(u),) * 2)
-        torque, derivative = (0.0, 0.0)
-        if self.size is not None:
-            torque, derivative = self.size(float(u[ANGLE]) if self.over_angle else time)
-        value[ANGLE] = torque + self.damping * (self.speed - rates[ANGLE])
-        position[ANGLE, ANGLE] = derivative if self.over_angle else 0.0
+        value[ANGLE] = self.torque + self.damping * (self.speed - rates[ANGLE])
+        if self.curve is not None:
+            over_angle = self.over == "angle"
+            more, derivative = self.curve(float(u[ANGLE]) if over_angle else time)
+            value[ANGLE] += more
+            position[ANGLE, ANGLE] = derivative if over_angle else 0.0
         rate[ANGLE, ANGLE] = -self.damping
         return Load(value, position, rate)
 

@@ -18,7 +18,8 @@ from functools import cache
 import attrs
 import numpy as np
 
-from fenics_ehd.base.fields import REQUIRED, flag, names, number, pair, text
+from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.fields import NONE, REQUIRED, flag, names, number, pair, text
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import ANGLE, WIDTH
 from fenics_ehd.multibody.tabulated import Curve
@@ -184,41 +185,25 @@ class AngleDrive(Joint):
         return np.array([angle]), np.array([speed])
 
 
-@dataclass(frozen=True)
+@attrs.frozen(eq=False)
 class Speed:
-    """Constant speed of a body's angle.
+    """A body's angle turns at a given speed, from the body's angle at the start on.
 
     Attributes
     ----------
-    speed
-        [rad/s].
     start
         Angle at time zero [rad].
+    curve
+        Speed over time in place of the constant one [rad/s]; read from the table of a scene.
     """
 
-    speed: float
+    speed: float = quantities.speed(0.0, "constant [rad/s]")
     start: float = 0.0
+    table: str = text(NONE, "in its place: CSV file time_s,speed_rad_per_s, or none")
+    curve: Curve | None = None
 
     def __call__(self, time: float) -> tuple[float, float]:
         """Angle and speed at a time."""
-        return self.start + self.speed * time, self.speed
-
-
-@dataclass(frozen=True, eq=False)
-class SpeedTable:
-    """Speed of a body's angle over time.
-
-    Attributes
-    ----------
-    speed
-        Over time [rad/s].
-    start
-        Angle at time zero [rad].
-    """
-
-    speed: Curve
-    start: float = 0.0
-
-    def __call__(self, time: float) -> tuple[float, float]:
-        """Angle and speed at a time."""
-        return self.start + self.speed.integral(time), self.speed(time)[0]
+        if self.curve is None:
+            return self.start + self.speed * time, self.speed
+        return self.start + self.curve.integral(time), self.curve(time)[0]

@@ -34,7 +34,7 @@ from fenics_ehd.multibody.body import (
     ground,
 )
 from fenics_ehd.multibody.forces import Force, Load
-from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, SpeedTable
+from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, Speed
 from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
 
@@ -294,8 +294,8 @@ class System:
         if name not in self._bodies:
             raise SettingsError(f"{marker!r}: no body {name}, there are {', '.join(self._bodies)}")
         body = self._bodies[name]
-        if point and point not in body.points():
-            known = ", ".join(body.points()) or "none but its origin"
+        if point and point not in body.point_names:
+            known = ", ".join(body.point_names) or "none but its origin"
             raise SettingsError(
                 f"{marker!r}: body {name} has no point {point}, its points: {known}"
             )
@@ -303,7 +303,7 @@ class System:
 
     def _angle(self, marker: str) -> int | None:
         name, body, _ = self._named(marker)
-        return None if body.angle is None else self.bodies[name].start + body.angle
+        return None if body.angle_index is None else self.bodies[name].start + body.angle_index
 
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
         """Places, body and its share of some arrays over z, body by body."""
@@ -320,12 +320,12 @@ class System:
     def tables(self) -> list[TabulatedLoad]:
         """Loads whose rows no step may jump over."""
         found = [
-            TabulatedLoad(drive.speed)
+            TabulatedLoad(drive.curve)
             for drive in self.mechanism.drives.values()
-            if isinstance(drive, SpeedTable)
+            if isinstance(drive, Speed) and drive.curve is not None
         ]
         for force in self.mechanism.forces.values():
-            table, body = force.table or (None, "")
+            table, body = force.tabulated or (None, "")
             if isinstance(table, Curve):
                 found.append(TabulatedLoad(table, self._angle(body) if body else None))
         for film in self.films:

@@ -24,7 +24,7 @@ from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.lubricant import Oil
 from fenics_ehd.multibody.body import PlanarBody
 from fenics_ehd.multibody.forces import RotatingForce, Torque
-from fenics_ehd.multibody.joints import SpeedTable
+from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import MechanismStep
@@ -40,9 +40,9 @@ def crank(system: System) -> int | None:
     """
     mechanism = system.mechanism
     places = {
-        name: system.bodies[name].start + body.angle
+        name: system.bodies[name].start + body.angle_index
         for name, body in system.each_name()
-        if body.angle is not None
+        if body.angle_index is not None
     }
 
     def named() -> Iterator[int | None]:
@@ -79,14 +79,14 @@ def repeating(mechanism: Mechanism) -> tuple[float, str]:
     """Time from which loads and drives repeat themselves [s], and what takes so long."""
     found = [(0.0, "")]
     for name, force in mechanism.forces.items():
-        table, body = force.table or (None, "")
+        table, body = force.tabulated or (None, "")
         if isinstance(force, RotatingForce):
             found.append((force.ramp, f"forces.{name}.ramp"))
         elif isinstance(table, Curve) and not (table.periodic or body):
             found.append((table.settled, f"the table of {name}"))
     for name, drive in mechanism.drives.items():
-        if isinstance(drive, SpeedTable):
-            found.append((drive.speed.settled, f"drives.{name}.table"))
+        if isinstance(drive, Speed) and drive.curve is not None:
+            found.append((drive.curve.settled, f"drives.{name}.table"))
     return max(found)
 
 
@@ -101,7 +101,7 @@ def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
         for name, motion in mechanism.drives.items()
     }
     for name, force in mechanism.forces.items():
-        key, (table, body) = f"forces.{name.partition('.')[0]}", force.table or (None, "")
+        key, (table, body) = f"forces.{name.partition('.')[0]}", force.tabulated or (None, "")
         if isinstance(force, RotatingForce):
             found[key] = abs(force.speed) * period / (2 * np.pi)
         elif isinstance(table, Curve) and table.periodic and (not body or body in turned):
@@ -341,9 +341,9 @@ class PeriodicSolver(Stateful):
         system = run.equations.system
         check_period(system.mechanism, period, periodicity)
         self.angles = [
-            system.bodies[name].start + body.angle
+            system.bodies[name].start + body.angle_index
             for name, body in system.each_name()
-            if body.angle is not None
+            if body.angle_index is not None
         ]
         self.gaps, self.contents = self._films(), self._oil()
         self.heat = FilmTemperatures(system.films) if system.heated else None

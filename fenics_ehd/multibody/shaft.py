@@ -24,9 +24,10 @@ follow from the kinetic energy
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import attrs
 import numpy as np
@@ -34,7 +35,17 @@ from scipy.linalg import eigh
 
 from fenics_ehd.base import fields
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import LARGEST_LENGTH, count, metres, number
+from fenics_ehd.base.fields import (
+    LARGEST_LENGTH,
+    as_float,
+    count,
+    metres,
+    number,
+    place,
+    rows,
+    table,
+    unless,
+)
 from fenics_ehd.multibody.body import (
     ELASTIC_SHARE,
     FINE_WEIGHT,
@@ -46,7 +57,7 @@ from fenics_ehd.multibody.body import (
 )
 
 
-@attrs.frozen
+@attrs.frozen(eq=False, slots=False)
 class Shaft:
     """Uniform round shaft on two springs, the same in all directions."""
 
@@ -258,56 +269,67 @@ class ModalRotor:
         return np.vstack([deflection, -slope[1], slope[0]])
 
 
-@dataclass(frozen=True, eq=False)
-class ShaftBody(Body):
-    """Elastic shaft with disks; its markers tilt.
+def _shares(help_text: str) -> Any:
+    """Free table of names and shares."""
+    check = unless(
+        lambda n: isinstance(n, float) and 0.0 <= n <= 1.0, "a share of the length, 0 to 1"
+    )
+    return table(help_text, check, partial(as_float, unit=""))
 
-    Attributes
-    ----------
-    rotor
-        Shaft and disks in modes.
-    polar_inertia
-        Of shaft and disks about the axis [kg m^2].
-    damping_ratio
-        zeta of every mode.
-    stations
-        Points by name: share of the length.
-    position
-        Of the undeformed axis in the plane [m].
-    orientation, speed
-        Angle and angular speed at the start where nothing else gives them [rad], [rad/s].
-    """
 
-    rotor: ModalRotor
-    polar_inertia: float
-    damping_ratio: float = 0.0
-    stations: Mapping[str, float] = field(default_factory=dict)
-    position: tuple[float, float] = (0.0, 0.0)
-    orientation: float = 0.0
-    speed: float = 0.0
-    angle = 0
+@attrs.frozen(eq=False, slots=False)
+class ShaftBody(Shaft, Body):
+    """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
+
+    density: float = fields.density(7850.0)
+    position: tuple[float, float] = place("of the undeformed axis [m]")
+    angle: float = number(0.0, "at the start [degrees]")
+    speed: float = fields.speed(0.0, "at the start, where no drive gives it [rad/s]")
+    modes: int = count(20, "modes kept, half of them in either plane: an even number", least=2)
+    damping_ratio: float = number(1e-3, "zeta of every mode [-]", least=0, below=1)
+    disks: tuple[tuple[float, ...], ...] = rows(
+        ("position", "mass", "polar_inertia", "diametral_inertia"),
+        "rigid disks [share of the length, kg, kg m2 about the axis, kg m2 about a diameter]",
+        ("", "kg", "kg m2", "kg m2"),
+    )
+    points: dict = _shares("points by name, share of the length from one end, 0 to 1")
+    angle_index = 0
     tilts = True
 
-    def __post_init__(self) -> None:
-        for name, share in self.stations.items():
-            if not 0.0 <= share <= 1.0:
+    def __attrs_post_init__(self) -> None:
+        available = 4 * (self.elements + 1)
+        if self.modes % 2 or self.modes > available:
+            raise SettingsError(
+                f"modes = {self.modes} must be even, half of them for either plane, and at most "
+                f"{available}, the degrees of freedom of elements = {self.elements}"
+            )
+        for position, *inertias in self.disks:
+            if not (0.0 <= position <= 1.0 and min(inertias) >= 0.0):
                 raise SettingsError(
-                    f"point {name} = {share:g} of the shaft must be a share, 0 to 1"
+                    f"disks: position = {position:g} must be a share of the length, 0 to 1, and "
+                    f"masses and inertias at least 0, not {min(inertias):g}"
                 )
 
-    @property
-    def _modes(self) -> int:
-        return len(self.rotor.angular)
+    @cached_property
+    def rotor(self) -> ModalRotor:
+        """Shaft and disks in modes."""
+        disks = [Disk(*disk) for disk in self.disks]
+        return ModalRotor.of(beam_plane(self, disks), self.modes // 2)
+
+    @cached_property
+    def _turned_inertia(self) -> float:
+        """Of shaft and disks about the axis [kg m^2]."""
+        return self.polar_inertia + sum(disk[2] for disk in self.disks)
 
     @property
     def size(self) -> int:
         """Number of coordinates: the angle and the modes of both planes."""
-        return 1 + 2 * self._modes
+        return 1 + self.modes
 
     @cached_property
     def weights(self) -> np.ndarray:
         """Share of the multipliers: 1 of the angle, `FINE_WEIGHT` of the modes."""
-        return np.concatenate([[1.0], np.full(2 * self._modes, FINE_WEIGHT)])
+        return np.concatenate([[1.0], np.full(self.modes, FINE_WEIGHT)])
 
     @cached_property
     def mobility(self) -> np.ndarray:
@@ -317,12 +339,12 @@ class ShaftBody(Body):
     @cached_property
     def start(self) -> np.ndarray:
         """Coordinates at the start, undeformed."""
-        return np.concatenate([[self.orientation], np.zeros(2 * self._modes)])
+        return np.concatenate([[np.radians(self.angle)], np.zeros(self.modes)])
 
     @cached_property
     def start_rates(self) -> np.ndarray:
         """Rates at the start."""
-        return np.concatenate([[self.speed], np.zeros(2 * self._modes)])
+        return np.concatenate([[self.speed], np.zeros(self.modes)])
 
     @property
     def least_damping(self) -> float:
@@ -332,17 +354,18 @@ class ShaftBody(Body):
     @property
     def reach(self) -> float:
         """Length of the shaft [m]."""
-        return self.rotor.beam.shaft.length
+        return self.length
 
-    def points(self) -> tuple[str, ...]:
-        """Names of the stations."""
-        return tuple(self.stations)
+    @property
+    def point_names(self) -> tuple[str, ...]:
+        """Names of the points along it."""
+        return tuple(self.points)
 
     @cached_property
     def _shapes(self) -> dict[str, np.ndarray]:
         """Shapes of every marker, shape (5, n)."""
         shapes = {"": np.zeros((5, self.size))}
-        for name, share in self.stations.items():
+        for name, share in self.points.items():
             motion = self.rotor.motion(share)
             shape = shapes[name] = np.zeros((5, self.size))
             shape[:2, 1:], shape[3:, 1:] = motion[:2], motion[2:]
@@ -351,7 +374,7 @@ class ShaftBody(Body):
         return shapes
 
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
-        """Marker of a station, see `Body`; the origin is the undeformed axis."""
+        """Marker of a point, see `Body`; the origin is the undeformed axis."""
         shape = self._shapes[point]
         values = shape @ coordinates
         values[:2] += self.position
@@ -393,7 +416,7 @@ class ShaftBody(Body):
         turned = self._gyroscopic @ (rates[0] * q_rate + 0.5 * accelerations[0] * q)
         damping = 2 * self.damping_ratio * self._angular * q_rate
         on_q = q_acceleration + turned + damping + self._angular**2 * q + self._carried @ lift
-        on_angle = self.polar_inertia * accelerations[0]
+        on_angle = self._turned_inertia * accelerations[0]
         on_angle += 0.5 * q_acceleration @ (self._gyroscopic @ q)
         derivatives = partial(self._derivatives, coordinates, rates, accelerations)
         return Balance(np.concatenate([[on_angle], on_q]), derivatives)
@@ -409,13 +432,13 @@ class ShaftBody(Body):
         by_rate[1:, 0] = g @ rates[1:]
         by_acceleration[1:, 1:] = np.eye(n - 1)
         by_acceleration[0, 1:] = by_acceleration[1:, 0] = 0.5 * g @ coordinates[1:]
-        by_acceleration[0, 0] = self.polar_inertia
+        by_acceleration[0, 0] = self._turned_inertia
         return Derivatives(position, by_rate, by_acceleration)
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
         """Kinetic and strain energy, and the power that damping takes."""
         q, q_rate = coordinates[1:], rates[1:]
-        turning = self.polar_inertia * rates[0] + q_rate @ (self._gyroscopic @ q)
+        turning = self._turned_inertia * rates[0] + q_rate @ (self._gyroscopic @ q)
         return Energies(
             float(0.5 * (q_rate @ q_rate + rates[0] * turning)),
             float(0.5 * np.sum((self._angular * q) ** 2)),
@@ -425,4 +448,4 @@ class ShaftBody(Body):
     def error_measure(self) -> np.ndarray:
         """Measure of errors: angle in rad, deflections in their mass norm."""
         scale = ELASTIC_SHARE * self.reach * np.sqrt(self._moved[1])
-        return np.diag(np.concatenate([[1.0], np.full(2 * self._modes, 1.0 / scale)]))
+        return np.diag(np.concatenate([[1.0], np.full(self.modes, 1.0 / scale)]))

@@ -153,7 +153,7 @@ def cycle_length(system: System) -> tuple[float, float]:
     """Angle of the crank [degrees] and time [s] after which the loads repeat; time 0: no matter."""
     degrees, seconds = 360.0, 0.0
     for force in system.mechanism.forces.values():
-        table, body = force.table or (None, "")
+        table, body = force.tabulated or (None, "")
         if isinstance(table, Curve) and table.periodic and body:
             degrees = max(degrees, float(np.degrees(table.period)))
         elif isinstance(table, Curve) and table.periodic:
@@ -276,7 +276,7 @@ def _coordinates(system: System) -> list[tuple[str, str]]:
     found: list[tuple[str, str]] = []
     for name, body in system.each_name():
         own = system.bodies[name]
-        frame = [] if body.angle is None else FRAME[2 - body.angle :]
+        frame = [] if body.angle_index is None else FRAME[2 - body.angle_index :]
         found += [split_unit(f"bodies/{name}/{column}") for column in frame]
         modes = own.stop - own.start - len(frame)
         found += [(f"bodies/{name}/mode_{i + 1}", MODAL) for i in range(modes)]

@@ -190,12 +190,12 @@ def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale:
     resting = np.where(body.weights < 1.0, 0.0, own)
     turns = np.array([rotation(angle) for angle in pose[:, 2]])
     points = {}
-    for point in ("", *body.points()):
+    for point in ("", *body.point_names):
         there, rest = (replay.marker(name, point, z)[:, :2] for z in (own, resting))
         place = (rest[0] - pose[0, :2]) @ turns[0]
         kept = np.einsum("tij,tj->ti", turns, rigid_motion(place[None], carried)[:, 0])
         points[point] = there + (scale - 1) * (there - rest - kept)
-    return BodyView(name, pose, points, body.angle is None, shape, local)
+    return BodyView(name, pose, points, body.angle_index is None, shape, local)
 
 
 def part_motion(

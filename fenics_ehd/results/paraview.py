@@ -231,10 +231,10 @@ def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
 def line_block(replay: RecordedMotion, name: str) -> Block:
     """A body by lines from its origin to its points, or from one end of a shaft to the other."""
     body, own = replay.bodies[name], replay.coordinates(name)
-    points = ["", *body.points()]
+    points = ["", *body.point_names]
     first = np.zeros(len(points) - 1, dtype=int)
     if isinstance(body, ShaftBody):
-        points = sorted(body.points(), key=lambda point: body.stations[point]) or [""]
+        points = sorted(body.points, key=body.points.__getitem__) or [""]
         first = np.arange(len(points) - 1)
     kind, cells = "line", np.column_stack([first, np.arange(1, len(first) + 1)])
     if len(points) == 1:
@@ -294,13 +294,13 @@ def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     body = replay.bodies[name]
     if not isinstance(body, ShaftBody):
         return 0.0
-    length, start = body.rotor.beam.shaft.length, 0.0
+    length, start = body.length, 0.0
     for place in replay.system.films:
         journal, _, station = place.joint.journal.partition(".")
         if journal == name and place.bore:
             centre = replay.part(place.bore_body).rows_of(place.bore).surface.centre
-            start = float(centre[2]) - length * body.stations[station]
-    return start + length * body.stations.get(point, 0.0)
+            start = float(centre[2]) - length * body.points[station]
+    return start + length * body.points.get(point, 0.0)
 
 
 #: What ParaView opens, in the folder of a series.

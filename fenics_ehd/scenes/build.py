@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from math import radians
+from math import degrees, radians
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import attrs
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE
 from fenics_ehd.multibody.bdf import IntegratorOptions
-from fenics_ehd.multibody.body import Body, FlexibleBody, PlanarBody, RigidBody, ground
+from fenics_ehd.multibody.body import Body, FlexibleBody, PlanarBody, Pose, RigidBody, ground
 from fenics_ehd.multibody.forces import (
     Force,
     PointForce,
@@ -29,11 +30,12 @@ from fenics_ehd.multibody.forces import (
     Table,
     Torque,
 )
-from fenics_ehd.multibody.joints import AngleOverTime, Joint, Speed, SpeedTable
+from fenics_ehd.multibody.joints import AngleOverTime, Joint, Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.periodic import check_period
-from fenics_ehd.multibody.shaft import Disk, ModalRotor, ShaftBody, beam_plane
+from fenics_ehd.multibody.shaft import ShaftBody
+from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.reduction.body import ReducedBody, load_body
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.films import (
@@ -47,89 +49,34 @@ from fenics_ehd.scenes.scene import Scene, flexible, meshed
 from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table
 
 
-def rough_pose(settings: schema.MovingSettings) -> dict[str, Any]:
-    """Rough pose of a planar body."""
-    return {
-        "position": settings.position,
-        "orientation": radians(settings.angle),
-        "velocity": settings.velocity,
-        "speed": settings.speed,
-    }
+def stiff_body(settings: Any) -> Body:
+    """A body without elasticity, or a shaft, as its settings are one; the ground by its points."""
+    return ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings
 
 
-def stiff_body(key: str, settings: Any) -> Body:
-    """A body without elasticity, or a shaft."""
-    if isinstance(settings, schema.GroundSettings):
-        return ground(settings.points)
-    if isinstance(settings, schema.ShaftSettings):
-        return _shaft(key, settings)
-    start, points = rough_pose(settings), settings.points
-    if not isinstance(settings, schema.RigidSettings):
-        return RigidBody(0.0, named_points=points, **start)
-    return RigidBody(settings.mass, settings.inertia, points, settings.centre, **start)
+def _pose(body: Pose) -> dict[str, Any]:
+    """Origin and angle of a body at the start, and their rates."""
+    return {field.name: getattr(body, field.name) for field in attrs.fields(Pose)}
 
 
-def flexible_body(
-    settings: schema.FlexibleSettings, reduced: ReducedBody, ideal: Body
-) -> FlexibleBody:
-    """A flexible body that starts where its rigid stand-in is."""
-    assert isinstance(ideal, RigidBody)
-    return FlexibleBody(
-        reduced,
-        settings.damping_time,
-        settings.mass or None,
-        settings.inertia or None,
-        settings.centre if any(settings.centre) else None,
-        position=ideal.position,
-        orientation=ideal.orientation,
-        velocity=ideal.velocity,
-        speed=ideal.speed,
-    )
-
-
-def _shaft(key: str, settings: schema.ShaftSettings) -> ShaftBody:
-    available = 4 * (settings.elements + 1)
-    if settings.modes % 2 or settings.modes > available:
-        raise SettingsError(
-            f"{key}.modes = {settings.modes} must be even, half of them for either plane, and at "
-            f"most {available}, the degrees of freedom of elements = {settings.elements}"
-        )
-    disks = [Disk(*disk) for disk in settings.disks]
-    for disk in disks:
-        inertias = (disk.mass, disk.polar_inertia, disk.diametral_inertia)
-        if not (0.0 <= disk.position <= 1.0 and min(inertias) >= 0.0):
-            raise SettingsError(
-                f"{key}.disks: position = {disk.position:g} must be a share of the length, 0 to "
-                f"1, and masses and inertias at least 0, not {min(inertias):g}"
-            )
-    polar = settings.polar_inertia + sum(disk.polar_inertia for disk in disks)
-    return ShaftBody(
-        ModalRotor.of(beam_plane(settings, disks), settings.modes // 2),
-        polar,
-        settings.damping_ratio,
-        settings.points,
-        settings.position,
-        radians(settings.angle),
-        settings.speed,
-    )
+def _curve(read: Callable[..., Curve], file: str, key: str, column: str, unit: str) -> Curve | None:
+    """The curve of a table that a key names, None where it names none."""
+    if file == NONE:
+        return None
+    return read(table_file(file, key), key, {column: {unit: 1.0}})
 
 
 def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
     """Given angles over time by body."""
     found: dict[str, AngleOverTime] = {}
     for name, drive in scene.drives.items():
-        if not isinstance(drive, schema.SpeedSettings):
+        if not isinstance(drive, Speed):
             continue
-        start, key = radians(scene.bodies[name].angle), f"drives.{name}.table"
-        if drive.table == NONE:
-            found[name] = Speed(drive.speed, start)
-        elif drive.speed:
+        if drive.speed and drive.table != NONE:
             raise SettingsError(f"drives.{name}: give a speed or a table, one of them")
-        else:
-            unit = {"speed": {"rad_per_s": 1.0}}
-            found[name] = SpeedTable(
-                read_time_table(table_file(drive.table, key), key, unit), start
-            )
+        key, start = f"drives.{name}.table", radians(scene.bodies[name].angle)
+        curve = _curve(read_time_table, drive.table, key, "speed", "rad_per_s")
+        found[name] = attrs.evolve(drive, start=start, curve=curve)
     return found
 
 
@@ -154,22 +101,15 @@ def forces(scene: Scene) -> dict[str, Force]:
             size_of = size_of.scaled(entry.scale)
             found[name] = PointForce(entry.point, entry.direction, size_of, entry.angle_of)
     for name, drive in scene.drives.items():
-        if isinstance(drive, schema.TorqueSettings):
-            torque, over_angle = _torque(drive, f"drives.{name}.table"), drive.over == "angle"
-            found[f"drive of {name}"] = Torque(name, torque, over_angle, drive.damping, drive.speed)
+        if isinstance(drive, Torque):
+            read = read_angle_table if drive.over == "angle" else read_time_table
+            curve = _curve(read, drive.table, f"drives.{name}.table", "torque", "Nm")
+            found[f"drive of {name}"] = attrs.evolve(drive, body=name, curve=curve)
     return found
 
 
 def _constant(size: float) -> Table:
     return lambda _: (size, 0.0)
-
-
-def _torque(drive: schema.TorqueSettings, key: str) -> Table:
-    if drive.table == NONE:
-        return _constant(drive.torque)
-    read = read_angle_table if drive.over == "angle" else read_time_table
-    curve = read(table_file(drive.table, key), key, {"torque": {"Nm": 1.0}})
-    return curve.scaled(1.0, drive.torque)
 
 
 def gravity(scene: Scene) -> tuple[float, float]:
@@ -215,11 +155,8 @@ def assembled_bodies(
             z, rates = assemble(pinned)
         except SettingsError:
             pass  # Joints or other drives hold them already.
-    found = {}
-    for name, body in mechanism.bodies.items():
-        places = system.bodies[name]
-        found[name] = _placed(body, z[places], rates[places])
-    return found
+    places = system.bodies
+    return {n: _placed(b, z[places[n]], rates[places[n]]) for n, b in mechanism.bodies.items()}
 
 
 def _check_way(system: System, z: np.ndarray, span: float) -> None:
@@ -240,13 +177,11 @@ def _check_way(system: System, z: np.ndarray, span: float) -> None:
 def _placed(body: Body, z: np.ndarray, rates: np.ndarray) -> Body:
     """A body whose start is the given one."""
     if isinstance(body, ShaftBody):
-        return replace(body, orientation=float(z[0]), speed=float(rates[0]))
+        return attrs.evolve(body, angle=degrees(z[0]), speed=float(rates[0]))
     if not isinstance(body, PlanarBody) or not body.size:
         return body
     (x, y, angle), (vx, vy, speed) = z[:3].tolist(), rates[:3].tolist()
-    return replace(  # type: ignore[type-var]
-        body, position=(x, y), orientation=angle, velocity=(vx, vy), speed=speed
-    )
+    return attrs.evolve(body, position=(x, y), angle=degrees(angle), velocity=(vx, vy), speed=speed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +246,7 @@ def build(
     """
     loads_of = imposed_angles(scene), forces(scene)
     stiff = {
-        name: stiff_body(f"bodies.{name}", settings)
+        name: stiff_body(settings)
         for name, settings in scene.bodies.items()
         if not isinstance(settings, schema.FlexibleSettings)
     }
@@ -339,7 +274,10 @@ def build(
         ideal = _ideal(scene, parts, stiff, joints, *loads_of)
     placed = dict(ideal.bodies)
     for name, part in parts.items():
-        placed[name] = flexible_body(part.settings, found[name], ideal.bodies[name])
+        stand_in, own = ideal.bodies[name], part.settings
+        assert isinstance(stand_in, RigidBody)
+        total = own.mass or None, own.inertia or None, own.centre if any(own.centre) else None
+        placed[name] = FlexibleBody(found[name], own.damping_time, *total, **_pose(stand_in))
     steps = _steps(scene)
     span: dict[str, Any] = {"end": scene.span}
     if scene.time.periodic:
@@ -410,8 +348,8 @@ def _ideal(
     bodies: dict[str, Body] = {}
     for name, settings in scene.bodies.items():
         if name in parts:
-            start = rough_pose(settings)
-            bodies[name] = RigidBody(1.0, 1.0, parts[name].points(), held=parts[name].held, **start)
+            points, held = dict(parts[name].points()), parts[name].held
+            bodies[name] = RigidBody(1.0, 1.0, points, held=held, **_pose(settings))
         else:
             bodies[name] = stiff[name]
     turning = {

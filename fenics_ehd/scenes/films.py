@@ -43,6 +43,7 @@ from fenics_ehd.film.supply import (
     check_supply,
 )
 from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
+from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.reduction.bore import BoreHole, BoreSurface, bore_holes
 from fenics_ehd.scenes import schema
@@ -319,10 +320,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
     require_thin_film(joint.clearance, radius, f"{key}.clearance")
     body = joint.journal.partition(".")[0]
     shaft = scene.bodies.get(body)
-    if (
-        isinstance(shaft, schema.ShaftSettings)
-        and not abs(0.5 * shaft.diameter - radius) <= FIT * radius
-    ):
+    if isinstance(shaft, ShaftBody) and not abs(0.5 * shaft.diameter - radius) <= FIT * radius:
         raise SettingsError(
             f"bodies.{body}.diameter = {shaft.diameter:g} m must be that of the bore "
             f"{joint.bore}, {2 * radius:g} m, within {100 * FIT:g} %"

@@ -36,6 +36,9 @@ from fenics_ehd.base.settings import (
     to_toml,
     unusual,
 )
+from fenics_ehd.multibody.body import MasslessBody, RigidBody
+from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import shipped_scene
 from fenics_ehd.scenes.part_settings import OutputSettings
@@ -108,7 +111,7 @@ class Scene:
     def speed_of(self, body: str) -> float:
         """Angular speed of a body at the start as written [rad/s]."""
         drive = self.drives.get(body)
-        if isinstance(drive, schema.SpeedSettings):
+        if isinstance(drive, Speed):
             return drive.speed
         return getattr(self.bodies.get(body), "speed", 0.0)
 
@@ -187,7 +190,7 @@ def check_heat(scene: Scene, name: str) -> None:
 
 
 #: Bodies that have a mass whatever is written.
-ELASTIC = (schema.FlexibleSettings, schema.ShaftSettings)
+ELASTIC = (schema.FlexibleSettings, ShaftBody)
 
 #: Reynolds number up to which films of bearings are laminar: turbulence begins at about 1000 and is
 #: complete near 1600 (chapter 5.5 of Bearing Design in Machinery, opened at 1library.net).
@@ -300,7 +303,7 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
     _check_contact(joint, key)
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
-    if isinstance(bored, schema.ShaftSettings):
+    if isinstance(bored, ShaftBody):
         raise SettingsError(f"{key}.bore = {joint.bore!r}: a shaft has no bore, only journals")
     if isinstance(bored, schema.FlexibleSettings) and not point:
         bores = ", ".join(f"{body}.{bore}" for bore in bored.bores)
@@ -342,7 +345,7 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
 
         require_monotone(joint.element, f"{key}.element")
         body = joint.journal.partition(".")[0]
-        massless = type(scene.bodies.get(body)) is schema.MasslessSettings
+        massless = type(scene.bodies.get(body)) is MasslessBody
         if massless and joint.initial_filling < 1.0:
             raise SettingsError(
                 f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
@@ -365,9 +368,9 @@ def notices(scene: Scene) -> list[str]:
         x, y = np.sum([scene.forces[name].acceleration for name in weights], axis=0)
         found.append(f"forces.{', forces.'.join(weights)}: all of them are gravity, and act with "
                      f"their sum, [{x:g}, {y:g}] m/s2")  # fmt: skip
-    stiff = [b for b in scene.bodies.values() if isinstance(b, schema.MasslessSettings)]
+    stiff = [b for b in scene.bodies.values() if isinstance(b, MasslessBody)]
     plain = not any(isinstance(b, ELASTIC) for b in scene.bodies.values())
-    given = weights or any(isinstance(body, schema.RigidSettings) for body in stiff)
+    given = weights or any(isinstance(body, RigidBody) for body in stiff)
     if plain and given and not any(getattr(body, "mass", 0.0) for body in stiff):
         found.append("bodies: none has a mass, so that gravity and inertia do nothing")
     for name, joint in scene.films.items():

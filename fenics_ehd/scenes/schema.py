@@ -17,7 +17,6 @@ Longer than other modules: it is one list, in the order of the reference that is
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import attrs
@@ -35,7 +34,6 @@ from fenics_ehd.base.fields import (
     Material,
     OilSettings,
     Roughness,
-    as_float,
     checked,
     choice,
     count,
@@ -51,15 +49,14 @@ from fenics_ehd.base.fields import (
     radial_clearance,
     rows,
     section,
-    table,
     text,
-    unless,
 )
 from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.supply import AxialGrooveSupply, CircumferentialGrooveSupply, HoleSupply
-from fenics_ehd.multibody.forces import RotatingForce, SpringDamper
-from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
-from fenics_ehd.multibody.shaft import Shaft
+from fenics_ehd.multibody.body import MasslessBody, Pose, RigidBody
+from fenics_ehd.multibody.forces import RotatingForce, SpringDamper, Torque
+from fenics_ehd.multibody.joints import Fixed, Revolute, Slider, Speed
+from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.scenes.part_settings import (
     CELLS,
     ELEMENTS,
@@ -106,7 +103,6 @@ SUPPLIES: Mapping[str, type] = {
 }
 
 INTERPOLATIONS = ("cubic", "linear")
-BASES = ("angle", "time")
 AMBIENTS = ("air", "oil")
 
 
@@ -117,46 +113,12 @@ class GroundSettings:
     points: dict = places("points of the frame at rest [m]")
 
 
-@attrs.frozen
-class MovingSettings:
-    """A body's origin and angle at the start, roughly: assembly closes the joints."""
-
-    position: tuple[float, float] = place("origin at the start, roughly [m]")
-    angle: float = number(0.0, "at the start, of the body's x axis from x, + from x to y [degrees]")
-    velocity: tuple[float, float] = pair("of the origin at the start, where nothing gives it [m/s]")
-    speed: float = quantities.speed(
-        0.0, "of the angle at the start, where no drive gives it [rad/s]"
-    )
-
-
-@attrs.frozen
-class MasslessSettings(MovingSettings):
-    """A rigid body without mass, as a journal under a given load."""
-
-    points: dict = places("points in the body's frame [m]")
-
-
-@attrs.frozen(kw_only=True)
-class RigidSettings(MasslessSettings):
-    """A rigid body."""
-
-    mass: float = quantities.mass(REQUIRED, "[kg]", 100)
-    inertia: float = number(
-        0.0,
-        "about the centre of mass [kg m2]",
-        least=0,
-        usual=(1e-8, 1e4),
-        example="1e-3 for 10 kg cm2",
-    )
-    centre: tuple[float, float] = place("centre of mass in the body's frame [m]")
-
-
 #: Keys of a flexible body that only its mesh and reduction read.
 MODEL_KEYS = ("points", "clamped", "cells", "element", "material", "geometry", "reduction")
 
 
 @attrs.frozen
-class FlexibleSettings(MovingSettings):
+class FlexibleSettings(Pose):
     """An elastic part with lubricated bores, meshed and reduced, or reduced before.
 
     Its origin is the centre of its first bore; a bore is a point, `bore` if no other is named.
@@ -189,32 +151,6 @@ class FlexibleSettings(MovingSettings):
     def idle(self) -> tuple[str, ...]:
         """Keys that do nothing beside the file of a reduced part."""
         return () if self.body == NONE else MODEL_KEYS
-
-
-def shares(help_text: str) -> Any:
-    """Free table of names and shares."""
-    check = unless(
-        lambda n: isinstance(n, float) and 0.0 <= n <= 1.0, "a share of the length, 0 to 1"
-    )
-    return table(help_text, check, partial(as_float, unit=""))
-
-
-@attrs.frozen
-class ShaftSettings(Shaft):
-    """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
-
-    density: float = quantities.density(7850.0)
-    position: tuple[float, float] = place("of the undeformed axis [m]")
-    angle: float = number(0.0, "at the start [degrees]")
-    speed: float = quantities.speed(0.0, "at the start, where no drive gives it [rad/s]")
-    modes: int = count(20, "modes kept, half of them in either plane: an even number", least=2)
-    damping_ratio: float = number(1e-3, "zeta of every mode [-]", least=0, below=1)
-    disks: tuple[tuple[float, ...], ...] = rows(
-        ("position", "mass", "polar_inertia", "diametral_inertia"),
-        "rigid disks [share of the length, kg, kg m2 about the axis, kg m2 about a diameter]",
-        ("", "kg", "kg m2", "kg m2"),
-    )
-    points: dict = shares("points by name, share of the length from one end, 0 to 1")
 
 
 @attrs.frozen(kw_only=True)
@@ -310,25 +246,6 @@ class LubricatedSettings:
 
 
 @attrs.frozen(kw_only=True)
-class SpeedSettings:
-    """A body's angle turns at a given speed, from the body's angle at the start on."""
-
-    speed: float = quantities.speed(0.0, "constant [rad/s]")
-    table: str = text(NONE, "in its place: CSV file time_s,speed_rad_per_s, or none")
-
-
-@attrs.frozen
-class TorqueSettings:
-    """A torque turns a body, from the body's angle and speed at the start on."""
-
-    torque: float = number(0.0, "constant part, + in the sense of the angle [N m]")
-    table: str = text(NONE, "more torque: CSV file angle_deg,torque_Nm or time_s,torque_Nm")
-    over: str = choice("angle", BASES, "what the table is over, the body's own angle or time")
-    damping: float = number(0.0, "more torque per speed below the given one [N m s/rad]", least=0)
-    speed: float = quantities.speed(0.0, "the given one [rad/s]")
-
-
-@attrs.frozen(kw_only=True)
 class ConstantForceSettings:
     """A force that stays the same in the frame at rest."""
 
@@ -406,10 +323,10 @@ class TimeSettings:
 #: Class of an entry by its table and kind.
 KINDS: Mapping[str, Mapping[str, type]] = {
     "bodies": {
-        "rigid": RigidSettings,
+        "rigid": RigidBody,
         "flexible": FlexibleSettings,
-        "shaft": ShaftSettings,
-        "massless": MasslessSettings,
+        "shaft": ShaftBody,
+        "massless": MasslessBody,
     },
     "joints": {
         "revolute": Revolute,
@@ -417,7 +334,7 @@ KINDS: Mapping[str, Mapping[str, type]] = {
         "slider": Slider,
         "lubricated": LubricatedSettings,
     },
-    "drives": {"speed": SpeedSettings, "torque": TorqueSettings},
+    "drives": {"speed": Speed, "torque": Torque},
     "forces": {
         "constant": ConstantForceSettings,
         "time-table": TimeTableSettings,

@@ -26,6 +26,7 @@ from fenics_ehd.base.settings import walk
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import build
@@ -169,7 +170,7 @@ def reduced_anew(scene: Scene, number: Along) -> str:
     name, _, setting = rest.partition(".")
     if table != "bodies" or setting in MOVING:
         return ""
-    elastic = isinstance(scene.bodies[name], (schema.FlexibleSettings, schema.ShaftSettings))
+    elastic = isinstance(scene.bodies[name], (schema.FlexibleSettings, ShaftBody))
     return name if elastic else ""
 
 

@@ -22,7 +22,7 @@ def rod_motion() -> float:
     start = np.radians(PHI)
     mechanism = ehd.Mechanism(
         {
-            "crank": ehd.RigidBody(1.0, 1.0, {"pin": (CRANK, 0.0)}, orientation=start),
+            "crank": ehd.RigidBody(1.0, 1.0, {"pin": (CRANK, 0.0)}, angle=np.degrees(start)),
             "rod": ehd.RigidBody(1.0, 1.0, {"pin": (ROD, 0.0)}),
             "piston": ehd.RigidBody(1.0, 1.0, position=(CRANK + ROD, 0.0)),
         },
