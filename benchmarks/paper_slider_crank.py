@@ -37,12 +37,9 @@ from paper_statement import (
 from scipy import stats
 
 import fenics_ehd as ehd
-from fenics_ehd.study.plan import REFERENCE
+from fenics_ehd.multibody.history import JointResult
 from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
-    FILM,
-    PRESSURE,
-    Columns,
     JointData,
     StudyRow,
 )
@@ -226,18 +223,18 @@ def best_at_every_size(joint: JointData) -> Finding:
     return m3_best(joint, tuple(sizes))
 
 
-def _plateau_of(joint: JointData) -> tuple[Columns, np.ndarray]:
-    """History of the reference, and which of its steps lie on the plateau."""
+def _plateau_of(joint: JointData) -> JointResult:
+    """The joint in the reference's steps on the plateau."""
     history = reference_history(joint, until=PLATEAU[1])
-    inside = (history["time_s"] >= PLATEAU[0]) & (history["time_s"] <= PLATEAU[1])
-    need(list(history["time_s"][inside]), "steps of the reference between 6 and 8 ms")
-    return history, inside
+    inside = (history.time >= PLATEAU[0]) & (history.time <= PLATEAU[1])
+    need(list(history.time[inside]), "steps of the reference between 6 and 8 ms")
+    return history.each(lambda values: values[inside]).joints[joint.name]
 
 
 def plateau(joint: JointData) -> Finding:
     """Peak pressure and film of the reference between 6 and 8 ms."""
-    history, inside = _plateau_of(joint)
-    pressure, film = history[PRESSURE.column][inside], history[FILM.column][inside]
+    found = _plateau_of(joint)
+    pressure, film = np.asarray(found.max_pressure), np.asarray(found.min_film_thickness)
     change, loss = np.ptp(pressure) / pressure.max(), 1 - film[-1] / film[0]
     falls = bool(np.mean(np.diff(film) < 0) > 0.95)
     words = (
@@ -250,24 +247,21 @@ def plateau(joint: JointData) -> Finding:
 
 def peak_at_the_axis(joint: JointData) -> Finding:
     """Where on the bore the pressure is highest during the plateau."""
-    history, inside = _plateau_of(joint)
-    angles = history["max_pressure_angle_deg"][inside]
+    angles = np.asarray(_plateau_of(joint).max_pressure_angle)
     words = f"{angles.min():.0f} to {angles.max():.0f} degrees between 6 and 8 ms"
     return Finding(words, HOLDS if np.abs(angles).max() <= 15 else FAILS)
 
 
 def smoother_flank(joint: JointData) -> Finding:
     """How far behind the peak, in the widening gap, the pressure has fallen to half."""
-    reference_history(joint, until=PLATEAU[1])
-    history, film = joint.history(REFERENCE), joint.film(REFERENCE)
-    if film is None or history is None:
-        raise MissingRunsError("pressure fields of the reference")
+    history = reference_history(joint, until=PLATEAU[1])
+    film = history.joints[joint.name].film
     angle, height, pressures = map(np.asarray, (film.angle, film.height, film.pressure))
     middle = np.abs(height - height[np.abs(height - height.mean()).argmin()]) < 1e-9
     ring = np.flatnonzero(middle)[np.argsort(angle[middle])]
     flanks = []
     for time in PLATEAU:
-        pressure = pressures[np.abs(history["time_s"] - time).argmin()][ring]
+        pressure = pressures[np.abs(history.time - time).argmin()][ring]
         ahead = np.roll(pressure, -int(pressure.argmax()))
         step = int(np.argmax(ahead < 0.5 * ahead[0]))
         part = (ahead[step - 1] - 0.5 * ahead[0]) / (ahead[step - 1] - ahead[step])

@@ -20,7 +20,6 @@ from fenics_ehd.study.report.study_data import (
     CURVES,
     FILM,
     PRESSURE,
-    Columns,
     Curve,
     JointData,
     StudyRow,
@@ -236,7 +235,7 @@ def near(rows: Iterable[StudyRow], coordinates: float) -> list[StudyRow]:
     return sorted(close, key=lambda row: (distance[row], row["run"]))
 
 
-def reference_history(joint: JointData, until: float = 0.0) -> Columns:
+def reference_history(joint: JointData, until: float = 0.0) -> ehd.History:
     """History of a reference that came to its end, and that at this time [s] or later.
 
     Raises
@@ -245,11 +244,11 @@ def reference_history(joint: JointData, until: float = 0.0) -> Columns:
         There is none.
     """
     complete = joint.study.reference.get("status") == "complete"
-    history = joint.history(REFERENCE) if complete else None
+    history = joint.study.history(REFERENCE, films=True) if complete else None
     if history is None:
         raise MissingRunsError("the reference, complete")
     # Steps end at sums of binary fractions.
-    if history["time_s"][-1] < until * (1 - 1e-9):
+    if history.time[-1] < until * (1 - 1e-9):
         raise MissingRunsError(f"a reference that reaches {1e3 * until:g} ms")
     return history
 
@@ -267,8 +266,8 @@ def pressure_errors(joint: JointData, row: StudyRow) -> tuple[np.ndarray, np.nda
     reference, found = reference_history(joint), joint.errors_over_time(row["run"])
     if found is None:
         raise MissingRunsError(f"the errors of {row['run']} over time")
-    peaks = reference[PRESSURE.column]
-    load = np.interp(found["time_s"], reference["time_s"], peaks) / peaks.max()
+    peaks = np.asarray(reference.joints[joint.name].max_pressure)
+    load = np.interp(found["time_s"], reference.time, peaks) / peaks.max()
     return found["pressure_error"], load, np.gradient(found["time_s"])
 
 

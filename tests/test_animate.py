@@ -224,7 +224,9 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
             # The journal is drawn where it is at half the bore's width.
             tilt = given.run.motion.coordinates[:, place.xi[2:4]]
             expected = expected + scale * tilt @ (np.stack([-np.sin(angle), np.cos(angle)]) * z)
-        part = bodies[place.bore_body].local[:, edge] - bore.centre[:2]
+        body = bodies[place.bore_body]
+        local = (body.nodes - body.pose[:, None, :2]) @ body.turns
+        part = local[:, edge] - bore.centre[:2]
         between = part - bearing.offset[:, None]
         radius = bearing.radius - scale * bearing.clearance
         # Radial to second order in what is drawn.
@@ -360,7 +362,7 @@ def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
     columns = result.joints["left"].columns | {"time_s": result.time}
     chosen = nearest_steps(run.time, 3)
     frames = RecordedMotion(run.system.mechanism, run.motion.each(lambda values: values[chosen]))
-    figure, show = draw(run, columns, frames, {}, "left", None)
+    figure, show = draw(run, frames, {}, "left", None)
     show(2)
     (dot,) = (
         line for axes in figure.axes for line in axes.lines

@@ -349,7 +349,7 @@ def bearing(
     from fenics_ehd.analysis.bearing import solve_bearing
 
     if plot:
-        from fenics_ehd.plotting.bearing import plot_bearing
+        from fenics_ehd.plotting.maps import plot_bearing
         from fenics_ehd.plotting.picture import ENDINGS, require_format
 
         require_format("--plot", plot, ENDINGS)

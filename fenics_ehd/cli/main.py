@@ -55,8 +55,7 @@ COMMANDS = {
     "check": ("check", "info"),
     "part": ("part",),
     "pictures": ("animate", "paraview", "plot", "stress"),
-    "sensitivity": ("sensitivity",),
-    "study": ("report", "study", "sweep"),
+    "study": ("report", "sensitivity", "study", "sweep"),
 }
 
 

@@ -37,43 +37,6 @@ if TYPE_CHECKING:
     from fenics_ehd.results.paraview import PartFields
 
 
-def place_lines(joint: Mapping[str, Any]) -> list[str]:
-    """Extremes of the cycle of one joint, with place and angle."""
-    if "cycle_mean_force_N" not in joint:
-        return []
-
-    def at(name: str) -> str:
-        return f"crank {joint[f'cycle_{name}_crank_angle_deg']:.1f} deg"
-
-    def place(name: str) -> str:
-        angle, height = (joint[f"cycle_{name}_{key}"] for key in ("angle_deg", "height_m"))
-        return f"at {angle:.1f} deg of the bore, {height * 1e3:+.2f} mm, {at(name)}"
-
-    return [
-        f"    peak of the cycle       {joint['cycle_max_pressure_Pa'] * 1e-6:9.3f} MPa "
-        + place("max_pressure"),
-        f"    thinnest of the cycle   {joint['cycle_min_film_thickness_m'] * 1e6:9.4f} um  "
-        + place("min_film"),
-        f"    force                   {joint['cycle_mean_force_N']:9.4g} N   mean, "
-        f"{joint['cycle_max_force_N']:.4g} N at {joint['cycle_max_force_angle_deg']:.1f} deg, "
-        + at("max_force"),
-        f"    eccentricity            {joint['cycle_max_eccentricity_ratio']:9.3f} c   at most in "
-        f"the deformed bore, {at('max_eccentricity')}",
-    ]
-
-
-def multiplier_line(summary: Mapping[str, Any]) -> list[str]:
-    """Stability of a periodic solution, where that was asked for."""
-    if "multiplier_failure" in summary:
-        return [f"  largest multiplier: not found, {summary['multiplier_failure']}"]
-    if "largest_multiplier" not in summary:
-        return []
-    return [
-        f"  largest multiplier      {summary['largest_multiplier']:9.3g}     of a change is left "
-        f"after a cycle, +- {summary['largest_multiplier_residual']:.1g}"
-    ]
-
-
 #: Words of the table, by key.
 COMPONENTS = {
     "basis": "basis",
@@ -338,6 +301,72 @@ def _write_series(
     write_run(built.mechanism, load_history(directory), parts, directory / "vtk", frames)
 
 
+#: Factors to the units that are printed, by how names of figures end: the first that fits.
+FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m": 1e6}
+
+#: Lines of a joint in these units, each by a figure without which there is none.
+JOINT_LINES = {
+    "max_pressure_Pa": "    maximum pressure        {max_pressure_Pa:9.3f} MPa {pressure_error}at "
+    "{max_pressure_time_s:.3f} ms",
+    "min_film_thickness_m": "    minimum film thickness  {min_film_thickness_m:9.4f} um  "
+    "{film_error}at {min_film_thickness_time_s:.3f} ms",
+    "basis_error_estimate_m": "    basis error estimate    {basis_error_estimate_m:9.4f} um  of gap"
+    "{large}",
+    "mean_friction_power_W": "    mean friction power     {mean_friction_power_W:9.3f} W   "
+    "{mean_friction_torque_Nm:.4g} N m on the journal, {mean_bore_friction_torque_Nm:.4g} N m on "
+    "the bore",
+    "cycle_mean_force_N": "    peak of the cycle       {cycle_max_pressure_Pa:9.3f} MPa "
+    "at {cycle_max_pressure_angle_deg:.1f} deg of the bore, {cycle_max_pressure_height_m:+.2f} mm, "
+    "crank {cycle_max_pressure_crank_angle_deg:.1f} deg\n"
+    "    thinnest of the cycle   {cycle_min_film_thickness_m:9.4f} um  "
+    "at {cycle_min_film_angle_deg:.1f} deg of the bore, {cycle_min_film_height_m:+.2f} mm, "
+    "crank {cycle_min_film_crank_angle_deg:.1f} deg\n"
+    "    force                   {cycle_mean_force_N:9.4g} N   mean, {cycle_max_force_N:.4g} N at "
+    "{cycle_max_force_angle_deg:.1f} deg, crank {cycle_max_force_crank_angle_deg:.1f} deg\n"
+    "    eccentricity            {cycle_max_eccentricity_ratio:9.3f} c   at most in the deformed "
+    "bore, crank {cycle_max_eccentricity_crank_angle_deg:.1f} deg",
+    "effective_temperature_C": "    effective temperature   {effective_temperature_C:9.2f} C   "
+    "from {supply_temperature_C:.2f} C, {outlet_temperature_C:.2f} C with "
+    "{mean_leaving_flow_m3_per_s:.3f} cm3/s that leave",
+    "mean_contact_force_N": "    mean contact force      {mean_contact_force_N:9.3g} N   of "
+    "contact pressure up to {max_contact_pressure_Pa:.3g} MPa",
+}
+
+#: Lines of the run, likewise, as the summary has its figures.
+RUN_LINES = {
+    "cycles": "  periodic after {cycles} cycles: the films change by {periodicity_defect:.1e}",
+    "multiplier_failure": "  largest multiplier: not found, {multiplier_failure}",
+    "largest_multiplier": "  largest multiplier      {largest_multiplier:9.3g}     of a change is "
+    "left after a cycle, +- {largest_multiplier_residual:.1g}",
+    "energy_balance_error": "  energy balance error    {energy_balance_error:9.1e}     of the "
+    "energy exchanged",
+}
+
+
+def joint_lines(joint: Mapping[str, Any]) -> list[str]:
+    """Lines of a joint's figures, as far as it has them, its flows of oil at the end."""
+    figures = {}
+    for key, value in joint.items():
+        if isinstance(value, int | float) and np.isfinite(value):
+            factors = (factor for end, factor in FACTORS.items() if key.endswith(end))
+            figures[key] = value * next(factors, 1.0)
+    pressure, film = figures["max_pressure_Pa"], figures["min_film_thickness_m"]
+    large = figures.get("basis_error_estimate_m", 0.0) > LARGEST_ESTIMATE * film
+    words: dict[str, Any] = {
+        "pressure_error": beside(joint, "max_pressure", pressure, "MPa"),
+        "film_error": beside(joint, "min_film_thickness", film, "um"),
+        "large": ", not small against the film: take more modes" * large,
+    }
+    told = figures | words
+    lines = [text.format_map(told) for key, text in JOINT_LINES.items() if key in figures]
+    for key, flow in figures.items():
+        # Of a run once through the mean over its last cycle, where it has one.
+        if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
+            name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
+            lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s")
+    return lines
+
+
 def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
     """The run in a few lines; `seconds` is what all of it took, if it was one process."""
     joints = summary["joints"] if "joints" in summary else {summary["joint"]: summary}
@@ -348,45 +377,14 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
     for name, body in summary["bodies"].items():
         lines.append(f"  {name}: {body['method']} with {body['modes']} modes")
     for name, joint in joints.items():
-        lines.append(f"  {name}")
-        lines.append(
-            f"    maximum pressure        {joint['max_pressure_Pa'] * 1e-6:9.3f} MPa "
-            f"{beside(joint, 'max_pressure', joint['max_pressure_Pa'] * 1e-6, 'MPa')}"
-            f"at {joint['max_pressure_time_s'] * 1e3:.3f} ms"
-        )
-        lines.append(
-            f"    minimum film thickness  {joint['min_film_thickness_m'] * 1e6:9.4f} um  "
-            f"{beside(joint, 'min_film_thickness', joint['min_film_thickness_m'] * 1e6, 'um')}"
-            f"at {joint['min_film_thickness_time_s'] * 1e3:.3f} ms"
-        )
-        estimate, thinnest = joint["basis_error_estimate_m"], joint["min_film_thickness_m"]
-        if estimate is not None and np.isfinite(estimate):
-            more = ", not small against the film: take more modes"
-            lines.append(
-                f"    basis error estimate    {estimate * 1e6:9.4f} um  of gap"
-                + more * bool(estimate > LARGEST_ESTIMATE * thinnest)
-            )
-        if "mean_friction_power_W" in joint:
-            lines.append(
-                f"    mean friction power     {joint['mean_friction_power_W']:9.3f} W   "
-                f"{joint['mean_friction_torque_Nm']:.4g} N m on the journal, "
-                f"{joint['mean_bore_friction_torque_Nm']:.4g} N m on the bore"
-            )
-        lines += place_lines(joint) + real_film(joint)
+        lines += [f"  {name}", *joint_lines(joint)]
     lines += budget_table(joints, summary) + accuracy_lines(summary)
     lines.append(
         f"  the cycle: {summary['cycle_used']}, from {summary['cycle_start_s'] * 1e3:.3f} to "
         f"{summary['cycle_end_s'] * 1e3:.3f} ms"
     )
-    if "cycles" in summary:
-        lines.append(
-            f"  periodic after {summary['cycles']} cycles: the films change by "
-            f"{summary['periodicity_defect']:.1e}"
-        )
-    lines += multiplier_line(summary)
+    lines += [text.format_map(summary) for key, text in RUN_LINES.items() if key in summary]
     lines += [
-        f"  energy balance error    {summary['energy_balance_error']:9.1e}     of the energy "
-        "exchanged",
         f"  time: reduction {summary['reduction_time_s']:.2f} s, "
         f"integration {summary['wall_time_s']:.2f} s" + _rest(summary, seconds),
         f"  results in {directory}",
@@ -400,25 +398,3 @@ def _rest(summary: Mapping[str, Any], seconds: float | None) -> str:
         return ""
     rest = seconds - summary["reduction_time_s"] - summary["wall_time_s"]
     return f", error estimates, pictures and files {rest:.2f} s: {seconds:.2f} s in all"
-
-
-def real_film(joint: Mapping[str, Any]) -> list[str]:
-    """Lines of what the models of a joint add to its figures."""
-    lines = []
-    if "effective_temperature_C" in joint:
-        lines.append(
-            f"    effective temperature   {joint['effective_temperature_C']:9.2f} C   from "
-            f"{joint['supply_temperature_C']:.2f} C, {joint['outlet_temperature_C']:.2f} C with "
-            f"{joint['mean_leaving_flow_m3_per_s'] * 1e6:.3f} cm3/s that leave"
-        )
-    for key, flow in joint.items():
-        # Of a run once through the mean over its last cycle, where it has one.
-        if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
-            name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
-            lines.append(f"    {f'mean flow, {name}':23} {flow * 1e6:9.4f} cm3/s")
-    if "mean_contact_force_N" in joint:
-        lines.append(
-            f"    mean contact force      {joint['mean_contact_force_N']:9.3g} N   of contact "
-            f"pressure up to {joint['max_contact_pressure_Pa'] * 1e-6:.3g} MPa"
-        )
-    return lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
@@ -60,24 +61,18 @@ def cycle_stresses(
     require_writable(folder)
     claim(folder, (STRESS, SERIES))
     answer = load_history(folder)
+    answer = answer.each(operator.itemgetter(last_rows(answer)))
     run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)
     bodies, skipped = _bodies(scene, run, folder, chosen)
-    rows = last_rows(answer)
-    instants = _instants(scene, answer, rows)
+    instants = _instants(scene, answer)
     say_reducing(bodies)
     found = {}
     for body in bodies:
         part = remade_part(scene, body, run.part(body), programs)
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
-        coordinates, amplitudes = (values[rows] for values in motion)
-        loads = None
-        if complete:
-            forces, speeds = run.loads(body)
-            loads = forces[rows], speeds[rows]
-        result = cycle_stress(
-            part.structure, part.body, part.columns, coordinates, amplitudes, loads
-        )
+        loads = run.loads(body) if complete else None
+        result = cycle_stress(part.structure, part.body, part.columns, *motion, loads)
         path = folder / "vtk" / f"{body}_stress.vtu"
         write_fields(path, result, instants["time_s"])
         found[body] = {
@@ -148,12 +143,12 @@ def _why_none(body: object, has_model: bool) -> str:
     return "" if body.reduced.modes else "it was reduced to a rigid body"
 
 
-def _instants(scene: Scene, result: History, rows: slice) -> dict[str, np.ndarray]:
+def _instants(scene: Scene, result: History) -> dict[str, np.ndarray]:
     """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
-    found = {"time_s": np.asarray(result.run.time)[rows] - _cycle_start(result)}
+    found = {"time_s": np.asarray(result.run.time) - _cycle_start(result)}
     turning = result.bodies.get(scene.time.of)
     if turning is not None and "angle" in turning:
-        found[f"{scene.time.of}_angle_deg"] = np.degrees(np.asarray(turning.angle)[rows]) % 360.0
+        found[f"{scene.time.of}_angle_deg"] = np.degrees(np.asarray(turning.angle)) % 360.0
     return found
 
 

@@ -145,28 +145,35 @@ class BodyView:
         By name, its origin empty, shape (t, 2) [m].
     held
         Whether it is a part of the ground.
-    shape, local
-        What shows of a flexible body, and its nodes as drawn in the body's frame, displacements
-        enlarged, shape (t, p, 2) [m].
+    nodes
+        Those of `shape` as drawn, displacements enlarged, shape (t, p, 2) [m]; p = 0 without one.
+    shape
+        What shows of a flexible body.
     """
 
     name: str
     pose: np.ndarray
     points: Mapping[str, np.ndarray]
     held: bool
+    nodes: np.ndarray
     shape: PartShape | None = None
-    local: np.ndarray | tuple[()] = ()
 
-    def place(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Origin (2,) and rotation (2, 2) of its frame."""
-        return self.pose[frame, :2], rotation(self.pose[frame, 2])
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """Rotations of its frame, shape (t, 2, 2)."""
+        return turns_of(self.pose)
+
+
+def turns_of(pose: np.ndarray) -> np.ndarray:
+    """Rotations of a frame, shape (t, 2, 2), by its position and angle, shape (t, 3)."""
+    return np.array([rotation(angle) for angle in pose[:, 2]])
 
 
 def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
     """A flexible body at one instant, its undeformed outline dashed."""
-    shape, (origin, turn) = body.shape, body.place(frame)
+    shape, nodes = body.shape, body.nodes[frame]
     assert shape is not None
-    nodes, rest = (origin + x @ turn.T for x in (body.local[frame], shape.nodes[:, :2]))
+    rest = body.pose[frame, :2] + shape.nodes[:, :2] @ body.turns[frame].T
     mesh = {"edgecolors": EDGE if shape.mesh else "none", "linewidths": 0.35}
     dashed = {"colors": GHOST, "linewidths": 0.7, "linestyles": "--"}
     for drawn in (
@@ -181,21 +188,22 @@ def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale:
     """A body at the instants of a replay; `shape` is that of a flexible one."""
     body, own = replay.bodies[name], replay.coordinates(name)
     pose = replay.marker(name, "")
-    carried, local = np.zeros((len(pose), 3)), ()
+    turns = turns_of(pose)
+    carried, nodes = np.zeros((len(pose), 3)), np.zeros((len(pose), 0, 2))
     if shape is not None:
         moved, carried = part_motion(replay, name, shape)
         rest = shape.nodes[:, :2]
         local = rest + scale * moved - (scale - 1) * rigid_motion(rest, carried)
+        nodes = pose[:, None, :2] + local @ turns.transpose(0, 2, 1)
     # Coordinates that the films see are small motions, all others large ones.
     resting = np.where(body.weights < 1.0, 0.0, own)
-    turns = np.array([rotation(angle) for angle in pose[:, 2]])
     points = {}
     for point in ("", *body.point_names):
         there, rest = (replay.marker(name, point, z)[:, :2] for z in (own, resting))
         place = (rest[0] - pose[0, :2]) @ turns[0]
         kept = np.einsum("tij,tj->ti", turns, rigid_motion(place[None], carried)[:, 0])
         points[point] = there + (scale - 1) * (there - rest - kept)
-    return BodyView(name, pose, points, body.angle_index is None, shape, local)
+    return BodyView(name, pose, points, body.angle_index is None, nodes, shape)
 
 
 def part_motion(

@@ -25,7 +25,7 @@ from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.files import written_aside
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.history import load_history
+from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
 from fenics_ehd.plotting.animated_bodies import (
@@ -94,20 +94,17 @@ class Bearing:
     """
 
     def __init__(self, replay: RecordedMotion, place: FilmBinding, bodies: Bodies, scale: float):
-        parameters, joint = place.film.film.parameters, place.joint
+        parameters = place.film.film.parameters
         grid, self.clearance = parameters.grid, parameters.clearance
         self.radius, self.elastic = grid.radius, bool(place.bore)
         self._enlarged = scale / grid.radius
-        self.body, (self.journal_body, _) = bodies[place.bore_body], at(bodies, joint.journal)
-        turns = np.array([rotation(angle) for angle in self.body.pose[:, 2]])
-        # Of the undeformed bore in its body's frame; for one of a part, with its name there.
-        rest, point = np.zeros(2), joint.bore.partition(".")[2]
-        bore_body = replay.bodies[place.bore_body]
-        if isinstance(bore_body, FlexibleBody) and place.bore:
-            rest = bore_body.reduced.bores[place.bore].centre[:2]
-            point = bore_body.at_rest(place.bore)
-        bore, eccentricity = self.body.points[point], replay.motion.coordinates[:, place.xi[:2]]
-        self.centre = self.body.pose[:, :2] + turns @ rest if self.elastic else bore
+        self.body, bore = at(bodies, replay.system.bore_at_rest(place))
+        self.journal_body, _ = at(bodies, place.joint.journal)
+        eccentricity, turns = replay.motion.coordinates[:, place.xi[:2]], self.body.turns
+        self.centre = bore
+        if self.elastic:
+            rest = replay.part(place.bore_body).bores[place.bore].centre[:2]
+            self.centre = self.body.pose[:, :2] + turns @ rest
         self.offset = scale * eccentricity + np.einsum("tji,tj->ti", turns, bore - self.centre)
         self.height = np.linspace(grid.heights[0], grid.heights[-1], ALONG)
         pressure = sampled(grid, replay.motion.pressures[place.name], ANGLES, self.height)
@@ -187,10 +184,7 @@ def extent(bodies: Bodies, bearings: Mapping[str, Bearing]) -> np.ndarray:
     places = [points for body in bodies.values() for points in body.points.values()]
     for bearing in bearings.values():
         places += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
-    for body in bodies.values():
-        for i, nodes in enumerate(body.local):
-            origin, turn = body.place(i)
-            places.append(origin + nodes @ turn.T)
+    places += [body.nodes.reshape(-1, 2) for body in bodies.values()]
     everywhere = np.vstack(places)
     return np.array([everywhere.min(axis=0), everywhere.max(axis=0)])
 
@@ -259,9 +253,9 @@ def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: i
     (body, origin), (_, place) = at(bodies, joint.line), at(bodies, joint.point)
     along = np.array(joint.direction) / np.hypot(*joint.direction)
     base = np.array([along, (-along[1], along[0])])
-    turns = [base @ body.place(i)[1].T for i in range(len(origin))]
-    travel = [turn[0] @ (p - o) for p, o, turn in zip(place, origin, turns, strict=True)]
-    length = np.array([min(travel) - 4.5 * size, max(travel) + 4.5 * size])
+    turns = base @ body.turns.transpose(0, 2, 1)
+    travel = np.einsum("tj,tj->t", turns[:, 0], place - origin)
+    length = np.array([travel.min() - 4.5 * size, travel.max() + 4.5 * size])
     line = origin[frame] + np.outer(length, turns[frame][0])
     axes.plot(*line.T, color="0.6", linewidth=0.8, linestyle="-.", zorder=0)
     block = place[frame] + size * SQUARE * [3.0, 2.0] @ turns[frame]
@@ -450,16 +444,13 @@ def draw_run(
             else "which can be made where the file of this body is"
         )
         hints.append(f"of {body} only the bores are drawn; all of it with --basis part.h5, {made}")
-    columns = result.joints[name].columns if name else {}
     instants = between_steps(run.motion, np.linspace(run.time[0], run.time[-1], count))
     frames = RecordedMotion(run.system.mechanism, instants)
-    columns = columns | {"time_s": np.asarray(result.time)}
-    return *draw(run, columns, frames, shapes, name, scale), hints
+    return *draw(run, frames, shapes, name, scale), hints
 
 
 def draw(
     run: RecordedMotion,
-    columns: Mapping[str, np.ndarray],
     frames: RecordedMotion,
     shapes: Mapping[str, PartShape],
     joint: str,
@@ -469,10 +460,8 @@ def draw(
 
     Parameters
     ----------
-    run, columns
-        All recorded steps, and the columns of the joint's history.
-    frames
-        The instants that are drawn.
+    run, frames
+        All recorded steps, and the instants that are drawn.
     shapes
         What shows of the flexible bodies, by name.
     joint
@@ -490,15 +479,14 @@ def draw(
     if joint:
         layout = [["mechanism", "mechanism", "close up"], ["orbit", "film", "curves"]]
     panels = figure.subplot_mosaic(layout, height_ratios=(1.35, 1.0)[: len(layout)])
-    start = run.time[0]
+    start = run.time[0] - run.motion.time[0]
     if joint:
-        start = start - columns["time_s"][0]
         bearing = bearings[joint]
         path, places = (r.orbits[joint] / bearing.clearance for r in (run, frames))
         clearance_circle(panels["orbit"])
         panels["orbit"].plot(*path.T, color="0.6", linewidth=1.0)
         (dot,) = panels["orbit"].plot(*places[0], "o", color=BLUE, mec="white")
-        _curves(panels["curves"], columns)
+        _curves(panels["curves"], run.motion, joint)
         now = panels["curves"].axvline(0.0, color="0.3", lw=0.9)
         colours = ScalarMappable(Normalize(0.0, 1e-6 * bearing.pressure.max()), PRESSURES)
         figure.colorbar(colours, ax=panels["film"], label="pressure [MPa]", aspect=14, pad=0.02)
@@ -529,13 +517,13 @@ def draw(
     return figure, show
 
 
-def _curves(axes: Axes, columns: Mapping[str, np.ndarray]) -> None:
+def _curves(axes: Axes, history: History, joint: str) -> None:
     """Peak pressure and thinnest film of the whole run."""
-    time = 1e3 * columns["time_s"]
+    time, found = 1e3 * history.time, history.joints[joint]
     film = axes.twinx()
-    axes.plot(time, 1e-6 * columns["max_pressure_Pa"], color=RED)
+    axes.plot(time, 1e-6 * found.max_pressure, color=RED)
     axes.set_ylabel("max. pressure [MPa]", color=RED)
-    film.plot(time, 1e6 * columns["min_film_thickness_m"], color=BLUE)
+    film.plot(time, 1e6 * found.min_film_thickness, color=BLUE)
     film.set_ylabel("min. film [µm]", color=BLUE)
     film.set_ylim(0, None)
     axes.set(xlabel="time [ms]", xlim=time[[0, -1]], ylim=(0, None))

@@ -373,7 +373,7 @@ def make_study(
     add(Variant(REFERENCE, {**scope.reference.values, **scope.reference_steps}))
     rows = [
         *(Row(add(variant), METHODS, REFERENCE) for variant in scope.methods),
-        *_tolerance_rows(add, scope, scene.time.tolerance),
+        *_tolerance_rows(add, scope),
         *_film_rows(add, scope),
     ]
     checks = _checks(add, scope)
@@ -395,37 +395,27 @@ def _require_long_enough(scene: Scene, start: float) -> None:
         )
 
 
-def _tolerance_rows(add: Add, scope: Scope, usual: float) -> list[Row]:
+def _tolerance_rows(add: Add, scope: Scope) -> list[Row]:
+    def stepped(variant: Variant, tolerance: float) -> str:
+        return add(variant.but(f"tol-{tolerance:.0e}", steps(tolerance)))
+
     rows = []
     for variant in scope.stepped:
         own = add(variant.but("finest", scope.finest_steps))
         for tolerance in scope.tolerances:
-            run = add(_stepped(variant, tolerance, usual))
+            run = stepped(variant, tolerance)
             rows.append(Row(run, TOLERANCE, REFERENCE, own if run != own else ""))
         rows.append(Row(own, TOLERANCE, REFERENCE))
-    for variant in scope.loose:
-        run = add(_stepped(variant, scope.tolerances[0], usual))
-        rows.append(Row(run, TOLERANCE, REFERENCE))
-    return rows
-
-
-def _stepped(variant: Variant, tolerance: float, usual: float) -> Variant:
-    if tolerance == usual:
-        return variant
-    return variant.but(f"tol-{tolerance:.0e}", steps(tolerance))
+    loose = [stepped(variant, scope.tolerances[0]) for variant in scope.loose]
+    return rows + [Row(run, TOLERANCE, REFERENCE) for run in loose]
 
 
 def _film_rows(add: Add, scope: Scope) -> list[Row]:
     rows = []
     for variant in scope.meshed:
-        runs = [add(_meshed(variant, factor)) for factor in scope.films]
-        rows += [Row(run, FILMS, runs[-1]) for run in runs[:-1]]
-        rows += [Row(run, FILMS, "") for run in runs[-1:]]
+        runs = [add(variant.but(f"film-{size:g}", film(size))) for size in scope.films]
+        rows += [Row(run, FILMS, runs[-1] if run != runs[-1] else "") for run in runs]
     return rows
-
-
-def _meshed(variant: Variant, factor: float) -> Variant:
-    return variant if factor == 1.0 else variant.but(f"film-{factor:g}", film(factor))
 
 
 def _checks(add: Add, scope: Scope) -> dict[str, Check]:

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.interpolate import CubicSpline
 
+from fenics_ehd.multibody.history import History
 from fenics_ehd.plotting.maps import draw_rasters, raster_of
 from fenics_ehd.plotting.picture import BLACK, BLUE, PRESSURES, RED, YELLOW, factor_of, plt
 from fenics_ehd.plotting.shown import film_grid
@@ -29,7 +29,6 @@ from fenics_ehd.study.plan import REFERENCE
 from fenics_ehd.study.report.study_data import (
     CURVES,
     FILM,
-    PRESSURE,
     Columns,
     Curve,
     JointData,
@@ -66,9 +65,6 @@ SELECTIONS = {
     "every-column": ("every column", "-."),
 }
 
-#: How far lines of one colour go towards white and black.
-LIGHTER, DARKER = 0.35, 0.55
-
 #: Width of a figure [inches], columns of its legend.
 WIDTH, LEGEND_COLUMNS = 10.5, 3
 
@@ -102,7 +98,7 @@ def line_style(row: StudyRow) -> dict[str, Any]:
     if truncated(row):
         fill = "none" if row["residual_truncation"] >= COARSE else "bottom"
     return {
-        "color": COLOURS.get(row["method"], "0.4"),
+        "color": colour(row),
         "marker": PRESSURE_MARKERS.get(row["pressure_set"], marker),
         "markerfacecoloralt": "white",
         "linestyle": selection(row)[1],
@@ -124,13 +120,9 @@ def families(
     return grouped
 
 
-def shade(row: StudyRow, share: float | None = None) -> tuple[float, ...]:
-    """Colour of a run's method, of several from light, 0, to dark, 1."""
-    rgb = np.array(to_rgb(COLOURS.get(row["method"], "0.4")))
-    if share is not None:
-        light, dark = rgb + LIGHTER * (1 - rgb), (1 - DARKER) * rgb
-        rgb = light + share * (dark - light)
-    return tuple(map(float, rgb))
+def colour(row: StudyRow) -> str:
+    """Colour of a run's method."""
+    return COLOURS.get(row["method"], "0.4")
 
 
 def percent_axes(axes: Axes, xlabel: str, ylabel: str) -> None:
@@ -484,31 +476,29 @@ def alike(study: StudyData) -> list[StudyRow]:
 
 def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
     """Curves of some runs on the reference's, None before there is one."""
-    # Of one method the later, the darker: dashes lie on each other.
-    shades = np.linspace(0, 1, len(rows)) if len({row["method"] for row in rows}) == 1 else None
+    runs = [study.history(row["run"]) for row in rows]
 
-    runs = {joint: [joint.history(row["run"]) for row in rows] for joint in study.joints}
-
-    def draw(axes: Axes, reference: Columns, joint: JointData, curve: Curve) -> None:
-        column, factor = curve.column, factor_of(curve.label)
-        time = reference["time_s"]
-        axes.plot(1e3 * time, factor * reference[column], color=GREY, linewidth=4.5,
-                  solid_capstyle="butt", label="reference")  # fmt: skip
-        for i, (row, history) in enumerate(zip(rows, runs[joint], strict=True)):
+    def draw(axes: Axes, reference: History, joint: JointData, curve: Curve) -> None:
+        time = np.asarray(reference.time)
+        true = factor_of(curve.label) * reference.joints[joint.name][curve.quantity]
+        axes.plot(1e3 * time, true, color=GREY, linewidth=4.5, solid_capstyle="butt",
+                  label="reference")  # fmt: skip
+        for i, (row, history) in enumerate(zip(rows, runs, strict=True)):
             if history is None:
                 continue
-            colour = shade(row, None if shades is None else shades[i])
             dashes = LINES[(i - len(rows)) % len(LINES)]
-            axes.plot(1e3 * history["time_s"], factor * history[column], color=colour,
-                      linestyle=dashes, label=sized(row))  # fmt: skip
+            own = factor_of(curve.label) * history.joints[joint.name][curve.quantity]
+            axes.plot(
+                1e3 * history.time, own, color=colour(row), linestyle=dashes, label=sized(row)
+            )
         axes.set(xlabel="time [ms]", ylabel=curve.label)
         axes.margins(x=0)
         axes.set_ylim(bottom=0)
         if curve is FILM:
             later = time >= (BUILD_UP * time[-1] if study.info["start"] > 0 else 0.0)
-            axes.set_ylim(top=1.15 * factor * float(reference[column][later].max()))
+            axes.set_ylim(top=1.15 * float(true[later].max()))
 
-    return joint_figure({joint: joint.history(REFERENCE) for joint in study.joints}, 3.9, draw)
+    return joint_figure(dict.fromkeys(study.joints, study.history(REFERENCE)), 3.9, draw)
 
 
 def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
@@ -529,7 +519,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             axes.plot(
                 1e3 * found["time_s"],
                 100 * np.where(np.abs(error) < floor, np.nan, error),
-                color=shade(row),
+                color=colour(row),
                 linestyle=selection(row)[1],
                 label=sized(row),
             )
@@ -660,16 +650,17 @@ def _rings(nodes: np.ndarray) -> list[np.ndarray]:
 
 def draw_pressure(joint: JointData) -> Figure | None:
     """The reference's pressure at its highest peak and at the thinnest film, None without it."""
-    film, history = joint.film(REFERENCE), joint.history(REFERENCE)
-    if film is None or history is None:
+    history = joint.study.history(REFERENCE, films=True)
+    if history is None:
         return None
+    found = history.joints[joint.name]
     moments = {
-        "highest pressure": int(history[PRESSURE.column].argmax()),
-        "thinnest film": int(history[FILM.column].argmin()),
+        "highest pressure": int(found.max_pressure.argmax()),
+        "thinnest film": int(found.min_film_thickness.argmin()),
     }
-    grid, pressure = film_grid(film), 1e-6 * np.asarray(film.pressure)
+    grid, pressure = film_grid(found.film), 1e-6 * np.asarray(found.film.pressure)
     rasters = [
-        raster_of(grid, pressure[step], f"{moment}, {1e3 * history['time_s'][step]:.3f} ms")
+        raster_of(grid, pressure[step], f"{moment}, {1e3 * history.time[step]:.3f} ms")
         for moment, step in moments.items()
     ]
     return draw_rasters([rasters], "pressure [MPa]", PRESSURES)

@@ -15,9 +15,9 @@ from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import read_json
 from fenics_ehd.base.sealed_file import named
-from fenics_ehd.multibody.history import FilmResult, load_history
+from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.study.cases import read_table
-from fenics_ehd.study.compare import COLUMNS, LIMITING, errors_path, read_errors
+from fenics_ehd.study.compare import COLUMNS, errors_path, read_errors
 from fenics_ehd.study.plan import REFERENCE
 
 #: Norms of the error of a curve: largest over time, root mean square over time.
@@ -32,14 +32,12 @@ class Curve:
 
     key: str
     title: str
-    column: str
+    quantity: str
     label: str
 
 
-PRESSURE = Curve("pressure", "peak pressure", "max_pressure_Pa", "peak pressure [MPa]")
-FILM = Curve(
-    "film", "minimum film thickness", "min_film_thickness_m", "minimum film thickness [µm]"
-)
+PRESSURE = Curve("pressure", "peak pressure", "max_pressure", "peak pressure [MPa]")
+FILM = Curve("film", "minimum film thickness", "min_film_thickness", "minimum film thickness [µm]")
 CURVES = (PRESSURE, FILM)
 
 
@@ -129,6 +127,13 @@ class StudyData:
         """Results of a run."""
         return self.directory / "runs" / run
 
+    def history(self, run: str, *, films: bool = False) -> History | None:
+        """History of a run, with its films if so wanted; None when it left none."""
+        try:
+            return load_history(self.folder(run), films=films)
+        except InputError:
+            return None
+
 
 @dataclass(frozen=True, eq=False)
 class JointData:
@@ -171,22 +176,6 @@ class JointData:
         value = entry.get("joints", {}).get(self.name, entry).get(f"{curve.key}_{norm}")
         return math.nan if value is None else float(value)
 
-    def limit(self, curve: Curve, norm: str = "max") -> float:
-        """Error of the reference's steps and basis, the larger known one, else 0."""
-        own = [self.own_error(kind, curve, norm) for kind in LIMITING]
-        return max(filter(math.isfinite, own), default=0.0)
-
-    def history(self, run: str) -> Columns | None:
-        """Columns of a run's history under their plain names, None when it left none.
-
-        ``time_s`` is that within the cycle where the run is periodic.
-        """
-        try:
-            result = load_history(self.study.folder(run), films=False)
-        except InputError:
-            return None
-        return result.joints[self.name].columns | {"time_s": np.asarray(result.time)}
-
     def errors_over_time(self, run: str) -> Columns | None:
         """``time_s`` and signed ``pressure_error``, ``film_error`` of a run, None without any."""
         try:
@@ -196,13 +185,6 @@ class JointData:
         prefix = joint_prefix(self.name, self.study.info["joints"])
         own = {k.removeprefix(prefix): v for k, v in found.items() if k.startswith(prefix)}
         return own | {"time_s": found["time_s"]}
-
-    def film(self, run: str) -> FilmResult | None:
-        """Film of a run, None when it left none."""
-        try:
-            return load_history(self.study.folder(run)).joints[self.name].film
-        except InputError:
-            return None
 
 
 #: Columns of the table that hold text; the others hold numbers.
