@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import attrs
@@ -55,8 +56,13 @@ def parts(tmp_path_factory):
     return folder
 
 
+#: Gmsh takes a second or two for a drawing: each is opened once.
+opened = cache(open_part)
+
+
+@cache
 def placed(path, around=24):
-    part = open_part(path, "mm")
+    part = opened(path, "mm")
     bore, pin = part.face("22.5mm", ("bore",)), part.face("12mm", ("bore",))
     return place_part(part, NamedFaces({"bore": bore}, {"pin": pin}), around)
 
@@ -83,7 +89,7 @@ def test_cylinder_through_points_of_an_arc(axis, radius, arc, slenderness):
 
 
 def test_faces_of_a_drawing(parts):
-    faces = open_part(parts / "rod.step").faces
+    faces = opened(parts / "rod.step", "mm").faces
     kinds = [face.kind for face in faces]
     assert kinds == ["bore", "bore", "shaft", "shaft", *["plane"] * 4]
     radii = [face.cylinder.radius for face in faces[:4]]
@@ -100,8 +106,8 @@ def test_faces_of_a_drawing(parts):
 
 @pytest.mark.parametrize("name", ["rod.inp", "turned.msh"])
 def test_edges_tell_the_faces_of_a_mesh(parts, name):
-    faces = open_part(parts / name, "mm").faces
-    drawn = open_part(parts / "rod.step").faces
+    faces = opened(parts / name, "mm").faces
+    drawn = opened(parts / "rod.step", "mm").faces
     assert [face.kind for face in faces] == [face.kind for face in drawn]
     for ours, theirs in zip(faces[:4], drawn[:4], strict=True):
         # Nodes are rounded to 0.1 um.
@@ -113,7 +119,7 @@ def test_chamfers_end_the_bore_and_a_drilled_one_keeps_its_hole(parts, tmp_path)
     part = open_part(parts / "drilled.step")
     assert part.faces[0].cylinder.width == pytest.approx(0.020, rel=1e-8)
     assert part.faces[2].cylinder.radius == pytest.approx(2.5e-3, rel=1e-8)
-    made = place_part(part, NamedFaces({"bore": 1}, {"pin": 2}), 40)
+    made = place_part(part, NamedFaces({"bore": 1}, {"pin": 2}), 24)
     # In the order of dolfinx: an edge's node has the number of the corner that faces it.
     facets = made.surfaces()["bore"][:, [0, 1, 2, 4, 5, 3]]
     nodes, cells = np.unique(facets, return_inverse=True)
@@ -229,7 +235,7 @@ def test_mesh_with_an_oil_hole_yields_as_its_drawing(parts, tmp_path, figure):
 
 def test_cells_cut_in_eight_are_the_same_solid(parts):
     for name in ("rod.inp", "turned.msh"):
-        part = open_part(parts / name, "mm")
+        part = opened(parts / name, "mm")
         numbers = np.arange(len(part.facets))
         fine, facets, labels = refined(part.solid, part.facets, numbers)
         assert len(fine.cells) == 8 * len(part.solid.cells)
@@ -290,6 +296,7 @@ def test_first_order_cells_get_straight_edges(kind):
 )
 def test_what_cannot_be_is_named(wrong_parts, arguments, message, monkeypatch):
     monkeypatch.chdir(wrong_parts)
+    monkeypatch.setattr("fenics_ehd.fem.drawn_part.open_part", opened)
     with pytest.raises((ehd.errors.MeshError, ehd.errors.SettingsError), match=message):
         CliRunner().invoke(cli, ["part", *arguments], catch_exceptions=False, standalone_mode=False)
     assert not Path("x.msh").exists()
@@ -311,6 +318,7 @@ def wrong_parts(parts):
     return parts
 
 
+@pytest.mark.slow
 def test_mesh_error_is_not_told_from_the_same_mesh(parts, tmp_path):
     target = tmp_path / "x.msh"
     asked = ["part", str(parts / "rod.step"), "--bore", "1", "--cells-around", "8"]
