@@ -22,6 +22,11 @@ def ellipse(size, ratio, waves):
     )
 
 
+def constant(force):
+    """Load that is the same at every share of the period."""
+    return lambda share: np.broadcast_to(np.asarray(force)[:, None], (2, np.size(share)))
+
+
 def in_bearing(film, forces, *, mass=0.0, inertia=0.0, speed=OMEGA, **joint):
     """A journal that turns in a film at rest, under forces on it."""
     bearing = ehd.LubricatedJoint("journal", "ground", film, **joint)

@@ -19,7 +19,6 @@ def scene_as(name, values):
 #: First steps of shipped scenes, their parts rigid.
 RIGID = {"reduction.method": "rigid", "reduction.estimate_error": False, "time.tolerance": 1e-3}
 SLIDER_CRANK = scene_as("slider-crank-paper", {**RIGID, "time.revolutions": 0.002})
-ROTOR = scene_as("rotor-paper", {**RIGID, "time.revolutions": 0.01, "time.first_step": 1e-8})
 #: Two films on one crank.
 ENGINE = scene_as("engine", {**RIGID, "time.periodic": False, "time.revolutions": 0.002, FILM: 0.5})
 LOADED_JOURNAL = toml(tables_of("loaded-journal", scene_cases.LOADED_JOURNAL))

@@ -11,6 +11,7 @@ from journal_cases import (
     UNIT_LOAD,
     C,
     R,
+    constant,
     ellipse,
     equilibrium,
     journal,
@@ -20,10 +21,6 @@ from journal_cases import (
 from scipy.integrate import quad, solve_ivp
 
 import fenics_ehd as ehd
-
-
-def constant(force):
-    return lambda share: np.broadcast_to(np.asarray(force)[:, None], (2, np.size(share)))
 
 
 def test_constant_load_ends_at_the_equilibrium_of_the_table(figure):

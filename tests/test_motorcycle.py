@@ -2,12 +2,11 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import exit_of
 from csv_history import read_history
 
 PAGE = Path(__file__).parents[1] / "docs" / "tutorial-motorcycle.md"
@@ -23,8 +22,10 @@ QUICK = {
 }
 
 
-def written(folder):
-    """The tutorial's files, quick to run."""
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The tutorial's files, quick to run, in the working directory."""
+    monkeypatch.chdir(tmp_path)
     text = PAGE.read_text()
     for name in ("gas.csv", "motorcycle.toml"):
         (content,) = re.findall(
@@ -33,46 +34,38 @@ def written(folder):
         for long, short in QUICK.items() if name.endswith(".toml") else ():
             assert content.count(long) == 1, long
             content = content.replace(long, short)
-        (folder / name).write_text(content)
+        (tmp_path / name).write_text(content)
+    return tmp_path
 
 
-def run(folder, *command):
-    return subprocess.run(
-        [sys.executable, "-m", "fenics_ehd.cli", *command],
-        cwd=folder, capture_output=True, text=True,
-    )  # fmt: skip
-
-
-def test_motorcycle_runs_from_an_empty_folder(tmp_path):
-    written(tmp_path)
+def test_motorcycle_runs_from_an_empty_folder(folder, capfd):
     # Rigid, the rod is off by more than what a run is complete with.
     quick = "--no-plots", "--no-error-budget"
-    found = run(tmp_path, "run", "motorcycle.toml", *quick, "-o", "answer")
-    assert found.returncode == 0, found.stderr
-    assert "the cycle: whole run: no full cycle, from 0.000 to 0.667 ms" in found.stdout
-    assert re.search(
-        r"thinnest of the cycle .* um  at .* deg of the bore, .* mm, crank", found.stdout
-    )
-    history = read_history(tmp_path / "answer")
+    status, told, errors = exit_of(capfd, "run", "motorcycle.toml", *quick, "-o", "answer")
+    assert status == 0, errors
+    assert "the cycle: whole run: no full cycle, from 0.000 to 0.667 ms" in told
+    assert re.search(r"thinnest of the cycle .* um  at .* deg of the bore, .* mm, crank", told)
+    history = read_history(folder / "answer")
     assert list(history)[:2] == ["time_s", "crank_angle_deg"]
     assert history["crank_angle_deg"][-1] == pytest.approx(36.0)
-    summary = json.loads((tmp_path / "answer" / "summary.json").read_text())
+    summary = json.loads((folder / "answer" / "summary.json").read_text())
     assert summary["cycle_max_force_N"] == pytest.approx(np.max(history["force_N"]), rel=1e-9)
     # 9000 rpm, the pin on a circle of half the stroke.
     assert summary["simulated_time_s"] == pytest.approx(0.1 / 150)
     assert history["rod.x_m"][-1] == pytest.approx(0.0275 * np.cos(np.radians(36)), abs=25e-6)
-    refused = run(tmp_path, "run", "motorcycle.toml", "--multiplier", "-o", "again")
-    assert refused.returncode == 2
-    assert "--multiplier: scene motorcycle is no periodic solution" in refused.stderr
+    status, _, errors = exit_of(capfd, "run", "motorcycle.toml", "--multiplier", "-o", "again")
+    assert status == 2
+    assert "--multiplier: scene motorcycle is no periodic solution" in errors
 
 
 @pytest.mark.slow
-def test_clearances_of_a_sweep_have_units(tmp_path):
-    written(tmp_path)
+def test_clearances_of_a_sweep_have_units(folder, capfd):
     key = "joints.big_end.clearance"
-    found = run(tmp_path, "sweep", "motorcycle.toml", "--set", f"{key}=20 um,30 um", "-o", "c")
-    assert found.returncode == 0, found.stderr
-    rows = (tmp_path / "c" / "sweep.csv").read_text().splitlines()
+    status, _, errors = exit_of(
+        capfd, "sweep", "motorcycle.toml", "--set", f"{key}=20 um,30 um", "-o", "c"
+    )
+    assert status == 0, errors
+    rows = (folder / "c" / "sweep.csv").read_text().splitlines()
     assert [row.split(",")[1] for row in rows] == [key, "20 um", "30 um"]
     films = [float(row.split(",")[4]) for row in rows[1:]]
     assert films[0] != films[1]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench_machines import IntegratorOptions, Run, Tracker, classify_failure
-from journal_cases import ETA, OMEGA, UNIT_LOAD, C, equilibrium, journal, make_film
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, constant, equilibrium, journal, make_film
 
 import fenics_ehd as ehd
 
@@ -20,10 +20,6 @@ OILS = {
 
 #: Down, on a plain bearing of eccentricity 0.6.
 LOAD = 0.436957 * UNIT_LOAD * np.array([0.0, -1.0])
-
-
-def constant(force):
-    return lambda share: np.broadcast_to(np.asarray(force)[:, None], (2, np.size(share)))
 
 
 @pytest.mark.parametrize("name", OILS)

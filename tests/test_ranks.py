@@ -52,7 +52,6 @@ def test_scene_that_one_rank_does_not_find(folder):
 @pytest.mark.parametrize(
     ("lines", "what"),
     [
-        (("run scene0.toml -o out", "reduce conrod -o x.h5"), "command"),
         (("bearing --eccentricity 0.5", ""), "command"),
         (("run scene0.toml -o out", "run four-bar -o out"), "scene"),
         (

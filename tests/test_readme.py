@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from command_line import exit_of
 from scene_cases import write_scene
 
 ROOT = Path(__file__).parents[1]
@@ -160,14 +161,14 @@ def test_code_runs_as_it_is_printed(part, folders):
         assert result.returncode == 0, f"{text}\n{result.stderr}"
 
 
-def test_bad_value_is_answered_as_printed(tmp_path):
+def test_bad_value_is_answered_as_printed(tmp_path, capfd, monkeypatch):
     printed = [text for part in ALL for language, text in part.blocks if language == "text"]
     changes = {"joints.big_end.clearance": -10e-6}
     write_scene(tmp_path / "press.toml", "slider-crank-paper", changes)
-    command = [sys.executable, "-m", "fenics_ehd.cli", "run", "press.toml"]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert result.returncode == 2
-    assert [result.stderr] == printed
+    monkeypatch.chdir(tmp_path)
+    status, _, errors = exit_of(capfd, "run", "press.toml")
+    assert status == 2
+    assert [errors] == printed
 
 
 def test_no_block_is_overlooked():

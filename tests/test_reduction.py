@@ -62,16 +62,6 @@ def test_reduction_does_with_what_the_documentation_names():
     assert result.returncode == 0, result.stderr
 
 
-def test_reduction_imports_without_dolfinx():
-    code = (
-        "import sys, fenics_ehd.reduction\n"
-        "heavy = {'dolfinx', 'ufl', 'gmsh', 'scipy', 'matplotlib'} & set(sys.modules)\n"
-        "sys.exit(', '.join(heavy) or 0)"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
-
-
 def test_reduced_matrices_are_diagonal_with_ascending_groups(body):
     assert body.modes == 6 + 2 + 31
     assert body.kinds == ("vibration",) * 6 + ("static",) * 33

@@ -232,11 +232,6 @@ position = [0.048, 0.0]
         made(text, ("rod.pin", "rod.pni"))
 
 
-def test_the_method_of_the_command_line_wins(reduced_at_once):
-    assert made(SLIDER_CRANK, method="rigid").bodies["rod"].method == "rigid"
-    assert made(SLIDER_CRANK, ('"m3"  ', '"rigid"')).bodies["rod"].method == "rigid"
-
-
 @pytest.mark.slow
 def test_reductions_of_a_scene_are_those_of_the_program(monkeypatch, rod_structure):
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: rod_structure)

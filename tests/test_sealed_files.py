@@ -272,24 +272,26 @@ def test_a_full_disk_keeps_the_former_file_and_leaves_no_other(kind, tmp_path, m
     assert [p.name for p in tmp_path.iterdir()] == [FILE]
 
 
-@pytest.mark.parametrize("kind", ["part", "basis"])
-def test_a_part_that_the_disk_has_no_room_for_is_named(kind, tmp_path):
+def test_a_part_that_the_disk_has_no_room_for_is_named(tmp_path):
     # After MPI has begun, which has files of its own.
-    code = f"""if True:
+    code = """if True:
         import resource, sys
         from pathlib import Path
         from test_sealed_files import KINDS
         from fenics_ehd.base.errors import InputError
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-        try:
-            KINDS["{kind}"][0](Path(sys.argv[1]))
-        except InputError as error:
-            print(error)"""
+        for kind in ("part", "basis"):
+            try:
+                KINDS[kind][0](Path(sys.argv[1], kind))
+            except InputError as error:
+                print(error)"""
     found = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / FILE)],
+        [sys.executable, "-c", code, str(tmp_path)],
         capture_output=True, text=True, timeout=120, cwd=os.path.dirname(__file__),
     )  # fmt: skip
     assert found.returncode == 0, found.stderr
-    assert FILE in found.stdout
-    assert "File too large" in found.stdout
-    assert not (tmp_path / FILE).exists()
+    told = found.stdout.splitlines()
+    for kind, line in zip(("part", "basis"), told, strict=True):
+        assert str(tmp_path / kind) in line
+        assert "File too large" in line
+    assert not list(tmp_path.iterdir())

@@ -130,7 +130,6 @@ def film(**changes):
         ({"time.lagrest_step": 0.05}, "did you mean time.largest_step"),
         ({"mechanics": {}}, "unknown table [mechanics]"),
         ({"bodies.crank.mass": -1}, "bodies.crank.mass = -1.0 must be at least 0"),
-        (film(clearance="17 s"), "joints.big_end.clearance = '17 s' must be a number in m"),
         (film(clearance=float("nan")), "joints.big_end.clearance = nan must be a finite"),
         ({"lubricants.oil.viscosity": True}, "viscosity = True must be a finite number"),
         (rod(**{"material.poissons_ratio": 0.5}), "poissons_ratio = 0.5 must be below 0.49"),
@@ -150,10 +149,6 @@ def film(**changes):
         (rod(**{"reduction.residual_modes": 3.5}), "residual_modes = 3.5 must be a whole"),
         (rod(**{"reduction.estimate_error": 1}), "estimate_error = 1 must be true or"),
         ({"time.order": 6}, "time.order = 6 must be a whole number, at least 1 and at most 3"),
-        (
-            film(clearance="30 parsec"),
-            "joints.big_end.clearance = '30 parsec' must be a number in m: 'parsec' is no unit kno",
-        ),
         (film(clearance=30), "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
         (rod(disks=[]), "unknown key bodies.rod.disks of kind 'flexible': a key of kind shaft"),
         (film(frobnicate=1), "unknown key joints.big_end.frobnicate of kind 'lubricated': known"),
