@@ -5,7 +5,6 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
-from bench_scenes import angle_table
 from mechanism_cases import (
     REVOLUTION,
     film,
@@ -116,15 +115,3 @@ def test_without_a_film_the_steps_follow_the_motion():
     # On position level the joints hold to the tolerance of Newton's method, whatever the steps.
     assert errors[0] < 1e-7
     assert errors[1] < 1e-9
-
-
-def test_no_step_jumps_over_the_rows_of_a_table():
-    # 200 kN between 56 and 57 degrees: with steps of any length the piston must feel them.
-    angles = np.radians([0.0, 56.0, 56.5, 57.0, 360.0])
-    spike = angle_table(angles, np.array([0.0, 0.0, 2e3, 0.0, 0.0]))
-    ideal = slider_crank(rigid_rod(), short_films()[0])
-    forces = {"gas": ehd.PointForce("piston", (-1.0, 0.0), spike, "crank")}
-    result = ehd.simulate(replace(ideal, forces=forces), 0.3 * REVOLUTION, tolerance=1e-3)
-    turned = np.degrees(result.bodies["crank"].coordinates[:, 2])
-    for row in (56.0, 56.5, 57.0):
-        assert np.abs(turned - row).min() < 1e-6

@@ -28,7 +28,7 @@ def test_mass_on_a_spring_keeps_what_its_damper_leaves(figure):
     mass, stiffness, damping = 2.0, 2.0 * 60.0**2, 2 * 0.05 * 2.0 * 60.0
     load = ehd.RotatingForce("journal", 0.3 * UNIT_LOAD, OMEGA)
     spring = ehd.SpringDamper(("mass", "ground.wall"), stiffness, damping)
-    alone = in_bearing(make_film((20, 4)), {"load": load, "spring": spring})
+    alone = in_bearing(make_film((12, 2)), {"load": load, "spring": spring})
     others = {
         "ground": ehd.ground({"wall": (0.1, 0.0)}),
         "mass": ehd.RigidBody(mass, 1e-3, position=(0.1, 0.0)),
@@ -48,7 +48,7 @@ def test_rotor_in_its_bearing_keeps_what_its_coefficients_say(share, figure):
     """A rigid rotor under its weight: roots of the linear machine over a turn."""
     load = 0.15 * UNIT_LOAD
     mass = share * 6.5 * load / (C * OMEGA**2)
-    machine = in_bearing(make_film((20, 4)), {"load": steady(load)}, mass=mass)
+    machine = in_bearing(make_film((12, 2)), {"load": steady(load)}, mass=mass)
     expected = np.abs(np.exp(TURN * ehd.linearise(machine).roots)).max()
     found = multiplier_of(machine, TURN, 1e-6)
     error = abs(abs(found.value) - expected)

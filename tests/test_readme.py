@@ -61,6 +61,7 @@ SLOW = {
         )
     ),
     ("docs/own-scene.md", "Settings"),
+    ("docs/own-scene.md", "Loads from tables"),
     ("docs/own-scene.md", "Another machine"),
     ("docs/error-budget.md", "What a run is worth"),
     ("docs/accuracy.md", "Ask for an accuracy"),

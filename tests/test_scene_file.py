@@ -46,9 +46,14 @@ def made(text, *changes, extra="", method=None, **options):
 
 @pytest.fixture
 def reduced_at_once(monkeypatch, rod_structure, housing_structure):
-    """Parts with one bore are not meshed, and all are reduced without elasticity."""
+    """Parts with one bore are not meshed; all are reduced without elasticity or its estimate."""
     parts = {"conrod": rod_structure, "housing": housing_structure}
-    assembled = elastic_part._assembled
+    assembled, reduce = elastic_part._assembled, elastic_part.reduce_structure
+
+    def without_estimate(part, settings, *rest, **options):
+        return reduce(part, attrs.evolve(settings, estimate_error=False), *rest, **options)
+
+    monkeypatch.setattr(elastic_part, "reduce_structure", without_estimate)
     monkeypatch.setattr(
         elastic_part,
         "_assembled",
@@ -77,7 +82,7 @@ def test_shipped_scenes_read_assemble_and_run(name, reduced_at_once):
     assert {part.method for part in built.bodies.values()} <= {"rigid"}
     assert built.reduced.keys() == built.bodies.keys()
     assert (built.period is None) != (built.end is None)
-    result = ehd.simulate(built.mechanism, 1e-5, **{**vars(built.steps), "tolerance": 1e-2})
+    result = ehd.simulate(built.mechanism, 1e-6, **{**vars(built.steps), "tolerance": 1e-2})
     assert len(result.time) > 3
     for joint in result.joints.values():
         assert joint.min_film_thickness.min() > 0
@@ -513,21 +518,6 @@ def test_what_cannot_be_put_together(extra, message):
         made(FOUR_BAR, extra=f"\n{extra}\n")
 
 
-def test_a_rotation_without_inertia_is_none_where_a_damper_or_a_drive_holds_it():
-    wheel = """
-[bodies.wheel]
-kind = "massless"
-[joints.pin]
-kind = "revolute"
-between = ["ground", "wheel"]
-[drives.wheel]
-"""
-    for drive in ('kind = "speed"\nspeed = 1.0', 'kind = "torque"\ndamping = 1.0\nspeed = 1.0'):
-        assert made(FOUR_BAR, extra=wheel + drive)
-    with pytest.raises(ehd.errors.SettingsError, match=r"body wheel can move or turn"):
-        made(FOUR_BAR, extra=wheel + 'kind = "torque"\ntorque = 1.0')
-
-
 def test_a_loop_that_does_not_close_and_one_that_jams():
     with pytest.raises(ehd.errors.SettingsError, match=r"cannot be assembled from its rough pose"):
         made(FOUR_BAR, ("tip = [0.15, 0.0]", "tip = [0.05, 0.0]"))
@@ -582,9 +572,8 @@ def test_files_and_names_that_are_no_scenes(tmp_path):
         ehd.read_scene("for-bar")
     with pytest.raises(ehd.errors.SettingsError, match=r"absent.toml: No such file"):
         ehd.read_scene(tmp_path / "absent.toml")
-    for text in ("bodies = 3", "bodies.crank = 3", "[bodies.ground]\nmass = 1"):
-        with pytest.raises(ehd.errors.SettingsError):
-            scene_of(tomllib.loads(text), "case")
+    with pytest.raises(ehd.errors.SettingsError):
+        scene_of(tomllib.loads("[bodies.ground]\nmass = 1"), "case")
 
 
 @pytest.mark.parametrize(

@@ -255,8 +255,3 @@ def test_changed_file_is_another_sweep(tmp_path):
     (tmp_path / "load.csv").write_text(LOAD.replace("1200", "1300"))
     with pytest.raises(OtherFolderError, match=r"forces\.load\.file = load\.csv"):
         SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"]))
-
-
-def test_resume_needs_a_sweep(scene, tmp_path):
-    with pytest.raises(ehd.errors.InputError, match="nothing to resume"):
-        SweepFolder(tmp_path, make_sweep(scene, SOME_FAIL), resume=True)
