@@ -49,13 +49,20 @@ LEAST_MEMORY = 768 << 20
 KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
 
 
-#: Modules of commands that are imported when one of theirs is asked for.
+#: Commands by their module, which is imported when one of them is asked for.
 COMMANDS = {
-    "bearing": ("bearing",),
-    "check": ("check", "info"),
-    "part": ("part",),
-    "pictures": ("animate", "paraview", "plot", "stress"),
-    "study": ("report", "sensitivity", "study", "sweep"),
+    "animate": "pictures",
+    "bearing": "bearing",
+    "check": "check",
+    "info": "check",
+    "paraview": "pictures",
+    "part": "part",
+    "plot": "pictures",
+    "report": "study",
+    "sensitivity": "study",
+    "stress": "pictures",
+    "study": "study",
+    "sweep": "study",
 }
 
 
@@ -64,16 +71,14 @@ class Commands(click.Group):
 
     def list_commands(self, context: click.Context) -> list[str]:
         """Names of all."""
-        other = [name for names in COMMANDS.values() for name in names]
-        return sorted([*super().list_commands(context), *other])
+        return sorted([*super().list_commands(context), *COMMANDS])
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """A command by its name."""
-        for module, names in COMMANDS.items():
-            if name in names:
-                command: click.Command = getattr(import_module(f"{__package__}.{module}"), name)
-                return command
-        return super().get_command(context, name)
+        if name not in COMMANDS:
+            return super().get_command(context, name)
+        command: click.Command = getattr(import_module(f"{__package__}.{COMMANDS[name]}"), name)
+        return command
 
 
 @click.group(

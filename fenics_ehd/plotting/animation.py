@@ -25,7 +25,7 @@ from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.files import written_aside
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.history import History, load_history
+from fenics_ehd.multibody.history import load_history
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
 from fenics_ehd.plotting.animated_bodies import (
@@ -38,9 +38,9 @@ from fenics_ehd.plotting.animated_bodies import (
     shape_of_bores,
     shape_of_part,
 )
-from fenics_ehd.plotting.curves import clearance_circle
+from fenics_ehd.plotting.curves import clearance_circle, pressure_and_film
 from fenics_ehd.plotting.maps import ANGLES, draw_section, lay_out_section, sampled
-from fenics_ehd.plotting.picture import BLUE, PRESSURES, RED, require_format
+from fenics_ehd.plotting.picture import BLUE, PRESSURES, require_format
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.results.motion import RecordedMotion, between_steps
 from fenics_ehd.results.paraview import parts_of_bases
@@ -486,7 +486,10 @@ def draw(
         clearance_circle(panels["orbit"])
         panels["orbit"].plot(*path.T, color="0.6", linewidth=1.0)
         (dot,) = panels["orbit"].plot(*places[0], "o", color=BLUE, mec="white")
-        _curves(panels["curves"], run.motion, joint)
+        clock, found = 1e3 * run.motion.time, run.motion.joints[joint]
+        films, labels = 1e6 * found.min_film_thickness, ("max. pressure [MPa]", "min. film [µm]")
+        pressure_and_film(panels["curves"], clock, 1e-6 * found.max_pressure, films, labels)
+        panels["curves"].set(xlabel="time [ms]", xlim=clock[[0, -1]])
         now = panels["curves"].axvline(0.0, color="0.3", lw=0.9)
         colours = ScalarMappable(Normalize(0.0, 1e-6 * bearing.pressure.max()), PRESSURES)
         figure.colorbar(colours, ax=panels["film"], label="pressure [MPa]", aspect=14, pad=0.02)
@@ -515,16 +518,3 @@ def draw(
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     return figure, show
-
-
-def _curves(axes: Axes, history: History, joint: str) -> None:
-    """Peak pressure and thinnest film of the whole run."""
-    time, found = 1e3 * history.time, history.joints[joint]
-    film = axes.twinx()
-    axes.plot(time, 1e-6 * found.max_pressure, color=RED)
-    axes.set_ylabel("max. pressure [MPa]", color=RED)
-    film.plot(time, 1e6 * found.min_film_thickness, color=BLUE)
-    film.set_ylabel("min. film [µm]", color=BLUE)
-    film.set_ylim(0, None)
-    axes.set(xlabel="time [ms]", xlim=time[[0, -1]], ylim=(0, None))
-    axes.grid(alpha=0.3)

@@ -13,7 +13,17 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
-from fenics_ehd.plotting.picture import PANEL, WIDTH, factor_of, legend, plt, style, with_unit
+from fenics_ehd.plotting.picture import (
+    BLUE,
+    PANEL,
+    RED,
+    WIDTH,
+    factor_of,
+    legend,
+    plt,
+    style,
+    with_unit,
+)
 from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 
 #: Joints by name, each of one or more runs.
@@ -381,6 +391,20 @@ def _mark(
             f"{instant + 0.0:g}", (np.angle(place), abs(place)), (4, 4),
             textcoords="offset points", fontsize=7.5, color=colour,
         )  # fmt: skip
+
+
+def pressure_and_film(
+    axes: Axes, x: np.ndarray, pressure: np.ndarray, film: np.ndarray, labels: tuple[str, str]
+) -> None:
+    """Curves of a pressure [MPa] and, dashed, of a film [um], each on its own axis from zero on."""
+    other = axes.twinx()
+    axes.plot(x, pressure, color=RED)
+    other.plot(x, film, color=BLUE, linestyle="--")
+    axes.set_ylabel(labels[0], color=RED)
+    other.set_ylabel(labels[1], color=BLUE)
+    axes.set_ylim(0, 1.05 * pressure.max() or 1.0)
+    other.set_ylim(0, 1.05 * film.max())
+    axes.grid(alpha=0.3)
 
 
 def clearance_circle(axes: Axes) -> None:

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.plotting.curves import Rows, common_axis, mean, said
+from fenics_ehd.plotting.curves import Rows, common_axis, mean, pressure_and_film, said
 from fenics_ehd.plotting.picture import (
     BLUE,
     PANEL,
@@ -360,7 +360,11 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
     draw_raster(axes["map"], raster, levels, "pressure [MPa]", PRESSURES)
     _mark(axes["map"], result, millimetres[[0, -1]])
     middle = pressure[len(height) // 2]
-    _draw_curves(axes["curves"], degrees, middle, 1e6 * gap)
+    axes["curves"].fill_between(degrees, middle, color=RED, alpha=0.15, linewidth=0)
+    labels = "pressure at mid-width [MPa]", "film thickness [µm]"
+    pressure_and_film(axes["curves"], degrees, middle, 1e6 * gap, labels)
+    along = "angle from the load line in direction of rotation [degrees]"
+    axes["curves"].set(xlabel=along, xlim=(-180, 180), xticks=np.arange(-180, 181, 45))
     axes["map"].sharex(axes["curves"])
     enlarged = ENLARGED / settings.clearance
     share, told = middle / (highest or 1.0), ("pressure at mid-width", "thinnest there")
@@ -391,24 +395,6 @@ def _mark(axes: Axes, result: BearingResult, ends: np.ndarray) -> None:
         axes.axvline(line, color=BLUE, label="p = 0 imposed")
     axes.axvline(np.degrees(result.attitude), color=BLUE, linestyle=":", label="minimum film")
     axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
-
-
-def _draw_curves(axes: Axes, degrees: np.ndarray, pressure: np.ndarray, gap: np.ndarray) -> None:
-    """Pressure [MPa] and film thickness [um] at mid-width."""
-    axes.fill_between(degrees, pressure, color=RED, alpha=0.15, linewidth=0)
-    axes.plot(degrees, pressure, color=RED)
-    axes.set_ylabel("pressure at mid-width [MPa]", color=RED)
-    axes.set(
-        xlabel="angle from the load line in direction of rotation [degrees]",
-        xlim=(-180, 180),
-        xticks=np.arange(-180, 181, 45),
-        ylim=(0, 1.05 * pressure.max() or 1.0),
-    )
-    axes.grid(alpha=0.3)
-    film = axes.twinx()
-    film.plot(degrees, gap, color=BLUE, linestyle="--")
-    film.set_ylabel("film thickness [µm]", color=BLUE)
-    film.set_ylim(0, 1.05 * gap.max())
 
 
 def _caption(result: BearingResult) -> str:

@@ -15,16 +15,22 @@ import os
 import signal
 import sys
 import threading
-from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain
 from math import inf
 from pathlib import Path
-from time import perf_counter, process_time
+from time import perf_counter, process_time, sleep
 from typing import Any, TypeVar
 
 from mpi4py import MPI
@@ -153,25 +159,16 @@ def outcomes(
     check
         Called a few times a second; may raise `KeyboardInterrupt`.
     """
-    waiting = deque(tasks)
-    running: dict[Future[R], T] = {}
-    while waiting or running:
-        while waiting and len(running) < pool.width:
-            task = waiting.popleft()
-            running[pool.submit(function, task)] = task
-        ended, _ = wait(running, POLL, FIRST_COMPLETED)
+    waiting = {pool.submit(function, task): task for task in tasks}
+    while waiting:
+        ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
         check()
         for future in ended:
-            task = running.pop(future)
-            if isinstance(future.exception(), BrokenExecutor):
-                died = WorkerDiedError("its process ended, for want of memory perhaps")
-                yield task, failed(died)
-            else:
-                yield task, future.result()
+            yield waiting.pop(future), future.result()
 
 
 class ProcessPool(AbstractContextManager["ProcessPool"]):
-    """Processes of this machine, each started with its first task in an executor of its own.
+    """Processes of this machine, for each a thread that waits for it, and an executor of its own.
 
     An executor takes all of its processes with it when one dies. They are spawned: MPI and PETSc
     do not survive a fork. They end with this process, even if it is killed.
@@ -179,45 +176,48 @@ class ProcessPool(AbstractContextManager["ProcessPool"]):
 
     def __init__(self, width: int):
         self.width = width
+        self._threads = ThreadPoolExecutor(width, initializer=_block_interrupts)
         self._executors: dict[int, ProcessPoolExecutor] = {}
-        self._last: dict[int, Future[Any]] = {}
+        self._futures: list[Future[Any]] = []
         self._others = set(multiprocessing.active_children())
 
-    def submit(self, function: Callable[[T], R], task: T) -> Future[R]:
-        """Start a task; no more of them may be under way than there are processes."""
-        free = (n for n in range(self.width) if n not in self._last or self._last[n].done())
-        place = next(free)
-        with _interrupt_blocked():
-            try:
-                future = self._executors[place].submit(function, task)
-            except (KeyError, BrokenExecutor):
-                self._executors[place] = ProcessPoolExecutor(
-                    1, multiprocessing.get_context("spawn"), initializer=begin_worker
-                )
-                future = self._executors[place].submit(function, task)
-        self._last[place] = future
+    def submit(self, function: Callable[[T], R], task: T) -> Future[R | Outcome]:
+        """Have a task done by the next process that is free."""
+        future = self._threads.submit(self._answer, function, task)
+        self._futures.append(future)
         return future
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None:
+    def _answer(self, function: Callable[[T], R], task: T) -> R | Outcome:
+        """Answer of this thread's process, or that it died."""
+        thread = threading.get_ident()
+        try:
+            future = self._executors[thread].submit(function, task)
+        except (KeyError, BrokenExecutor):
+            self._executors[thread] = ProcessPoolExecutor(
+                1, multiprocessing.get_context("spawn"), initializer=begin_worker
+            )
+            future = self._executors[thread].submit(function, task)
+        if isinstance(future.exception(), BrokenExecutor):
+            return failed(WorkerDiedError("its process ended, for want of memory perhaps"))
+        return future.result()
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        while not all(future.done() for future in self._futures):
             # PETSc answers a mere termination with a page of advice.
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
+            sleep(POLL)
         for executor in self._executors.values():
-            executor.shutdown(cancel_futures=True)
+            executor.shutdown()
 
 
-@contextmanager
-def _interrupt_blocked() -> Iterator[None]:
-    """Processes started here do not see Ctrl-C, nor the end of the terminal.
+def _block_interrupts() -> None:
+    """Processes that this thread starts do not see Ctrl-C, nor the end of the terminal.
 
     It tells all of them, and it is for the first one to end the others.
     """
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
 
 
 #: Entries of a body's provenance: what it took, by the clock and of the processor.

@@ -16,10 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
-from scipy.interpolate import CubicSpline
 
+from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.history import History
-from fenics_ehd.plotting.maps import draw_rasters, raster_of
+from fenics_ehd.multibody.lubricated_joint import bore_surface
+from fenics_ehd.plotting.maps import ANGLES, NORMALS, draw_rasters, raster_of
 from fenics_ehd.plotting.picture import BLACK, BLUE, PRESSURES, RED, YELLOW, factor_of, plt
 from fenics_ehd.plotting.shown import film_grid
 from fenics_ehd.reduction.body import ReducedBody, load_body
@@ -542,7 +543,7 @@ ROW_HEIGHT = 1.75
 #: Modes of a row, and largest deflection in the picture, bore radius 1.
 COLUMNS, DEFLECTION = 6, 0.32
 
-#: Circles of nodes of the bore that are drawn, by their place along z, and their lines.
+#: Circles of the bore that are drawn, by their place along z, and their lines.
 RINGS: dict[str, dict[str, Any]] = {
     "lower edge": {"linewidth": 0.9, "linestyle": ":"},
     "upper edge": {"linewidth": 0.9, "linestyle": "--"},
@@ -589,14 +590,6 @@ def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
     return body.bore_basis[:, :, members], notes
 
 
-def _elastic(nodes: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-    """Shapes less the rigid motion of the bore, which would hide how it is bent."""
-    rigid = rigid_fields(nodes)
-    flat = shapes.reshape(len(rigid), -1)
-    share, *_ = np.linalg.lstsq(rigid, flat, rcond=None)
-    return (flat - rigid @ share).reshape(shapes.shape)
-
-
 def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
     """First mode shapes of the bore of one part, reduced by several methods; None without any."""
     shown = [
@@ -616,36 +609,38 @@ def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
     for row, (method, kind, body, shapes, notes) in zip(panels, shown, strict=True):
         title = f"{method.upper()}, {kind} modes"
         row[0].set_title(title, loc="left", fontsize=10, fontweight="bold")
-        radial = outward(body.bore_nodes, _elastic(body.bore_nodes, shapes))
-        for axes, deflection, note in zip(row, radial.T, notes, strict=False):
-            _draw_shape(axes, body.bore_nodes, deflection, COLOURS[method])
+        circles = _circles(body, shapes)
+        for axes, own, note in zip(row, np.moveaxis(circles, -1, 0), notes, strict=False):
+            _draw_shape(axes, own, COLOURS[method])
             axes.text(0, 0, note, ha="center", va="center", fontsize=8.5)
     legend_below(figure)
     return figure
 
 
-def _draw_shape(axes: Axes, nodes: np.ndarray, radial: np.ndarray, colour: str) -> None:
-    """Bore in one mode, from its deflection at the nodes."""
-    turn = np.linspace(0, 2 * np.pi, 181)
-    axes.plot(np.cos(turn), np.sin(turn), color="0.75", linewidth=0.8)
-    angle, largest = np.arctan2(nodes[:, 1], nodes[:, 0]), np.abs(radial).max()
-    for ring, (label, style) in zip(_rings(nodes), RINGS.items(), strict=True):
-        around = ring[np.argsort(angle[ring])]
-        ends = np.append(angle[around], angle[around[0]] + 2 * np.pi)
-        deflection = radial[np.append(around, around[0])] / largest
-        radius = 1 + DEFLECTION * CubicSpline(ends, deflection, bc_type="periodic")(turn)
-        place = radius * np.array([np.cos(turn), np.sin(turn)])
-        axes.plot(*place, color=colour, label=label, **style)
+def _circles(body: ReducedBody, shapes: np.ndarray) -> np.ndarray:
+    """Radial displacement of the circles of `RINGS` in shapes (m, 3, c) of the bore, (3, a, c).
+
+    At `ANGLES`, less the rigid motion of the bore, which would hide how it is bent.
+    """
+    bore = body.bore
+    rigid = rigid_fields(bore.coordinates)
+    flat = shapes.reshape(len(rigid), -1)
+    share, *_ = np.linalg.lstsq(rigid, flat, rcond=None)
+    radial = outward(bore.coordinates, (flat - rigid @ share).reshape(shapes.shape))
+    ends = bore.coordinates[:, 2].min(), bore.coordinates[:, 2].max()
+    angle, height = np.meshgrid(ANGLES, [*ends, np.mean(ends)])
+    surface = bore_surface(bore.coordinates, bore.cells, bore.family)
+    reading = interpolation_matrix(surface, angle.ravel(), height.ravel())
+    return (reading @ radial).reshape(*angle.shape, -1)
+
+
+def _draw_shape(axes: Axes, circles: np.ndarray, colour: str) -> None:
+    """Bore in one mode, from the deflection of its circles, shape (3, a)."""
+    axes.plot(*NORMALS, color="0.75", linewidth=0.8)
+    radii = 1 + DEFLECTION * circles / np.abs(circles).max()
+    for radius, (label, style) in zip(radii, RINGS.items(), strict=True):
+        axes.plot(*(radius * NORMALS), color=colour, label=label, **style)
     axes.set(aspect="equal", xlim=(-1.38, 1.38), ylim=(-1.38, 1.38))
-
-
-def _rings(nodes: np.ndarray) -> list[np.ndarray]:
-    """Nodes of both edges and of the whole circle of nodes nearest to mid-width."""
-    levels, member = np.unique(np.round(nodes[:, 2] / np.ptp(nodes[:, 2]), 6), return_inverse=True)
-    sizes = np.bincount(member)
-    whole = np.flatnonzero(sizes == sizes[[0, -1]].max())
-    middle = whole[np.abs(levels[whole] - levels.mean()).argmin()]
-    return [np.flatnonzero(member == i) for i in (0, len(levels) - 1, middle)]
 
 
 def draw_pressure(joint: JointData) -> Figure | None:
