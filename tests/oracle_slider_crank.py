@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import fenics_ehd as ehd
 
 #: Local error of a step of the balance, relative to the gap, and its first steps over a radian.
-TOLERANCE, FIRST_STEP = 1e-6, 1e-5
+TOLERANCE, FIRST_STEP = 1e-5, 1e-5
 
 
 class RigidSliderCrank:

@@ -266,20 +266,20 @@ def test_extremes_that_work(changes, given):
 
 
 def test_default_mesh_is_good_enough_at_the_extremes(figure):
-    """0.1 % in load against 4 times the cells around and 2 along."""
+    """0.08 % in load against twice the cells both ways, 0.1 % against four times those around."""
     for width, ratio in ((0.0225, 0.95), (0.09, 0.99), (0.045, 0.999)):
         settings = ehd.BearingSettings(width=width)
-        fine = attrs.evolve(settings, cells_around=256, cells_along=24)
+        fine = attrs.evolve(settings, cells_around=128, cells_along=24)
         load = ehd.solve_bearing(settings, eccentricity=ratio).load
         error = abs(load / ehd.solve_bearing(fine, eccentricity=ratio).load - 1)
         name = "load with the default mesh, eccentricity up to 0.999, against a fine one"
-        figure("rigid bearing", name, error, most=1e-3, unit="%")
+        figure("rigid bearing", name, error, most=8e-4, unit="%")
 
 
 @pytest.mark.parametrize(
     ("changes", "given", "message"),
     [
-        ({}, {"load": 1e9}, "load = 1e.09 N is too high"),
+        ({"cells_around": 24, "cells_along": 4}, {"load": 1e9}, "load = 1e.09 N is too high"),
         ({"speed": 0.0}, {"load": 10.0}, "load = 10 N: the film has no pressure at speed = 0"),
         ({"speed": 0.0, "squeeze": (-0.01, 0.0)}, {"load": 1.0}, "the first must be above 0"),
         ({"squeeze": (0.0, 0.05)}, {"eccentricity": 0.0}, "degrees off the load line"),

@@ -12,7 +12,7 @@ import pytest
 from bench_machines import SIGNS
 from bench_output import check
 from bench_parts import BasisFile
-from command_line import COMMAND, call, exit_of, program
+from command_line import COMMAND, exit_of, program
 from csv_history import read_history
 from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
 
@@ -21,20 +21,7 @@ TIMES = {"time.revolutions": 0.02, "time.tolerance": 1e-3}
 SHORT = TIMES | {"bodies.rod.reduction": {"method": "rigid", "estimate_error": False}}
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    path = tmp_path_factory.mktemp("scene") / "short.toml"
-    return write_scene(path, "slider-crank-paper", SHORT)
-
-
-@pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    path = tmp_path_factory.mktemp("body") / "conrod.h5"
-    assert call("reduce", "conrod", "--residual-modes", 4, "-o", path) == 0
-    return path
-
-
-def test_reduce_writes_basis_and_exports(tmp_path, capfd):
+def test_a_body_is_reduced_with_basis_and_exports_and_fits_no_other_material(tmp_path, capfd):
     path = tmp_path / "new" / "rod.h5"
     options = ["--method", "m1", "--modes", 4, "--no-estimate-error", "--json"]
     files = ["--basis", tmp_path / "part.h5", "--export", "npz"]
@@ -48,6 +35,11 @@ def test_reduce_writes_basis_and_exports(tmp_path, capfd):
     with BasisFile(tmp_path / "part.h5") as basis:
         assert basis.modes == 6
         assert np.isfinite(basis.stress(np.ones(6))).all()
+    softer = {"bodies.rod.material.youngs_modulus": 200e9, "bodies.rod.reduction": None}
+    other = write_scene(tmp_path / "other.toml", "slider-crank-paper", softer)
+    status, _, errors = exit_of(capfd, "run", other, "--body", path, "-o", tmp_path / "out")
+    assert status == 2
+    assert "youngs_modulus = 210000000000.0" in errors
 
 
 @pytest.mark.slow
@@ -59,10 +51,12 @@ def test_inventory_says_what_was_dropped(tmp_path, capfd):
         assert told in out
 
 
-def test_run_writes_everything_it_promises(scene, tmp_path):
-    result = program("run", scene, "-o", tmp_path, "--json")
-    assert result.returncode == 0, result.stderr
-    summary = json.loads(result.stdout)
+def test_run_writes_everything_it_promises(tmp_path, capfd):
+    scene = write_scene(tmp_path / "short.toml", "slider-crank-paper", SHORT)
+    options = ("-o", tmp_path, "--json", "--no-error-budget")
+    status, out, errors = exit_of(capfd, "run", scene, *options)
+    assert status == 0, errors
+    summary = json.loads(out)
     assert summary == json.loads((tmp_path / "summary.json").read_text())
     promised = {
         "max_pressure_Pa", "min_film_thickness_m", "steps", "newton_iterations",
@@ -130,13 +124,15 @@ def test_films_that_do_not_repeat_exit_1(tmp_path, capfd):
 
 
 @pytest.mark.slow
-def test_run_from_body_file_equals_run_from_mesh(body, tmp_path, capfd):
+def test_run_from_body_file_equals_run_from_mesh(tmp_path, capfd):
+    body = tmp_path / "conrod.h5"
+    assert exit_of(capfd, "reduce", "conrod", "--residual-modes", 4, "-o", body)[0] == 0
     few = SHORT | {"bodies.rod.reduction": {"method": "m3", "residual_modes": 4}}
     unsaid = SHORT | {"bodies.rod.reduction": None}
     whole = write_scene(tmp_path / "whole.toml", "slider-crank-paper", few)
     online = write_scene(tmp_path / "online.toml", "slider-crank-paper", unsaid)
     results = [
-        exit_of(capfd, "run", *asked, "--no-plots", "--json")
+        exit_of(capfd, "run", *asked, "--no-plots", "--no-error-budget", "--json")
         for asked in ((whole, "-o", tmp_path / "a"), (online, "--body", body, "-o", tmp_path / "b"))
     ]
     a, b = (json.loads(out) for _, out, _ in results)
@@ -145,20 +141,13 @@ def test_run_from_body_file_equals_run_from_mesh(body, tmp_path, capfd):
     assert not (tmp_path / "a" / "max_pressure.png").exists()
 
 
-def test_body_that_contradicts_the_scene_is_refused(body, tmp_path, capfd):
-    softer = {"bodies.rod.material.youngs_modulus": 200e9, "bodies.rod.reduction": None}
-    path = write_scene(tmp_path / "other.toml", "slider-crank-paper", softer)
-    status, _, errors = exit_of(capfd, "run", path, "--body", body, "-o", tmp_path / "out")
-    assert status == 2
-    assert "youngs_modulus = 210000000000.0" in errors
-
-
-def test_options_reach_the_film_solver(scene, tmp_path):
+def test_options_reach_the_film_solver(tmp_path):
+    scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", RIGID_ROD, TIMES)
     environment = os.environ | {"PETSC_OPTIONS": "-motion_snes_monitor"}
     options = ("--no-plots", "--no-error-budget")
-    result = program("run", scene, "-o", tmp_path, *options, env=environment)
+    result = program("run", scene, "-o", tmp_path / "out", *options, env=environment)
     assert result.returncode == 0, result.stderr
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     starts = result.stdout.count("  0 SNES Function norm")
     attempts = summary["steps"] + summary["rejected_steps"]
     assert starts == attempts < summary["newton_iterations"]
@@ -206,7 +195,8 @@ def test_a_python_without_debians_packages_is_told_what_to_install(command, tmp_
 @pytest.mark.parametrize("closed", ["<&-", ">&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_streams_that_are_closed_take_no_file(closed, tmp_path):
     scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", RIGID_ROD, TIMES)
-    command = " ".join([*COMMAND, "run", str(scene), "--no-plots", "-o", "out", closed])
+    options = ["--no-plots", "--no-error-budget", "-o", "out"]
+    command = " ".join([*COMMAND, "run", str(scene), *options, closed])
     found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, cwd=tmp_path)
     assert found.returncode == 0
     assert "Traceback" not in found.stderr

@@ -165,9 +165,9 @@ def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(fi
 @pytest.mark.parametrize(
     ("made", "eccentricity", "filling", "end", "peak"),
     [
-        ({}, 0.7, 0.6, 0.5, 1e5),
-        ({"surfaces": surfaces(2e-6, 0.9)}, 0.7, 0.6, 0.5, 1e5),
-        ({"oil": DENSE}, 0.8, 0.9, 0.3, 1e7),
+        ({}, 0.7, 0.6, 0.3, 1e5),
+        ({"surfaces": surfaces(2e-6, 0.9)}, 0.7, 0.6, 0.3, 1e5),
+        ({"oil": DENSE}, 0.8, 0.9, 0.2, 1e7),
     ],
     ids=["smooth", "rough", "compressible"],
 )
@@ -317,7 +317,7 @@ def test_energy_balances_at_the_order_of_the_formula():
     film = oil_film((24, 4), regions=(GROOVE,))
     errors = [
         ehd.simulate(
-            rigid_slider_crank(film, oil_outside=True), 0.4 * REVOLUTION, tolerance=tolerance
+            rigid_slider_crank(film, oil_outside=True), 0.2 * REVOLUTION, tolerance=tolerance
         ).summary()["energy_balance_error"]
         for tolerance in (1e-3, 1e-6)
     ]
@@ -432,15 +432,14 @@ def test_without_roughness_the_film_is_that_of_smooth_surfaces(figure):
 END = 1.7e-3
 
 
-def touched(tolerance, rough):
-    film = oil_film((16, 3), oil=THIN, sides=ehd.Sides(1e5, 1e5), surfaces=rough)
+def touched(tolerance):
+    film = oil_film((16, 3), oil=THIN, sides=ehd.Sides(1e5, 1e5), surfaces=surfaces())
     return ehd.simulate(rigid_slider_crank(film, filling=1.0), END, tolerance=tolerance)
 
 
-def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones():
-    with pytest.raises(ehd.errors.FilmTooThinError):
-        touched(1e-3, None)
-    result = touched(1e-3, surfaces())
+def test_a_run_goes_on_where_surfaces_touch():
+    # Where smooth ones end it: `test_contact.py`.
+    result = touched(1e-3)
     assert result.time[-1] == pytest.approx(END)
     assert result.columns["contact_share"].max() > 0.3
     assert result.summary()["newton_iterations"] < 3.0 * len(result.time)
@@ -450,7 +449,7 @@ def test_a_run_that_ends_with_smooth_surfaces_goes_on_with_rough_ones():
 def test_energy_is_balanced_in_contact(figure):
     defects = []
     for tolerance in (1e-4, 3e-7):
-        columns = touched(tolerance, surfaces()).columns
+        columns = touched(tolerance).columns
         defects.append(np.abs(columns["energy_defect_J"]).max() / columns["film_work_J"][-1])
     group, words, _ = ROUGH
     figure(group, f"{words}, energy balance over what is dissipated, 3e-7", defects[1], most=1e-3)

@@ -75,7 +75,7 @@ def test_derivatives_obey_sommerfeld_scaling(journal, figure):
 def test_a_simulated_mechanism_has_the_derivatives_of_its_scene(periodic):
     times = {"time.tolerance": 1e-3}
     if not periodic:
-        times |= {"time.periodic": False, "time.revolutions": 2.0}
+        times |= {"time.periodic": False, "time.revolutions": 0.5}
     own = scene("loaded-journal", JOURNAL, {"joints.bearing.cells": [12, 2]}, times)
     names = ["min_film_thickness", "max_pressure"]
     expected = scene_sensitivity(own, names, [CLEARANCE])

@@ -21,6 +21,7 @@ def elastic(method, revolutions, changes=None):
     usual = {
         f"{REDUCTION}.method": method,
         f"{REDUCTION}.estimate_error": False,
+        "bodies.rod.geometry.bore_cells_along": 2,
         "time.revolutions": revolutions,
         "time.tolerance": 1e-4,
     }

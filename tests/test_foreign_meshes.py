@@ -14,7 +14,7 @@ import pytest
 from bench_parts import Solid, read_deck, read_mesh, session
 from bench_scenes import printing_kept
 from calculix_ring import ring_solid, write_deck, write_model
-from command_line import call, exit_of
+from command_line import call, exit_of, program
 
 import fenics_ehd as ehd
 
@@ -288,18 +288,20 @@ def test_a_full_disk_leaves_no_model(check, tmp_path):
         ("broken.unv", "nothing\n"),
     ],
 )
-def test_nothing_but_the_answer_is_printed(name, text, tmp_path):
-    (tmp_path / name).write_text(text)
-    command = [sys.executable, "-m", "fenics_ehd.cli", "part", name, "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert len(done.stderr.splitlines()) == 1, done.stderr
+def test_a_broken_file_is_one_line(name, text, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(text)
+    status, out, err = exit_of(capfd, "part", name, "--json")
+    assert (status, out) == (2, "")
+    assert len(err.splitlines()) == 1, err
+
+
+def test_nothing_but_the_answer_is_printed(tmp_path):
     # meshio takes a .msh for one of Ansys first, and says so in an empty line.
-    solid = ring_solid("tet")
-    write_model(tmp_path / "ring.msh", solid)
-    done = subprocess.run([*command[:4], "ring.msh", "--json"], cwd=tmp_path, capture_output=True)
+    write_model(tmp_path / "ring.msh", ring_solid("tet"))
+    done = program("part", "ring.msh", "--json", cwd=tmp_path)
     assert json.loads(done.stdout)["file"] == "ring.msh"
-    assert done.stdout.startswith(b"{")
+    assert done.stdout.startswith("{")
 
 
 def test_what_compiled_code_prints_goes_nowhere(capfd):

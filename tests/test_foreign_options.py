@@ -74,7 +74,8 @@ def test_gmsh_obeys_the_model_alone(tmp_path):
 def test_model_finds_the_files_that_it_includes(tmp_path):
     (tmp_path / "whole.geo").write_text('Include "rod.geo";\n')
     (tmp_path / "rod.geo").write_text(ehd.model_path("conrod").read_text())
-    assert ehd.build_mesh(tmp_path / "whole.geo", {"shank_cells": 6}, comm=MPI.COMM_SELF).groups
+    coarse = {"shank_cells": 6, "bore_cells_along": 2}
+    assert ehd.build_mesh(tmp_path / "whole.geo", coarse, comm=MPI.COMM_SELF).groups
     (tmp_path / "b\\e.geo").symlink_to(tmp_path / "rod.geo")
     with pytest.raises(ehd.errors.MeshError, match=r"b\\e\.geo: quotes and backslashes"):
         ehd.build_mesh(tmp_path / "b\\e.geo", comm=MPI.COMM_SELF)
@@ -116,9 +117,8 @@ def test_a_broken_model_leaves_nothing_to_the_next(tmp_path):
     (tmp_path / "broken.geo").write_text("Macro a\nPoint(1) = {0, 0, 0;\nIf (1)\nFor i In {0:")
     with pytest.raises(ehd.errors.MeshError, match=r"Gmsh cannot (read|mesh) .*broken\.geo"):
         ehd.build_mesh(tmp_path / "broken.geo", comm=MPI.COMM_SELF)
-    (tmp_path / "rod.geo").write_text(ehd.model_path("conrod").read_text())
-    for path in (tmp_path / "rod.geo", ehd.model_path("conrod")):
-        assert ehd.build_mesh(path, {"shank_cells": 6}, comm=MPI.COMM_SELF).groups
+    next_one = ehd.model_path("conrod"), {"shank_cells": 6, "bore_cells_along": 2}
+    assert ehd.build_mesh(*next_one, comm=MPI.COMM_SELF).groups
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Friction of a lubricated joint: torques on both bodies, and where its energy goes."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -61,6 +62,7 @@ def rows_of(mechanism, end, tolerance):
         )
 
 
+@cache
 def machines():
     joint = Joint((10, 2))
     elastic = with_residual(joint, flexible(joint)[0])
