@@ -17,6 +17,7 @@ from fenics_ehd.film.film import FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved
 from fenics_ehd.multibody.newton import CoupledState
+from fenics_ehd.multibody.quantities import joint_steps
 from fenics_ehd.multibody.run import IntegratorOptions, Run
 from fenics_ehd.multibody.step_equations import Point, StepEquations
 
@@ -137,9 +138,11 @@ class NestedSteps:
             # One iteration would leave the films those of the prediction.
             if iteration > 1 and fraction == 1.0 and small:
                 x, rate = self.equations.state(point)
-                integrals = self.equations.integrals(films)
-                found = CoupledState(films, point.motion, integrals)
-                return Attempt(iteration, Solved(x, rate, found, (films, rest[n:])))
+                observed, motion = problem.observe(x), point.motion
+                gaps = problem.film_gaps(observed)
+                joints = joint_steps(self.equations, films, motion.multipliers, x, rate, gaps)
+                found = CoupledState(joints, motion)
+                return Attempt(iteration, Solved(x, rate, observed, found, (films, rest[n:])))
         failure = ehd.errors.SolverError(f"Newton did not converge in {MAX_NEWTON} iterations")
         return Attempt(MAX_NEWTON, cause=failure)
 

@@ -5,7 +5,7 @@
 from fenics_ehd.film import cavitation, rough_surfaces
 from fenics_ehd.film.assembly import GAUSS_POINTS, Assembly
 from fenics_ehd.film.cavitation import CavitationResult, verify_complementarity
-from fenics_ehd.film.film import OilState
+from fenics_ehd.film.film import FilmState
 from fenics_ehd.film.forces import FilmFlows, film_fields
 from fenics_ehd.film.grid import FAMILIES, aligned_grid, film_layout, match
 from fenics_ehd.film.heat import TemperatureSearch

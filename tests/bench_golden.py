@@ -163,7 +163,7 @@ def _follow(run: Run, times: np.ndarray, corners: np.ndarray) -> Iterator[Mechan
         attempt = run.solve(run.norm, asked, run.state.solver)
         solved = attempt.solved
         assert solved is not None, attempt.cause
-        moved = solved.x, solved.rate, asked.acceleration(solved.rate), run.norm.observe(solved.x)
+        moved = solved.x, solved.rate, asked.acceleration(solved.rate), solved.observed
         step = Step(float(time), *moved, solved.solution, attempt.iterations)
         keep = 1 if corner else run.control.order + 2
         run.state = run.state.after(step, run.state.step, solved.solver, keep)

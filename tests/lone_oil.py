@@ -1,7 +1,7 @@
 """A film that keeps account of its oil, alone and without PETSc: implicit Euler by active sets."""
 
 import numpy as np
-from bench_film import CavitationResult, OilBalance, OilState
+from bench_film import CavitationResult, FilmState, OilBalance
 from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
 
@@ -67,7 +67,7 @@ class LoneOil:
         density = self.film.equation.flow(gap, nodal).density
         stored = self.film.assembly.source(density * step.flow.thickness)
         rate = self.film.parameters.rate
-        return OilState(
+        return FilmState(
             pressure=self.film.parameters.pressure_scale * nodal,
             gap=gap,
             cavitation=CavitationResult(values, void, np.flatnonzero(values > 0), count),

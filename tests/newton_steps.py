@@ -29,7 +29,7 @@ def newton(problem, step, solution):
         # One iteration would leave the solution that of the prediction.
         if iteration > 1 and fraction == 1.0 and problem.norm(x, update) <= step.tolerance:
             rate = step.shift * x + step.past_x
-            return Attempt(iteration, Solved(x, rate, solution, solution))
+            return Attempt(iteration, Solved(x, rate, problem.observe(x), solution, solution))
     failure = ehd.errors.SolverError(f"Newton did not converge in {MAX_NEWTON} iterations")
     return Attempt(MAX_NEWTON, cause=failure)
 

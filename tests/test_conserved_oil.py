@@ -332,7 +332,7 @@ def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
     mechanism = replace(mechanism, joints={**mechanism.joints, "film": joint})
     end = 0.3 * REVOLUTION
     run = Run(mechanism, IntegratorOptions(tolerance=1e-4, order=order, largest=0.05), end)
-    oil = run.equations.oils[0]
+    oil = run.equations.films[0]
     (place,), left, content, time = run.equations.system.films, 0.0, None, 0.0
     for step in run.until(end):
         (state,) = step.solution.films
@@ -489,7 +489,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
     equations = StepEquations(System(mechanism))
     equations.lead(100)
     m, n = len(equations.films[0].nodes), equations.system.n
-    size = equations.oils[0].balance.assembly.size
+    size = equations.films[0].balance.assembly.size
     begin, former = equations.begin, 1e-9 * np.random.default_rng(1).uniform(-1, 1, size)
     monkeypatch.setattr(
         equations, "begin", lambda s: begin(replace(s, past_x=np.append(s.past_x, former)))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from bench_machines import (
     IntegratorOptions,
-    JointStep,
     PeriodicSolver,
     Run,
     Tracker,
@@ -51,15 +50,8 @@ def supplied_film(pressure=2e5, ambient=5e4, cells=(24, 4)):
 def rows_of(mechanism, end, tolerance):
     """Accepted steps with the rates of every joint."""
     going = Run(mechanism, IntegratorOptions(tolerance=tolerance), end)
-    system, norm = going.equations.system, going.norm
     for step in going.until(end):
-        gaps = norm.film_gaps(step.observed)
-        films = zip(system.films, step.solution.integrals, gaps, strict=True)
-        yield (
-            going,
-            step,
-            [joint_row(JointStep(place, step, film, gap)) for place, film, gap in films],
-        )
+        yield going, step, [joint_row(joint) for joint in step.solution.joints]
 
 
 @cache
@@ -130,7 +122,7 @@ def test_torques_on_journal_and_bore_are_those_of_the_walls():
     mechanism = machines()["rigid"]
     *_, (going, step, (rates,)) = rows_of(mechanism, 0.3 * REVOLUTION, 1e-3)
     (place,), (film,) = going.equations.system.films, step.solution.films
-    filled = step.solution.integrals[0].friction.filled
+    filled = step.solution.joints[0].friction.filled
     found = walls(place.film.film, film, step.x[place.xi[:2]], filled)
     size = rates["friction_torque_Nm"]
     assert size == pytest.approx(-found.shaft_torque, rel=2e-3)

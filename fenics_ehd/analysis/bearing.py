@@ -250,7 +250,7 @@ class _Found:
     @property
     def state(self) -> FilmState:
         """State of the film."""
-        return self.joint.own.state
+        return self.joint.state
 
     @property
     def position(self) -> np.ndarray:
@@ -459,7 +459,7 @@ def _balanced(
                     f"{error}"
                 ) from error
             raise
-        power, flow = found.joint.own.dissipated, found.joint.own.flows.leaving
+        power, flow = found.joint.dissipated, found.joint.flows.leaving
         if abs(search.defect(power, flow)) <= WARM:
             outlet = heat.outlet(oil, temperature, power, flow)
             return BearingHeat(temperature, outlet, flow), found
@@ -695,18 +695,18 @@ def _require_resolved(found: _Found) -> None:
 
 def _tilting_moment(found: _Found) -> np.ndarray:
     """Moment of pressure and contact on the shaft, from the load line, shape (2,) [N m]."""
-    film, own = found.bearing.film, found.joint.own
+    film, joint = found.bearing.film, found.joint
     area = film.parameters.grid.radius**2 * film.assembly.area
-    pressing = area * film.assembly.at_points(own.state.pressure)[0]
-    if own.contact is not None:
-        pressing += (own.contact.area * own.touch.pressure).reshape(area.shape)
+    pressing = area * film.assembly.at_points(joint.pressure)[0]
+    if joint.contact is not None:
+        pressing += (joint.contact.area * joint.touch.pressure).reshape(area.shape)
     x, y = film.points.normal * film.points.height * pressing
     return np.asarray(rotation(found.bearing.angle) @ np.array([y.sum(), -x.sum()]))
 
 
 def _result(found: _Found, with_coefficients: bool, heat: BearingHeat | None) -> BearingResult:
     bearing, position, state = found.bearing, found.position, found.state
-    settings, film, own = bearing.settings, bearing.film, found.joint.own
+    settings, film, joint = bearing.settings, bearing.film, found.joint
     load = float(np.hypot(*found.push)) if found.carries else 0.0
     pressure, pressure_angle = _peak(found)
     # The load at a Sommerfeld number of 1.
@@ -722,11 +722,11 @@ def _result(found: _Found, with_coefficients: bool, heat: BearingHeat | None) ->
         eccentricity_ratio=float(np.hypot(*position)) / settings.clearance,
         sommerfeld_number=unit / load if load else None,
         # Of nothing no minus zero.
-        friction_torque=0.0 + found.joint.braking,
-        power_loss=0.0 + film_power(found.joint),
-        dissipation=own.dissipated,
+        friction_torque=0.0 + joint.braking,
+        power_loss=0.0 + film_power(joint),
+        dissipation=joint.dissipated,
         tilting_moment=_tilting_moment(found),
-        flow=own.flows.balance,
+        flow=joint.flows.balance,
         contact=_contact(found, load),
         coefficients=_coefficients(found, load) if with_coefficients else None,
         heat=heat,
@@ -738,12 +738,12 @@ def _result(found: _Found, with_coefficients: bool, heat: BearingHeat | None) ->
 
 
 def _contact(found: _Found, load: float) -> ContactFigures | None:
-    own = found.joint.own
-    if own.contact is None:
+    joint = found.joint
+    if joint.contact is None:
         return None
-    force = float(np.hypot(*own.contact.forces(own.touch, own.state.gap)[:2]))
+    force = float(np.hypot(*joint.contact.forces(joint.touch, joint.state.gap)[:2]))
     share = force / load if load else 0.0
-    return ContactFigures(force, share, own.touch.pressure.max(), own.rubbed)
+    return ContactFigures(force, share, joint.touch.pressure.max(), joint.rubbed)
 
 
 #: Points a direction at which the pressure is sampled about the highest node, and how often, every

@@ -32,7 +32,7 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.errors import SettingsError, SolverError
-from fenics_ehd.multibody.bdf import ImplicitStep, Step
+from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.mechanism import Instant, Mechanism, System, assemble
 from fenics_ehd.multibody.newton import CoupledState, CoupledSteps, SolverState
 from fenics_ehd.multibody.quantities import JointStep
@@ -82,11 +82,7 @@ class Equilibrium:
 
     def joints(self) -> dict[str, JointStep]:
         """Lubricated joints by name, as the quantities of a history read them."""
-        norm, system, still = StepNorm(self.solver.equations), self.system, np.zeros_like(self.x)
-        observed = norm.observe(self.x)
-        step = Step(0.0, self.x, self.rate, still, observed, self.state, self.iterations)
-        each = zip(system.films, self.state.integrals, norm.film_gaps(observed), strict=True)
-        return {place.name: JointStep(place, step, own, gap) for place, own, gap in each}
+        return {joint.place.name: joint for joint in self.state.joints}
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +145,11 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
     norm = StepNorm(solver.equations)
     x = np.concatenate([z, solver.equations.resting(z)])
     observed = norm.observe(x)
-    shift = STEADY * _rate(system) if solver.equations.oils else 0.0
+    shift = STEADY * _rate(system) if solver.equations.conserves_oil else 0.0
     moving = np.concatenate([rates, np.zeros(len(x) - len(z))])
     past = moving - shift * x, -shift * moving
     step = ImplicitStep(0.0, shift, *past, x, x, (observed, observed), tolerance)
-    start = None if solver.equations.oils else _start(solver.equations, z, rates)
+    start = None if solver.equations.conserves_oil else _start(solver.equations, z, rates)
     attempt = solver(norm, step, start)
     if attempt.solved is None:
         assert attempt.cause is not None
@@ -197,7 +193,7 @@ def linearise(found: Equilibrium | Mechanism) -> Linearisation:
     if isinstance(found, Mechanism):
         found = equilibrium(found)
     system, solver = found.system, found.solver
-    if solver.equations.oils:
+    if solver.equations.conserves_oil:
         raise SettingsError(
             "cavitation = 'mass-conserving': stiffness and damping of a film that keeps account of "
             "its oil depend on the frequency; take 'reynolds'"

@@ -259,7 +259,7 @@ def recorded(
         assert run.state.solver is not None
         values = run.state.solver.values[0]
         row: dict[str, Any] = {"time_s": step.time, **look(step)}
-        row |= solution(equations, step, run.norm.film_gaps(step.observed))
+        row |= solution(equations, step)
         row["state/corner"] = len(run.state.times) == 1
         row["state/multipliers"] = values[len(values) - 2 * equations.system.m :]
         row["state/accelerations"] = step.acceleration[:size]
@@ -324,15 +324,14 @@ def taken_over(state: RunState, own: Run, other: Run, span: float = 1.0) -> RunS
     span
         Time in the other run over that in this one.
     """
-    equations = own.equations, other.equations
-    size = equations[1].system.n + equations[1].responses.size
+    size = other.equations.system.n + other.equations.responses.size
     read, moved = readings(own, other), []
     for point in state.x:
         gaps, wanted = (run.norm.film_gaps(run.norm.observe(point)) for run in (own, other))
         volumes = []
-        for i, oil in equations[1].oils.items():
-            shares = read[i] @ equations[0].oils[i].void_shares(point, gaps[i])
-            volumes.append(oil.volumes_with(shares, point, wanted[i]))
+        for i, film in enumerate(other.equations.films):
+            shares = read[i] @ own.equations.films[i].void_shares(point, gaps[i])
+            volumes.append(film.volumes_with(shares, point, wanted[i]))
         moved.append(np.concatenate([point[:size], *volumes]))
     x = np.array(moved)
     rate = np.zeros_like(x)
@@ -463,7 +462,7 @@ class Replay(Run):
             solved.x,
             solved.rate,
             asked.acceleration(solved.rate),
-            norm.observe(solved.x),
+            solved.observed,
             solved.solution,
             attempt.iterations,
         )

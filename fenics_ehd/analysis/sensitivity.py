@@ -22,7 +22,6 @@ import difflib
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import attrs
 import numpy as np
@@ -44,7 +43,7 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import PeriodicSolver, repeats
-from fenics_ehd.multibody.quantities import JointStep, joint_row
+from fenics_ehd.multibody.quantities import joint_row
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import integral
 
@@ -138,24 +137,24 @@ def extreme_around(angle: np.ndarray, height: np.ndarray, values: np.ndarray, si
     return smooth_extreme(turn[own], values[own], 1.0, sign)
 
 
-def look(run: Run, step: MechanismStep) -> dict[str, float]:
-    """Columns of every lubricated joint of a run at a step, by path with unit.
+def look(step: MechanismStep) -> dict[str, float]:
+    """Columns of every lubricated joint at a step, by path with unit.
 
     Extremes over a film are those between its nodes, of the gap too: with the Gauss points between
     them rows are uneven, and where the gap is the same over the width, the extreme would jump from
     one to another.
     """
     found: dict[str, float] = {}
-    films, gaps = run.equations.system.films, run.norm.film_gaps(step.observed)
-    for place, own, gap in zip(films, step.solution.integrals, gaps, strict=True):
-        row, film = joint_row(JointStep(place, step, own, gap)), place.film.film
-        (angle, height), pressure = film.parameters.grid.node_positions.T, own.state.pressure
-        row["max_pressure_Pa"] = extreme_around(angle, height, pressure, 1)
-        row["min_film_thickness_m"] = extreme_around(angle, height, gap[-len(pressure) :], -1)
-        if own.contact is not None:
-            angle, height = film.points.angle.ravel(), film.points.height.ravel()
-            row["max_contact_pressure_Pa"] = extreme_around(angle, height, own.touch.pressure, 1)
-        found |= {f"joints/{place.name}/{column}": value for column, value in row.items()}
+    for joint in step.solution.joints:
+        row, (angle, height) = joint_row(joint), joint.nodes.T
+        gap = joint.gap[-len(joint.pressure) :]
+        row["max_pressure_Pa"] = extreme_around(angle, height, joint.pressure, 1)
+        row["min_film_thickness_m"] = extreme_around(angle, height, gap, -1)
+        if joint.contact is not None:
+            points, pressure = joint.film.points, joint.touch.pressure
+            angle, height = points.angle.ravel(), points.height.ravel()
+            row["max_contact_pressure_Pa"] = extreme_around(angle, height, pressure, 1)
+        found |= {f"joints/{joint.place.name}/{column}": value for column, value in row.items()}
     return found
 
 
@@ -213,7 +212,7 @@ class Number:
 
 def followed(run: Run, end: float, cycles: PeriodicSolver | None = None) -> Course:
     """A run to its end [s], or through a periodic search, with the columns of `look`."""
-    return recorded(run, end, cycles, partial(look, run))
+    return recorded(run, end, cycles, look)
 
 
 def settled(course: Course) -> Course:

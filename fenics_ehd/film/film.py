@@ -1,7 +1,6 @@
 """The oil film of one bore: pressure and losses.
 
-Here, too: the state of a film that conserves its oil at the end of a step, and a judgement on
-whether a film's mesh shows how its oil thickens with the pressure.
+Here, too: a judgement on whether a film's mesh shows how its oil thickens with the pressure.
 """
 
 from __future__ import annotations
@@ -40,16 +39,25 @@ class FilmState:
     gap
         The gap it belongs to.
     cavitation
-        The dimensionless complementarity solution on the free nodes.
+        The dimensionless complementarity solution on the free nodes, of conserved oil on
+        `OilBalance.unknown`.
     fluid_fraction
         Share of the gap that holds oil, shape (nodes,); None where the
         cavitation condition does not tell.
+    content
+        Of a film that conserves its oil: what is at the nodes, as volume at ambient density, shape
+        (nodes,) [m^3], the start of the next step; else None.
+    outflow
+        Likewise: flow out of the film where it has an end, negative into it, zero at all other
+        nodes, shape (nodes,) [m^3/s].
     """
 
     pressure: np.ndarray
     gap: Gap
     cavitation: CavitationResult
     fluid_fraction: np.ndarray | None = None
+    content: np.ndarray | None = None
+    outflow: np.ndarray | None = None
 
 
 class Film:
@@ -238,27 +246,6 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
 #: `fenics_ehd.film.oil_balance`. Small, because next to the nodes just emptied the
 #: defect has the wrong sign; not below round-off of the void fractions of full nodes over it.
 DEFECT_WEIGHT = 1e-6
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class OilState(FilmState):
-    """Solution of one time step.
-
-    `cavitation` belongs to the nodes `OilBalance.unknown`; `fluid_fraction` is never None.
-
-    Attributes
-    ----------
-    content
-        Oil at the nodes, as volume at ambient density, shape (nodes,) [m^3]: the
-        start of the next step.
-    outflow
-        Flow out of the film where it has an end, negative into it, zero at all
-        other nodes, shape (nodes,) [m^3/s].
-    """
-
-    fluid_fraction: np.ndarray
-    content: np.ndarray
-    outflow: np.ndarray
 
 
 #: Factor of the viscosity within a cell up to which the mesh is fine enough. Up to there peak

@@ -59,7 +59,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import SHEAR_RULES
-from fenics_ehd.film.film import Film, FilmState, OilState
+from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FeedTerm
 from fenics_ehd.film.supply import SLACK, in_regions
@@ -250,6 +250,8 @@ class FilmFlows:
 
     def __init__(self, film: Film, state: FilmState):
         self._film, self._state = film, state
+        # As conserved oil is balanced, node by node.
+        self._lumped = state.outflow is not None
 
     @cached_property
     def balance(self) -> FlowBalance:
@@ -338,10 +340,6 @@ class FilmFlows:
             return 0.0
         return float(self._state.pressure @ self._defects[0]) - self._work_at_ends
 
-    @property
-    def _lumped(self) -> bool:
-        return isinstance(self._state, OilState)
-
     @cached_property
     def _fed(self) -> FeedTerm | None:
         return self._film.equation.fed(self._state.gap, lumped=self._lumped)
@@ -365,7 +363,8 @@ class FilmFlows:
     @cached_property
     def _inflow(self) -> np.ndarray:
         """Flow into the film at nodes of given pressure, shape (nodes,) [m3/s]."""
-        return -self._state.outflow if isinstance(self._state, OilState) else self._defects[0]
+        outflow = self._state.outflow
+        return self._defects[0] if outflow is None else -outflow
 
     @cached_property
     def _work_at_ends(self) -> float:

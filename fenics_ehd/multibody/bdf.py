@@ -74,6 +74,8 @@ class Solved(Generic[Solution, Carried]):
     ----------
     x, rate
         At the end of the step.
+    observed
+        See `Observed`.
     solution
         For whoever looks at the step.
     solver
@@ -82,6 +84,7 @@ class Solved(Generic[Solution, Carried]):
 
     x: np.ndarray
     rate: np.ndarray
+    observed: np.ndarray
     solution: Solution
     solver: Carried
 
@@ -339,7 +342,7 @@ def advance(
         error, cause, solved = np.inf, attempt.cause, attempt.solved
         failure = f"{type(cause).__name__}: {cause}" if cause else "error above tolerance"
         if solved is not None:
-            observed = problem.observe(solved.x)
+            observed = solved.observed
             distance = problem.error_norm(observed, observed - asked.observed[1])
             error = asked.error_share * distance
             # An angle that is not where it was foretold to be may have passed other rows.

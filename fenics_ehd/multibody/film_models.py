@@ -47,7 +47,7 @@ from fenics_ehd.film.cavitation import (
     Complementarity,
     verify_complementarity,
 )
-from fenics_ehd.film.film import DEFECT_WEIGHT, FilmState, OilState
+from fenics_ehd.film.film import DEFECT_WEIGHT, FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.oil_balance import SMALLEST_SOURCE, OilBalance, OilStep, Transport
 from fenics_ehd.film.rough_surfaces import Touch
@@ -147,11 +147,16 @@ class FilmModel(ABC, Generic[PointT]):
         What the equations are divided by, from the first point of a step on.
     leading
         Columns of the leading residual patterns of the bore among the film's inputs.
+    volumes
+        Places in the state of the integration of what the oil's contents of all nodes lack.
     """
 
-    #: True of a matrix W that comes with the derivatives, of these being symmetric, and of
-    #: equations that are nearly linear on an active set, so that factors serve on.
-    weighted, symmetric, nearly_linear = True, False, False
+    #: True of a matrix W that comes with the derivatives, of these being symmetric, of equations
+    #: that are nearly linear on an active set, so that factors serve on, and of oil that is
+    #: conserved, so that the state of the integration has its void volumes.
+    weighted, symmetric, nearly_linear, conserves_oil = True, False, False, False
+
+    volumes = slice(0, 0)
 
     def __init__(self, place: FilmBinding, nodes: np.ndarray, inside: np.ndarray, pattern: Pattern):
         self.place, self.nodes, self.inside, self.pattern = place, nodes, inside, pattern
@@ -221,6 +226,29 @@ class FilmModel(ABC, Generic[PointT]):
     def begin(self, step: ImplicitStep, responses: BoreResponses, i: int) -> None:
         """Take another step; the film is the i-th."""
         self.scale = 0.0
+
+    def volumes_at(self, z: np.ndarray) -> np.ndarray:
+        """The state's volumes of the initial filling, for coordinates z, shape (nodes,) [m^3]."""
+        return np.zeros(0)
+
+    def volumes_with(self, shares: np.ndarray, z: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """The state's volumes of void fractions of all nodes in a gap, where it is observed."""
+        return np.zeros(0)
+
+    def volume_rates(self, point: PointT, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The state's volumes [m^3] at a point with coordinates z, and their rates."""
+        return np.zeros(0), np.zeros(0)
+
+    def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """Void fractions of all nodes in a state of a gap, where it is observed."""
+        return np.zeros(self.film.assembly.size)
+
+    def content(self, state: np.ndarray, observed: np.ndarray) -> float:
+        """Oil in a state of a gap, where it is observed [m^3]; 0 where nobody keeps account."""
+        return 0.0
+
+    def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
+        """Bring void volumes of the first of some states back into its gap, the others along."""
 
     @abstractmethod
     def evaluate(self, gap: Gap, values: np.ndarray) -> PointT:
@@ -443,9 +471,9 @@ class ConservedOil(FilmModel[OilPoint]):
     ----------
     balance
         Its equation.
-    volumes
-        Places in the state of what the contents of all nodes lack.
     """
+
+    conserves_oil = True
 
     def __init__(self, place: FilmBinding, first: int):
         joint = place.joint
@@ -503,18 +531,18 @@ class ConservedOil(FilmModel[OilPoint]):
         void = state[self.volumes] - self.balance.volume_scale * self._taken(state, gap)
         return full, void[self.nodes]
 
-    def within_gap(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
-        """Change that brings a state's void volumes between none and the gap's, where observed.
+    def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
+        """Bring void volumes of the first of some states between none and the gap's.
 
-        Compressed oil may be more than the gap's, by `DENSEST`.
+        The others change by as much. Compressed oil may be more than the gap's, by `DENSEST`.
         """
-        full, void = self._observed(state, observed)
+        full, void = self._observed(states[0], observed)
         full = self.balance.volume_scale * full[self.nodes]
         constant = self.film.parameters.lubricant.density_law.constant
         least = 0.0 if constant else -DENSEST
         change = np.zeros(self.balance.assembly.size)
         change[self.nodes] = np.clip(void, least * full, full) - void
-        return change
+        states[:, self.volumes] += change
 
     def content(self, state: np.ndarray, observed: np.ndarray) -> float:
         """Oil in a state of a gap, where it is observed [m^3]."""
@@ -623,7 +651,7 @@ class ConservedOil(FilmModel[OilPoint]):
             volumes -= self.film.assembly.source(denser)
         return self.balance.volume_scale * point.step.length * volumes
 
-    def end(self, point: OilPoint, tolerance: float) -> OilState:
+    def end(self, point: OilPoint, tolerance: float) -> FilmState:
         """The end of a step.
 
         Raises
@@ -637,8 +665,8 @@ class ConservedOil(FilmModel[OilPoint]):
         if not excess <= UNDERSHOOT:
             raise CavitationError(f"fluid fraction below 0: by {excess:.2g}, at most {UNDERSHOOT}")
         outflow = balance.outflow(step, point.nodal, point.values, point.transport)
-        return OilState(
-            **vars(self.state(point)),
+        return replace(
+            self.state(point),
             content=balance.volume_scale * step.length * step.full - self._void(point),
             outflow=balance.volume_scale * rate * outflow,
         )
@@ -652,5 +680,5 @@ def film_models(places: Sequence[FilmBinding], first: int) -> list[FilmModel[Any
             found.append(ReynoldsFilm(place))
         else:
             found.append(ConservedOil(place, first))
-            first += place.film.film.assembly.size
+            first = found[-1].volumes.stop
     return found

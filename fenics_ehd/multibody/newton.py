@@ -42,7 +42,8 @@ from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, S
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.mechanism import FilmBinding, Motion, System
-from fenics_ehd.multibody.step_equations import Derivative, FilmIntegrals, Point, StepEquations
+from fenics_ehd.multibody.quantities import JointStep, joint_steps
+from fenics_ehd.multibody.step_equations import Derivative, Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.tabulated import extrapolation_weights
 
@@ -53,17 +54,19 @@ class CoupledState:
 
     Attributes
     ----------
-    films
-        Solution of every film, in the order of `System.films`.
+    joints
+        Lubricated ones, in the order of `System.films`.
     motion
         See `Motion`.
-    integrals
-        Of every film.
     """
 
-    films: list[FilmState]
+    joints: list[JointStep]
     motion: Motion
-    integrals: list[FilmIntegrals]
+
+    @property
+    def films(self) -> list[FilmState]:
+        """Solution of every film."""
+        return [joint.state for joint in self.joints]
 
 
 #: An accepted step of a mechanism.
@@ -393,14 +396,17 @@ class CoupledSteps:
         self.equations.begin(step)
         try:
             iterations = self._solve(self._start(step, former))
-            state = self._state()
+            films = [film.end(point, self._tolerance) for film, point, _ in self._films]
         except SolverError as caught:
             error = classify_failure(caught, self.equations, former)
             return Attempt(max(1, self._iterations), cause=error)
         patterns = self._factors.patterns_wanted
         kept = SolverState.after(former, step.time, self._solution, patterns)
         x, rate = self.equations.state(self._point)
-        return Attempt(iterations, Solved(x, rate, state, kept))
+        observed, motion = problem.observe(x), self._point.motion
+        gaps = problem.film_gaps(observed)
+        joints = joint_steps(self.equations, films, motion.multipliers, x, rate, gaps)
+        return Attempt(iterations, Solved(x, rate, observed, CoupledState(joints, motion), kept))
 
     def answers(
         self, x: np.ndarray, rate: np.ndarray, shift: float, forces: np.ndarray
@@ -531,8 +537,3 @@ class CoupledSteps:
         return self._factors.solve(self._point, self._given(), self._point.rest).size <= (
             self._tolerance
         )
-
-    def _state(self) -> CoupledState:
-        """The end of the step, its films verified."""
-        films = [film.end(point, self._tolerance) for film, point, _ in self._films]
-        return CoupledState(films, self._point.motion, self.equations.integrals(films))

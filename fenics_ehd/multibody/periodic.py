@@ -212,8 +212,8 @@ class FilmTemperatures(Stateful):
 
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""
-        films = [step.solution.integrals[i] for i in self._places]
-        rates = [rate for film in films for rate in (film.dissipated, film.flows.leaving)]
+        joints = [step.solution.joints[i] for i in self._places]
+        rates = [rate for joint in joints for rate in (joint.dissipated, joint.flows.leaving)]
         self.times = np.append(self.times, step.time)
         self.rates = np.vstack([self.rates, rates])
 
@@ -366,10 +366,10 @@ class PeriodicSolver(Stateful):
         return self._run.norm.gaps(self._run.state.observed[0])
 
     def _oil(self) -> np.ndarray:
-        """Contents of the films that keep account of them [m^3]."""
+        """Contents of the films, 0 of those that keep no account of them [m^3]."""
         state, norm = self._run.state, self._run.norm
         gaps = norm.film_gaps(state.observed[0])
-        return np.array(self._run.equations.contents(state.x[0], gaps))
+        return self._run.equations.contents(state.x[0], gaps)
 
     def __iter__(self) -> Iterator[MechanismStep]:
         """Accepted steps.

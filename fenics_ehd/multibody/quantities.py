@@ -1,4 +1,4 @@
-"""Quantities of a lubricated joint at an accepted step: one function each, with its unit.
+"""Quantities of a lubricated joint at the end of a step: one function each, with its unit.
 
 All that a history, a summary, a picture or a derivative says of a joint at a step is made here, by
 functions that `quantity` registers. Their order is that of the columns; a quantity of which a
@@ -33,7 +33,7 @@ It is summed at every Gauss point of the bore, over the run or the cycle, by the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -41,13 +41,13 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.columns import with_unit
-from fenics_ehd.film.film import OilState
-from fenics_ehd.film.forces import under_pressure
-from fenics_ehd.film.rough_surfaces import PUBLISHED
+from fenics_ehd.film.film import Film, FilmState
+from fenics_ehd.film.forces import FilmFlows, under_pressure
+from fenics_ehd.film.rough_surfaces import PUBLISHED, Touch
+from fenics_ehd.multibody.contact import JointContact
 from fenics_ehd.multibody.lubricated_joint import observed_places
 from fenics_ehd.multibody.mechanism import FilmBinding
-from fenics_ehd.multibody.newton import MechanismStep
-from fenics_ehd.multibody.step_equations import FilmIntegrals
+from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, film_friction
 
 #: Values that differ by less than this share are equal: of the two mirrored places of a film
 #: without misalignment the upper one is told, not the one that round-off chose.
@@ -56,92 +56,152 @@ EQUAL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class JointStep:
-    """A lubricated joint at an accepted step.
+    """A lubricated joint at the end of a step.
+
+    Integrals over its film are evaluated when they are first asked for: what no model of the joint
+    asks for is not computed.
 
     Attributes
     ----------
-    place, step
-        Which joint, and the step.
-    own
-        The film's integrals.
+    place
+        Which joint.
+    state
+        Of its film.
+    contact
+        In it, None between smooth surfaces.
+    x, rate
+        State of the mechanism and its rate.
+    force
+        On the journal, in the frame at rest, shape (2,) or more [N].
     gap
         Film thickness where it is observed, at Gauss points, then at nodes [m].
     """
 
     place: FilmBinding
-    step: MechanismStep
-    own: FilmIntegrals
+    state: FilmState
+    contact: JointContact | None
+    x: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
     gap: np.ndarray
+
+    @property
+    def film(self) -> Film:
+        """Film of the joint."""
+        return self.place.film.film
 
     @property
     def nodes(self) -> np.ndarray:
         """Angle [rad] and height [m] of the film's nodes, shape (k, 2)."""
-        return self.place.film.film.parameters.grid.node_positions
+        return self.film.parameters.grid.node_positions
 
     @property
     def pressure(self) -> np.ndarray:
         """At the nodes [Pa]."""
-        return self.own.state.pressure
-
-    @property
-    def force(self) -> np.ndarray:
-        """On the journal, in the frame at rest [N]."""
-        return self.step.solution.motion.multipliers[self.place.rows]
+        return self.state.pressure
 
     @cached_property
+    def flows(self) -> FilmFlows:
+        """Flows of the oil."""
+        return FilmFlows(self.film, self.state)
+
+    @cached_property
+    def powers(self) -> tuple[float, float]:
+        """Power lost to pressure flow and power of the surfaces' drag [W], see `Film.powers`."""
+        return self.film.powers(self.state)
+
+    @cached_property
+    def friction(self) -> FilmFriction:
+        """Friction of the oil's shear."""
+        return film_friction(self.place.film, self.state)
+
+    @cached_property
+    def touch(self) -> Touch:
+        """Contact of rough surfaces."""
+        assert self.contact is not None
+        return self.contact.touch(self.state.gap.thickness)
+
+    @cached_property
+    def rubbed(self) -> float:
+        """Power lost by boundary friction, whether it acts on the bodies or not [W]."""
+        if self.contact is None:
+            return 0.0
+        return self.contact.rubbing_power(self.touch, self.state.gap)
+
+    @property
+    def dissipated(self) -> float:
+        """Power that becomes heat [W], whether friction acts on the bodies or not.
+
+        Pressure-driven flow, shear of the oil in full film and cavities, asperities that rub.
+        """
+        return self.powers[0] + self.friction.sheared + self.rubbed
+
+    @property
     def towards(self) -> float:
         """Direction of the journal's load on the bore, in the bore's frame [rad]."""
         # The joint's own force is the one on the journal.
         load = np.arctan2(-self.force[1], -self.force[0])
-        return float(load - self.place.angles(self.step.x)[1] - self.place.mounted)
+        return float(load - self.place.angles(self.x)[1] - self.place.mounted)
 
     @cached_property
     def journal(self) -> np.ndarray:
         """Centre of the journal in the bore as it is, shape (2,) [m]."""
         circle = self.place.film.circle
         if circle is None:
-            return self.step.x[self.place.xi[:2]]
+            return self.x[self.place.xi[:2]]
         return circle @ self.gap[-len(self.nodes) :]
 
     @cached_property
     def thinnest(self) -> tuple[float, float]:
         """Angle [rad] and height [m] of the thinnest film."""
-        return upper_most(np.column_stack(observed_places(self.place.film.film)), self.gap)
+        return upper_most(np.column_stack(observed_places(self.film)), self.gap)
 
     @cached_property
     def load(self) -> np.ndarray:
         """Load of pressure, shear and contact on the journal along its eccentricity [N]."""
-        found, state = self.own.friction, self.own.state
-        load = self.place.film.load[:2] @ state.pressure + found.on_xi[:2]
-        if self.own.contact is None:
+        load = self.place.film.load[:2] @ self.pressure + self.friction.on_xi[:2]
+        if self.contact is None:
             return load
-        return load + self.own.contact.forces(self.own.touch, state.gap)[:2]
+        return load + self.contact.forces(self.touch, self.state.gap)[:2]
 
     @cached_property
     def braking(self) -> float:
         """Torque that brakes the journal about its own axis [N m]."""
         # What else brakes the journal belongs here.
-        torque = -self.own.friction.torque
-        shape, place = self.place.film.shape, self.place
+        torque, place, shape = -self.friction.torque, self.place, self.place.film.shape
         if shape is not None:
-            turned = shape.turned(
-                place.relative_angle(self.step.x), place.relative_angle(self.step.rate)
-            )
+            turned = shape.turned(place.relative_angle(self.x), place.relative_angle(self.rate))
             torque -= 0.0 if turned is None else float(turned.torque @ self.pressure)
-        if self.own.contact is not None:
-            torque += self.own.contact.braking(self.own.touch, self.own.state.gap)
+        if self.contact is not None:
+            torque += self.contact.braking(self.touch, self.state.gap)
         return torque
 
-    @cached_property
+    @property
     def dragging(self) -> float:
         """Torque that drags the bore along about its own axis [N m]."""
-        e = self.step.x[self.place.xi[:2]]
+        e = self.x[self.place.xi[:2]]
         return self.braking - float(e[0] * self.load[1] - e[1] * self.load[0])
 
-    @cached_property
+    @property
     def speeds(self) -> tuple[float, float]:
         """Angular speeds of journal and bore in the frame at rest [rad/s]."""
-        return self.place.angles(self.step.rate)
+        return self.place.angles(self.rate)
+
+
+def joint_steps(
+    equations: StepEquations,
+    films: Sequence[FilmState],
+    multipliers: np.ndarray,
+    x: np.ndarray,
+    rate: np.ndarray,
+    gaps: Sequence[np.ndarray],
+) -> list[JointStep]:
+    """All lubricated joints at the end of a step, of whose films these are states and gaps."""
+    each = zip(equations.system.films, films, equations.contacts.joints, gaps, strict=True)
+    return [
+        JointStep(place, state, contact, x, rate, multipliers[place.rows], gap)
+        for place, state, contact, gap in each
+    ]
 
 
 Value = Callable[[JointStep], float]
@@ -181,12 +241,12 @@ def with_friction(joint: JointStep) -> bool:
 
 def with_contact(joint: JointStep) -> bool:
     """Joints between rough surfaces."""
-    return joint.own.contact is not None
+    return joint.contact is not None
 
 
 def with_oil(joint: JointStep) -> bool:
     """Joints that keep account of their oil."""
-    return isinstance(joint.own.state, OilState)
+    return joint.state.content is not None
 
 
 #: All of them, in the order of the columns.
@@ -241,7 +301,7 @@ FLOW = "flow_m3_per_s"
 
 def feed_flows(joint: JointStep) -> dict[str, float]:
     """Flows that the supplies let in, by column."""
-    flows = joint.own.flows.balance.feeds
+    flows = joint.flows.balance.feeds
     return {f"{name}.{FLOW}": flow for name, flow in flows.items()}
 
 
@@ -266,13 +326,13 @@ def max_pressure_angle(joint: JointStep) -> float:
 @quantity("eccentricity_x", "m")
 def eccentricity_x(joint: JointStep) -> float:
     """Displacement of the journal in the undeformed bore's frame, along x."""
-    return joint.step.x[joint.place.xi[0]]
+    return joint.x[joint.place.xi[0]]
 
 
 @quantity("eccentricity_y", "m")
 def eccentricity_y(joint: JointStep) -> float:
     """Displacement of the journal in the undeformed bore's frame, along y."""
-    return joint.step.x[joint.place.xi[1]]
+    return joint.x[joint.place.xi[1]]
 
 
 @quantity("force_x", "N")
@@ -344,7 +404,7 @@ def min_film_height(joint: JointStep) -> float:
 @quantity("max_contact_pressure", "Pa", with_contact)
 def max_contact_pressure(joint: JointStep) -> float:
     """Largest contact pressure at a Gauss point."""
-    return joint.own.touch.pressure.max()
+    return joint.touch.pressure.max()
 
 
 @quantity("friction_torque", "N m", with_friction, mean=True)
@@ -362,7 +422,7 @@ def bore_friction_torque(joint: JointStep) -> float:
 @quantity("friction_power", "W", with_friction, mean=True)
 def friction_power(joint: JointStep) -> float:
     """Power lost in the film, whatever the bodies are called."""
-    return joint.own.dissipated
+    return joint.dissipated
 
 
 @quantity("journal_friction_power", "W", with_friction, mean=True)
@@ -380,11 +440,11 @@ def bore_friction_power(joint: JointStep) -> float:
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
     """Power P put in by the bodies, the squeezing of the film included."""
-    place, state, rate, found = joint.place, joint.own.state, joint.step.rate, joint.own.friction
-    opening = place.film.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
+    place, state, rate, found = joint.place, joint.state, joint.rate, joint.friction
+    opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
     sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_angle(rate)
-    return squeezed + sheared + joint.own.rubbed
+    return squeezed + sheared + joint.rubbed
 
 
 @quantity(
@@ -395,31 +455,31 @@ def film_power(joint: JointStep) -> float:
 )
 def dissipated_power(joint: JointStep) -> float:
     """Power that the film turns into heat."""
-    return joint.own.dissipated
+    return joint.dissipated
 
 
 @quantity(
     "supply_power",
     "W",
-    lambda joint: with_friction(joint) and under_pressure(joint.place.film.film),
+    lambda joint: with_friction(joint) and under_pressure(joint.film),
     mean=True,
 )
 def supply_power(joint: JointStep) -> float:
     """Power P_s of oil that enters under pressure."""
-    return joint.own.flows.work
+    return joint.flows.work
 
 
 @quantity("contact_force", "N", with_contact, mean=True)
 def contact_force(joint: JointStep) -> float:
     """Normal force of the contact."""
-    assert joint.own.contact is not None
-    return joint.own.contact.area @ joint.own.touch.pressure
+    assert joint.contact is not None
+    return joint.contact.area @ joint.touch.pressure
 
 
 @quantity("contact_share", "1", with_contact, mean=True)
 def contact_share(joint: JointStep) -> float:
     """Share of the contact in all normal force."""
-    film, touching = joint.place.film.film, contact_force(joint)
+    film, touching = joint.film, contact_force(joint)
     pressed = film.parameters.grid.radius**2 * film.assembly.area
     positive = np.maximum(film.assembly.at_points(joint.pressure)[0], 0.0)
     return touching / (touching + float(np.sum(pressed * positive))) if touching else 0.0
@@ -427,72 +487,72 @@ def contact_share(joint: JointStep) -> float:
 
 def _share_of_bore(joint: JointStep, at_points: np.ndarray) -> float:
     """Mean over the bore of what is known at Gauss points."""
-    assert joint.own.contact is not None
-    film = joint.place.film.film
+    assert joint.contact is not None
+    film = joint.film
     whole = film.parameters.grid.radius**2 * film.assembly.area.sum()
-    return joint.own.contact.area @ at_points / whole
+    return joint.contact.area @ at_points / whole
 
 
 @quantity("contact_area_share", "1", with_contact, mean=True)
 def contact_area_share(joint: JointStep) -> float:
     """Share of the bore in true contact."""
-    assert joint.own.contact is not None
-    surfaces = joint.own.contact.surfaces
-    return _share_of_bore(joint, surfaces.contact_share(joint.own.state.gap.thickness.ravel()))
+    assert joint.contact is not None
+    surfaces = joint.contact.surfaces
+    return _share_of_bore(joint, surfaces.contact_share(joint.state.gap.thickness.ravel()))
 
 
 @quantity("unpublished_share", "1", with_contact, mean=True)
 def unpublished_share(joint: JointStep) -> float:
     """Share of the bore where surfaces are nearer than flow factors are published for."""
-    assert joint.own.contact is not None
-    least = PUBLISHED * joint.own.contact.surfaces.roughness
-    return _share_of_bore(joint, joint.own.state.gap.thickness.ravel() < least)
+    assert joint.contact is not None
+    least = PUBLISHED * joint.contact.surfaces.roughness
+    return _share_of_bore(joint, joint.state.gap.thickness.ravel() < least)
 
 
 @quantity(
     "contact_power",
     "W",
-    lambda joint: joint.own.contact is not None and bool(joint.own.contact.friction),
+    lambda joint: joint.contact is not None and bool(joint.contact.friction),
     mean=True,
 )
 def contact_power(joint: JointStep) -> float:
     """Power that touching asperities lose."""
-    return joint.own.rubbed
+    return joint.rubbed
 
 
 @quantity("oil_content", "m3", with_oil, mean=True)
 def oil_content(joint: JointStep) -> float:
     """Oil in the film, as volume."""
-    assert isinstance(joint.own.state, OilState)
-    return joint.own.state.content.sum()
+    assert joint.state.content is not None
+    return joint.state.content.sum()
 
 
 @quantity(
     "side_flow",
     "m3/s",
-    lambda joint: with_oil(joint) or bool(joint.place.film.film.parameters.feeds),
+    lambda joint: with_oil(joint) or bool(joint.film.parameters.feeds),
     mean=True,
 )
 def side_flow(joint: JointStep) -> float:
     """Flow out of both sides."""
-    return joint.own.flows.balance.side
+    return joint.flows.balance.side
 
 
 @quantity("leaving_flow", "m3/s", lambda joint: joint.place.joint.heat is not None, mean=True)
 def leaving_flow(joint: JointStep) -> float:
     """Oil that leaves and carries heat away."""
-    return joint.own.flows.leaving
+    return joint.flows.leaving
 
 
 @quantity(
     "supply_flow",
     "m3/s",
-    lambda joint: with_oil(joint) and bool(joint.place.film.film.parameters.regions),
+    lambda joint: with_oil(joint) and bool(joint.film.parameters.regions),
     mean=True,
 )
 def supply_flow(joint: JointStep) -> float:
     """Flow in through grooves and holes of given pressure."""
-    return joint.own.flows.balance.supply
+    return joint.flows.balance.supply
 
 
 def upper_most(places: np.ndarray, values: np.ndarray) -> tuple[float, float]:
@@ -514,9 +574,9 @@ def in_degrees(angle: float) -> float:
     return float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi))
 
 
-def rubbing(film: FilmIntegrals) -> np.ndarray:
+def rubbing(joint: JointStep) -> np.ndarray:
     """Contact pressure times sliding speed at the Gauss points, shape (g,) [Pa m/s]."""
-    return film.touch.pressure * np.abs(film.state.gap.sliding_velocity.ravel())
+    return joint.touch.pressure * np.abs(joint.state.gap.sliding_velocity.ravel())
 
 
 def wear(place: FilmBinding, slid: np.ndarray) -> dict[str, float]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState, advance
+from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.newton import CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.step_equations import StepEquations
@@ -59,16 +61,16 @@ class Run:
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
         system = self._system = System(mechanism)
-        for place in system.films:
-            _check_density(place)
         self.solve = CoupledSteps(system)
         self.equations = self.solve.equations
+        for film in self.equations.films:
+            _check_density(film)
         self.norm = StepNorm(self.equations)
         # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
         # theirs: a full interface without damping was 71 % off (`docs/extremes.md`). Past a node of
         # conserved oil that has just filled it overshoots (`docs/real-films.md`), and oil that
         # pressure makes denser is a spring without damping.
-        damped = self._system.least_damping >= DAMPED and not self.equations.oils
+        damped = self._system.least_damping >= DAMPED and not self.equations.conserves_oil
         order = steps.order if damped else min(steps.order, 2)
         self.control = replace(steps, order=order, largest=steps.largest * span)
         if former is not None:
@@ -112,9 +114,8 @@ class Run:
                 self.norm, self.state, end, self.control, self.solve, self._system.tables
             )
             yield step
-            gaps = self.norm.film_gaps(step.observed)
-            for place, gap in zip(self._system.films, gaps, strict=True):
-                _check_film(place, float(gap.min()), step.time)
+            for joint in step.solution.joints:
+                _check_film(joint.place, float(joint.gap.min()), step.time)
 
 
 def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
@@ -130,11 +131,11 @@ def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([z, resting]), np.concatenate([rates, np.zeros(len(resting))])
 
 
-def _check_density(place: FilmBinding) -> None:
+def _check_density(film: FilmModel[Any]) -> None:
     # Storage of the first steps is a mass matrix: active sets follow each other for ever.
-    if place.joint.oil is None and not place.film.film.parameters.lubricant.density_law.constant:
+    if not (film.conserves_oil or film.film.parameters.lubricant.density_law.constant):
         raise SettingsError(
-            f"joints.{place.name}: the oil is denser under pressure: density_law = "
+            f"joints.{film.place.name}: the oil is denser under pressure: density_law = "
             "'dowson-higginson' needs cavitation = 'mass-conserving'"
         )
 

@@ -40,7 +40,6 @@ from fenics_ehd.multibody.newton import MechanismStep, SolverState, unresolved
 from fenics_ehd.multibody.periodic import WHOLE, PeriodicSolver, crank, temperatures
 from fenics_ehd.multibody.quantities import (
     CONTENT,
-    JointStep,
     averaged,
     joint_row,
     oil_balance,
@@ -253,20 +252,18 @@ def history_of(system: System, rows: Sequence[Row]) -> History:
     return History(values, tuple(name for name, _ in known), tuple(unit for _, unit in known))
 
 
-def solution(
-    equations: StepEquations, step: MechanismStep, gaps: Sequence[np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Arrays by path that a history has of an accepted step, of gaps where they are observed."""
+def solution(equations: StepEquations, step: MechanismStep) -> dict[str, np.ndarray]:
+    """Arrays by path that a history has of an accepted step."""
     system, patterns = equations.system, equations.responses.size
     found = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
     if patterns:
         found["state/quasi_static"] = step.x[system.n : system.n + patterns]
-    for place, film, gap in zip(system.films, step.solution.films, gaps, strict=True):
-        path = f"joints/{place.name}/film"
-        found[f"{path}/pressure"] = film.pressure
-        found[f"{path}/gap"] = gap[-len(film.pressure) :]
-        if film.fluid_fraction is not None:
-            found[f"{path}/fluid_fraction"] = film.fluid_fraction
+    for joint in step.solution.joints:
+        path = f"joints/{joint.place.name}/film"
+        found[f"{path}/pressure"] = joint.pressure
+        found[f"{path}/gap"] = joint.gap[-len(joint.pressure) :]
+        if joint.state.fluid_fraction is not None:
+            found[f"{path}/fluid_fraction"] = joint.state.fluid_fraction
     # Copies: parts of larger arrays would keep these.
     return {path: np.array(values) for path, values in found.items()}
 
@@ -379,17 +376,16 @@ class Tracker(Stateful):
         self.counts["rejected_steps"] += rejected
         for reason, count in step.rejected.items():
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
-        gaps = self._norm.film_gaps(step.observed)
         row: dict[str, Any] = {"time_s": step.time}
         row["run/crank_angle_deg"] = self._angle(step, cycles)
-        row |= self._joints(step, size, gaps) | self._bodies(step)
+        row |= self._joints(step, size) | self._bodies(step)
         powers = step_powers(self._equations, step)
         row |= energy_row(self.rows, step.time, powers, begins=begins)
         row |= {"run/step_s": size, "run/newton_iterations": step.newton_iterations}
         row["run/rejected_steps"] = rejected
         if cycles is not None:
             row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
-        row |= solution(self._equations, step, gaps)
+        row |= solution(self._equations, step)
         self.rows.append(row)
         films = self.system.films
         return {column_name(name, films): own for name, own in row.items() if is_column(name)}
@@ -407,17 +403,15 @@ class Tracker(Stateful):
             turns = np.floor(cycles.began.x[0, self._crank] / (2 * np.pi) + WHOLE)
         return float(np.degrees(step.x[self._crank]) - 360.0 * turns)
 
-    def _joints(
-        self, step: MechanismStep, size: float, gaps: Sequence[np.ndarray]
-    ) -> dict[str, float]:
+    def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
         """Columns of the lubricated joints at a step of a size [s]; wear and estimates go on."""
         row: dict[str, float] = {}
         loads = bore_loads(self.system, [film.pressure for film in step.solution.films])
-        for place, own, gap in zip(self.system.films, step.solution.integrals, gaps, strict=True):
-            name = place.name
-            figures = joint_row(JointStep(place, step, own, gap))
+        for joint in step.solution.joints:
+            place, name = joint.place, joint.place.name
+            figures = joint_row(joint)
             if name in self.slid:
-                former, self.rubbing[name] = self.rubbing[name], rubbing(own)
+                former, self.rubbing[name] = self.rubbing[name], rubbing(joint)
                 if self.rows:
                     slid = 0.5 * size * (former + self.rubbing[name])
                     self.slid[name] = self.slid[name] + slid

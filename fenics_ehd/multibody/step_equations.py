@@ -27,18 +27,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import cast
 
 import numpy as np
 
 from fenics_ehd.film.film import FilmState, check_gap
-from fenics_ehd.film.forces import FilmFlows, beside_drag, film_fields, sheared_heights
-from fenics_ehd.film.rough_surfaces import Touch
+from fenics_ehd.film.forces import beside_drag, film_fields, sheared_heights
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
-from fenics_ehd.multibody.contact import ContactColumns, Contacts, JointContact
-from fenics_ehd.multibody.film_models import ConservedOil, FilmPoint, OilPoint, film_models
+from fenics_ehd.multibody.contact import ContactColumns, Contacts
+from fenics_ehd.multibody.film_models import FilmPoint, film_models
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System, consecutive
 from fenics_ehd.multibody.static_correction import BoreResponses
@@ -97,61 +94,6 @@ def film_friction(
     )
 
 
-class FilmIntegrals:
-    """Integrals over a film, each evaluated once, when it is first asked for.
-
-    Columns of the history, heat and energy balance read them: what no model of the joint asks for
-    is not computed.
-
-    Parameters
-    ----------
-    joint, state
-        The film and its solution.
-    contact
-        In the joint, None between smooth surfaces.
-
-    Attributes
-    ----------
-    flows
-        Of its oil.
-    """
-
-    def __init__(self, joint: JointFilm, state: FilmState, contact: JointContact | None = None):
-        self._joint, self.state, self.contact = joint, state, contact
-        self.flows = FilmFlows(joint.film, state)
-
-    @cached_property
-    def powers(self) -> tuple[float, float]:
-        """Power lost to pressure flow and power of the surfaces' drag [W], see `Film.powers`."""
-        return self._joint.film.powers(self.state)
-
-    @cached_property
-    def friction(self) -> FilmFriction:
-        """Friction of the oil's shear."""
-        return film_friction(self._joint, self.state)
-
-    @cached_property
-    def touch(self) -> Touch:
-        """Contact of rough surfaces."""
-        assert self.contact is not None
-        return self.contact.touch(self.state.gap.thickness)
-
-    @cached_property
-    def rubbed(self) -> float:
-        """Power lost by boundary friction, whether it acts on the bodies or not [W]."""
-        if self.contact is None:
-            return 0.0
-        return self.contact.rubbing_power(self.touch, self.state.gap)
-
-    @property
-    def dissipated(self) -> float:
-        """Power that becomes heat [W], whether friction acts on the bodies or not.
-
-        Pressure-driven flow, shear of the oil in full film and cavities, asperities that rub.
-        """
-        return self.powers[0] + self.friction.sheared + self.rubbed
-
-
 @dataclass(frozen=True, eq=False)
 class Point:
     """One evaluation of all equations.
@@ -199,8 +141,8 @@ class StepEquations:
     ----------
     films
         Models of all films.
-    oils
-        Those that conserve their oil, by number.
+    conserves_oil
+        Whether one of them conserves its oil.
     places, rest
         Places in u of every film's unknowns, and of ``(z, l, m)``.
     lower
@@ -219,7 +161,7 @@ class StepEquations:
         self.system = system
         self.responses = BoreResponses(system)
         self.films = film_models(system.films, system.n + self.responses.size)
-        self.oils = {i: film for i, film in enumerate(self.films) if isinstance(film, ConservedOil)}
+        self.conserves_oil = any(film.conserves_oil for film in self.films)
         lower = [*(film.lower for film in self.films), np.full(system.n + 2 * system.m, -np.inf)]
         *self.places, self.rest = consecutive(0, [len(own) for own in lower])
         self.lower = np.concatenate(lower)
@@ -243,14 +185,15 @@ class StepEquations:
 
     def resting(self, z: np.ndarray) -> np.ndarray:
         """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
-        volumes = [oil.volumes_at(z) for oil in self.oils.values()]
+        volumes = [film.volumes_at(z) for film in self.films]
         return np.concatenate([np.zeros(self.responses.size), *volumes])
 
     def unknowns_at(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
         """Unknowns u of a state of given gaps, where observed, without pressures and forces."""
         u = np.zeros(len(self.lower))
-        for i, oil in self.oils.items():
-            u[self.places[i]][len(oil.nodes) :] = oil.void_shares(state, gaps[i])[oil.nodes]
+        for film, own, gap in zip(self.films, self.places, gaps, strict=True):
+            void = film.void_shares(state, gap)
+            u[own] = film.values(np.zeros_like(void), void)
         return u
 
     def begin(self, step: ImplicitStep) -> None:
@@ -264,14 +207,15 @@ class StepEquations:
         for i, film in enumerate(self.films):
             film.begin(step, self.responses, i)
 
-    def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> list[float]:
-        """Oil of the films of `oils` in a state of given gaps, where observed [m^3]."""
-        return [oil.content(state, gaps[i]) for i, oil in self.oils.items()]
+    def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
+        """Oil of all films in a state of given gaps, see `FilmModel.content`, shape (films,)."""
+        each = zip(self.films, gaps, strict=True)
+        return np.array([film.content(state, gap) for film, gap in each])
 
     def keep_within(self, states: np.ndarray, gaps: list[np.ndarray]) -> None:
         """Bring void volumes of the first of some states back into its gaps, the others along."""
-        for i, oil in self.oils.items():
-            states[:, oil.volumes] += oil.within_gap(states[0], gaps[i])
+        for film, gap in zip(self.films, gaps, strict=True):
+            film.keep_within(states, gap)
 
     def evaluate(self, u: np.ndarray) -> Point:
         """All equations at unknowns u.
@@ -343,11 +287,6 @@ class StepEquations:
             self.filled[place.name] = friction.filled
         residual[place.xi] -= friction.on_xi
         _twist(place, friction.torque, residual)
-
-    def integrals(self, states: Sequence[FilmState]) -> list[FilmIntegrals]:
-        """Integrals of every film in a state."""
-        each = zip(self.system.films, states, self.contacts.joints, strict=True)
-        return [FilmIntegrals(place.film, state, contact) for place, state, contact in each]
 
     def linearise(self, point: Point, former: Derivative | None = None) -> Derivative:
         """Derivatives at a point; but for the films' own matrices those of a `former` one."""
@@ -430,8 +369,8 @@ class StepEquations:
         if self.responses.size:
             forces = self.contacts.forces([own.gap.thickness.ravel() for own in point.films])
             parts.append(self.responses.state(self.responses.static(pressures, forces)))
-        for i, oil in self.oils.items():
-            parts.append(oil.volume_rates(cast(OilPoint, point.films[i]), z))
+        for film, own in zip(self.films, point.films, strict=True):
+            parts.append(film.volume_rates(own, z))
         x, rates = (np.concatenate(values) for values in zip(*parts, strict=True))
         return x, rates
 

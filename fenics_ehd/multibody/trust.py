@@ -137,16 +137,16 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
     responses = equations.responses
     strain += responses.energy(step.x[responses.places])
     damping += responses.dissipation(step.rate[responses.places])
-    for place, found in zip(system.films, state.integrals, strict=True):
-        lost, fed = found.powers
-        lost -= found.flows.refill_work
-        if place.film.friction:
-            lost, fed = lost + found.friction.sheared, 0.0
-        if under_pressure(place.film.film):
-            fed += found.flows.work
-        if found.contact is not None:
-            strain += found.contact.stored(found.touch)
-            lost += found.rubbed if found.contact.friction else 0.0
+    for joint in state.joints:
+        lost, fed = joint.powers
+        lost -= joint.flows.refill_work
+        if joint.place.film.friction:
+            lost, fed = lost + joint.friction.sheared, 0.0
+        if under_pressure(joint.film):
+            fed += joint.flows.work
+        if joint.contact is not None:
+            strain += joint.contact.stored(joint.touch)
+            lost += joint.rubbed if joint.contact.friction else 0.0
         film, drag = film + lost, drag + fed
     return Powers(
         kinetic=kinetic,

@@ -208,7 +208,7 @@ def scene_sensitivity(
     clock = process_time()
     built = build(scene, bodies=bodies)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
-    columns = look(run, next(run.until(scene.span)))
+    columns = look(next(run.until(scene.span)))
     figures = [figure_of(name, columns) for name in dict.fromkeys(of)]
     numbers = [mechanism_number(scene, along, built.bodies) for along in asked]
     period = scene.span if scene.time.periodic else None
