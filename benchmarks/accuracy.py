@@ -15,6 +15,7 @@ times 0.7, 0.85, 1.2, 1.5.
 from __future__ import annotations
 
 import argparse
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,7 @@ from typing import Any
 from error_budget import METHOD, SCENES, References, extremes_of, finer, reduced, strict
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.simulation import Tracker
+from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.trust import ENERGY_LIMIT
 from fenics_ehd.scenes.accuracy import begun
 from fenics_ehd.scenes.run import run_accurately
@@ -66,16 +67,15 @@ def tried(
     """A run with given settings; None: it comes to no end."""
     try:
         run, cycles = references.run(scene)
-        tracker, began = Tracker(run.equations, run.norm), process_time()
-        for step in run.until(scene.span) if cycles is None else cycles:
-            tracker.add(step, cycles)
+        solved, began = Simulation(run, scene.span, cycles), process_time()
+        deque(solved.steps(), maxlen=0)
     except ehd.errors.EhdError:
         return None
     seconds = process_time() - began
     return Tried(
-        true_error(extremes_of(tracker), exact),
+        true_error(extremes_of(solved), exact),
         seconds,
-        tracker.energy_error <= ENERGY_LIMIT,
+        solved.energy_error <= ENERGY_LIMIT,
     )
 
 

@@ -42,7 +42,7 @@ from fenics_ehd.analysis.error_budget import ErrorCurves, Estimator
 from fenics_ehd.analysis.replay import course_of
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation, Tracker
+from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.trust import QUANTITIES
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.scene import changed
@@ -315,11 +315,11 @@ class Done:
     seconds: float
 
 
-def extremes_of(tracker: Tracker) -> dict[str, list[float]]:
+def extremes_of(solved: Simulation) -> dict[str, list[float]]:
     """Of every joint, at nodes and steps."""
     return {
         name: [found[quantity][0] for quantity in QUANTITIES]
-        for name, found in tracker.extremes.items()
+        for name, found in solved.extremes.items()
     }
 
 
@@ -330,7 +330,7 @@ def done(run: Run, span: float, cycles: PeriodicSolver | None) -> Done:
     seconds = process_time() - before
     curves = ErrorCurves(course_of(solved))
     peaks, films = curves.said + curves.sampling
-    said = extremes_of(solved.tracker)
+    said = extremes_of(solved)
     return Done(
         said,
         {name: [peaks[:, i].max(), films[:, i].min()] for i, name in enumerate(said)},

@@ -11,6 +11,7 @@ This module is the only one of these tests that looks below the public names.
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from fenics_ehd.multibody.bdf import Step
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Tracker
+from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.scenes.build import build
 
 FOLDER = Path(__file__).parent / "golden" / "house"
@@ -142,7 +143,7 @@ def first_steps(machine: ehd.Machine) -> tuple[np.ndarray, np.ndarray]:
 def held(machine: ehd.Machine, times: np.ndarray, corners: np.ndarray) -> Curve:
     """Curve of a run through given steps, from its start."""
     run = run_of(machine)
-    tracker = Tracker(run.equations, run.norm)
+    tracker = Simulation(run, float(times[-1]))
     for step in _follow(run, times, corners):
         tracker.add(step)
     history = tracker.history()
@@ -173,11 +174,11 @@ def _follow(run: Run, times: np.ndarray, corners: np.ndarray) -> Iterator[Mechan
 def own_run(machine: ehd.Machine, periodicity: float = 1e-3) -> dict[str, float]:
     """Extremes, temperatures, steps and iterations of a run in its own steps."""
     run = run_of(machine)
-    tracker, cycles = Tracker(run.equations, run.norm), None
+    cycles = None
     if machine.period is not None:
         cycles = PeriodicSolver(run, machine.period, periodicity)
-    for step in cycles or run.until(float(machine.end or 0.0)):
-        tracker.add(step, cycles)
+    tracker = Simulation(run, float(machine.end or 0.0), cycles)
+    deque(tracker.steps(), maxlen=0)
     figures = tracker.figures()
     found = {key: figures[key] for key in ("steps", "newton_iterations")}
     for joint, values in replace(tracker.history(), told=figures).figures.items():

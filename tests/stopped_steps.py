@@ -2,7 +2,7 @@
 
 import json
 
-from bench_machines import Run, Tracker
+from bench_machines import Run, Simulation
 
 
 def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):
@@ -10,11 +10,10 @@ def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):
 
     def begun():
         run = Run(mechanism, steps, end)
-        return run, Tracker(run.equations, run.norm)
+        return run, Simulation(run, end)
 
     def followed(run, tracker):
-        for step in run.until(end):
-            row = tracker.add(step)
+        for step, row in tracker.steps():
             yield run.state, tracker.state, (row, step.x.tolist())
 
     run, tracker = begun()

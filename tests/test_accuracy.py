@@ -123,7 +123,7 @@ def test_a_search_that_is_stopped_goes_on_to_the_same_result(tight_run, monkeypa
         show(bar, recorded, step)
         runs.add(id(recorded))
         # In the first cycle of the run after the pilot.
-        if len(runs) > 1 and recorded.tracker.counts["steps"] > 10:
+        if len(runs) > 1 and recorded.counts["steps"] > 10:
             raise KeyboardInterrupt
 
     folder = tight_run.parent / "interrupted"
@@ -154,7 +154,7 @@ def test_an_error_that_is_not_estimated_is_refused_by_name():
     known = dict.fromkeys(COMPONENTS, 1e-3) | dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
     lacking = known | {"film_mesh": NOT_ESTIMATED}
     budget = {"max_pressure": known | {"known": 2e-3}, "min_film_thickness": lacking}
-    recorded = SimpleNamespace(tracker=SimpleNamespace(worth={"pin": budget}))
+    recorded = SimpleNamespace(worth={"pin": budget})
     notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
     with pytest.raises(
         ehd.errors.AccuracyError, match=r"joints.pin by film mesh .* the oil is compressible"
@@ -177,10 +177,10 @@ def judged_rod(**errors):
         control=SimpleNamespace(order=3, largest_step=2.5e-4),
         state=SimpleNamespace(time=2.5e-2),
     )
-    tracker = SimpleNamespace(
-        worth=worth, counts={"steps": 200}, verdict=lambda _=0: "complete", balance=None
-    )
-    return SimpleNamespace(run=run, tracker=tracker, processor_time=1.0)
+    return SimpleNamespace(
+        run=run, worth=worth, counts={"steps": 200}, verdict=lambda _=0: "complete",
+        processor_time=1.0,
+    )  # fmt: skip
 
 
 WORTH = {"error_budget_notes": {}, "error_budget_processor_time_s": 0.5}
@@ -238,7 +238,7 @@ def test_a_run_that_may_not_be_trusted_takes_shorter_steps_and_finer_films():
     scene = changed(ehd.read_scene("slider-crank"), {"output.accuracy": 0.01})
     pilot, search = begun(scene)
     recorded = judged_rod()
-    recorded.tracker.verdict = lambda _=0: "untrustworthy: energy balance error"
+    recorded.verdict = lambda _=0: "untrustworthy: energy balance error"
     account(search, pilot, recorded, WORTH)
     assert set(search.wanted) == {"time.tolerance", "joints.big_end.cells"}
 
@@ -247,8 +247,8 @@ def test_joints_of_rigid_bores_have_no_basis():
     scene, search = begun(changed(ehd.read_scene("engine"), {"output.accuracy": 0.01}))
     recorded = judged_rod(film_mesh=4e-3)
     rigid = dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
-    own = recorded.tracker.worth["big_end"]["max_pressure"]
-    recorded.tracker.worth["front"] = dict.fromkeys(QUANTITIES, own | rigid)
+    own = recorded.worth["big_end"]["max_pressure"]
+    recorded.worth["front"] = dict.fromkeys(QUANTITIES, own | rigid)
     account(search, scene, recorded, WORTH)
     assert search.met
     assert search.runs[0]["errors"]["basis"] == 1e-4

@@ -10,8 +10,8 @@ from bench_machines import (
     ConservedContent,
     IntegratorOptions,
     Run,
+    Simulation,
     System,
-    Tracker,
     bore_loads,
 )
 from bench_output import RecordedMotion, shape_of_bores
@@ -218,7 +218,7 @@ def test_what_presses_in_one_bore_moves_the_other(bodies, pin_cells, transfer, l
 
 def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both(bodies):
     run = Run(machine(bodies["m3"]), IntegratorOptions(tolerance=1e-4), END)
-    tracker = Tracker(run.equations, run.norm)
+    tracker = Simulation(run, END)
     for step in run.until(0.1 * END):
         row = tracker.add(step)
     estimates = [row[f"{joint}.basis_error_estimate_m"] for joint in JOINTS]
@@ -237,7 +237,7 @@ def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both(bodies):
 def test_a_recorded_run_has_gaps_and_pressures_of_both_bores(bodies):
     body, mechanism = bodies["m4"], machine(bodies["m4"])
     run = Run(mechanism, IntegratorOptions(tolerance=1e-3), END)
-    tracker = Tracker(run.equations, run.norm)
+    tracker = Simulation(run, END)
     rows, films = [], []
     for step in run.until(0.05 * END):
         rows.append(tracker.add(step))

@@ -4,6 +4,7 @@ Between smooth and rough surfaces, with oil that pressure makes denser as well.
 """
 
 import re
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,9 +15,9 @@ from bench_machines import (
     ConservedContent,
     IntegratorOptions,
     Run,
+    Simulation,
     StepEquations,
     System,
-    Tracker,
     film_models,
 )
 from bench_scenes import scene_of
@@ -294,9 +295,8 @@ def test_balance_of_ten_cycles_closes_at_the_order_of_the_formula(figure):
             IntegratorOptions(tolerance=1e-2, order=2, largest=largest / 10),
             10 * REVOLUTION,
         )
-        tracker = Tracker(run.equations, run.norm)
-        for step in run.until(10 * REVOLUTION):
-            tracker.add(step)
+        tracker = Simulation(run, 10 * REVOLUTION)
+        deque(tracker.steps(), maxlen=0)
         defects.append(tracker.figures()["oil_balance_defect"])
     name = "conserved oil in the coupled step, balance over ten cycles"
     figure("film", name, defects[-1], most=1e-3, unit="%")
@@ -569,7 +569,7 @@ def test_nothing_of_it_is_computed_without_it(monkeypatch):
     run = Run(rigid_slider_crank(film), IntegratorOptions(tolerance=1e-2), 0.01 * REVOLUTION)
     *_, last = run.until(0.01 * REVOLUTION)
     assert len(last.x) == run.equations.system.n
-    tracker = Tracker(run.equations, run.norm)
+    tracker = Simulation(run, 0.01 * REVOLUTION)
     assert not any("oil" in name or "flow" in name for name in tracker.add(last))
     assert not any("fluid_fraction" in path for path in tracker.rows[-1])
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import FilmFriction, IntegratorOptions, Run, System, Tracker, step_equations
+from bench_machines import FilmFriction, IntegratorOptions, Run, Simulation, System, step_equations
 from bench_scenes import rough_surfaces, scene_text
 from film_cases import oval
 from hand_made_rod import CLEARANCE
@@ -85,15 +85,15 @@ def test_energy_of_contact_is_balanced(run, figure):
 
 def test_wear_is_where_the_surfaces_rub():
     equations = Run(machine(surfaces()), IntegratorOptions(tolerance=1e-4), END)
-    tracker = Tracker(equations.equations, equations.norm)
+    tracker = Simulation(equations, END)
     rows = [tracker.add(step) for step in equations.until(END)]
     figures = tracker.figures()
     largest = max(row["max_contact_pressure_Pa"] for row in rows)
     assert figures["max_contact_pressure_Pa"] == largest
     distance = 500.0 * 22.5e-3 * 1.5 * END  # at most: the rod turns against the crank
     assert 0 < figures["contact_sliding_Pa_m"] < largest * distance
-    # What a tracker knows goes on where it was.
-    other = Tracker(equations.equations, equations.norm)
+    # What is recorded goes on where it was.
+    other = Simulation(equations, END)
     other.state, other.rows = tracker.state, tracker.rows
     np.testing.assert_equal(other.figures(), figures)
 
@@ -109,7 +109,7 @@ def test_smooth_surfaces_know_nothing_of_contact():
     mechanism = machine(None)
     found = Run(mechanism, IntegratorOptions(), 1e-4)
     assert not any(found.equations.contacts.joints)
-    tracker = Tracker(found.equations, found.norm)
+    tracker = Simulation(found, 1e-4)
     row = tracker.add(next(found.until(1e-4)))
     assert not [name for name in (*row, *tracker.figures()) if "contact" in name]
 

@@ -1,9 +1,10 @@
 """Heat in scene files and on the command line: settings, refusals, figures, a resumed run."""
 
 import json
+from collections import deque
 
 import pytest
-from bench_machines import PeriodicSolver, Run, Tracker
+from bench_machines import PeriodicSolver, Run, Simulation
 from bench_scenes import scene_of, stored
 from command_line import call
 from csv_history import read_history
@@ -135,12 +136,8 @@ def test_conserved_oil_is_warmed_too():
         )
         built = ehd.build(scene)
         run = Run(built.mechanism, built.steps, scene.span)
-        cycles, recorder = (
-            PeriodicSolver(run, scene.span, 2e-3, 20),
-            Tracker(run.equations, run.norm),
-        )
-        for step in cycles:
-            recorder.add(step, cycles)
+        recorder = Simulation(run, scene.span, PeriodicSolver(run, scene.span, 2e-3, 20))
+        deque(recorder.steps(), maxlen=0)
         found.append(recorder.figures())
     heated, given = found
     assert heated["effective_temperature_C"] > 75.0

@@ -9,7 +9,7 @@ from bench_machines import (
     IntegratorOptions,
     PeriodicSolver,
     Run,
-    Tracker,
+    Simulation,
     averaged,
     film_friction,
     joint_row,
@@ -172,9 +172,8 @@ def test_means_over_a_cycle_balance():
     period = 2 * np.pi / OMEGA
     loaded, _ = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), period, friction=True)
     run = Run(loaded, IntegratorOptions(1e-3, 2, 1e-6), period)
-    search, tracker = PeriodicSolver(run, period, 1e-2), Tracker(run.equations, run.norm)
-    for step in search:
-        row = tracker.add(step, search)
+    tracker = Simulation(run, period, PeriodicSolver(run, period, 1e-2))
+    *_, (_, row) = tracker.steps()
     found = tracker.figures()
     means = {name: value for name, value in found.items() if name.startswith("mean_")}
     assert set(means) == {f"mean_{name}" for name in averaged(row)}

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run, Tracker
+from bench_machines import IntegratorOptions, Run, Simulation
 from journal_cases import (
     ETA,
     OMEGA,
@@ -223,9 +223,9 @@ def test_mesh_too_coarse_for_the_thinnest_film_is_called_untrustworthy(
 ):
     mechanism, period = journal(make_film((cells, 2)), ellipse(0.3, 0.5, 2), 0.02)
     run = Run(mechanism, IntegratorOptions(), period)
-    tracker = Tracker(run.equations, run.norm)
+    tracker = Simulation(run, period)
     told = {"max_pressure": (1e6, 0.0), "min_film_thickness": (thickness * C, 0.0)}
-    monkeypatch.setattr(Tracker, "extremes", {"bearing": told})
+    monkeypatch.setattr(Simulation, "extremes", {"bearing": told})
     verdict = tracker.verdict()
     assert (verdict == "complete") == enough
     if not enough:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run, System, Tracker, neglected_inertia
+from bench_machines import IntegratorOptions, Run, Simulation, System, neglected_inertia
 from bench_parts import (
     Basis,
     MassOperator,
@@ -162,7 +162,7 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
     times, expected_pressure, expected_film = reference[:, reference[0] > START]
     # At the very steps of the other run: curves have kinks, which may hide between steps.
     going = Run(flexible_slider_crank(body), IntegratorOptions(tolerance=1e-6), 0.3 * REVOLUTION)
-    tracker, rows = Tracker(going.equations, going.norm), []
+    tracker, rows = Simulation(going, 0.3 * REVOLUTION), []
     for time in times:
         for step in going.until(time):
             row = tracker.add(step)

@@ -1,10 +1,11 @@
 """Oils whose viscosity changes in the coupled step: against films at rest, order, limits."""
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run, Tracker, classify_failure
+from bench_machines import IntegratorOptions, Run, Simulation, classify_failure
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, constant, equilibrium, journal, make_film
 
 import fenics_ehd as ehd
@@ -101,12 +102,11 @@ def test_a_load_that_no_viscosity_bears_is_a_named_error(figure):
 
 
 def stages(oil, share, cells=(16, 3)):
-    """A journal's run as far as it is tracked, and its tracker."""
+    """A journal's run, and what is recorded of it."""
     mechanism, _ = journal(make_film(cells, oil=oil), constant(share * LOAD), 0.02, rows=3)
     going = Run(mechanism, IntegratorOptions(tolerance=1e-3, order=2, first=1e-6), 0.01)
-    tracker = Tracker(going.equations, going.norm)
-    for step in going.until(0.01):
-        tracker.add(step)
+    tracker = Simulation(going, 0.01)
+    deque(tracker.steps(), maxlen=0)
     return going, tracker
 
 

@@ -88,7 +88,7 @@ def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
 
 def steps_of(folder):
     """Steps up to the checkpoint of a run."""
-    return load_run_state(folder).state["tracker"]["counts"]["steps"]
+    return load_run_state(folder).state["counts"]["steps"]
 
 
 @pytest.mark.parametrize(
@@ -456,6 +456,6 @@ def test_a_state_is_the_same_after_a_file(name, tmp_path):
         save_run_state(simulation, tmp_path, BEGAN)
         found.append(load_run_state(tmp_path))
         simulation.state = found[-1].state
-        simulation.tracker.take(found[-1].history)
+        simulation.take(found[-1].history)
     first, second = ((digest(own.state), digest(own.history.values)) for own in found)
     assert first == second

@@ -15,7 +15,7 @@ from bench_machines import (
     IntegratorOptions,
     Powers,
     Run,
-    Tracker,
+    Simulation,
     energy_row,
     neglected_inertia,
     simulation,
@@ -86,7 +86,7 @@ def run_of(body, *, speed=SPEED, revolutions=1.0, **steps):
     mechanism = replace(flexible_slider_crank(body), drives={"crank": ehd.Speed(speed)})
     end = revolutions * 2 * np.pi / speed
     run = Run(mechanism, IntegratorOptions(**{"largest": 0.02 / revolutions, **steps}), end)
-    tracker = Tracker(run.equations, run.norm)
+    tracker = Simulation(run, end)
     rows = [tracker.add(step) for step in run.until(end)]
     return tracker, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
@@ -117,7 +117,7 @@ def test_a_film_that_long_steps_leave_wrong_is_not_called_complete(monkeypatch):
         "untrustworthy: max_pressure of joints.big_end is off by 19 %, above output.error_limit = "
         "10 %, most of it by the step size: see time.tolerance"
     )
-    monkeypatch.setattr(Tracker, "energy_error", 0.16)
+    monkeypatch.setattr(Simulation, "energy_error", 0.16)
     assert "error 16 % of the energy exchanged, above 15 %: lower time.tol" in bad.verdict(0.2)
 
 

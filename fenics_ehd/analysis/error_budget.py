@@ -445,7 +445,7 @@ class Estimator:
         self._system = solved.run.equations.system
         self._curves, self.iterations = ErrorCurves(self._course), 0
         control = solved.run.control
-        share_of_run = len(self._course.times) / solved.tracker.counts["steps"]
+        share_of_run = len(self._course.times) / solved.counts["steps"]
         self._other_formula = share_of_run <= SMALL_SHARE and control.order > 1
         growth = (LONG_ERROR / control.tolerance) ** (1.0 / (control.order + 1))
         coarse = control.tolerance >= COARSE and not self._other_formula
@@ -568,7 +568,7 @@ class Estimator:
             known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
             changes = {name: own for name, own in changes.items() if name not in OF_BORES}
         for quantity in QUANTITIES:
-            value = self._solved.tracker.extremes[place.name][quantity][0]
+            value = self._solved.extremes[place.name][quantity][0]
             extreme = Extreme(quantity, i, value, self._curves.said)
             own, over = (known | {"start": start} for start in self._start(place.name, quantity))
             for name, change in changes.items():
@@ -580,13 +580,13 @@ class Estimator:
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
         """Distance from the periodic state."""
-        cycles, tracker = self._cycles, self._solved.tracker
+        cycles, solved = self._cycles, self._solved
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
         if not cycles.contraction < 1.0:
             return NOT_ESTIMATED, NOT_ESTIMATED
         left = cycles.left / (1.0 - cycles.contraction)
-        now, then = (found[joint][quantity][0] for found in (tracker.extremes, tracker.former))
+        now, then = (found[joint][quantity][0] for found in (solved.extremes, solved.former))
         part = left / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(left))

@@ -238,8 +238,8 @@ def solved_run(history: History) -> Simulation:
 
 def course_of(solved: Simulation) -> Course:
     """Course of a run, or of the cycle under way, after the state that it began with."""
-    first = solved.tracker.first
-    found = solved.tracker.history().each(lambda own: own[first:])
+    first = solved.first
+    found = solved.history().each(lambda own: own[first:])
     return Course(**vars(found), base=solved.run, start=solved.began, search=solved.cycles)
 
 
@@ -553,4 +553,4 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     again.state = taken_over(course.start, course.base, run)
     found = Simulation(again, float(course.times[-1]))
     deque(found.steps(), maxlen=0)
-    return found.history()
+    return found.ended()

@@ -1,6 +1,6 @@
 """A mechanism from its start to an end time or a cycle that repeats itself, and its history.
 
-A `Tracker` makes a row of every accepted step and keeps it. Figures are extremes, means and
+A `Simulation` makes a row of every accepted step and keeps it. Figures are extremes, means and
 energies over columns of these rows; what no row has, past loads of an estimate, say, goes on from
 step to step, and is what a run that goes on needs beside its history.
 
@@ -48,7 +48,6 @@ from fenics_ehd.multibody.quantities import (
 )
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
@@ -73,26 +72,22 @@ Columns = Mapping[str, np.ndarray]
 Row = Mapping[str, Any]
 
 
-#: Extremes over a cycle: name, column, how it is found, what stands before that in the summary, and
-#: columns that are told of the same step.
+#: Extremes over a cycle: name, column, what stands before that in the summary, and columns that are
+#: told of the same step.
 EXTREMES = (
-    (
-        "max_pressure",
-        "max_pressure_Pa",
-        np.argmax,
-        "",
-        ("max_pressure_angle_deg", "max_pressure_height_m"),
-    ),
-    (
-        "min_film",
-        "min_film_thickness_m",
-        np.argmin,
-        "",
-        ("min_film_angle_deg", "min_film_height_m"),
-    ),
-    ("max_force", "force_N", np.argmax, "max_", ("force_angle_deg",)),
-    ("max_eccentricity", "eccentricity_ratio", np.argmax, "max_", ()),
+    ("max_pressure", "max_pressure_Pa", "", ("max_pressure_angle_deg", "max_pressure_height_m")),
+    ("min_film", "min_film_thickness_m", "", ("min_film_angle_deg", "min_film_height_m")),
+    ("max_force", "force_N", "max_", ("force_angle_deg",)),
+    ("max_eccentricity", "eccentricity_ratio", "max_", ()),
 )
+
+#: Columns of which a summary has the extreme over the run, or the cycle under way, and when it is.
+PEAKS = ("max_pressure_Pa", "min_film_thickness_m", "max_contact_pressure_Pa")
+
+
+def extreme_step(column: str, values: np.ndarray) -> int:
+    """Step of the extreme of a column: of ``min_film_thickness_m`` the least, else the largest."""
+    return int(np.argmin(values) if column.startswith("min_") else np.argmax(values))
 
 
 @dataclass(frozen=True)
@@ -123,8 +118,9 @@ class UsedCycle:
         Those of the cycle under way, or of the run, are told without a cycle.
         """
         found: dict[str, float] = {}
-        for name, column, extreme, before, places in EXTREMES:
-            row = self.rows.start + int(extreme(columns[f"joints/{joint}/{column}"][self.rows]))
+        for name, column, before, places in EXTREMES:
+            values = columns[f"joints/{joint}/{column}"][self.rows]
+            row = self.rows.start + extreme_step(column, values)
             for own in (column, *places):
                 found[f"cycle_{before}{own}"] = float(columns[f"joints/{joint}/{own}"][row])
             angle = columns["run/crank_angle_deg"][row]
@@ -207,13 +203,6 @@ RESTING = 1e-6
 FRAME = ("x_m", "y_m", "angle_rad")
 
 
-#: Columns of which a summary has the extreme over the run, or the cycle under way, and when it is.
-PEAKS = {
-    "max_pressure_Pa": np.argmax,
-    "min_film_thickness_m": np.argmin,
-    "max_contact_pressure_Pa": np.argmax,
-}
-
 #: Value and time [s], in a periodic run since the start of the cycle, by quantity.
 Extremes = dict[str, tuple[float, float]]
 
@@ -288,22 +277,40 @@ def columns_of(rows: Sequence[Row]) -> dict[str, np.ndarray]:
     return {name: np.array([row[name] for row in rows]) for name in names}
 
 
-class Tracker(Stateful):
-    """Keeps the history of a run and says what it has shown.
+def extremes_of(columns: Columns) -> dict[str, Extremes]:
+    """Extremes of every film, by joint, over columns by path."""
+    found: dict[str, Extremes] = {}
+    for path, values in columns.items():
+        joint, _, column = path.removeprefix("joints/").partition("/")
+        if column in PEAKS:
+            step, clock = extreme_step(column, values), columns.get("run/cycle_time_s")
+            time = (columns["time_s"] if clock is None else clock)[step]
+            own = found.setdefault(joint, {})
+            own[split_unit(column)[0]] = float(values[step]), float(time)
+    return found
 
-    Of a search for a periodic solution rows are those of the last two cycles.
+
+class Simulation(Stateful):
+    """A run on its way, with its history so far; ended, for those who look at it again.
+
+    Its state is all that a run goes on from, beside its history. Of a search for a periodic
+    solution rows are those of the last two cycles.
 
     Parameters
     ----------
-    equations, norm
-        Of the mechanism.
-    began
-        Time before the first step [s].
+    run
+        At its start.
+    end
+        Time at which it stops, if it is not periodic [s].
+    cycles
+        Search for its periodic solution, or None.
 
     Attributes
     ----------
     system
         The mechanism.
+    wall_time, processor_time
+        Of its steps so far [s].
     rows
         Of every step.
     counts, rejected_because
@@ -317,30 +324,48 @@ class Tracker(Stateful):
         What is known of how far figures of joints are off, by joint, see `error_budget`.
     """
 
-    carried = ("counts", "rejected_because", "estimates", "rubbing", "slid")
+    carried = (
+        "integrator", "cycles", "wall_time", "processor_time", "counts", "rejected_because",
+        "estimates", "rubbing", "slid",
+    )  # fmt: skip
 
-    def __init__(self, equations: StepEquations, norm: StepNorm, began: float = 0.0):
-        self._equations, self._norm, self.system = equations, norm, equations.system
+    def __init__(self, run: Run, end: float, cycles: PeriodicSolver | None = None):
+        self.run, self.end, self.cycles = run, end, cycles
+        self.system, self._start = run.equations.system, run.state
+        self.wall_time = self.processor_time = 0.0
         films = self.system.films
         self.rows: list[Row] = []
         self.worth: dict[str, dict[str, Any]] = {}
-        self._crank, self.began = crank(self.system), began
-        self._coordinates = _coordinates(self.system)
+        self._crank, self._coordinates = crank(self.system), _coordinates(self.system)
         self.estimates = {
             place.name: estimate_at(bore_body(self.system, place), place.bore)
             for place in films
             if place.film.bore
         }
-        rough = zip(films, equations.contacts.joints, strict=True)
+        rough = zip(films, run.equations.contacts.joints, strict=True)
         self.slid = {p.name: np.zeros(len(own.area)) for p, own in rough if own is not None}
         self.rubbing = dict(self.slid)
         self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
         self.rejected_because: dict[str, int] = {}
 
     @property
+    def integrator(self) -> IntegratorState[SolverState]:
+        """State of the integration."""
+        return self.run.state
+
+    @integrator.setter
+    def integrator(self, state: IntegratorState[SolverState]) -> None:
+        self.run.state = state
+
+    @property
+    def began(self) -> IntegratorState[SolverState]:
+        """State at the start of the run, or of the cycle under way."""
+        return self._start if self.cycles is None else self.cycles.began
+
+    @property
     def time(self) -> float:
         """Time of the last step [s]."""
-        return self.rows[-1]["time_s"] if self.rows else self.began
+        return self.rows[-1]["time_s"] if self.rows else self._start.time
 
     @property
     def first(self) -> int:
@@ -357,7 +382,15 @@ class Tracker(Stateful):
         }
         self.rows = [{name: own[i] for name, own in columns.items()} for i in range(len(history))]
 
-    def add(self, step: MechanismStep, cycles: PeriodicSolver | None = None) -> dict[str, float]:
+    def steps(self) -> Iterator[tuple[MechanismStep, dict[str, float]]]:
+        """Accepted steps, which the history then has, and their rows of ``history.csv``."""
+        began, busy = perf_counter() - self.wall_time, process_time() - self.processor_time
+        for step in self.run.until(self.end) if self.cycles is None else self.cycles:
+            row = self.add(step)
+            self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
+            yield step, row
+
+    def add(self, step: MechanismStep) -> dict[str, float]:
         """Account for an accepted step, of a search in its current cycle.
 
         Returns
@@ -365,6 +398,7 @@ class Tracker(Stateful):
         dict
             Its row of ``history.csv``.
         """
+        cycles = self.cycles
         begins = bool(cycles and self.rows and cycles.number != self.rows[-1]["run/cycle"])
         if begins:
             # Works and wear begin anew; counts and the estimates' past go on.
@@ -377,20 +411,20 @@ class Tracker(Stateful):
         for reason, count in step.rejected.items():
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
         row: dict[str, Any] = {"time_s": step.time}
-        row["run/crank_angle_deg"] = self._angle(step, cycles)
+        row["run/crank_angle_deg"] = self._angle(step)
         row |= self._joints(step, size) | self._bodies(step)
-        powers = step_powers(self._equations, step)
+        powers = step_powers(self.run.equations, step)
         row |= energy_row(self.rows, step.time, powers, begins=begins)
         row |= {"run/step_s": size, "run/newton_iterations": step.newton_iterations}
         row["run/rejected_steps"] = rejected
         if cycles is not None:
             row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
-        row |= solution(self._equations, step)
+        row |= solution(self.run.equations, step)
         self.rows.append(row)
         films = self.system.films
         return {column_name(name, films): own for name, own in row.items() if is_column(name)}
 
-    def _angle(self, step: MechanismStep, cycles: PeriodicSolver | None) -> float:
+    def _angle(self, step: MechanismStep) -> float:
         """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns.
 
         Every cycle but the first begins in 0 to 360 degrees: an engine's last one is 0 to 720
@@ -398,7 +432,7 @@ class Tracker(Stateful):
         """
         if self._crank is None:
             return 0.0
-        turns = 0.0
+        turns, cycles = 0.0, self.cycles
         if cycles is not None and cycles.number > 1:
             turns = np.floor(cycles.began.x[0, self._crank] / (2 * np.pi) + WHOLE)
         return float(np.degrees(step.x[self._crank]) - 360.0 * turns)
@@ -416,7 +450,7 @@ class Tracker(Stateful):
                     slid = 0.5 * size * (former + self.rubbing[name])
                     self.slid[name] = self.slid[name] + slid
             if name in self.estimates:
-                amplitudes = self._equations.responses.of_body(place.bore_body)
+                amplitudes = self.run.equations.responses.of_body(place.bore_body)
                 figures["basis_error_estimate_m"] = self.estimates[name].add(
                     size, loads[place.bore_body], step.acceleration[amplitudes]
                 )
@@ -437,28 +471,23 @@ class Tracker(Stateful):
         """History of the steps that are kept."""
         return history_of(self.system, self.rows)
 
+    def ended(self) -> History:
+        """History of a run that has ended, of a search its last cycle, both its ends."""
+        found, first = self.history(), self.first
+        if self.cycles is not None:
+            found = found.each(lambda values: values[first:]).with_start()
+        told = {"status": self.verdict(), **self.figures()}
+        return replace(found, told=told, solved=self)
+
     @property
     def extremes(self) -> dict[str, Extremes]:
         """Extremes of every film over the cycle under way, or the run."""
-        return self._extremes(self.rows[self.first :])
+        return extremes_of(columns_of(self.rows[self.first :]))
 
     @property
     def former(self) -> dict[str, Extremes]:
         """Those over the cycle before."""
-        return self._extremes(self.rows[: self.first])
-
-    def _extremes(self, rows: Sequence[Row]) -> dict[str, Extremes]:
-        found: dict[str, Extremes] = {}
-        columns = columns_of(rows)
-        for place in self.system.films if rows else ():
-            own = found[place.name] = {}
-            for name in PEAKS:
-                values = columns.get(f"joints/{place.name}/{name}")
-                if values is not None:
-                    step = PEAKS[name](values)
-                    clock = columns.get("run/cycle_time_s", columns["time_s"])
-                    own[split_unit(name)[0]] = float(values[step]), float(clock[step])
-        return found
+        return extremes_of(columns_of(self.rows[: self.first]))
 
     def steepest_thickening(self, place: FilmBinding) -> float:
         """Largest factor of a film's viscosity within a cell, over the cycle, or the run."""
@@ -493,6 +522,7 @@ class Tracker(Stateful):
             **self.counts,
             "rejected_because": dict(self.rejected_because),
             "notices": self._notices(),
+            **({} if self.cycles is None else self.cycles.figures()),
         }
 
     def _joint(self, place: FilmBinding, columns: Columns, used: UsedCycle) -> dict[str, Any]:
@@ -583,71 +613,6 @@ class Tracker(Stateful):
         )
 
 
-class Simulation(Stateful):
-    """A run on its way, with its history so far; ended, for those who look at it again.
-
-    Its state is all that a run goes on from, beside its history.
-
-    Parameters
-    ----------
-    run
-        At its start.
-    end
-        Time at which it stops, if it is not periodic [s].
-    cycles
-        Search for its periodic solution, or None.
-
-    Attributes
-    ----------
-    tracker
-        Keeps its history.
-    wall_time, processor_time
-        Of its steps so far [s].
-    """
-
-    carried = ("integrator", "tracker", "cycles", "wall_time", "processor_time")
-
-    def __init__(self, run: Run, end: float, cycles: PeriodicSolver | None = None):
-        self.run, self.end, self.cycles = run, end, cycles
-        self.tracker, self._start = Tracker(run.equations, run.norm, run.state.time), run.state
-        self.wall_time = self.processor_time = 0.0
-
-    @property
-    def integrator(self) -> IntegratorState[SolverState]:
-        """State of the integration."""
-        return self.run.state
-
-    @integrator.setter
-    def integrator(self, state: IntegratorState[SolverState]) -> None:
-        self.run.state = state
-
-    @property
-    def began(self) -> IntegratorState[SolverState]:
-        """State at the start of the run, or of the cycle under way."""
-        return self._start if self.cycles is None else self.cycles.began
-
-    def steps(self) -> Iterator[tuple[MechanismStep, dict[str, float]]]:
-        """Accepted steps, which the history then has, and their rows of ``history.csv``."""
-        began, busy = perf_counter() - self.wall_time, process_time() - self.processor_time
-        for step in self.run.until(self.end) if self.cycles is None else self.cycles:
-            row = self.tracker.add(step, self.cycles)
-            self.wall_time, self.processor_time = perf_counter() - began, process_time() - busy
-            yield step, row
-
-    def figures(self) -> dict[str, Any]:
-        """Entries of ``summary.json``."""
-        search = {} if self.cycles is None else self.cycles.figures()
-        return self.tracker.figures() | search
-
-    def history(self) -> History:
-        """History of a run that has ended, of a search its last cycle, both its ends."""
-        found, first = self.tracker.history(), self.tracker.first
-        if self.cycles is not None:
-            found = found.each(lambda values: values[first:]).with_start()
-        told = {"status": self.tracker.verdict(), **self.figures()}
-        return replace(found, told=told, solved=self)
-
-
 def simulate(
     mechanism: Mechanism,
     end: float | None = None,
@@ -704,4 +669,4 @@ def simulate(
     found = Simulation(run, span, search)
     for step, _ in found.steps():
         progress(step)
-    return found.history()
+    return found.ended()

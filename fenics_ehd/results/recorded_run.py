@@ -382,7 +382,7 @@ def save_run_state(run: Simulation, directory: Path, fields: Mapping[str, Any]) 
         Fields of `Checkpoint` on the run that began.
     """
     found = {**fields, "state": run.state}
-    run.tracker.history().write(directory / FIELDS_NAME, state=found)
+    run.history().write(directory / FIELDS_NAME, state=found)
 
 
 def recorded_steps(
@@ -398,7 +398,7 @@ def recorded_steps(
         Seconds between two checkpoints, at least `REST` times what the last one took; the first
         one is due at once.
     """
-    table = CsvFile(directory / CSV_NAME, run.tracker.counts["steps"])
+    table = CsvFile(directory / CSV_NAME, run.counts["steps"])
     due, whole = -inf, None
     try:
         for step, row in run.steps():
@@ -421,12 +421,12 @@ def estimate_errors(run: Simulation, directory: Path) -> dict[str, Any]:
     -------
     dict
         For ``summary.json``: processor time, Newton iterations, why what is not estimated is
-        not. The tracker has the budgets.
+        not. The run has the budgets.
     """
     budget = Estimator(run).budget()
     over_time = budget.over_time(run.began.time)
     write_whole(directory / ERROR_BUDGET, to_json(over_time) + "\n")
-    run.tracker.worth = budget.joints
+    run.worth = budget.joints
     return {
         "error_budget_notes": budget.notes,
         "error_budget_iterations": budget.iterations,
@@ -491,11 +491,11 @@ def record_run(
     SolverError
         See `Run.until` and `PeriodicSolver`.
     """
-    tracker, more = run.tracker, dict[str, Any]()
+    more = dict[str, Any]()
     if former is not None:
         require_same_scene(former, fingerprints, directory)
         run.state = former.state
-        tracker.take(former.history)
+        run.take(former.history)
         about = {**about, **former.about}
     began = {"about": {name: about[name] for name in BEGAN}, "digests": fingerprints}
     steps = recorded_steps(run, directory, began, interval)
@@ -503,7 +503,7 @@ def record_run(
     def leave(status: str) -> dict[str, Any]:
         seconds = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
         summary = {"status": status, **about, **run.figures(), **seconds, **more}
-        if tracker.rows:
+        if run.rows:
             write_summary(directory, summary)
         return summary
 
@@ -521,7 +521,7 @@ def record_run(
                 check()
             if multiplier:
                 more |= multiplier_figures(run, check)
-            status = tracker.verdict()
+            status = run.verdict()
         if judge is not None:
             more |= judge(run, directory)
     except BaseException as error:
@@ -531,7 +531,7 @@ def record_run(
     summary = leave(status)
     if run.cycles is not None:
         # What is left is no run to go on with.
-        replace(run.history(), told=summary).save(directory)
+        replace(run.ended(), told=summary).save(directory)
     return summary
 
 
@@ -549,7 +549,7 @@ def _show(bar: tqdm, run: Simulation, step: MechanismStep) -> None:
     cycle = f"cycle {run.cycles.number}, " if run.cycles else ""
     start = run.cycles.start if run.cycles else 0.0
     bar.set_postfix_str(
-        f"{cycle}step {run.tracker.counts['steps']}, p {pressure * 1e-6:.1f} MPa", refresh=False
+        f"{cycle}step {run.counts['steps']}, p {pressure * 1e-6:.1f} MPa", refresh=False
     )
     bar.update(min(1e3 * (step.time - start), bar.total) - bar.n)
 

@@ -271,7 +271,7 @@ def account(
     search, scene
         Of the run.
     recorded
-        The run, whose tracker has the budgets.
+        The run, which has the budgets.
     worth
         What the summary has of its budget.
 
@@ -286,7 +286,7 @@ def account(
         A component is not estimated.
     """
     errors = _errors(search, recorded, worth["error_budget_notes"])
-    budgets = recorded.tracker.worth
+    budgets = recorded.worth
     if search.runs and search.runs[-1]["chosen"] == search.chosen:
         search.runs.pop()  # a complete run, taken up again
     search.runs.append(
@@ -298,7 +298,7 @@ def account(
                 for key in COMPONENTS
                 if any(key in own for own in errors.values())
             },
-            "status": recorded.tracker.verdict(max(scene.output.error_limit, search.asked)),
+            "status": recorded.verdict(max(scene.output.error_limit, search.asked)),
             "processor_time_s": recorded.processor_time + worth["error_budget_processor_time_s"],
         }
     )
@@ -319,7 +319,7 @@ def account(
 def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> Errors:
     """Components that count."""
     found: dict[tuple[str, str], dict[str, float]] = {}
-    for joint, budget in recorded.tracker.worth.items():
+    for joint, budget in recorded.worth.items():
         for quantity in QUANTITIES:
             own = found[joint, quantity] = {}
             for key in COMPONENTS:

@@ -174,7 +174,7 @@ def _worth(
     found = estimate_errors(recorded, directory)
     if search is not None:
         return found | account(search, scene, recorded, found)
-    return found | {"status": recorded.tracker.verdict(scene.output.error_limit)}
+    return found | {"status": recorded.verdict(scene.output.error_limit)}
 
 
 def _reductions(built: Machine) -> dict[str, Any]:
