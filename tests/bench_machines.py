@@ -84,7 +84,6 @@ from fenics_ehd.multibody.trust import (
     QUANTITIES,
     SIGNS,
     BasisErrorEstimate,
-    Powers,
     balance_error,
     bore_loads,
     energy_row,

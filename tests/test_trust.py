@@ -13,7 +13,6 @@ from bench_machines import (
     QUANTITIES,
     BasisErrorEstimate,
     IntegratorOptions,
-    Powers,
     Run,
     Simulation,
     energy_row,
@@ -64,10 +63,11 @@ def test_a_mechanism_at_rest_is_complete(tmp_path, capfd):
 
 def powers_at(angle, dissipation):
     """A flywheel that lends 100 J twice a turn, and what is lost by the way."""
-    return Powers(
-        kinetic=100 * np.cos(2 * angle), strain=0.0, drag=0.0, damping=0.0, film=dissipation,
-        drive=dissipation - 200 * SPEED * np.sin(2 * angle),
-    )  # fmt: skip
+    return {
+        "kinetic": 100 * np.cos(2 * angle), "strain": 0.0, "drag": 0.0, "damping": 0.0,
+        "applied": 0.0, "film": dissipation,
+        "drive": dissipation - 200 * SPEED * np.sin(2 * angle),
+    }  # fmt: skip
 
 
 def test_the_integral_of_what_is_lent_hides_no_loss():

@@ -10,7 +10,6 @@ whether the run may be trusted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,30 +57,12 @@ SIGNS = {"drive": 1, "applied": 1, "drag": 1, "film": -1, "damping": -1}
 ENERGY_LIMIT = 0.05
 
 
-@dataclass(frozen=True)
-class Powers:
-    """Energy and the powers that change it [J], [W].
-
-    ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``: the power of what imposes
-    angles over time, that of forces and gravity, that of the surfaces' drag on the oil, the losses
-    in the films and in the bodies' structure.
-
-    Without friction the films lose what drives their pressure flow, and the drag comes from
-    outside. With friction they lose all that they dissipate; the drag is internal, and zero. Oil
-    that is let in and out under pressure brings its work with the drag.
-    """
-
-    kinetic: float
-    strain: float
-    drive: float
-    drag: float
-    film: float
-    damping: float
-    applied: float = 0.0
-
-
 def energy_row(
-    former: Sequence[Mapping[str, Any]], time: float, powers: Powers, *, begins: bool = False
+    former: Sequence[Mapping[str, Any]],
+    time: float,
+    powers: Mapping[str, float],
+    *,
+    begins: bool = False,
 ) -> dict[str, Any]:
     """Columns of the energy at a step: what is stored, works since the start, and the defect.
 
@@ -90,12 +71,12 @@ def energy_row(
     former
         Rows of the steps before, none at the first one; the last three count.
     time, powers
-        Of the step [s].
+        Of the step [s], see `step_powers`.
     begins
         Whether works begin anew, of a cycle whose first step it is. What a move of its start has
         stored is no defect.
     """
-    now = np.array([getattr(powers, name) for name in SIGNS])
+    now, energy = np.array([powers[name] for name in SIGNS]), powers["kinetic"] + powers["strain"]
     near, work, defect = former[-3:], np.zeros(len(SIGNS)), 0.0
     if near:
         times = np.array([*(row["time_s"] for row in near), time])
@@ -104,11 +85,11 @@ def energy_row(
         last = near[-1]
         stored = last["run/kinetic_energy_J"] + last["run/strain_energy_J"]
         gained = float(work @ [*SIGNS.values()])
-        defect = last["run/energy_defect_J"] + powers.kinetic + powers.strain - stored - gained
+        defect = last["run/energy_defect_J"] + energy - stored - gained
         work += [last[f"run/{name}_work_J"] for name in SIGNS]
     return {
-        "run/kinetic_energy_J": powers.kinetic,
-        "run/strain_energy_J": powers.strain,
+        "run/kinetic_energy_J": powers["kinetic"],
+        "run/strain_energy_J": powers["strain"],
         **{f"run/{name}_work_J": own for name, own in zip(SIGNS, work.tolist(), strict=True)},
         "run/energy_defect_J": defect,
         "state/powers": now,
@@ -124,20 +105,28 @@ def balance_error(columns: Mapping[str, np.ndarray]) -> float:
     return float(np.abs(defect).max() / exchanged) if exchanged else 0.0
 
 
-def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
-    """Energy and the powers that change it, at an accepted step; see `Powers`."""
-    system, state = equations.system, step.solution
-    motion = state.motion
+def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, float]:
+    """Energy and the powers that change it, at an accepted step [J], [W], by name.
+
+    ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``: the power of what imposes
+    angles over time, that of forces and gravity, that of the surfaces' drag on the oil, the losses
+    in the films and in the bodies' structure.
+
+    Without friction the films lose what drives their pressure flow, and the drag comes from
+    outside. With friction they lose all that they dissipate; the drag is internal, and zero. Oil
+    that is let in and out under pressure brings its work with the drag.
+    """
+    system, motion, responses = equations.system, step.solution.motion, equations.responses
     z, rates = step.x[: system.n], step.rate[: system.n]
-    kinetic = strain = damping = film = drag = 0.0
+    found = dict.fromkeys(("kinetic", "strain", *SIGNS), 0.0)
     for _, body, (own, own_rates) in system.each_body(z, rates):
         energies = body.energies(own, own_rates)
-        kinetic, strain = kinetic + energies.kinetic, strain + energies.strain
-        damping += energies.dissipated
-    responses = equations.responses
-    strain += responses.energy(step.x[responses.places])
-    damping += responses.dissipation(step.rate[responses.places])
-    for joint in state.joints:
+        found["kinetic"] += energies.kinetic
+        found["strain"] += energies.strain
+        found["damping"] += energies.dissipated
+    found["strain"] += responses.energy(step.x[responses.places])
+    found["damping"] += responses.dissipation(step.rate[responses.places])
+    for joint in step.solution.joints:
         lost, fed = joint.powers
         lost -= joint.flows.refill_work
         if joint.place.film.friction:
@@ -145,18 +134,11 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> Powers:
         if under_pressure(joint.film):
             fed += joint.flows.work
         if joint.contact is not None:
-            strain += joint.contact.stored(joint.touch)
+            found["strain"] += joint.contact.stored(joint.touch)
             lost += joint.rubbed if joint.contact.friction else 0.0
-        film, drag = film + lost, drag + fed
-    return Powers(
-        kinetic=kinetic,
-        strain=strain,
-        drive=motion.drive_power,
-        drag=drag,
-        film=film,
-        damping=damping,
-        applied=motion.applied_power,
-    )
+        found["film"] += lost
+        found["drag"] += fed
+    return found | {"drive": motion.drive_power, "applied": motion.applied_power}
 
 
 #: Times of the slowest pattern after which 2e-9 of the ringing of a start are left.
