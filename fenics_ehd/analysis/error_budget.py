@@ -316,7 +316,6 @@ def lacking_gaps(
     if len(times) < 2:
         raise SettingsError("a run of one step is too short to tell: raise time.end")
     loads, accelerations = _loads(system, course), course.state("accelerations")
-    assert accelerations is not None
     for place in system.films:
         if not place.bore:
             found.append(np.zeros((len(times), len(place.film.observed))))
@@ -341,8 +340,6 @@ def _loads(system: System, course: Course) -> list[dict[str, np.ndarray]]:
     """At every step pressures in all bores of a body, then forces on its points, by its name."""
     rates = np.gradient(course.x[:, : system.n], course.times, axis=0)
     accelerations, multipliers = course.state("accelerations"), course.state("multipliers")
-    assert accelerations is not None
-    assert multipliers is not None
     found = []
     for row, time in enumerate(course.times):
         loads = bore_loads(system, [pressure[row] for pressure in course.pressures.values()])

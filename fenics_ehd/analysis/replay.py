@@ -52,9 +52,6 @@ FINER = 1.5
 #: order two are zero-stable below 2.41.
 LONGEST = 2.4
 
-#: Slack in taking a time of the course for that of a table's row, share of the step.
-NEAR_ROW = 1e-2
-
 RunState = IntegratorState[SolverState]
 
 
@@ -118,9 +115,8 @@ def _rise(place: np.ndarray, value: np.ndarray) -> np.ndarray:
 class Course(History):
     """A history that replays follow: solutions at ascending times, after a state.
 
-    That of a replay has ``state/corner``, whether a step forgets what was before it, as at a row of
-    a table, shape (k,), ``state/multipliers``, shape (k, 2 m), and ``state/accelerations`` of
-    coordinates and amplitudes of residual patterns, shape (k, n + r), too.
+    That of a replay has ``state/accelerations`` of coordinates and amplitudes of residual patterns,
+    shape (k, n + r), too.
 
     Attributes
     ----------
@@ -154,10 +150,9 @@ class Course(History):
         """Coordinates and amplitudes of residual patterns, shape (k, n + r)."""
         return np.hstack([self.coordinates, self.quasi_static])
 
-    def state(self, name: str) -> np.ndarray | None:
-        """One of the arrays that the course of a replay has, None of another one."""
-        found = self.values.get(f"state/{name}")
-        return None if found is None else np.asarray(found)
+    def state(self, name: str) -> np.ndarray:
+        """One of the arrays that are of no joint or body, ``multipliers``, say."""
+        return np.asarray(self.values[f"state/{name}"])
 
     @cached_property
     def between_nodes(self) -> np.ndarray:
@@ -212,6 +207,8 @@ class Course(History):
 
         def halved(values: np.ndarray, before: Any) -> np.ndarray:
             middles = 0.5 * (np.concatenate([[before], values[:-1]]) + values)
+            if values.dtype == bool:  # of corners there are no more
+                middles = np.zeros_like(values)
             return np.stack([middles, values], axis=1).reshape(-1, *values.shape[1:])
 
         return self.changed(
@@ -250,21 +247,17 @@ def recorded(
     look: Callable[[MechanismStep], Mapping[str, float]] = lambda step: {},
 ) -> Course:
     """Steps of a run to its end [s], or of the last cycle of a search, with columns of each."""
-    equations, size = run.equations, run.equations.system.n + run.equations.responses.size
+    size = run.equations.system.n + run.equations.responses.size
     start, number = run.state, 1
     rows: list[dict[str, Any]] = []
     for step in run.until(end) if cycles is None else cycles:
         if cycles is not None and (not rows or cycles.number != number):
             start, rows, number = cycles.began, [], cycles.number
-        assert run.state.solver is not None
-        values = run.state.solver.values[0]
         row: dict[str, Any] = {"time_s": step.time, **look(step)}
-        row |= solution(equations, step)
-        row["state/corner"] = len(run.state.times) == 1
-        row["state/multipliers"] = values[len(values) - 2 * equations.system.m :]
+        row |= solution(run, step)
         row["state/accelerations"] = step.acceleration[:size]
         rows.append(row)
-    found = history_of(equations.system, rows)
+    found = history_of(run.equations.system, rows)
     return Course(**vars(found), base=run, start=start, search=cycles)
 
 
@@ -376,6 +369,7 @@ class Replay(Run):
     ):
         vars(self).update(vars(run))
         self._course, self._tolerance, self._stride = course, tolerance, stride
+        self._corners = course.state("corner")
         self._guess = _Guess(run, course) if alike else None
         self._changes = []
         for place, observed in zip(self._system.films, changes, strict=False):
@@ -400,42 +394,30 @@ class Replay(Run):
         past, row = float(np.ptp(self.state.times[:2])), -1
         while row < len(times) - 1:
             before = self.state.time
-            ahead, corner = self._next(times, row, past)
-            step = self._step(ahead, float(times[ahead]), corner)
+            ahead = self._next(times, row, past)
+            step = self._step(ahead, float(times[ahead]))
             if step is None and ahead > row + 1:
                 ahead = row + 1
-                step = self._step(ahead, float(times[ahead]), False)
+                step = self._step(ahead, float(times[ahead]))
             if step is None:
                 raise StepSizeError(f"no step from t = {before:.6g} s beside those of the run")
             row, past = ahead, step.time - before
             yield step
 
-    def _next(self, times: np.ndarray, row: int, past: float) -> tuple[int, bool]:
-        """Row of the course to step to, and whether a table's row ends the step."""
-        corners, time = self._course.state("corner"), self.state.time
-        if self._stride == 1 and corners is not None:
-            return row + 1, bool(corners[row + 1])
-        ahead = min(row + self._stride, len(times) - 1)
+    def _next(self, times: np.ndarray, row: int, past: float) -> int:
+        """Row of the course to step to; no step leads over a corner, or misses a table's row."""
+        time, ahead = self.state.time, min(row + self._stride, len(times) - 1)
         while ahead > row + 1 and times[ahead] - time > LONGEST * past:
             ahead -= 1
-        if not self._system.tables:
-            return ahead, False
         if ahead > row + 1:
-            if self._reach(float(times[ahead])) == times[ahead]:
-                return ahead, False
-            ahead = row + 1
-        # The run begins anew at a row that it could not step over.
-        step = float(times[ahead]) - time
-        beyond = time + 2.0 * step
-        reached = self._reach(beyond)
-        return ahead, bool(reached < beyond and abs(reached - times[ahead]) <= NEAR_ROW * step)
+            order, nearest = self.state.usable_order(self.control.order), self.control.smallest
+            tables, end = self._system.tables, float(times[ahead])
+            reached = self.state.reach(self.norm, tables, end, order, nearest)
+            if reached < end or self._corners[row + 1 : ahead].any():
+                return row + 1
+        return ahead
 
-    def _reach(self, time: float) -> float:
-        """The time, or that of the last row of a table before it that a step must not miss [s]."""
-        order, nearest = self.state.usable_order(self.control.order), self.control.smallest
-        return self.state.reach(self.norm, self._system.tables, time, order, nearest)
-
-    def _step(self, row: int, time: float, corner: bool) -> MechanismStep | None:
+    def _step(self, row: int, time: float) -> MechanismStep | None:
         """The step to a row of the course; None: it has no solution."""
         control, state, norm = self.control, self.state, self.norm
         order = state.usable_order(control.order)
@@ -466,7 +448,7 @@ class Replay(Run):
             solved.solution,
             attempt.iterations,
         )
-        keep = 1 if corner else control.order + 2
+        keep = 1 if self._corners[row] else control.order + 2
         self.state = state.after(new, time - state.time, solved.solver, keep)
         if self._guess:
             self._guess.learn(row, new, solved.solver)
@@ -495,9 +477,7 @@ class _Guess:
         self._voids[equations.rest] = False
         # Unknowns of the course on the nodes of these films, coordinates left out.
         self._values = np.zeros((len(course), len(equations.lower)))
-        multipliers = course.state("multipliers")
-        if multipliers is not None:
-            self._values[:, equations.rest][:, equations.system.n :] = multipliers
+        self._values[:, equations.rest][:, equations.system.n :] = course.state("multipliers")
         each = zip(equations.films, equations.places, readings(course.base, run), strict=True)
         for film, own, read in each:
             result = course.joints[film.place.name].film

@@ -203,12 +203,17 @@ FORMAT, FORMAT_VERSION = "fenics_ehd history", 3
 #: Group of the file with what a run goes on from that is not in its rows.
 RESUME = "resume"
 
+#: In place of one unit where every column has its own, in the attribute ``units`` of the file.
+MIXED = "mixed"
+
 #: Units of fields by the last part of their path; the state has one for each coordinate.
 FIELD_UNITS = {
     "pressure": "Pa",
     "gap": "m",
     "fluid_fraction": DIMENSIONLESS,
     "quasi_static": "Pa",
+    "multipliers": MIXED,
+    "corner": DIMENSIONLESS,
     "powers": "W",
     "angle": "rad",
     "height": "m",
@@ -222,9 +227,6 @@ COLUMNS = ("time", "run/", "bodies/", "joints/")
 
 #: What a film has once.
 MESH = ("angle", "height", "cells", "radius", "clearance")
-
-#: In place of one unit where every column has its own, in the attribute ``units`` of the file.
-MIXED = "mixed"
 
 #: How what is large is packed, once no rows come any more.
 PACKED: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}

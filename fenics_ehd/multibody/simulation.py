@@ -47,7 +47,6 @@ from fenics_ehd.multibody.quantities import (
     wear,
 )
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
@@ -241,10 +240,14 @@ def history_of(system: System, rows: Sequence[Row]) -> History:
     return History(values, tuple(name for name, _ in known), tuple(unit for _, unit in known))
 
 
-def solution(equations: StepEquations, step: MechanismStep) -> dict[str, np.ndarray]:
-    """Arrays by path that a history has of an accepted step."""
-    system, patterns = equations.system, equations.responses.size
+def solution(run: Run, step: MechanismStep) -> dict[str, np.ndarray]:
+    """Arrays by path that a history has of the last accepted step of a run."""
+    system, patterns = run.equations.system, run.equations.responses.size
     found = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
+    assert run.state.solver is not None
+    values = run.state.solver.values[0]
+    found["state/multipliers"] = values[len(values) - 2 * system.m :]
+    found["state/corner"] = np.array(len(run.state.times) == 1)
     if patterns:
         found["state/quasi_static"] = step.x[system.n : system.n + patterns]
     for joint in step.solution.joints:
@@ -419,7 +422,7 @@ class Simulation(Stateful):
         row["run/rejected_steps"] = rejected
         if cycles is not None:
             row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
-        row |= solution(self.run.equations, step)
+        row |= solution(self.run, step)
         self.rows.append(row)
         films = self.system.films
         return {column_name(name, films): own for name, own in row.items() if is_column(name)}
