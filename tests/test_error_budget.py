@@ -136,7 +136,7 @@ def test_a_finer_film_holds_the_same_share_of_oil():
     contents = []
     for own, point in ((run, run.state.x[0]), (finer, state.x[0])):
         gaps = own.norm.film_gaps(own.norm.observe(point))
-        contents += own.equations.contents(point, gaps)
+        contents.extend(own.equations.contents(point, gaps))
     assert contents[1] == pytest.approx(contents[0], rel=0.02)
 
 
