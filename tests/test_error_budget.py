@@ -67,7 +67,6 @@ def course():
 def replayed(course, run=None, **how):
     """The course in the steps of the run or longer ones, as an error budget takes them."""
     replay = Replay(run or course.base, course, SETTLED * course.base.control.tolerance, **how)
-    replay.state = course.start
     return recorded(replay, course.times[-1])
 
 

@@ -483,19 +483,13 @@ class Estimator:
         return ErrorBudget(joints, self._curves, changes, notes, self.iterations, seconds)
 
     def _follow(self, course: Course, run: Run | None = None, **how: Any) -> Course:
-        """A course of the run once more, maybe by another run from its start; see `Replay`."""
+        """A course of the run once more, maybe by another run; see `Replay`."""
         tolerance = min(SETTLED * self._run.control.tolerance, LITTLE)
-        replay = Replay(run or self._begun(course), course, tolerance, **how)
+        replay = Replay(run or self._run, course, tolerance, **how)
         try:
             return recorded(replay, float(course.times[-1]))
         finally:
             self.iterations += replay.iterations
-
-    def _begun(self, course: Course) -> Run:
-        """The run at the start of a course."""
-        run = copy(self._run)
-        run.state = course.start
-        return run
 
     def _change_by_steps(self, again: Course) -> np.ndarray:
         control = self._run.control
@@ -508,7 +502,7 @@ class Estimator:
         # Errors are as what a blend leaves of the lower order.
         blend = 0.0 if control.blend else OTHER_BLEND
         factor = (1.0 - control.blend) / (blend - control.blend)
-        other = self._begun(self._long)
+        other = copy(self._run)
         other.control = replace(control, blend=blend)
         return self._change(self._long, self._follow(self._long, other), factor)
 
@@ -536,8 +530,7 @@ class Estimator:
 
     def _change_by_films(self, again: Course) -> np.ndarray:
         finer = self._run.with_mechanism(with_finer_films(self._system.mechanism))
-        finer.state = taken_over(again.start, self._run, finer)
-        found = self._follow(again, finer)
+        found = self._follow(again, finer, start=taken_over(again.start, self._run, finer))
         grids = [place.film.film.parameters.grid for place in self._system.films]
         orders = np.array([FILM_ORDERS[grid.family != "bilinear"] for grid in grids])
         # Errors of the films' meshes over what finer ones change.

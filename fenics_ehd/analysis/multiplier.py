@@ -144,8 +144,7 @@ class _Cycle:
 
     def _through(self, start: RunState) -> RunState:
         """State at the end of a cycle from a start."""
-        replay = Replay(self._run, self._course, NEWTON)
-        replay.state = start
+        replay = Replay(self._run, self._course, NEWTON, start=start)
         for _ in replay.until(start.time + self._period):
             self._between()
         return replay.state

@@ -339,11 +339,13 @@ class Replay(Run):
     Parameters
     ----------
     run
-        Which takes the steps, from the state it is in.
+        Which takes the steps, and stays where it is.
     course
         Of a run of the same mechanism, or of one that differs a little from it.
     tolerance
         On Newton's last update.
+    start
+        State that it begins in; None: that of the course.
     stride
         Steps of the course in one, where they grow slowly and no table has a row.
     changes
@@ -363,11 +365,13 @@ class Replay(Run):
         course: Course,
         tolerance: float,
         *,
+        start: RunState | None = None,
         stride: int = 1,
         changes: Sequence[np.ndarray] = (),
         alike: bool = True,
     ):
         vars(self).update(vars(run))
+        self.state = start or course.start
         self._course, self._tolerance, self._stride = course, tolerance, stride
         self._corners = course.state("corner")
         self._guess = _Guess(run, course) if alike else None
@@ -529,8 +533,9 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     """
     course = course_of(solved_run(history))
     run = course.base.with_mechanism(mechanism)
-    again = Replay(run, course, NEWTON_FRACTION * run.control.tolerance, stride=stride)
-    again.state = taken_over(course.start, course.base, run)
+    start = taken_over(course.start, course.base, run)
+    tolerance = NEWTON_FRACTION * run.control.tolerance
+    again = Replay(run, course, tolerance, start=start, stride=stride)
     found = Simulation(again, float(course.times[-1]))
     deque(found.steps(), maxlen=0)
     return found.ended()

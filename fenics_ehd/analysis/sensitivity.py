@@ -279,15 +279,15 @@ def _again(
     run = base.with_mechanism(mechanism)
     sizes = {each.equations.system.n + each.equations.responses.size for each in (base, run)}
     alike &= len(sizes) == 1
-    replay = Replay(run, course, slack * NEWTON, alike=alike)
+    tolerance = slack * NEWTON
     if search is None:
+        replay = Replay(run, course, tolerance, start=run.state, alike=alike)
         return followed(replay, float(course.times[-1]) * span)
     period = search.period * span
-    if alike:
-        replay.state = taken_over(base.state, base, run, span)
-    else:
+    if not alike:
         deque(run.until(period), maxlen=0)
-        replay.state = run.state
+    start = taken_over(base.state, base, run, span) if alike else run.state
+    replay = Replay(run, course, tolerance, start=start, alike=alike)
     # Of the search for its own cycle nothing is left but where it is.
     before = round(replay.state.time / period)
     cycles = PeriodicSolver(replay, period, slack * PERIODICITY, before + MOST)
