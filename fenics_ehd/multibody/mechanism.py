@@ -169,8 +169,8 @@ class System:
         What it is of.
     n, m, k
         Numbers of coordinates z, constraints g, and values u of all joints and forces.
-    bodies
-        Places of every body's coordinates in z, by name.
+    bodies, angles
+        Places of every body's coordinates in z, by name, and of the angle of those that can turn.
     markers
         By name.
     own
@@ -192,8 +192,11 @@ class System:
         self._bodies = {name: bodies[name] for name in sorted(bodies)}
         self.bodies: dict[str, slice] = {}
         self.n = self.m = self.k = 0
+        self.angles: dict[str, int] = {}
         for name, body in self._bodies.items():
             self.bodies[name] = slice(self.n, self.n + body.size)
+            if body.angle_index is not None:
+                self.angles[name] = self.n + body.angle_index
             self.n += body.size
         weights = np.concatenate([body.weights for body in self._bodies.values()])
         mobility = np.concatenate([body.mobility for body in self._bodies.values()])
@@ -258,7 +261,7 @@ class System:
         if isinstance(bore, FlexibleBody) and point in bore.reduced.bores:
             part = bore.reduced.at_bore(point)
         film = JointFilm(joint, part, journal.tilts)
-        bore_angle = self._angle(joint.bore)
+        bore_angle = self.angles.get(bore_name)
         mounted = bore.marker("", bore.start).values[ANGLE] if bore_angle is None else 0.0
         last = self.bodies[bore_name].stop
         modes = np.arange(last - film.size + film.own, last)
@@ -268,7 +271,7 @@ class System:
             film,
             np.concatenate([np.arange(self.n, self.n + film.own), modes]),
             slice(self.m, self.m + film.own),
-            self._angle(joint.journal),
+            self.angles.get(journal_name),
             bore_angle,
             bore_name,
             "" if part is None else point,
@@ -301,10 +304,6 @@ class System:
             )
         return name, body, point
 
-    def _angle(self, marker: str) -> int | None:
-        name, body, _ = self._named(marker)
-        return None if body.angle_index is None else self.bodies[name].start + body.angle_index
-
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
         """Places, body and its share of some arrays over z, body by body."""
         for name, body in self._bodies.items():
@@ -327,7 +326,7 @@ class System:
         for force in self.mechanism.forces.values():
             table, body = force.tabulated or (None, "")
             if isinstance(table, Curve):
-                found.append(TabulatedLoad(table, self._angle(body) if body else None))
+                found.append(TabulatedLoad(table, self.angles.get(body.partition(".")[0])))
         for film in self.films:
             for feed in film.joint.film.parameters.feeds:
                 if isinstance(feed.curve, Curve):

@@ -38,12 +38,7 @@ def crank(system: System) -> int | None:
 
     The first by name of several; None where nothing can turn.
     """
-    mechanism = system.mechanism
-    places = {
-        name: system.bodies[name].start + body.angle_index
-        for name, body in system.each_name()
-        if body.angle_index is not None
-    }
+    mechanism, places = system.mechanism, system.angles
 
     def named() -> Iterator[int | None]:
         yield from (places.get(name) for name in sorted(mechanism.drives))
@@ -340,11 +335,7 @@ class PeriodicSolver(Stateful):
         self.former = self.starts = np.zeros((0, len(self._films())))
         system = run.equations.system
         check_period(system.mechanism, period, periodicity)
-        self.angles = [
-            system.bodies[name].start + body.angle_index
-            for name, body in system.each_name()
-            if body.angle_index is not None
-        ]
+        self.angles = [*system.angles.values()]
         self.gaps, self.contents = self._films(), self._oil()
         self.heat = FilmTemperatures(system.films) if system.heated else None
         heated = self.heat.count if self.heat else 0

@@ -14,7 +14,6 @@ from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState, advance
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.newton import CoupledSteps, MechanismStep, SolverState
-from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 
 #: Damping ratio above which the formula of order 3 damps a mode at every step: it is A(82)-stable.
@@ -31,8 +30,6 @@ class Run:
     steps, span
         How to step, of order 2 for 3 where modes lack damping or oil is conserved; and the time
         that `IntegratorOptions.largest` is a share of [s].
-    former
-        Run of another mechanism, if any, whose formula and temperatures this one has.
 
     Attributes
     ----------
@@ -50,14 +47,7 @@ class Run:
         round closes its gap at the start.
     """
 
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        steps: IntegratorOptions,
-        span: float,
-        *,
-        former: Run | None = None,
-    ):
+    def __init__(self, mechanism: Mechanism, steps: IntegratorOptions, span: float):
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
         system = self._system = System(mechanism)
@@ -70,32 +60,31 @@ class Run:
         # theirs: a full interface without damping was 71 % off (`docs/extremes.md`). Past a node of
         # conserved oil that has just filled it overshoots (`docs/real-films.md`), and oil that
         # pressure makes denser is a spring without damping.
-        damped = self._system.least_damping >= DAMPED and not self.equations.conserves_oil
+        damped = system.least_damping >= DAMPED and not self.equations.conserves_oil
         order = steps.order if damped else min(steps.order, 2)
         self.control = replace(steps, order=order, largest=steps.largest * span)
-        if former is not None:
-            self._take_over(former)
-        start = initial_state(self.equations)
-        check_inertia(system, start[0][: system.n])
+        z, rates = assemble(system)
+        check_inertia(system, z)
+        resting = self.equations.resting(z)
+        x = np.concatenate([z, resting])
+        rate = np.concatenate([rates, np.zeros(len(resting))])
         self.state: IntegratorState[SolverState] = IntegratorState.begin(
-            self.norm, 0.0, *start, self.control
+            self.norm, 0.0, x, rate, self.control
         )
         gaps = self.norm.film_gaps(self.state.observed[0])
         for place, gap in zip(system.films, gaps, strict=True):
             if place.film.shape is not None:
                 _check_start(place, float(gap.min()))
 
-    def _take_over(self, former: Run) -> None:
-        """Take formula and temperatures of another run."""
-        self.control = former.control
-        for place, own in zip(self._system.films, former._system.films, strict=True):
+    def with_mechanism(self, mechanism: Mechanism) -> Run:
+        """A run of another mechanism at its start, with this one's formula and temperatures."""
+        run = Run(mechanism, self.control, 1.0)
+        run.control = self.control
+        for place, own in zip(run._system.films, self._system.films, strict=True):
             temperature = own.film.film.equation.lubricant.temperature
             if place.joint.heat is not None and temperature is not None:
                 place.film.film.warm(temperature)
-
-    def with_mechanism(self, mechanism: Mechanism) -> Run:
-        """A run of another mechanism at its start, with this one's formula and temperatures."""
-        return Run(mechanism, self.control, 1.0, former=self)
+        return run
 
     def until(self, end: float) -> Iterator[MechanismStep]:
         """Accepted steps up to a time [s].
@@ -116,19 +105,6 @@ class Run:
             yield step
             for joint in step.solution.joints:
                 _check_film(joint.place, float(joint.gap.min()), step.time)
-
-
-def initial_state(equations: StepEquations) -> tuple[np.ndarray, np.ndarray]:
-    """State and its rate before the first step of a mechanism, assembled from its rough pose.
-
-    Raises
-    ------
-    SettingsError
-        It cannot be assembled.
-    """
-    z, rates = assemble(equations.system)
-    resting = equations.resting(z)
-    return np.concatenate([z, resting]), np.concatenate([rates, np.zeros(len(resting))])
 
 
 def _check_density(film: FilmModel[Any]) -> None:
