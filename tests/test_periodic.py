@@ -32,16 +32,16 @@ class AffineRun:
             closing=lambda before, after: 1.0 - (after / before).min(),
             film_gaps=lambda observed: [observed[:3]],
         )
-        body = SimpleNamespace(angle_index=0)
         system = SimpleNamespace(
             films=["film"],
             heated=False,
             mechanism=ehd.Mechanism({}, {}),
-            bodies={"crank": slice(3, 4)},
-            each_name=lambda: [("crank", body)],
+            angles={"crank": 3},
         )
         self.equations = SimpleNamespace(
-            system=system, contents=lambda _x, _gaps: [], keep_within=lambda _states, _gaps: None
+            system=system,
+            contents=lambda _x, _gaps: np.zeros(0),
+            keep_within=lambda _states, _gaps: None,
         )
         self.state = self.at(0.0, np.zeros(4))
 

@@ -167,8 +167,7 @@ def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> Solver
     """Pressures under Reynolds' condition of films between rigid surfaces, as a first guess."""
     values = np.zeros(len(equations.lower))
     for film, own in zip(equations.films, equations.places, strict=True):
-        place, xi = film.place, film.place.xi
-        gap = place.film.gap(z[xi], rates[xi], place.relative_angle(rates), place.relative_angle(z))
+        gap = film.place.gap(z, rates, 0.0)
         try:
             values[own] = film.values(film.film.solve(gap).pressure)
         except SolverError:

@@ -514,8 +514,7 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def volumes_at(self, z: np.ndarray) -> np.ndarray:
         """The state's volumes of the initial filling, for coordinates z, shape (nodes,) [m^3]."""
-        xi = z[self.place.xi]
-        gap = self.place.film.gap(xi, np.zeros_like(xi), 0.0, self.place.relative_angle(z))
+        gap = self.place.gap(z, np.zeros_like(z), 0.0)
         empty = np.full(self.balance.assembly.size, 1.0 - self._filling)
         return self.volumes_with(empty, z, gap.thickness.ravel())
 

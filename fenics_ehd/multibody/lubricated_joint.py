@@ -542,7 +542,12 @@ class JointFilm:
         return thickness if surfaces is None else surfaces.length(thickness)
 
     def gap(
-        self, xi: np.ndarray, xi_rate: np.ndarray, shaft_rate: float, ahead: float = 0.0
+        self,
+        xi: np.ndarray,
+        xi_rate: np.ndarray,
+        shaft_rate: float,
+        ahead: float = 0.0,
+        time: float = 0.0,
     ) -> Gap:
         """Gap and velocities at the Gauss points, residual patterns left out.
 
@@ -552,7 +557,9 @@ class JointFilm:
             shape (n,).
         shaft_rate, ahead
             Speed of the journal relative to the bore [rad/s] and its angle, which matters where
-            the journal is not round [rad].
+            the journal is not round, or carries supplies [rad].
+        time
+            Which supplies may depend on [s].
         """
         speed = self.shaft_radius * shaft_rate
         shape = self.film.points.angle.shape
@@ -561,6 +568,8 @@ class JointFilm:
             (self.thickness @ xi_rate).reshape(shape),
             (0.5 * speed + self.mean_velocity @ xi_rate).reshape(shape),
             (speed + self.sliding_velocity @ xi_rate).reshape(shape),
+            ahead,
+            time,
         )
         return gap if self.shape is None else self.shape.added(gap, ahead, shaft_rate)
 

@@ -21,6 +21,7 @@ from scipy import linalg
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.body import (
     ANGLE,
     FINE_WEIGHT,
@@ -35,7 +36,7 @@ from fenics_ehd.multibody.body import (
 )
 from fenics_ehd.multibody.forces import Force, Load
 from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, Speed
-from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
+from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint, Turned
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
 
 
@@ -100,6 +101,18 @@ class FilmBinding:
         """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
         journal, bore = self.angles(values)
         return float(journal - bore)
+
+    def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
+        """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""
+        speed, ahead = self.relative_angle(rates), self.relative_angle(z)
+        return self.film.gap(z[self.xi], rates[self.xi], speed, ahead, time)
+
+    def turned(self, z: np.ndarray, rates: np.ndarray) -> Turned | None:
+        """Shape of a turning journal there; None of one whose turning changes nothing."""
+        shape = self.film.shape
+        if shape is None:
+            return None
+        return shape.turned(self.relative_angle(z), self.relative_angle(rates))
 
     @cached_property
     def turning(self) -> np.ndarray:

@@ -168,10 +168,9 @@ class JointStep:
     def braking(self) -> float:
         """Torque that brakes the journal about its own axis [N m]."""
         # What else brakes the journal belongs here.
-        torque, place, shape = -self.friction.torque, self.place, self.place.film.shape
-        if shape is not None:
-            turned = shape.turned(place.relative_angle(self.x), place.relative_angle(self.rate))
-            torque -= 0.0 if turned is None else float(turned.torque @ self.pressure)
+        torque, turned = -self.friction.torque, self.place.turned(self.x, self.rate)
+        if turned is not None:
+            torque -= float(turned.torque @ self.pressure)
         if self.contact is not None:
             torque += self.contact.braking(self.touch, self.state.gap)
         return torque

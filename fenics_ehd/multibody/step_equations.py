@@ -234,31 +234,19 @@ class StepEquations:
         accelerations = step.shift * rates + step.past_rate
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
-        gaps = [
-            place.film.gap(
-                z[place.xi], rates[place.xi], place.relative_angle(rates), place.relative_angle(z)
-            )
-            for place in system.films
-        ]
+        gaps = [place.gap(z, rates, step.time) for place in system.films]
         values = [u[own] for own in self.places]
         self.responses.add(
             [film.pressure(own) for film, own in zip(self.films, values, strict=True)], gaps
         )
         for i, change in enumerate(self.disturbance):
             gaps[i] = gaps[i].changed(*change)
-        for i, place in enumerate(system.films):
-            if place.film.film.parameters.feeds:
-                gaps[i] = replace(gaps[i], turn=place.relative_angle(z), time=step.time)
         touches = self.contacts.touch(gaps)
         films = []
         for i, place in enumerate(system.films):
             check_gap(gaps[i], place.film.film.parameters.surfaces)
-            point = replace(self.films[i].evaluate(gaps[i], values[i]), touch=touches[i])
-            if place.film.shape is not None:
-                turned = place.film.shape.turned(
-                    place.relative_angle(z), place.relative_angle(rates)
-                )
-                point = replace(point, turned=turned)
+            alone = self.films[i].evaluate(gaps[i], values[i])
+            point = replace(alone, touch=touches[i], turned=place.turned(z, rates))
             self.contacts.take(i, point, residual)
             films.append(point)
             self._load(i, point, residual)
