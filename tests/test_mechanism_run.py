@@ -30,7 +30,8 @@ def four_bar(folder, time, force=False):
 
 
 def command(scene, target, every=0):
-    return ("run", scene, "--no-plots", "--checkpoint-every", every, "-o", target)
+    options = ("--no-plots", "--no-error-budget", "--checkpoint-every", every)
+    return ("run", scene, *options, "-o", target)
 
 
 def test_a_run_leaves_history_summary_and_scene(tmp_path, capsys):

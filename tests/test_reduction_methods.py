@@ -902,7 +902,7 @@ def counted(monkeypatch, kind, name):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("name", ["free", "clamped", "clamped with a point"])
+@pytest.mark.parametrize("name", ["free", "clamped with a point"])
 def test_bodies_of_one_reductor_are_those_of_a_structure_each(name):
     shared = ehd.Reductor(structure(name))
     for method, reduce_it in IN_TURN.items():

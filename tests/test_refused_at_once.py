@@ -222,7 +222,8 @@ def test_numbers_in_another_unit_perhaps_are_named_and_kept(scene, tmp_path, cap
     changes = {"time.revolutions": 0.002, "lubricants.oil.viscosity": 10.0}
     ehd.save_body(make_body(Joint()), tmp_path / "rod.h5")
     path = scene(ROD_OF_A_FILE, changes)
-    status, _, errors = exit_of(capfd, "run", path, "-o", tmp_path / "out", "--no-plots")
+    options = ("-o", tmp_path / "out", "--no-plots", "--no-error-budget")
+    status, _, errors = exit_of(capfd, "run", path, *options)
     assert status == 0, errors
     warning = (
         "lubricants.oil.viscosity = 10 is outside the usual 1e-05 to 1: in Pa s, 0.01 for 10 mPa s"

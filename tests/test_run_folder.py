@@ -27,7 +27,7 @@ def run(tmp_path, capfd):
 
     def call(changes, *options):
         scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", changes)
-        arguments = ("--no-plots", "-o", tmp_path / "out")
+        arguments = ("--no-plots", "--no-error-budget", "-o", tmp_path / "out")
         status, _, errors = exit_of(capfd, "run", scene, *arguments, *options)
         return status, errors
 
