@@ -53,9 +53,8 @@ def reduce_part(
     require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
     say_reducing([name])
     element = scene.film_element(name)
-    made = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce(mesh_error=True)
-    assert isinstance(made, ReducedPart)
-    rod, body = made, made.body
+    rod = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce(mesh_error=True)
+    body = rod.body
     if basis_path:
         _in_place(basis_path, lambda: save_basis(basis_path, rod.structure, rod.columns))
     if MPI.COMM_WORLD.rank:

@@ -261,12 +261,14 @@ def build(
     joints = _joints(scene, parts)
     ideal = _ideal(scene, parts, stiff, joints, *loads_of)
     start = perf_counter()
+    wanted = scene.output.error_budget and scene.output.part_mesh_error
     reduced, found = {}, {}
     for name, part in parts.items():
-        made = part.reduce(mesh_error=scene.output.error_budget and scene.output.part_mesh_error)
-        if isinstance(made, ReducedPart):
-            reduced[name] = made
-        found[name] = made.body if isinstance(made, ReducedPart) else made
+        if isinstance(part.source, ReducedBody):
+            found[name] = part.source
+        else:
+            reduced[name] = part.reduce(mesh_error=wanted)
+            found[name] = reduced[name].body
     seconds += perf_counter() - start
     if reduced:
         # To the last bit where a body read from its file starts: points of a mesh are rounded.

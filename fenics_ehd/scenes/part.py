@@ -322,10 +322,8 @@ class ElasticPart:
         found = {name: bore.centre[:2] for name, bore in self.source.bores.items()} | found
         return {name: (float(x), float(y)) for name, (x, y) in found.items()}
 
-    def reduce(
-        self, reductor: Reductor | None = None, *, mesh_error: bool = False
-    ) -> ReducedPart | ReducedBody:
-        """The reduced part, that of a file as it is; collective.
+    def reduce(self, reductor: Reductor | None = None, *, mesh_error: bool = False) -> ReducedPart:
+        """The assembled structure, reduced; collective.
 
         Parameters
         ----------
@@ -335,8 +333,7 @@ class ElasticPart:
             Whether the body is to know what its mesh misses, as far as the model allows.
         """
         source, settings = self.source, self.settings
-        if isinstance(source, ReducedBody):
-            return source
+        assert isinstance(source, Structure)
         start = perf_counter()
         reductor = reductor or Reductor(source, solver=settings.reduction.solver)
         body = reduce_structure(reductor, settings.reduction)
@@ -515,7 +512,6 @@ def remade_part(
             f"know it, have it run by --model {model}"
         )
     part = elastic_part(settings, key, element, MPI.COMM_SELF).reduce()
-    assert isinstance(part, ReducedPart)
     return replace(part, body=body, columns=basis_of(body, part.body, part.columns))
 
 
