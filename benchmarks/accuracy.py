@@ -30,7 +30,7 @@ from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.trust import ENERGY_LIMIT
 from fenics_ehd.scenes.accuracy import begun
 from fenics_ehd.scenes.run import run_accurately
-from fenics_ehd.scenes.scene import changed, lubricated_joints, stored
+from fenics_ehd.scenes.scene import changed, stored
 from fenics_ehd.scenes.schema import FEWEST_CELLS
 
 TOLERANCES, CELLS = (0.1, 0.25, 4.0, 10.0), (0.7, 0.85, 1.2, 1.5)
@@ -90,7 +90,7 @@ def around(scene: ehd.Scene) -> Iterator[dict[str, Any]]:
                 max(least, round(factor * cells))
                 for cells, least in zip(scene.joints[name].cells, FEWEST_CELLS, strict=True)
             ]
-            for name in lubricated_joints(scene)
+            for name in scene.films
         }
 
 
@@ -132,7 +132,7 @@ def row(name: str, accuracy: float, references: References) -> tuple[str, bool, 
     pilot = found["pilot_processor_time_s"]
     ratio = (pilot + seconds) / least
     settings = [f"{last.time.tolerance:g}"] + [
-        " x ".join(map(str, last.joints[joint].cells)) for joint in lubricated_joints(last)
+        " x ".join(map(str, last.joints[joint].cells)) for joint in last.films
     ]
     cells = [
         name,

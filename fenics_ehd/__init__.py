@@ -52,7 +52,7 @@ _NAMES = {
     "multibody.lubricated_joint": ("BoreFilm", "LubricatedJoint"),
     "multibody.mechanism": ("Mechanism",),
     "multibody.quantities": ("quantity",),
-    "multibody.shaft": ("Disk", "ModalRotor", "Shaft", "ShaftBody"),
+    "multibody.shaft": ("ModalRotor", "Shaft", "ShaftBody"),
     "multibody.simulation": ("simulate",),
     "reduction.body": ("ReducedBody", "load_body", "save_body"),
     "reduction.bore": ("bore_from_faces",),

@@ -36,9 +36,7 @@ from fenics_ehd.scenes.films import (
 )
 from fenics_ehd.scenes.library import shipped, shipped_names, table_file
 from fenics_ehd.scenes.part import (
-    counts,
     elastic_part,
-    part_cells,
     reduce_structure,
     reduction_provenance,
     structure_provenance,

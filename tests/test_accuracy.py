@@ -15,8 +15,6 @@ from bench_scenes import (
     begun,
     changed,
     choosable,
-    counts,
-    part_cells,
     search_of,
     water_level,
     with_counts,
@@ -274,7 +272,7 @@ def test_a_search_ends_and_says_what_is_in_the_way():
 def test_numbers_of_cells_that_are_not_written_are_those_of_the_model():
     rod = ehd.read_scene("slider-crank").bodies["rod"]
     bare = attrs.evolve(rod, geometry={"bore_radius": 0.02, "shank_cells": 6})
-    cells = {k: v for k, v in rod.geometry.items() if k in counts(rod)}
+    cells = {k: v for k, v in rod.geometry.items() if k in rod.cell_counts}
     assert with_counts(bare, "bodies.rod").geometry == cells | bare.geometry
     assert with_counts(rod, "bodies.rod").geometry == rod.geometry
 
@@ -282,12 +280,12 @@ def test_numbers_of_cells_that_are_not_written_are_those_of_the_model():
 def test_a_finer_mesh_of_a_part_is_one_that_its_model_has():
     rod = ehd.read_scene("slider-crank").bodies["rod"]
     for factor in (0.5, 1.0, 1.2, 3.0):
-        cells = part_cells(rod, factor)
+        cells = rod.geometry_of(factor)
         assert cells["bore_cells_around"] % 10 == 0
-        for key in counts(rod):
+        for key in rod.cell_counts:
             assert cells[key] >= factor * rod.geometry[key]
         assert cells["bore_radius"] == rod.geometry["bore_radius"]
-    assert part_cells(rod, 1.0) == rod.geometry
+    assert rod.geometry_of(1.0) == rod.geometry
 
 
 def test_cases_of_a_study_have_their_own_settings():

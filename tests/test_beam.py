@@ -78,7 +78,7 @@ def test_a_stiff_beam_bounces_and_pitches_on_its_springs():
 
 def test_mass_and_inertia_are_those_of_the_rotor():
     beam = shaft()
-    plane = beam_plane(beam, [ehd.Disk(0.3, 0.8, 1e-3, 5e-4)])
+    plane = beam_plane(beam, [(0.3, 0.8, 1e-3, 5e-4)])
     nodes = np.linspace(0, LENGTH, beam.elements + 1)
     up, turned = np.zeros((2, 2 * len(nodes)))
     up[::2], turned[::2], turned[1::2] = 1.0, nodes - 0.3, 1.0
@@ -137,14 +137,14 @@ def test_forward_and_backward_whirl_of_a_turning_shaft(speed, figure):
 def test_forward_and_backward_whirl_of_a_disk(speed, figure):
     # A disk half way on a shaft without mass: it bounces, and it nods against 12 E I / l.
     beam = shaft(0.02, density=1e-6)
-    disk = ehd.Disk(0.5, 5.0, 0.04, 0.025)
-    body = in_modes(beam, 2, [tuple(vars(disk).values())], damping_ratio=0.0)
+    mass, polar, diametral = 5.0, 0.04, 0.025
+    body = in_modes(beam, 2, [(0.5, mass, polar, diametral)], damping_ratio=0.0)
     found = whirl_frequencies(*turning(body, speed))
     rigidity = MODULUS * beam.second_moment
-    bounce = np.sqrt(48 * rigidity / LENGTH**3 / disk.mass)
-    half = disk.polar_inertia * speed / 2
-    root = np.sqrt(half**2 + disk.diametral_inertia * 12 * rigidity / LENGTH)
-    nods = np.array([root - half, root + half]) / disk.diametral_inertia
+    bounce = np.sqrt(48 * rigidity / LENGTH**3 / mass)
+    half = polar * speed / 2
+    root = np.sqrt(half**2 + diametral * 12 * rigidity / LENGTH)
+    nods = np.array([root - half, root + half]) / diametral
     error = np.abs(found / np.sort([bounce, bounce, *nods]) - 1).max()
     figure("rotor", "whirl of a disk on a shaft without mass", error, most=1e-6)
 

@@ -149,7 +149,7 @@ class TwoBearings:
         return found.load, found.coefficients
 
     def beam(self, mass):
-        return beam_plane(self.shaft, [ehd.Disk(0.5, mass, 1e-3 * mass, 5e-4 * mass)])
+        return beam_plane(self.shaft, [(0.5, mass, 1e-3 * mass, 5e-4 * mass)])
 
     def matrices(self, mass):
         """Of all beams and both bearings: mass, damping and gyroscopic, stiffness."""

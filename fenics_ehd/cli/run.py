@@ -29,7 +29,6 @@ from fenics_ehd.results.recorded_run import (
 )
 from fenics_ehd.scenes.accuracy import Search, begun, search_of
 from fenics_ehd.scenes.build import Machine, build
-from fenics_ehd.scenes.part import with_body, with_method
 from fenics_ehd.scenes.run import run_accurately, stored_scene
 from fenics_ehd.scenes.scene import Scene, as_stored, changed, flexible, meshed, scene_text
 
@@ -210,8 +209,12 @@ def changed_scene(
     if body is not None:
         if method is not None:
             raise SettingsError("--body and --method exclude each other: the body has its method")
+        from fenics_ehd.scenes.part import with_body  # imports all reductions
+
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
     if method is not None:
+        from fenics_ehd.scenes.part import with_method
+
         scene = with_method(scene, method)
     scene = changed(scene, {f"output.{key}": value for key, value in output.items()})
     if method is not None and scene.output.accuracy:

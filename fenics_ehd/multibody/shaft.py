@@ -101,26 +101,6 @@ class Shaft:
         return 2 * self.density * self.second_moment * self.length
 
 
-@dataclass(frozen=True)
-class Disk:
-    """Rigid disk fixed to the shaft.
-
-    Attributes
-    ----------
-    position
-        Share of the shaft's length.
-    mass
-        [kg].
-    polar_inertia, diametral_inertia
-        About the shaft's axis and about a diameter [kg m^2].
-    """
-
-    position: float
-    mass: float
-    polar_inertia: float
-    diametral_inertia: float
-
-
 @dataclass(frozen=True, eq=False)
 class BeamPlane:
     """Matrices of one plane of bending.
@@ -153,8 +133,14 @@ class BeamPlane:
         return rows
 
 
-def beam_plane(shaft: Shaft, disks: Sequence[Disk] = ()) -> BeamPlane:
-    """Assemble one plane: consistent mass with rotary inertia, gyroscopic matrix, end springs."""
+def beam_plane(shaft: Shaft, disks: Sequence[Sequence[float]] = ()) -> BeamPlane:
+    """Assemble one plane: consistent mass with rotary inertia, gyroscopic matrix, end springs.
+
+    Parameters
+    ----------
+    shaft, disks
+        As those of `ShaftBody`.
+    """
     n = shaft.elements
     size = shaft.length / n
     bending, translation, rotation = _element(size)
@@ -168,11 +154,11 @@ def beam_plane(shaft: Shaft, disks: Sequence[Disk] = ()) -> BeamPlane:
     for end in (0, 2 * n):
         stiffness[end, end] += shaft.support_stiffness
     beam = BeamPlane(shaft, stiffness, mass, gyroscopic)
-    for disk in disks:
-        deflection, slope = beam.point(disk.position)
-        mass += disk.mass * np.outer(deflection, deflection)
-        mass += disk.diametral_inertia * np.outer(slope, slope)
-        gyroscopic += disk.polar_inertia * np.outer(slope, slope)
+    for position, disk_mass, polar_inertia, diametral_inertia in disks:
+        deflection, slope = beam.point(position)
+        mass += disk_mass * np.outer(deflection, deflection)
+        mass += diametral_inertia * np.outer(slope, slope)
+        gyroscopic += polar_inertia * np.outer(slope, slope)
     return beam
 
 
@@ -313,8 +299,7 @@ class ShaftBody(Shaft, Body):
     @cached_property
     def rotor(self) -> ModalRotor:
         """Shaft and disks in modes."""
-        disks = [Disk(*disk) for disk in self.disks]
-        return ModalRotor.of(beam_plane(self, disks), self.modes // 2)
+        return ModalRotor.of(beam_plane(self, self.disks), self.modes // 2)
 
     @cached_property
     def _turned_inertia(self) -> float:

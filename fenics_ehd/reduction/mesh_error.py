@@ -19,16 +19,16 @@ would be within 3, which is why the other mesh is a finer one wherever that can 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import BoreSurface, all_outward
-from fenics_ehd.reduction.matrices import inner, load_columns
-from fenics_ehd.reduction.reductor import bore_rows
-from fenics_ehd.reduction.static import StaticSolver
+
+if TYPE_CHECKING:
+    from fenics_ehd.reduction.static import StaticSolver
 
 #: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
 WAVES, HEIGHTS = 9, 3
@@ -99,6 +99,10 @@ class Answers(NamedTuple):
 
 def smooth_answers(solver: StaticSolver) -> Answers:
     """Responses of a mesh to the smooth pressures and unit forces; collective."""
+    # Runs read what was left of these, and solve nothing.
+    from fenics_ehd.reduction.matrices import inner, load_columns
+    from fenics_ehd.reduction.reductor import bore_rows
+
     part, bores = solver.structure, solver.structure.every_bore()
     pressures = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores]
     loads = load_columns(part.load, block_diag(*pressures))

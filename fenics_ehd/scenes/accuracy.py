@@ -36,8 +36,7 @@ from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.scenes.films import planned_cells
-from fenics_ehd.scenes.part import counts, part_cells, with_counts
-from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints, meshed, stored
+from fenics_ehd.scenes.scene import Scene, changed, meshed, stored
 
 if TYPE_CHECKING:
     from fenics_ehd.multibody.mechanism import FilmBinding
@@ -157,7 +156,7 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
                 "output.accuracy_keeps does nothing without output.accuracy: give it, 0.01 say"
             )
         return scene, None
-    if not lubricated_joints(scene):
+    if not scene.films:
         raise SettingsError(f"output.accuracy = {asked:g}: scene {scene.name} has no film")
     if not output.error_budget:
         raise SettingsError(f"output.accuracy = {asked:g} needs output.error_budget = true")
@@ -167,6 +166,8 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
             "estimated well: ask for that, or write meshes and steps"
         )
     if output.part_mesh_error:
+        from fenics_ehd.scenes.part import with_counts  # imports all reductions
+
         scene = changed(
             scene,
             {
@@ -196,11 +197,11 @@ def search_of(directory: Path) -> Search | None:
 def choosable(scene: Scene) -> tuple[str, ...]:
     """Full keys of what an accuracy chooses."""
     keys = ["time.tolerance", *(["time.periodicity"] if scene.time.periodic else [])]
-    keys += [f"joints.{name}.cells" for name in lubricated_joints(scene)]
+    keys += [f"joints.{name}.cells" for name in scene.films]
     for name in meshed(scene):
         if scene.bodies[name].reduction.method != "rigid":
             keys.append(f"bodies.{name}.reduction")
-            if scene.output.part_mesh_error and counts(scene.bodies[name]):
+            if scene.output.part_mesh_error and scene.bodies[name].cell_counts:
                 keys.append(f"bodies.{name}.geometry")
     return tuple(keys)
 
@@ -232,7 +233,7 @@ def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
     if scene.time.periodic:
         own = values["time.tolerance"] if "time.tolerance" not in kept else scene.time.tolerance
         values["time.periodicity"] = max(PERIODICITY * asked, NOISE * own)
-    for name in lubricated_joints(scene):
+    for name in scene.films:
         values[f"joints.{name}.cells"] = list(_pilot_cells(scene, name, asked))
     for name in meshed(scene):
         reduction = scene.bodies[name].reduction
@@ -411,8 +412,8 @@ def _value(
         modes = part.reduction.vibration_modes
         modes = max(modes, min(ceil(modes / share - ROUNDING), MOST_MODES))
         return {**chosen.get(_setting(component, place), {}), "vibration_modes": modes}
-    around = max((part.geometry[key] for key in counts(part) if "around" in key), default=1.0)
-    return part_cells(part, min(share ** (-1.0 / PART_ORDER), max(1.0, MOST_CELLS_AROUND / around)))
+    around = max((part.geometry[key] for key in part.cell_counts if "around" in key), default=1.0)
+    return part.geometry_of(min(share ** (-1.0 / PART_ORDER), max(1.0, MOST_CELLS_AROUND / around)))
 
 
 def _missed(search: Search) -> str:

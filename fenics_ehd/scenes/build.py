@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from math import degrees, radians
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
@@ -44,9 +44,11 @@ from fenics_ehd.scenes.films import (
     supply_tables,
 )
 from fenics_ehd.scenes.library import table_file
-from fenics_ehd.scenes.part import ElasticPart, ReducedPart, elastic_part, model_file
 from fenics_ehd.scenes.scene import Scene, flexible, meshed
 from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table
+
+if TYPE_CHECKING:
+    from fenics_ehd.scenes.part import ElasticPart, ReducedPart
 
 
 def stiff_body(settings: Any) -> Body:
@@ -312,6 +314,11 @@ def _parts(
     scene: Scene, comm: MPI.Comm, reduced: Mapping[str, ReducedBody]
 ) -> dict[str, ElasticPart]:
     """Elastic parts, not yet reduced."""
+    if not flexible(scene):
+        return {}
+    # Imports all reductions.
+    from fenics_ehd.scenes.part import ElasticPart, elastic_part, model_file
+
     for name in flexible(scene):  # all files are there before the first part is meshed
         settings = scene.bodies[name]
         if name not in reduced and settings.model != NONE:

@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import ceil
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -244,35 +243,14 @@ def require_provenance(
             )
 
 
-#: The models' cells around a bore are a multiple of this.
-AROUND = 10
-
-#: Of a factor, that makes no cell more.
-ROUNDING = 1e-9
-
-
 def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
     """The settings of a part, numbers of cells that are its model's own written out; serial."""
     from fenics_ehd.fem.gmsh_session import model_parameters  # Gmsh
 
     path = model_file(settings, key)
     own = model_parameters(path) if path.suffix == ".geo" else {}
-    whole = counts(attrs.evolve(settings, geometry=own))
+    whole = attrs.evolve(settings, geometry=own).cell_counts
     return attrs.evolve(settings, geometry={k: own[k] for k in whole} | settings.geometry)
-
-
-def counts(settings: schema.FlexibleSettings) -> tuple[str, ...]:
-    """Parameters of a part's model that are numbers of its cells."""
-    return tuple(key for key in settings.geometry if "cells" in key or "layers" in key)
-
-
-def part_cells(settings: schema.FlexibleSettings, factor: float) -> dict[str, float]:
-    """Parameters of a part's model with so many times its cells."""
-    geometry = dict(settings.geometry)
-    for key in counts(settings):
-        step = AROUND if "around" in key else 1
-        geometry[key] = step * ceil(int(geometry[key]) * factor / step - ROUNDING)
-    return geometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,8 +347,8 @@ class ElasticPart:
         """The part on a finer mesh if that is small enough and can be made, else a coarser one."""
 
         def made(factor: float) -> Structure:
-            settings = attrs.evolve(counted, geometry=part_cells(counted, factor))
-            size = 1.0 if counts(counted) else 1.0 / factor
+            settings = attrs.evolve(counted, geometry=counted.geometry_of(factor))
+            size = 1.0 if counted.cell_counts else 1.0 / factor
             return _assembled("body", settings, self.film_element, part.comm, size)
 
         if part.size <= MOST_REFINED:

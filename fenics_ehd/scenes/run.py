@@ -40,7 +40,6 @@ from fenics_ehd.scenes.scene import (
     as_stored,
     csv_files,
     flexible,
-    lubricated_joints,
     scene_text,
     stored,
 )
@@ -139,7 +138,7 @@ def run_scene(
         for name, body in built.bodies.items():
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
-    if judged and scene.output.error_budget and lubricated_joints(scene):
+    if judged and scene.output.error_budget and scene.films:
         judge = partial(_worth, scene=scene, search=search)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = (

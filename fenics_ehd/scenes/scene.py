@@ -127,11 +127,6 @@ def meshed(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name in flexible(scene) if scene.bodies[name].model != NONE)
 
 
-def lubricated_joints(scene: Scene) -> tuple[str, ...]:
-    """Names of the lubricated joints."""
-    return tuple(scene.films)
-
-
 def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
     """Oil of a joint; where its heat is balanced, at the supply's temperature."""
     from fenics_ehd.film.lubricant import Lubricant, make_lubricant

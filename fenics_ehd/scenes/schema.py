@@ -17,6 +17,7 @@ Longer than other modules: it is one list, in the order of the reference that is
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil
 from typing import Any
 
 import attrs
@@ -117,6 +118,13 @@ class GroundSettings:
 MODEL_KEYS = ("points", "clamped", "cells", "element", "material", "geometry", "reduction")
 
 
+#: The models' cells around a bore are a multiple of this.
+AROUND = 10
+
+#: Of a factor, that makes no cell more.
+ROUNDING = 1e-9
+
+
 @attrs.frozen
 class FlexibleSettings(Pose):
     """An elastic part with lubricated bores, meshed and reduced, or reduced before.
@@ -151,6 +159,19 @@ class FlexibleSettings(Pose):
     def idle(self) -> tuple[str, ...]:
         """Keys that do nothing beside the file of a reduced part."""
         return () if self.body == NONE else MODEL_KEYS
+
+    @property
+    def cell_counts(self) -> tuple[str, ...]:
+        """Parameters of the model that are numbers of its cells, of those that are given."""
+        return tuple(key for key in self.geometry if "cells" in key or "layers" in key)
+
+    def geometry_of(self, factor: float) -> dict[str, float]:
+        """Parameters of the model with so many times its cells."""
+        geometry = dict(self.geometry)
+        for key in self.cell_counts:
+            step = AROUND if "around" in key else 1
+            geometry[key] = step * ceil(int(geometry[key]) * factor / step - ROUNDING)
+        return geometry
 
 
 @attrs.frozen(kw_only=True)

@@ -37,7 +37,7 @@ from fenics_ehd.results.motion import RecordedMotion, between_steps
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.part import METHOD_KEYS
 from fenics_ehd.scenes.run import stored_bodies
-from fenics_ehd.scenes.scene import Scene, changed, lubricated_joints
+from fenics_ehd.scenes.scene import Scene, changed
 from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
 from fenics_ehd.study.pool import ProcessPool, RunsFolder, run_cases
@@ -73,7 +73,7 @@ class StoredRun:
         self.directory, self.scene = directory, scene
         self.result = load_history(directory, films=False)
         self.times = np.asarray(self.result.time)
-        self.joints = lubricated_joints(scene)
+        self.joints = tuple(scene.films)
         self.counted = self.times >= start
         if np.count_nonzero(self.counted) < 2:
             raise InputError(f"{directory}: fewer than two steps after {start:g} s")

@@ -16,7 +16,7 @@ from typing import Any
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE
 from fenics_ehd.scenes.films import planned_cells
-from fenics_ehd.scenes.scene import Scene, as_stored, lubricated_joints, meshed
+from fenics_ehd.scenes.scene import Scene, as_stored, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS
 from fenics_ehd.study.cases import Case, make_case, with_values
 
@@ -103,7 +103,7 @@ def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
         if key.startswith("reduction."):
             found |= {f"bodies.{name}.{key}": value for name in meshed(scene)}
         elif key == FILM:
-            joints = lubricated_joints(scene)
+            joints = tuple(scene.films)
             found |= {f"joints.{joint}.cells": _times(scene, joint, value) for joint in joints}
         else:
             found[key] = value
@@ -313,7 +313,7 @@ class Study:
     @property
     def joints(self) -> tuple[str, ...]:
         """Lubricated joints."""
-        return lubricated_joints(self.scene)
+        return tuple(self.scene.films)
 
 
 #: Adds the case of a variant to those of a study, unless there is one of these settings, and
@@ -348,7 +348,7 @@ def make_study(
         The scene has no film or no part to reduce, or settings that cannot be used.
     """
     scene = as_stored(source)
-    if not (meshed(scene) and lubricated_joints(scene)):
+    if not (meshed(scene) and scene.films):
         raise SettingsError(
             f"scene {scene.name}: there is nothing to study, it needs a flexible body with a "
             "model and a lubricated joint"

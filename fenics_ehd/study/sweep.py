@@ -16,7 +16,7 @@ from typing import Any
 
 from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.scenes.scene import Scene, as_stored, lubricated_joints
+from fenics_ehd.scenes.scene import Scene, as_stored
 from fenics_ehd.study.cases import (
     MOST_CASES,
     Case,
@@ -65,7 +65,7 @@ def make_sweep(source: str, assignments: Sequence[str]) -> Sweep:
     return Sweep(
         scene.name,
         tuple(axes),
-        lubricated_joints(scene),
+        tuple(scene.films),
         tuple(_cases(scene, axes)),
         identity(scene) | swept,
     )
