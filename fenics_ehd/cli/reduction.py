@@ -138,6 +138,19 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
     }
 
 
+#: What is told of a reduction's accuracy, where it has an entry that is not zero, and its factor.
+NOTES = {
+    "flexibility_followed": (100, "these modes follow {:.4g} % of the bore's flexibility"),
+    "flexibility_mesh_error": (100, "mesh error of the bore's flexibility: {:.2g} %"),
+    "static_dropped": (1, "{:.0f} static modes dropped as linearly dependent"),
+    "static_added": (
+        1,
+        "{:.0f} residual modes more than asked for: their pressures have the same singular value "
+        "as the last one",
+    ),
+}
+
+
 def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
     """Figures of the reduction, and the mode inventory."""
     inertia = body.inertia
@@ -147,21 +160,9 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
         f"  mass {inertia.total_mass:.4f} kg, centre {summary['centre_of_mass_m'] * 1e3:.2f} mm "
         f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2",
     ]
-    if "flexibility_followed" in body.accuracy:
-        share = 100 * body.accuracy["flexibility_followed"]
-        lines.append(f"  these modes follow {share:.4g} % of the bore's flexibility")
-    if "flexibility_mesh_error" in body.accuracy:
-        share = 100 * body.accuracy["flexibility_mesh_error"]
-        lines.append(f"  mesh error of the bore's flexibility: {share:.2g} %")
-    if body.accuracy.get("static_dropped"):
-        lines.append(
-            f"  {int(body.accuracy['static_dropped'])} static modes dropped as linearly dependent"
-        )
-    if body.accuracy.get("static_added"):
-        lines.append(
-            f"  {int(body.accuracy['static_added'])} residual modes more than asked for: their "
-            "pressures have the same singular value as the last one"
-        )
+    for key, (factor, text) in NOTES.items():
+        if value := body.accuracy.get(key):
+            lines.append(f"  {text.format(factor * value)}")
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
     kept = [r for r in body.inventory if not r.dropped]
     for i, mode in enumerate(kept[: body.modes], 1):

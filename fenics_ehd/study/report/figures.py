@@ -150,10 +150,11 @@ def joint_figure(
     shown: Mapping[JointData, Any],
     height: float,
     draw: Callable[[Axes, Any, JointData, Curve], None],
+    curves: Sequence[Curve] = CURVES,
 ) -> Figure | None:
     """Figure with a row of panels for each joint: its peak pressure, its minimum film.
 
-    None where there is nothing to show of a joint.
+    None where there is nothing to show of a joint, or no joint.
 
     Parameters
     ----------
@@ -163,15 +164,18 @@ def joint_figure(
         Of a row [inches].
     draw
         Draws one panel of what is shown.
+    curves
+        One for each panel of a row.
     """
-    if not all(shown.values()):
+    if not shown or not all(shown.values()):
         return None
+    size = (WIDTH, height * len(shown))
     figure, panels = plt.subplots(
-        len(shown), 2, figsize=(WIDTH, height * len(shown)), layout="constrained", squeeze=False
+        len(shown), len(curves), figsize=size, layout="constrained", squeeze=False
     )
     for row, (joint, own) in zip(panels, shown.items(), strict=True):
         row[0].set_title(joint.title, loc="left", fontweight="bold")
-        for axes, curve in zip(row, CURVES, strict=True):
+        for axes, curve in zip(row, curves, strict=True):
             draw(axes, own, joint, curve)
     legend_below(figure)
     return figure
@@ -409,6 +413,27 @@ def gap_floor(joint: JointData) -> float:
 
 def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
     """Every run's own estimate of its gap error against the true one, if there is any."""
+
+    def draw(axes: Axes, rows: list[StudyRow], joint: JointData, _: Curve) -> None:
+        values, floor = [], gap_floor(joint)
+        for label, members in families(rows).items():
+            true = [1e6 * max(row["true_gap_error_m"], floor) for row in members]
+            own = [1e6 * row["estimated_gap_error_m"] for row in members]
+            values += true + own
+            axes.plot(true, own, label=label, **(line_style(members[0]) | {"linestyle": ""}))
+        line = np.array([0.5 * min(values), 2 * max(values)])
+        axes.plot(line, line, color="0.4", linewidth=1)
+        axes.fill_between(line, line / 2, 2 * line, color="#33AA55", alpha=0.15, linewidth=0,
+                          label="within a factor of two")  # fmt: skip
+        if 1e6 * floor > line[0]:
+            axes.axvspan(line[0], 1e6 * floor, color=FLOOR, linewidth=0, zorder=0,
+                         label=FLOOR_LABEL)  # fmt: skip
+        axes.set(xscale="log", yscale="log", xlim=line, ylim=line, aspect="equal")
+        axes.set_xlabel("true error of the gap, largest ever [µm]")
+        axes.set_ylabel("the run's own estimate [µm]")
+        for axis in (axes.xaxis, axes.yaxis):
+            plain_figures(axis, (1.0,) if line[1] > CROWDED * line[0] else (1.0, 2.0, 5.0))
+
     rows = {
         joint: [
             row
@@ -417,37 +442,9 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
         ]
         for joint in joints
     }
-    told = [joint for joint in joints if rows[joint]]  # a rigid bore's joint has no estimate
-    if not told:
-        return None
-    figure, panels = plt.subplots(
-        1, len(told), figsize=(WIDTH, 4.9), layout="constrained", squeeze=False
-    )
-    for axes, joint in zip(panels.flat, told, strict=True):
-        _draw_estimate(axes, rows[joint], gap_floor(joint))
-        axes.set_title(joint.title, loc="left", fontweight="bold")
-    legend_below(figure)
-    return figure
-
-
-def _draw_estimate(axes: Axes, rows: Sequence[StudyRow], floor: float) -> None:
-    values = []
-    for label, members in families(rows).items():
-        true = [1e6 * max(row["true_gap_error_m"], floor) for row in members]
-        own = [1e6 * row["estimated_gap_error_m"] for row in members]
-        values += true + own
-        axes.plot(true, own, label=label, **(line_style(members[0]) | {"linestyle": ""}))
-    line = np.array([0.5 * min(values), 2 * max(values)])
-    axes.plot(line, line, color="0.4", linewidth=1)
-    axes.fill_between(line, line / 2, 2 * line, color="#33AA55", alpha=0.15, linewidth=0,
-                      label="within a factor of two")  # fmt: skip
-    if 1e6 * floor > line[0]:
-        axes.axvspan(line[0], 1e6 * floor, color=FLOOR, linewidth=0, zorder=0, label=FLOOR_LABEL)
-    axes.set(xscale="log", yscale="log", xlim=line, ylim=line, aspect="equal")
-    axes.set_xlabel("true error of the gap, largest ever [µm]")
-    axes.set_ylabel("the run's own estimate [µm]")
-    for axis in (axes.xaxis, axes.yaxis):
-        plain_figures(axis, (1.0,) if line[1] > CROWDED * line[0] else (1.0, 2.0, 5.0))
+    # A rigid bore's joint has no estimate.
+    told = {joint: own for joint, own in rows.items() if own}
+    return joint_figure(told, 4.9, draw, (FILM,))
 
 
 #: Curves of one method from few modes to many.
