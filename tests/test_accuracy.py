@@ -138,15 +138,6 @@ def test_a_search_that_is_stopped_goes_on_to_the_same_result(tight_run, monkeypa
     assert [run["estimate"] for run in own["runs"]] == [run["estimate"] for run in whole["runs"]]
 
 
-def test_a_search_is_found_again_in_its_folder(tight_run):
-    search = search_of(tight_run)
-    search.leave(tight_run)
-    assert search_of(tight_run) == search
-    assert search.met
-    assert not search.wanted
-    assert search_of(tight_run.parent) is None
-
-
 def test_an_error_that_is_not_estimated_is_refused_by_name():
     scene, search = begun(changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01}))
     known = dict.fromkeys(COMPONENTS, 1e-3) | dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)

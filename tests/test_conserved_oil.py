@@ -413,8 +413,8 @@ def test_residual_patterns_are_coordinates_without_mass(made, pressure):
 def test_without_roughness_the_film_is_that_of_smooth_surfaces(figure):
     def ends(rough):
         film = oil_film((20, 4), regions=(GROOVE,), surfaces=rough)
-        steps = IntegratorOptions(tolerance=0.9, order=2, first=2e-5, largest=0.02)
-        *_, last = Run(rigid_slider_crank(film, filling=0.9), steps, 1e-3).until(1e-3)
+        steps = IntegratorOptions(tolerance=0.9, order=2, first=2e-5, largest=1 / 30)
+        *_, last = Run(rigid_slider_crank(film, filling=0.9), steps, 6e-4).until(6e-4)
         (state,) = last.solution.films
         return state.pressure / 1e6, state.fluid_fraction
 

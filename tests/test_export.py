@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench_parts import ResidualFlexibility, contents, export_npz, rigid
-from bench_scenes import elastic_part
 from mpi4py import MPI
+from scene_cases import structure
 from scipy import sparse
 from test_demos import demo
 
@@ -74,8 +74,8 @@ def test_a_rigid_body_has_empty_matrices(rod_structure, tmp_path):
 
 
 def test_several_bores_stand_one_after_the_other():
-    bodies = ehd.read_scene("slider-crank-both-ends").bodies
-    part = elastic_part(bodies["rod"], "rod", "lagrange", MPI.COMM_SELF).source
+    coarse = {"bodies.rod.geometry.bore_cells_along": 2}
+    part = structure("slider-crank-both-ends", "rod", MPI.COMM_SELF, coarse)
     body = ehd.load_dependent(part, 6, 8, estimate_error=False)
     found = contents(body)
     first, second = body.bores.values()

@@ -73,17 +73,6 @@ def test_no_oil_that_leaves_and_heat_that_cannot_are_told():
     assert search.temperature == 60.0
 
 
-def test_a_search_goes_on_as_if_it_had_not_stopped():
-    one = TemperatureSearch(ehd.Heat(supply_temperature=60.0), OIL)
-    one.move(300.0, 3e-6)
-    two = TemperatureSearch(ehd.Heat(supply_temperature=60.0), OIL)
-    two.state = one.state
-    for search in (one, two):
-        search.move(200.0, 3e-6)
-        search.move(201.0, 3.1e-6)
-    np.testing.assert_equal(one.state, two.state)
-
-
 @pytest.mark.parametrize(
     ("key", "value"),
     [("conducted_share", 1.0), ("conducted_share", -0.1), ("outlet_weight", 0.0),

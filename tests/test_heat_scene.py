@@ -79,8 +79,9 @@ def test_heat_that_cannot_be_balanced_names_its_key(given, message):
 def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     source = tmp_path / "warm.toml"
     source.write_text(toml(tables(HEAT | {"tolerance": 0.2})))
-    assert call("run", source, "-o", tmp_path / "out", "--plots", "--no-error-budget") == 0
+    assert call("run", source, "-o", tmp_path / "out", "--no-plots", "--no-error-budget") == 0
     assert "effective temperature" in capsys.readouterr().out
+    assert call("plot", tmp_path / "out", "--quantity", "flow") == 0
     assert (tmp_path / "out" / "flow.png").is_file()
     found = json.loads((tmp_path / "out" / "summary.json").read_text())
     supply, effective, outlet = (

@@ -231,7 +231,7 @@ def test_structure_without_a_foot_is_named(tmp_path):
     text = ehd.model_path("housing").read_text().replace('Physical Surface("foot", 3)', "x[]")
     (tmp_path / "loose.geo").write_text(text)
     with pytest.raises(ehd.errors.MeshError, match="'foot'"):
-        build_structure(housing_settings(model=str(tmp_path / "loose.geo")))
+        build_structure(housing_settings(COARSE, model=str(tmp_path / "loose.geo")))
 
 
 def test_provenance_names_what_the_body_depends_on():

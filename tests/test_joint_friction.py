@@ -27,7 +27,7 @@ from hand_made_rod import (
     make_mechanism,
     with_residual,
 )
-from journal_cases import ETA, OMEGA, C, R, ellipse, in_bearing, journal, make_film, steady
+from journal_cases import ETA, OMEGA, C, R, ellipse, journal, make_film
 from mechanism_cases import film as film_of
 from mechanism_cases import rigid_rod, slider_crank
 from oracle_walls import walls
@@ -143,22 +143,12 @@ def test_a_centred_journal_has_petroffs_torque(figure):
         figure("friction", name, abs(found / petroff - 1), most=1e-6)
 
 
-def test_the_cavitated_zone_shears_by_the_joints_rule():
-    film, losses, end = make_film((20, 4)), {}, 0.6 * np.pi / OMEGA
-    for rule in ("full", "streamers", "none"):
-        mechanism = in_bearing(film, {"load": steady(5e3)}, friction=True, shear_rule=rule)
-        result = ehd.simulate(mechanism, end, tolerance=1e-3, first=1e-6)
-        losses[rule] = result.columns["friction_power_W"][-1]
-    assert losses["full"] > 1.05 * losses["streamers"]
-    assert losses["streamers"] > 1.1 * losses["none"]
-
-
 @pytest.mark.parametrize("name", ["supplied", pytest.param("two joints", marks=pytest.mark.slow)])
 def test_the_machine_puts_in_what_its_films_dissipate(name, figure):
     # Drives, forces and stored energy against dissipation: what no single joint's balance knows.
     steps = {"largest": 1.0, "order": 2}
     loose, tight = (
-        ehd.simulate(machines()[name], 0.1 * REVOLUTION, tolerance=t, **steps).summary()[
+        ehd.simulate(machines()[name], 0.05 * REVOLUTION, tolerance=t, **steps).summary()[
             "energy_balance_error"
         ]
         for t in (1e-3, 1e-6)

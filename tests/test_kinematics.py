@@ -117,20 +117,6 @@ def test_turning_both_bodies_and_the_frame_leaves_the_pressure():
     assert excess[0] / excess[1] == pytest.approx(4, rel=0.3)
 
 
-def test_turning_bore_drags_the_oil_as_a_turning_shaft():
-    film = make_film((24, 3), width=R, clearance=1e-8 * R, oil=ehd.Lubricant(1e-10))
-    e = 0.6e-8 * R * np.array([1.0, 0.5])
-    shaft, bore = (
-        film.solve(
-            ehd.shaft_gap(film.points, R, 1e-8 * R, ehd.ShaftMotion(e, a, bore_speed=b))
-        ).pressure
-        for a, b in ((OMEGA, 0.0), (0.0, OMEGA))
-    )
-    np.testing.assert_allclose(bore, shaft, atol=1e-6 * shaft.max())
-    against = ehd.shaft_gap(film.points, R, 1e-8 * R, ehd.ShaftMotion(e, OMEGA, bore_speed=-OMEGA))
-    assert film.solve(against).pressure.max() < 1e-5 * shaft.max()
-
-
 def test_shaft_far_off_is_refused():
     with pytest.raises(ehd.errors.SettingsError, match="outside the shaft's radius"):
         ehd.shaft_gap(POINTS, R, C, motion(np.array([2 * R / C, 0, 0, 0])))
