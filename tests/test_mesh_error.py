@@ -144,7 +144,7 @@ def test_files_of_parts_are_missed_before_anything_is_meshed(monkeypatch):
     tables = tables_of("slider-crank-both-ends", {})
     tables["bodies"]["other"] = tables["bodies"]["rod"] | {"model": "nowhere.msh"}
     meshed = []
-    monkeypatch.setattr("fenics_ehd.scenes.build.elastic_part", lambda *given: meshed.append(given))
+    monkeypatch.setattr("fenics_ehd.scenes.part.elastic_part", lambda *given: meshed.append(given))
     with pytest.raises(ehd.errors.SettingsError, match=r"bodies\.other\.model = 'nowhere\.msh'"):
         ehd.build(scene_of(tables, "two"))
     assert not meshed

@@ -152,13 +152,12 @@ class Curve:
         ]
         return ends[1] - ends[0]
 
-    def scaled(self, factor: float, added: float = 0.0) -> Curve:
-        """The same times a factor, with a constant added."""
+    def scaled(self, factor: float) -> Curve:
+        """The same times a factor."""
         from scipy.interpolate import PPoly
 
-        coefficients = factor * self.curve.c
-        coefficients[-1] += added
-        return Curve(PPoly(coefficients, self.curve.x), self.periodic, abs(factor) * self.scale)
+        curve = PPoly(factor * self.curve.c, self.curve.x)
+        return Curve(curve, self.periodic, abs(factor) * self.scale)
 
 
 @dataclass(frozen=True, eq=False)
