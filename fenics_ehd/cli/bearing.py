@@ -303,7 +303,7 @@ def _cells(text: str) -> tuple[int, int]:
 @click.option(
     "--element",
     type=click.Choice(FILM_ELEMENTS),
-    help="9-node, 4-node or 8-node (the paper's).  [default: lagrange, the first; mass-conserving: "
+    help="9-node, 8-node (the paper's) or 4-node.  [default: lagrange, the first; mass-conserving: "
     "bilinear]",
 )
 @flag("--coefficients", "Add stiffness, damping and stability.")
