@@ -85,12 +85,12 @@ def test_between_rough_surfaces_it_settles_to_that_of_these(whirl, figure):
 
 
 def assert_settles(exact, whirl, surfaces, figure, group, words):
-    """A closed journal on three meshes, its fluid fraction and largest pressure."""
+    """A closed journal on two meshes, its fluid fraction and largest pressure."""
     clearance = 1e-6
     reformation, rupture = exact.boundaries
     velocity = 0.5 - whirl / SPEED
     errors, turns = [], 3
-    for cells in (16, 32, 64):
+    for cells in (16, 64):
         film = oil_film((cells, 1), clearance=clearance, sides=CLOSED, surfaces=surfaces)
         mechanism = whirling(film, 0.5, whirl, filling=0.8)
         end = turns * REVOLUTION
@@ -154,7 +154,7 @@ def squeezed(cells, steps, order=2):
 
 @pytest.mark.slow
 def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(figure):
-    errors = np.array([squeezed(16, 32), squeezed(32, 64), squeezed(64, 128)])
+    errors = np.array([squeezed(16, 32), squeezed(64, 128)])
     # The edge lies within a cell of where it should.
     assert errors[:, 1].max() < 1.0
     name = "conserved oil in the coupled step, squeezed journal, empty area"
@@ -221,7 +221,7 @@ def test_order_in_time(figure):
 
     reference = at_end(400, 2)
     for order, least in ((1, 0.7), (2, 1.6)):
-        errors = [np.abs(at_end(n, order) - reference).mean() for n in (40, 80, 160)]
+        errors = [np.abs(at_end(n, order) - reference).mean() for n in (40, 160)]
         observed = np.log2(errors[0] / errors[-1]) / 2
         name = f"conserved oil in the coupled step, formula of order {order}, observed order"
         figure("film", name, observed, least=least)
