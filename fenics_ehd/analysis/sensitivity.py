@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import difflib
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import attrs
@@ -388,7 +388,7 @@ def check_periods(mechanism: Mechanism, period: float | None, numbers: Sequence[
             )
 
 
-def figure_of(name: str, paths: Iterable[str]) -> Figure:
+def figure_of(name: str, paths: Collection[str]) -> Figure:
     """The figure of a name, ``big_end.min_film_thickness``.
 
     Its unit may stand behind, and the joint be left out where there is one.
@@ -405,22 +405,20 @@ def figure_of(name: str, paths: Iterable[str]) -> Figure:
     SensitivityError
         There is none of that name.
     """
+    joints = {path.split("/")[1] for path in paths}
+    alone = len(joints) == 1 and name.partition(".")[0] not in joints
     known: dict[str, Figure] = {}
     for path in paths:
         _, joint, column = path.split("/", 2)
         for figure in _figures(joint, column):
-            known[f"{joint}.{figure.name}"] = figure
+            known[figure.name if alone else f"{joint}.{figure.name}"] = figure
     if not known:
         raise SensitivityError(f"unknown quantity {name}: no joint is lubricated")
-    joints = {figure.joint for figure in known.values()}
-    alone = len(joints) == 1 and name.partition(".")[0] not in joints
-    full = f"{min(joints)}.{name}" if alone else name
-    names = {split_unit(key)[0]: figure for key, figure in known.items()} | known
-    if full in names:
-        return names[full]
-    short = sorted(split_unit(key)[0] for key in known)
-    if alone:
-        short = [key.partition(".")[2] for key in short]
+    without_unit = {split_unit(key)[0]: figure for key, figure in known.items()}
+    names = without_unit | known
+    if name in names:
+        return names[name]
+    short = sorted(without_unit)
     close = difflib.get_close_matches(name, short, n=1)
     hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(short)}"
     raise SensitivityError(f"unknown quantity {name}: {hint}")
