@@ -64,15 +64,14 @@ def test_full_film_converges_at_the_rate_of_its_element(family, graded, field):
     phi, z = (x.ravel() for x in np.meshgrid(np.linspace(0, 6.2, 181), np.linspace(-1, 1, 53)))
     z = HALF * z
     errors = []
-    for cells in ((16, 4), (32, 8), (64, 16)):
+    for cells in ((32, 8), (64, 16)):
         film = make_film(grid=grid_of(cells, family, graded, start=1.0), oil=oil)
         state = film.solve(given_gap(film, gap, rate, velocity))
         assert len(state.cavitation.full_film) == len(film.free)
         found = film.parameters.grid.interpolation(phi, R * z) @ state.pressure
         error = found / film.parameters.pressure_scale - pressure(phi, z)
         errors.append(np.sqrt(np.mean(error**2)))
-    rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert rates[-1] > RATES[family] - 0.1
+    assert np.log2(errors[0] / errors[1]) > RATES[family] - 0.1
 
 
 # --- A cavitating bearing, L/D = 1 and eccentricity 0.6: table of `test_film.py`
