@@ -51,7 +51,8 @@ MODELS = {
     },
 }  # fmt: skip
 
-TIMES = {"time.revolutions": 0.03, "time.tolerance": 1e-8}
+#: Error budgets of runs that go on are in the slow test of periodic ones.
+TIMES = {"time.revolutions": 0.03, "time.tolerance": 1e-8, "output.error_budget": False}
 
 
 @pytest.fixture(scope="module")
