@@ -93,7 +93,7 @@ def test_forces_on_points_are_those_that_accelerate_the_body():
     tables = tables_of("slider-crank-paper", rod(10) | ROD_OF_M1)
     system = System(ehd.build(scene_of(tables, "rod")).mechanism)
     own, random = system.bodies["rod"], np.random.default_rng(0)
-    body, z = system.mechanism.bodies["rod"], system.start.copy()
+    body, z = system.mechanism.bodies["rod"], system.rough_pose[0].copy()
     z[own.start + body.angle_index] = 0.4
     (joint,) = (p for p in system.constraints if "rod.pin" in getattr(p.joint, "markers", ()))
     multipliers = np.zeros(system.m)

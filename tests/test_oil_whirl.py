@@ -228,7 +228,7 @@ class TwoBearings:
             change = np.zeros(system.n)
             change[modes] = both @ (size * part).real
             # Eccentricities follow the shaft.
-            markers = Instant(system, 0.0, system.start).jacobian
+            markers = Instant(system, 0.0, system.rough_pose[0]).jacobian
             own = np.concatenate([film.xi for film in system.films])
             change[own] = -np.linalg.solve(markers[: len(own), own], markers[: len(own)] @ change)
             values[: system.n] += change

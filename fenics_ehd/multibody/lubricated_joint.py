@@ -177,11 +177,6 @@ def sampling_grid(bore: BoreSurface) -> FilmGrid:
     return uniform_grid(bore.radius, bore.width, SAMPLED)
 
 
-def _same_family(body: ReducedBody, grid: FilmGrid) -> bool:
-    """True if equal nodal pressures are one: 4-node cells may have 9-node cells' nodes."""
-    return grid.family == (body.bore.pressure_family or film_layout(body.pressure_nodes)[1])
-
-
 class BoreFilm:
     """Linear maps of one film in the bore of one body.
 
@@ -240,7 +235,10 @@ class BoreFilm:
         self.outward = self.observed[:inside]
         # n . (e_z x u) is minus the component of u along the circumference.
         self.tangential = -(normal @ turned(fields[:, 2:], 2))
-        self._order = match(body.pressure_nodes, grid.nodes) if _same_family(body, grid) else None
+        # 4-node cells may have 9-node cells' nodes, whose equal pressures are others.
+        family = body.bore.pressure_family or film_layout(body.pressure_nodes)[1]
+        alike = grid.family == family
+        self._order = match(body.pressure_nodes, grid.nodes) if alike else None
         self._mortar = self._mortar_of(body, grid) if self._order is None else None
         fields = outward.reshape(*film.points.angle.shape, -1)
         self.holes, self.solid, whole = surface.holes, None, None
@@ -299,11 +297,6 @@ class BoreFilm:
                 )
 
 
-def node_areas(film: Film) -> np.ndarray:
-    """Weights of the nodes: integrals of their shape functions over the bore, shape (k,) [m^2]."""
-    return np.asarray(film.pressure_areas.sum(axis=0)).ravel()
-
-
 def nearest_circle(film: Film) -> np.ndarray:
     """Rows that make of a gap at the film's nodes that of the nearest circles of its surfaces.
 
@@ -315,7 +308,8 @@ def nearest_circle(film: Film) -> np.ndarray:
     """
     angle, _ = film.parameters.grid.node_positions.T
     waves = np.stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
-    weighted = waves * node_areas(film)
+    # Weights of the nodes are the integrals of their shape functions over the bore.
+    weighted = waves * np.ravel(film.pressure_areas.sum(axis=0))
     # Areas of a quadrature: those of 8-node corners are negative, their sums are not.
     circle: np.ndarray = np.linalg.solve(weighted @ waves.T, weighted)
     return circle

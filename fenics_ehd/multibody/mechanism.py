@@ -99,8 +99,7 @@ class FilmBinding:
 
     def relative_angle(self, values: np.ndarray) -> float:
         """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
-        journal, bore = self.angles(values)
-        return float(journal - bore)
+        return float(self.signs @ values[self.turning])
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
         """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""
@@ -211,8 +210,6 @@ class System:
             if body.angle_index is not None:
                 self.angles[name] = self.n + body.angle_index
             self.n += body.size
-        weights = np.concatenate([body.weights for body in self._bodies.values()])
-        mobility = np.concatenate([body.mobility for body in self._bodies.values()])
         self.markers: dict[str, BoundMarker] = {}
         self.own: list[tuple[slice, slice]] = []
         self.films: list[FilmBinding] = []
@@ -226,9 +223,10 @@ class System:
             self._constrain(name, joint)
         for name in sorted(mechanism.drives):
             self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
-        fine = np.full(self.n - len(weights), FINE_WEIGHT)
-        self.weights = np.concatenate([weights, fine])
-        self.mobility = np.concatenate([mobility, fine])
+        everybody = self._bodies.values()
+        fine = np.full(sum(film.film.own for film in self.films), FINE_WEIGHT)
+        self.weights = np.concatenate([*(body.weights for body in everybody), fine])
+        self.mobility = np.concatenate([*(body.mobility for body in everybody), fine])
         forces = [mechanism.forces[name] for name in sorted(mechanism.forces)]
         self.forces = [(force, self._see(force.markers)) for force in forces]
         self.lift = -np.array(mechanism.gravity)
@@ -347,24 +345,15 @@ class System:
         return found
 
     @cached_property
-    def start(self) -> np.ndarray:
-        """Coordinates of the rough pose, shape (n,)."""
-        z = np.zeros(self.n)
+    def rough_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates as they are given, not assembled yet, and their rates, shape (n,) each."""
+        z, v = np.zeros(self.n), np.zeros(self.n)
         for places, body, _ in self.each_body():
-            z[places] = body.start
+            z[places], v[places] = body.start, body.start_rates
         for film in self.films:
             z[film.xi[:2]] = film.joint.eccentricity
-        return z
-
-    @cached_property
-    def start_rates(self) -> np.ndarray:
-        """Their rates, shape (n,)."""
-        v = np.zeros(self.n)
-        for places, body, _ in self.each_body():
-            v[places] = body.start_rates
-        for film in self.films:
             v[film.xi[:2]] = film.joint.eccentricity_rate
-        return v
+        return z, v
 
     def worst(self, rows: np.ndarray) -> tuple[str, float]:
         """Name of the constraint with the largest of some values, shape (m,), and its size."""
@@ -599,8 +588,9 @@ def assemble(
     SettingsError
         The constraints cannot be met from there, or contradict or repeat each other.
     """
-    instant = Instant(system, time, system.start if rough is None else rough)
-    rates = system.start_rates if rates is None else rates
+    start, start_rates = system.rough_pose
+    instant = Instant(system, time, start if rough is None else rough)
+    rates = start_rates if rates is None else rates
     unknown = ~np.isfinite(instant.defect)
     if unknown.any():
         name, _ = system.worst(unknown.astype(float))

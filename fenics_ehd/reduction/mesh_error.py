@@ -58,10 +58,6 @@ def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
     return np.einsum("kh,wk->khw", along, waves).reshape(len(positions), -1)
 
 
-def _single(number: int) -> np.ndarray:
-    return np.eye(SMOOTH)[number]
-
-
 def _summit() -> np.ndarray:
     angle = 2 * np.pi * np.arange(64) / 64
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(64)])
@@ -70,12 +66,14 @@ def _summit() -> np.ndarray:
     return np.append(found, np.zeros(SMOOTH - len(found)))
 
 
+_SINGLE = np.eye(SMOOTH)
+
 #: Pressures that errors are told of: the harmonics that bend a bore, and a sharper one.
 PATTERNS = {
-    "cos 2 phi": _single(3),
-    "sin 2 phi": _single(4),
-    "cos 3 phi": _single(5),
-    "sin 3 phi": _single(6),
+    "cos 2 phi": _SINGLE[3],
+    "sin 2 phi": _SINGLE[4],
+    "cos 3 phi": _SINGLE[5],
+    "sin 3 phi": _SINGLE[6],
     "exp(4 cos phi)": _summit(),
 }
 
