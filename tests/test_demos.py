@@ -63,10 +63,11 @@ def test_rotor_follows_its_force():
 
 
 def test_journal_finds_the_thinnest_film_of_an_engine_bearing():
-    result = demo("loaded_journal").main(tolerance=2e-3)
+    # As it stands in the documentation: what it asks of the steps and of a cycle goes together.
+    result = demo("loaded_journal").main()
     film = result.joints["film"]
-    assert film.min_film_thickness.min() == pytest.approx(4.26e-6, rel=0.04)
-    assert result.summary()["periodicity_defect"] <= 2e-3
+    assert film.min_film_thickness.min() == pytest.approx(4.263e-6, rel=2e-3)
+    assert result.summary()["periodicity_defect"] <= 5e-4
     assert result.cycles <= 4
 
 
