@@ -192,6 +192,24 @@ def test_the_pressure_in_a_closed_hole_is_uniform():
     assert flows.supply == 0.0
 
 
+@pytest.mark.parametrize("kind", ["recesses", "feeds"])
+def test_a_film_that_has_become_warm_is_one_of_warm_oil(kind):
+    oil = ehd.Oil(viscosity_40=100.0, viscosity_100=11.0, density_15=880.0)
+    hole = ehd.HoleSupply(name="inlet", angle=np.degrees(-1.8), diameter=7e-3, pressure=2e5)
+    grid = ehd.uniform_grid(0.0225, 0.022, (40, 10))
+
+    def film(temperature):
+        lubricant = ehd.Lubricant.of(oil, temperature)
+        return ehd.Film(ehd.FilmParameters(grid, 20e-6, lubricant, 300.0, **{kind: (hole,)}))
+
+    warm, warmed = film(90.0), film(40.0)
+    warmed.warm(90.0)
+    motion = ehd.ShaftMotion(np.array([10e-6, -4e-6]), 300.0)
+    gap = ehd.shaft_gap(warm.points, 0.0225, 20e-6, motion)
+    expected = warm.solve(gap).pressure
+    assert np.abs(warmed.solve(gap).pressure - expected).max() < 1e-9 * expected.max()
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -6,11 +6,12 @@ other ways. Every film model must say the same of it.
 
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import attrs
 import numpy as np
 import pytest
-from bench_machines import ConservedContent
+from bench_machines import ConservedContent, StepEquations, StepNorm, System
 from film_cases import oval
 from rough_cases import surfaces
 
@@ -217,3 +218,28 @@ def test_the_film_does_not_know_who_looks(name, way):
     if way == "exchange":
         assert max(off.pop(key) for key in ("pressure", "film")) < 1e-2
     assert max(off.values()) < LIMITS[way], off
+
+
+@pytest.mark.parametrize("held", ["bore", "journal"])
+def test_what_is_held_at_an_angle_is_seen_from_there(held):
+    def gap(angle):
+        part = ehd.load_body(Path(__file__).parent / "golden/house/rod-m4.h5")
+        rod = ehd.FlexibleBody(replace(part, frame="clamped"), angle=angle)
+        other = ehd.RigidBody(mass=1.0, inertia=1e-3, angle=angle + 30.0)
+        grid = ehd.uniform_grid(0.0225, 0.022, (20, 4))
+        film = ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA))
+        markers = ("shaft", "rod.bore") if held == "bore" else ("rod.bore", "shaft")
+        joint = ehd.LubricatedJoint(*markers, film, journal_shape=oval(3e-6, 0.3))
+        system = System(ehd.Mechanism({"rod": rod, "shaft": other}, {"bearing": joint}))
+        equations = StepEquations(system)
+        norm, patterns = StepNorm(equations), np.zeros(equations.responses.size)
+        z, rates = system.rough_pose
+        observed = norm.observe(np.concatenate([z, patterns]))
+        return system.films[0].gap(z, rates, 0.0), norm.gaps(observed)
+
+    (level, observed), (turned, observed_turned) = gap(0.0), gap(70.0)
+    assert np.ptp(level.thickness) > 5e-6
+    assert np.abs(turned.thickness - level.thickness).max() < 1e-12 * C
+    assert np.abs(observed_turned - observed).max() < 1e-12 * C
+    assert observed.min() == pytest.approx(level.thickness.min(), rel=0.05)
+    assert np.degrees(turned.turn - level.turn) == pytest.approx(0.0, abs=1e-9)

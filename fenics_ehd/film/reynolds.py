@@ -76,13 +76,6 @@ class ReynoldsEquation:
         self.points = gauss_points(grid, self.assembly.reference)
         self.lubricant = parameters.lubricant
         self.surfaces = parameters.surfaces
-        self.factors = [self._field(f) for f in FIELDS]
-        if parameters.recesses:
-            self.factors[0] = self.factors[0] * recess_viscosity(parameters, self.points)
-        self.feeds: Feeds | None = None
-        if parameters.feeds:
-            mobility = self.factors[1] / self.factors[0]
-            self.feeds = Feeds(parameters, self.points, self.assembly.area, mobility)
         weighted = grid.family == "serendipity"
         mass = self.assembly.mass(self.free)
         self.pattern = self.assembly.pattern(self.free)
@@ -92,6 +85,20 @@ class ReynoldsEquation:
         unit = np.ones(len(self.free)) if weighted else mass.sum(axis=1)
         self._smallest = SMALLEST_SOURCE * float(np.linalg.norm(unit))
         self.laws = Laws.of(parameters)
+        self._thicken(1.0)
+
+    def _thicken(self, ratio: float) -> None:
+        """Take so many times the given viscosity, in supplies and recesses, too."""
+        parameters = self.parameters
+        viscosity, density = (self._field(name) for name in FIELDS)
+        if parameters.recesses:
+            viscosity = viscosity * recess_viscosity(parameters, self.points)
+        self.factors = [ratio * viscosity, density]
+        self.feeds = (
+            Feeds(parameters, self.points, self.assembly.area, density / self.factors[0])
+            if parameters.feeds
+            else None
+        )
         self._numbers = self._current_numbers()
 
     @cached_property
@@ -143,9 +150,7 @@ class ReynoldsEquation:
         """
         given = self.parameters.lubricant
         self.lubricant = given.at(temperature)
-        ratio = self.lubricant.viscosity / given.viscosity
-        self.factors = [ratio * self._field("viscosity_field"), self.factors[1]]
-        self._numbers = self._current_numbers()
+        self._thicken(self.lubricant.viscosity / given.viscosity)
 
     def fed(self, gap: Gap, flow: Flow | None = None, *, lumped: bool = False) -> FeedTerm | None:
         """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any.

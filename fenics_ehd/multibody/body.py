@@ -500,7 +500,7 @@ class PlanarBody(Pose, Body):
         return measure[self._own, self._own]
 
 
-@attrs.frozen(eq=False, slots=False)
+@attrs.frozen(slots=False)
 class MasslessBody(PlanarBody):
     """A rigid body without mass, as a journal under a given load."""
 
@@ -526,7 +526,7 @@ class MasslessBody(PlanarBody):
         }
 
 
-@attrs.frozen(eq=False, slots=False)
+@attrs.frozen(slots=False)
 class RigidBody(MasslessBody):
     """A rigid body."""
 

@@ -185,7 +185,7 @@ class AngleDrive(Joint):
         return np.array([angle]), np.array([speed])
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen
 class Speed:
     """A body's angle turns at a given speed, from the body's angle at the start on.
 

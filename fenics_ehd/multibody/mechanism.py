@@ -83,7 +83,7 @@ class FilmBinding:
     bore_body, bore
         Name of the body that has the bore, and of the bore where it is flexible, else empty.
     mounted
-        Angle of a bore that cannot turn [rad].
+        Angles of journal and bore that cannot turn, 0 of those that can [rad].
     """
 
     name: str
@@ -95,15 +95,19 @@ class FilmBinding:
     bore_angle: int | None
     bore_body: str
     bore: str
-    mounted: float
+    mounted: tuple[float, float]
 
-    def relative_angle(self, values: np.ndarray) -> float:
-        """Journal's angle less the bore's, of coordinates [rad] or of their rates [rad/s]."""
-        return float(self.signs @ values[self.turning])
+    def relative_angle(self, z: np.ndarray) -> float:
+        """Journal's angle less the bore's [rad]."""
+        return self.relative_speed(z) + self.mounted[0] - self.mounted[1]
+
+    def relative_speed(self, rates: np.ndarray) -> float:
+        """Journal's angular speed less the bore's [rad/s]."""
+        return float(self.signs @ rates[self.turning])
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
         """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""
-        speed, ahead = self.relative_angle(rates), self.relative_angle(z)
+        speed, ahead = self.relative_speed(rates), self.relative_angle(z)
         return self.film.gap(z[self.xi], rates[self.xi], speed, ahead, time)
 
     def turned(self, z: np.ndarray, rates: np.ndarray) -> Turned | None:
@@ -111,13 +115,14 @@ class FilmBinding:
         shape = self.film.shape
         if shape is None:
             return None
-        return shape.turned(self.relative_angle(z), self.relative_angle(rates))
+        return shape.turned(self.relative_angle(z), self.relative_speed(rates))
 
     @cached_property
     def turning(self) -> np.ndarray:
         """Places of the angles that `relative_angle` is made of."""
-        ends = self.journal_angle, self.bore_angle
-        return np.array([angle for angle in ends if angle is not None], dtype=int)
+        return np.array(
+            [a for a in (self.journal_angle, self.bore_angle) if a is not None], dtype=int
+        )
 
     @cached_property
     def signs(self) -> np.ndarray:
@@ -210,6 +215,11 @@ class System:
             if body.angle_index is not None:
                 self.angles[name] = self.n + body.angle_index
             self.n += body.size
+        self._mounted = {
+            name: float(body.marker("", body.start).values[ANGLE])
+            for name, body in self._bodies.items()
+            if body.angle_index is None
+        }
         self.markers: dict[str, BoundMarker] = {}
         self.own: list[tuple[slice, slice]] = []
         self.films: list[FilmBinding] = []
@@ -272,8 +282,6 @@ class System:
         if isinstance(bore, FlexibleBody) and point in bore.reduced.bores:
             part = bore.reduced.at_bore(point)
         film = JointFilm(joint, part, journal.tilts)
-        bore_angle = self.angles.get(bore_name)
-        mounted = bore.marker("", bore.start).values[ANGLE] if bore_angle is None else 0.0
         last = self.bodies[bore_name].stop
         modes = np.arange(last - film.size + film.own, last)
         return FilmBinding(
@@ -283,10 +291,10 @@ class System:
             np.concatenate([np.arange(self.n, self.n + film.own), modes]),
             slice(self.m, self.m + film.own),
             self.angles.get(journal_name),
-            bore_angle,
+            self.angles.get(bore_name),
             bore_name,
             "" if part is None else point,
-            float(mounted),
+            (self._mounted.get(journal_name, 0.0), self._mounted.get(bore_name, 0.0)),
         )
 
     def bore_at_rest(self, place: FilmBinding) -> str:

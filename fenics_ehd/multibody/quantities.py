@@ -141,7 +141,7 @@ class JointStep:
         """Direction of the journal's load on the bore, in the bore's frame [rad]."""
         # The joint's own force is the one on the journal.
         load = np.arctan2(-self.force[1], -self.force[0])
-        return float(load - self.place.angles(self.x)[1] - self.place.mounted)
+        return float(load - self.place.angles(self.x)[1] - self.place.mounted[1])
 
     @cached_property
     def journal(self) -> np.ndarray:
@@ -442,7 +442,7 @@ def film_power(joint: JointStep) -> float:
     place, state, rate, found = joint.place, joint.state, joint.rate, joint.friction
     opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
-    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_angle(rate)
+    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_speed(rate)
     return squeezed + sheared + joint.rubbed
 
 

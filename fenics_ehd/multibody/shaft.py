@@ -263,7 +263,7 @@ def _shares(help_text: str) -> Any:
     return table(help_text, check, partial(as_float, unit=""))
 
 
-@attrs.frozen(eq=False, slots=False)
+@attrs.frozen(slots=False)
 class ShaftBody(Shaft, Body):
     """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
 

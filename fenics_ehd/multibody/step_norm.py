@@ -45,13 +45,13 @@ class StepNorm:
 
     def _turning_angles(self, films: Sequence[FilmBinding], size: int) -> list[np.ndarray]:
         """Rows of the angles of journals whose shape turns; where, which and whose is kept."""
-        self._turning: list[tuple[slice, int, JointShape]] = []
+        self._turning: list[tuple[slice, int, float, JointShape]] = []
         angles: list[np.ndarray] = []
         for own, film in zip(self._films, films, strict=True):
             shape = film.film.shape
             if shape is not None and shape.turning:
                 row = self._gaps + len(self._measure) + len(angles)
-                self._turning.append((own, row, shape))
+                self._turning.append((own, row, film.mounted[0] - film.mounted[1], shape))
                 angles.append(np.zeros((1, size)))
                 angles[-1][0, film.turning] = film.signs
         return angles
@@ -68,8 +68,8 @@ class StepNorm:
         found = observed[: self._gaps]
         if self._turning:
             found = found.copy()
-            for own, angle, shape in self._turning:
-                found[own] -= shape.closing(observed[angle])
+            for own, angle, mounted, shape in self._turning:
+                found[own] -= shape.closing(observed[angle] + mounted)
         return found
 
     def lengths(self, gaps: np.ndarray) -> np.ndarray:
