@@ -24,9 +24,8 @@ def pinned_frequencies(beam, modes):
 
 
 def in_modes(beam, modes, disks=(), **more):
-    """A shaft in so many modes of either plane; a scene may have none without mass, as here."""
-    with attrs.validators.disabled():
-        return ehd.ShaftBody(**attrs.asdict(beam), modes=2 * modes, disks=disks, **more)
+    """A shaft in so many modes of either plane."""
+    return ehd.ShaftBody(**attrs.asdict(beam), modes=2 * modes, disks=disks, **more)
 
 
 def turning(body, speed):

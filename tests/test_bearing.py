@@ -273,15 +273,16 @@ def test_extremes_that_work(changes, given):
     assert 0 < result.min_film_thickness < result.settings.clearance
 
 
+@pytest.mark.slow
 def test_default_mesh_is_good_enough_at_the_extremes(figure):
-    """0.08 % in load against twice the cells both ways, 0.1 % against four times those around."""
+    """0.1 % in load against 4 times the cells around and 2 along."""
     for width, ratio in ((0.0225, 0.95), (0.09, 0.99), (0.045, 0.999)):
         settings = ehd.BearingSettings(width=width)
-        fine = attrs.evolve(settings, cells_around=128, cells_along=24)
+        fine = attrs.evolve(settings, cells_around=256, cells_along=24)
         load = ehd.solve_bearing(settings, eccentricity=ratio).load
         error = abs(load / ehd.solve_bearing(fine, eccentricity=ratio).load - 1)
         name = "load with the default mesh, eccentricity up to 0.999, against a fine one"
-        figure("rigid bearing", name, error, most=8e-4, unit="%")
+        figure("rigid bearing", name, error, most=1e-3, unit="%")
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,9 @@ def mechanism_with(family, residual, damping_time=1e-3, oil=None, feeds=()):
     return driven(
         make_mechanism(body, joint, damping_time),
         2e-3,
-        torque=ehd.Torque("crank", lambda a: (3 * np.cos(2 * a), -6 * np.sin(2 * a)), damping=0.01),
+        torque=ehd.Torque(
+            "crank", curve=lambda a: (3 * np.cos(2 * a), -6 * np.sin(2 * a)), damping=0.01
+        ),
         gas=ehd.PointForce(
             "piston", (-1.0, 0.0), lambda a: (4e3 * np.sin(a), 4e3 * np.cos(a)), "crank"
         ),

@@ -53,7 +53,10 @@ def steady(joint, body, **settings):
 
 def engine(joint, body, inertia=INERTIA, **settings):
     """Its crank is driven by `torque`, its piston by `gas`."""
-    forces = {"torque": ehd.Torque("crank", torque, damping=DAMPING, speed=SPEED), "gas": push()}
+    forces = {
+        "torque": ehd.Torque("crank", curve=torque, damping=DAMPING, speed=SPEED),
+        "gas": push(),
+    }
     return driven(make_mechanism(body, joint, **settings), inertia, **forces)
 
 

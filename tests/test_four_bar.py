@@ -53,7 +53,7 @@ def motor(time):
 def free(*changes):
     """A motor turns the crank."""
     return replace(
-        linkage(FREE, *changes), forces={"motor": ehd.Torque("crank", motor, over="time")}
+        linkage(FREE, *changes), forces={"motor": ehd.Torque("crank", curve=motor, over="time")}
     )
 
 

@@ -4,7 +4,15 @@ import json
 import subprocess
 import sys
 
-from bench_machines import IntegratorOptions, Run, Simulation, StepEquations, System, step_equations
+from bench_machines import (
+    IntegratorOptions,
+    Run,
+    Simulation,
+    StepEquations,
+    System,
+    quantities,
+    step_equations,
+)
 from hand_made_rod import Joint, flexible, make_body
 from mechanism_cases import flexible_slider_crank, rigid_rod, short_films, slider_crank
 from scene_cases import ROD_OF_A_FILE, write_scene
@@ -110,7 +118,8 @@ def test_a_machine_without_friction_computes_none(monkeypatch):
     def must_not(*arguments):
         raise AssertionError("not needed here")
 
-    monkeypatch.setattr(step_equations, "film_friction", must_not)
+    for module in (step_equations, quantities):
+        monkeypatch.setattr(module, "film_friction", must_not)
     run = Run(slider_crank(rigid_rod(), *short_films()), IntegratorOptions(tolerance=1e-2), 1e-7)
     tracker = Simulation(run, 1e-7)
     rows = [tracker.add(step) for step in run.until(1e-7)]

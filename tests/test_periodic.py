@@ -221,7 +221,7 @@ def test_a_table_over_time_has_to_be_over():
     rising = Curve(PchipInterpolator([0.0, 2.0], [100.0, 300.0]), periodic=False)
     run_up = replace(rotor(5.0, 600.0, 0.5), drives={"journal": ehd.Speed(curve=rising)})
     assert repeating(run_up)[0] == 2.0
-    torque = ehd.Torque("journal", rising, over="time")
+    torque = ehd.Torque("journal", curve=rising, over="time")
     assert repeating(replace(rotor(5.0, 60.0), drives={}, forces={"drive": torque}))[0] == 2.0
     held = Curve(PchipInterpolator([0.0, 0.5, 10.0], [100.0, 300.0, 300.0]), periodic=False)
     assert repeating(replace(run_up, drives={"journal": ehd.Speed(curve=held)}))[0] == 0.5

@@ -96,10 +96,9 @@ def steps_of(folder):
     "how",
     [
         signal.SIGINT,
-        *(
-            pytest.param(how, marks=pytest.mark.slow)
-            for how in (signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
-        ),
+        signal.SIGTERM,
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+        pytest.param(signal.SIGPIPE, marks=pytest.mark.slow),
     ],
     ids=lambda how: how.name,
 )

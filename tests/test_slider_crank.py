@@ -214,7 +214,7 @@ def test_residual_is_the_virtual_work_of_explicitly_moved_points(seed, family, c
     moved, time, shift = Moved(joint, points, modes), 1e-4 * seed, 2e3
     inertia, damping, pull = 2e-3, 0.01, np.array([0.0, -9.81, 0.0])
     push = {
-        "torque": ehd.Torque("crank", torque, damping=damping, speed=SPEED),
+        "torque": ehd.Torque("crank", curve=torque, damping=damping, speed=SPEED),
         "gas": ehd.PointForce("piston", (-1.0, 0.0), gas, "crank"),
     }
     mechanism = driven(make_mechanism(body, joint), inertia, **push)

@@ -48,7 +48,7 @@ def everything(rod_body):
         drives={"crank": ehd.Speed(500.0, 0.2), "shaft": ehd.Speed(600.0)},
         forces={
             "spring": ehd.SpringDamper(("rod.pin", "ground.hook"), 1e3, 10.0),
-            "motor": ehd.Torque("rod", wave, damping=0.1, speed=3.0),
+            "motor": ehd.Torque("rod", curve=wave, damping=0.1, speed=3.0),
             "gas": ehd.PointForce("rod.pin", (1.0, 1.0), wave, "crank"),
             "unbalance": ehd.RotatingForce("shaft.end", 10.0, 600.0, 0.2),
         },
@@ -197,6 +197,65 @@ def test_a_motion_without_inertia_is_named():
     # A drive holds it, and a damper.
     run(wheel, hinge, drives={"wheel": ehd.Speed(1.0)})
     run(wheel, hinge, forces={"brake": ehd.Torque("wheel", damping=1.0)})
+
+
+def test_a_table_of_a_scene_is_none_of_a_mechanism():
+    for loads in (
+        {"drives": {"wheel": ehd.Speed(table="speed.csv")}},
+        {"forces": {"motor": ehd.Torque("wheel", table="torque.csv")}},
+    ):
+        with pytest.raises(ehd.errors.SettingsError, match="is read with a scene: give a curve"):
+            run({"wheel": ehd.RigidBody(1.0, 1e-3)}, {}, **loads)
+
+
+def test_a_drive_that_gives_no_number_is_named():
+    bodies = {"wheel": ehd.RigidBody(1.0, 1e-3)}
+    hinge = {"hinge": ehd.Revolute(("ground", "wheel"))}
+    with pytest.raises(ehd.errors.SettingsError, match=r"drive of wheel: .* finite numbers"):
+        run(bodies, hinge, drives={"wheel": lambda time: (np.nan, 0.0)})
+
+
+def test_bodies_take_numbers_of_numpy():
+    given = ehd.RigidBody(
+        np.float32(2.0), np.int64(1), {"tip": np.array([0.1, 0])}, position=np.array([0, 0.5])
+    )
+    assert given == ehd.RigidBody(2.0, 1.0, {"tip": (0.1, 0.0)}, position=(0.0, 0.5))
+
+
+def test_a_run_is_replayed_by_a_mechanism_of_other_constraints():
+    bodies = {"wheel": ehd.RigidBody(1.0, 1e-3)}
+    hinge = {"hinge": ehd.Revolute(("ground", "wheel"))}
+    driven = ehd.Mechanism(bodies, hinge, {"wheel": ehd.Speed(10.0)})
+    history = ehd.simulate(driven, 1e-2, tolerance=1e-3)
+    again = ehd.replay(history, ehd.Mechanism(bodies, hinge, {}, {"it": ehd.Torque("wheel")}))
+    assert again["wheel.angle"][-1] == pytest.approx(0.1, rel=1e-9)  # it goes on
+
+
+@pytest.mark.parametrize("degrees", range(0, 360, 10))
+def test_a_crank_is_assembled_at_any_angle(degrees):
+    """The line of the cylinder moves with the piston: what turns it is round-off of zero."""
+    at = np.radians(degrees)
+    pin = 0.05 * np.array([np.cos(at), np.sin(at)])
+    piston = pin[0] + np.sqrt(0.2**2 - pin[1] ** 2)
+    tables = {
+        "bodies": {
+            "crank": {"kind": "rigid", "mass": 1.0, "inertia": 1e-3, "points": {"pin": [0.05, 0]},
+                      "angle": float(degrees)},
+            "rod": {"kind": "rigid", "mass": 1.0, "inertia": 1e-3, "points": {"pin": [0.2, 0]},
+                    "position": pin.tolist(), "angle": float(np.degrees(-np.arcsin(pin[1] / 0.2)))},
+            "piston": {"kind": "rigid", "mass": 0.5, "inertia": 1e-3, "position": [piston, 0.0]},
+        },
+        "joints": {
+            "main": {"kind": "revolute", "between": ["ground", "crank"]},
+            "big": {"kind": "revolute", "between": ["crank.pin", "rod"]},
+            "small": {"kind": "revolute", "between": ["rod.pin", "piston"]},
+            "cylinder": {"kind": "slider", "line": "piston", "point": "ground"},
+        },
+        "drives": {"crank": {"kind": "speed", "speed": 300.0}},
+        "time": {"revolutions": 1.0},
+    }  # fmt: skip
+    placed = ehd.build(ehd.read_scene(tables)).mechanism.bodies["piston"]
+    assert placed.position == pytest.approx((piston, 0.0), abs=1e-9)
 
 
 def test_joints_that_cannot_be():

@@ -135,7 +135,7 @@ def under_table(curve, kind="gas"):
     if kind == "gas":
         forces = {"gas": ehd.PointForce("piston", (-1.0, 0.0), curve, "crank")}
     else:
-        drives, forces = {}, {"motor": ehd.Torque("crank", curve, damping=0.01, speed=SPEED)}
+        drives, forces = {}, {"motor": ehd.Torque("crank", curve=curve, damping=0.01, speed=SPEED)}
     mechanism = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (10, 2)))
     crank = attrs.evolve(mechanism.bodies["crank"], speed=SPEED)
     return replace(

@@ -534,8 +534,7 @@ class Estimator:
         grids = [place.film.film.parameters.grid for place in self._system.films]
         orders = np.array([FILM_ORDERS[grid.family != "bilinear"] for grid in grids])
         # Errors of the films' meshes over what finer ones change.
-        change = self._change(again, found, 1.0 / (1.0 - FINER**-orders))
-        return change + self._curves.sampling
+        return self._curves.sampling + self._change(again, found, 1.0 / (1.0 - FINER**-orders))
 
     def _change_by_gaps(
         self, lacking: Callable[[FlexibleBody, FilmBinding], Lacking], again: Course

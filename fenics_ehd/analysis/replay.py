@@ -253,8 +253,7 @@ def recorded(
     for step in run.until(end) if cycles is None else cycles:
         if cycles is not None and (not rows or cycles.number != number):
             start, rows, number = cycles.began, [], cycles.number
-        row: dict[str, Any] = {"time_s": step.time, **look(step)}
-        row |= solution(run, step)
+        row: dict[str, Any] = {"time_s": step.time, **look(step), **solution(run, step)}
         row["state/accelerations"] = step.acceleration[:size]
         rows.append(row)
     found = history_of(run.equations.system, rows)
@@ -481,7 +480,10 @@ class _Guess:
         self._voids[equations.rest] = False
         # Unknowns of the course on the nodes of these films, coordinates left out.
         self._values = np.zeros((len(course), len(equations.lower)))
-        self._values[:, equations.rest][:, equations.system.n :] = course.state("multipliers")
+        multipliers = course.state("multipliers")
+        # Another drive or joint has others: they begin at zero.
+        if multipliers.shape[1] == equations.rest_size - equations.system.n:
+            self._values[:, equations.rest][:, equations.system.n :] = multipliers
         each = zip(equations.films, equations.places, readings(course.base, run), strict=True)
         for film, own, read in each:
             result = course.joints[film.place.name].film

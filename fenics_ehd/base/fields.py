@@ -288,21 +288,21 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
 
 
 def as_float(value: Any, unit: str | None = None) -> Any:
-    """A whole number, or a text with a `unit`, as a float; anything else as it is."""
-    if unit is not None and isinstance(value, str):
-        with suppress(SettingsError):  # told by the check, which knows the name
+    """A number, or a text with a `unit`, as a float; anything else as it is."""
+    value = value.tolist() if hasattr(value, "tolist") else value  # of NumPy
+    with suppress(SettingsError, OverflowError):  # told by the check, which knows the name
+        if unit is not None and isinstance(value, str):
             return in_unit(value, unit)
-    if type(value) is int:
-        with suppress(OverflowError):
+        if type(value) is int:
             return float(value)
     return value
 
 
 def as_tuple(value: Any, unit: str | None = None) -> Any:
     """Lists within lists as tuples, their whole numbers, and texts with a `unit`, as floats."""
-    if isinstance(value, (list, tuple)):
-        return tuple(as_tuple(entry, unit) for entry in value)
-    return as_float(value, unit)
+    plain = as_float(value, unit)
+    listed = isinstance(plain, (list, tuple))
+    return tuple(as_tuple(entry, unit) for entry in plain) if listed else plain
 
 
 def count(default: int, help_text: str, least: int = 0, most: int | None = None) -> Any:
@@ -478,10 +478,10 @@ def youngs_modulus(default: float) -> Any:
     )
 
 
-def density(default: float) -> Any:
+def density(default: float, help_text: str = "[kg/m3]", least: float = 100.0) -> Any:
     """Density of a part [kg/m3]; 7.85 is no part's, nor is 7.85e6."""
     return number(
-        default, "[kg/m3]", least=100, below=1e5, usual=(500, 25e3), example="7850 for 7.85 g/cm3"
+        default, help_text, least=least, below=1e5, usual=(500, 25e3), example="7850 for 7.85 g/cm3"
     )
 
 

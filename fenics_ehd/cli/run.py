@@ -350,7 +350,7 @@ def joint_lines(joint: Mapping[str, Any]) -> list[str]:
     """Lines of a joint's figures, as far as it has them, its flows of oil at the end."""
     figures = {}
     for key, value in joint.items():
-        if isinstance(value, int | float) and np.isfinite(value):
+        if isinstance(value, int | float):
             factors = (factor for end, factor in FACTORS.items() if key.endswith(end))
             figures[key] = value * next(factors, 1.0)
     pressure, film = figures["max_pressure_Pa"], figures["min_film_thickness_m"]
@@ -361,7 +361,11 @@ def joint_lines(joint: Mapping[str, Any]) -> list[str]:
         "large": ", not small against the film: take more modes" * large,
     }
     told = figures | words
-    lines = [text.format_map(told) for key, text in JOINT_LINES.items() if key in figures]
+    lines = [
+        text.format_map(told)
+        for key, text in JOINT_LINES.items()
+        if np.isfinite(figures.get(key, np.nan))
+    ]
     for key, flow in figures.items():
         # Of a run once through the mean over its last cycle, where it has one.
         if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:

@@ -37,7 +37,7 @@ Mass-conserving cavitation (Jakobsson and Floberg 1957, Olsson 1965).
 
 The gap holds oil to the fraction ``theta = 1 - s``; where the film is full, s = 0,
 and where it is not, the pressure is the cavitation pressure, p = 0. Per node i,
-dimensionless as in `forms`, the oil is conserved,
+dimensionless as in `fenics_ehd.film.weak_form`, the oil is conserved,
 
     int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - t(s)_i = 0,
 

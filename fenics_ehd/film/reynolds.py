@@ -94,11 +94,8 @@ class ReynoldsEquation:
         if parameters.recesses:
             viscosity = viscosity * recess_viscosity(parameters, self.points)
         self.factors = [ratio * viscosity, density]
-        self.feeds = (
-            Feeds(parameters, self.points, self.assembly.area, density / self.factors[0])
-            if parameters.feeds
-            else None
-        )
+        supplied = (parameters, self.points, self.assembly.area, density / self.factors[0])
+        self.feeds = Feeds(*supplied) if parameters.feeds else None
         self._numbers = self._current_numbers()
 
     @cached_property

@@ -17,8 +17,9 @@ Pressure and displacement between film and bore meshes that do not match, sectio
 Two ways to the nodal forces of a film pressure. The mortar (14) gives pressures
 on the bore's nodes, to be loaded with (15). The conservative one integrates the
 film's pressure against the bore's shape functions: resultant force and moment
-stay those of the film to round-off. Either way the transpose carries
-displacements back, so force and gap are conjugate.
+stay those of the film to round-off. Displacements come back by the bore's shape
+functions at the film's Gauss points: the transpose of the conservative way, whose
+force and gap are conjugate; those of the mortar are up to its projection's error.
 """
 
 from __future__ import annotations

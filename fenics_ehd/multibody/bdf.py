@@ -156,8 +156,8 @@ class Step(Generic[Solution]):
     """One accepted step; `observed` is `Observed.observe` of x.
 
     `rejected` counts the attempts since the last accepted step that failed,
-    by reason; `newton_iterations` includes theirs. `solution` belongs to the
-    last iterate but one, which differs from x by less than the Newton tolerance.
+    by reason; `newton_iterations` includes theirs. `solution` belongs to x;
+    another update would change both by less than `ImplicitStep.tolerance`.
     """
 
     time: float

@@ -90,7 +90,7 @@ class FilmPoint:
     nodal
         Dimensionless pressure at all nodes.
     gap, problem
-        See `Film`.
+        The `Gap` it is of, and the `Complementarity` that the equation makes of it.
     defect
         Equations of all unknowns, of order one.
     touch

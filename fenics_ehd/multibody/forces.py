@@ -116,7 +116,7 @@ class Torque(Force):
     """
 
     body: str = ""
-    curve: Table | None = None
+    curve: Table | None = attrs.field(default=None, kw_only=True)
     torque: float = number(0.0, "constant part, + in the sense of the angle [N m]")
     table: str = text(NONE, "more torque: CSV file angle_deg,torque_Nm or time_s,torque_Nm")
     over: str = choice("angle", BASES, "what the table is over, the body's own angle or time")

@@ -203,7 +203,8 @@ FORMAT, FORMAT_VERSION = "fenics_ehd history", 3
 #: Group of the file with what a run goes on from that is not in its rows.
 RESUME = "resume"
 
-#: In place of one unit where every column has its own, in the attribute ``units`` of the file.
+#: In place of one unit where every column has its own: of coordinates and rates they are in the
+#: attribute ``units`` of the file; multipliers are forces [N] and torques [N m].
 MIXED = "mixed"
 
 #: Units of fields by the last part of their path; the state has one for each coordinate.

@@ -14,7 +14,8 @@ c / R,
     h = c - n . (e + z (psi_y, -psi_x)) + n . u,
 
 and what shapes add where bore or journal are not round (`JointShape`). Forces are the integrals of
-the same fields times the pressure: gap and force are conjugate. They act at the journal's centre on
+the same fields times the pressure: gap and force are conjugate, but in holes and with the mortar,
+see below. They act at the journal's centre on
 both bodies; the torque about it is that of the oil's shear, and of the pressure on a journal that
 is not round: with the gap's derivative along the angle alpha of the journal ahead of the bore,
 ``dh/dalpha = d delta/dphi (phi - alpha)``,
@@ -35,8 +36,8 @@ least-squares circle of its surface (the LSCI of roundness measurement,
 weisang.com/en/documents-articles/leastsquarescircle_en): for deviations u that are small against
 the radius, as those of a film's bore are, the circle ``u_0 + d . n`` with the least
 ``int (u - u_0 - d . n)^2 dA`` over the film. Without gaps in the surface d is the first harmonic,
-``d = 2 <u n>``. The gap ``h = c + u - n . e`` knows it: its own first harmonic is that of the
-journal in the circle, ``d - e``.
+``d = 2 <u n>``. The gap ``h = c + u - n . e`` knows it: its first harmonic is ``n . (d - e)``,
+less the eccentricity ``e - d`` of the journal in the circle.
 """
 
 from __future__ import annotations

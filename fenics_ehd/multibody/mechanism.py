@@ -20,6 +20,7 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import NONE
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.body import (
@@ -34,7 +35,7 @@ from fenics_ehd.multibody.body import (
     Marker,
     ground,
 )
-from fenics_ehd.multibody.forces import Force, Load
+from fenics_ehd.multibody.forces import Force, Load, Torque
 from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, Speed
 from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint, Turned
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
@@ -72,8 +73,10 @@ class FilmBinding:
 
     Attributes
     ----------
-    name, joint, film
-        See there.
+    name, joint
+        Of the mechanism's joint.
+    film
+        The joint's `JointFilm`, whose own `film` is the `Film`.
     xi
         Places of ``(e, psi, q)`` in z, shape (n,).
     rows
@@ -120,9 +123,8 @@ class FilmBinding:
     @cached_property
     def turning(self) -> np.ndarray:
         """Places of the angles that `relative_angle` is made of."""
-        return np.array(
-            [a for a in (self.journal_angle, self.bore_angle) if a is not None], dtype=int
-        )
+        ends = self.journal_angle, self.bore_angle
+        return np.array([angle for angle in ends if angle is not None], dtype=int)
 
     @cached_property
     def signs(self) -> np.ndarray:
@@ -204,6 +206,11 @@ class System:
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
+        for name, load in (*mechanism.drives.items(), *mechanism.forces.items()):
+            if isinstance(load, Speed | Torque) and load.table != NONE and load.curve is None:
+                raise SettingsError(
+                    f"{name}: table = {load.table!r} is read with a scene: give a curve in Python"
+                )
         bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         # By name: results do not depend on the order in which things are listed.
         self._bodies = {name: bodies[name] for name in sorted(bodies)}
@@ -233,10 +240,9 @@ class System:
             self._constrain(name, joint)
         for name in sorted(mechanism.drives):
             self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
-        everybody = self._bodies.values()
         fine = np.full(sum(film.film.own for film in self.films), FINE_WEIGHT)
-        self.weights = np.concatenate([*(body.weights for body in everybody), fine])
-        self.mobility = np.concatenate([*(body.mobility for body in everybody), fine])
+        self.weights = np.concatenate([*(b.weights for b in self._bodies.values()), fine])
+        self.mobility = np.concatenate([*(b.mobility for b in self._bodies.values()), fine])
         forces = [mechanism.forces[name] for name in sorted(mechanism.forces)]
         self.forces = [(force, self._see(force.markers)) for force in forces]
         self.lift = -np.array(mechanism.gravity)
@@ -330,10 +336,6 @@ class System:
             if body.size:
                 yield places, body, [value[places] for value in values]
 
-    def each_name(self) -> Iterator[tuple[str, Body]]:
-        """Name and body of all that have coordinates."""
-        return ((name, body) for name, body in self._bodies.items() if body.size)
-
     @cached_property
     def tables(self) -> list[TabulatedLoad]:
         """Loads whose rows no step may jump over."""
@@ -359,8 +361,7 @@ class System:
         for places, body, _ in self.each_body():
             z[places], v[places] = body.start, body.start_rates
         for film in self.films:
-            z[film.xi[:2]] = film.joint.eccentricity
-            v[film.xi[:2]] = film.joint.eccentricity_rate
+            z[film.xi[:2]], v[film.xi[:2]] = film.joint.eccentricity, film.joint.eccentricity_rate
         return z, v
 
     def worst(self, rows: np.ndarray) -> tuple[str, float]:

@@ -64,7 +64,7 @@ class Shaft:
     length: float = metres(1.0, "[m]", below=100)
     diameter: float = metres(0.045, "[m]", below=2 * LARGEST_LENGTH)
     youngs_modulus: float = fields.youngs_modulus(210e9)
-    density: float = number(7850.0, "[kg/m3]; next to none: a shaft without mass", above=0)
+    density: float = fields.density(7850.0, "[kg/m3], 1e-12: a shaft without mass", 1e-12)
     support_stiffness: float = number(
         1.58e8,
         "of a spring at either end [N/m], 0: carried by its bearings alone",
@@ -267,7 +267,6 @@ def _shares(help_text: str) -> Any:
 class ShaftBody(Shaft, Body):
     """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
 
-    density: float = fields.density(7850.0)
     position: tuple[float, float] = place("of the undeformed axis [m]")
     angle: float = number(0.0, "at the start [degrees]")
     speed: float = fields.speed(0.0, "at the start, where no drive gives it [rad/s]")

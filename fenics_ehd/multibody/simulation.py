@@ -263,9 +263,9 @@ def solution(run: Run, step: MechanismStep) -> dict[str, np.ndarray]:
 def _coordinates(system: System) -> list[tuple[str, str]]:
     """Path and unit of every coordinate of a mechanism."""
     found: list[tuple[str, str]] = []
-    for name, body in system.each_name():
-        own = system.bodies[name]
-        frame = [] if body.angle_index is None else FRAME[2 - body.angle_index :]
+    for name, own in system.bodies.items():
+        angle = system.angles.get(name)
+        frame = [] if angle is None else FRAME[2 - (angle - own.start) :]
         found += [split_unit(f"bodies/{name}/{column}") for column in frame]
         modes = own.stop - own.start - len(frame)
         found += [(f"bodies/{name}/mode_{i + 1}", MODAL) for i in range(modes)]

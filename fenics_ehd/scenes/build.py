@@ -51,11 +51,6 @@ if TYPE_CHECKING:
     from fenics_ehd.scenes.part import ElasticPart, ReducedPart
 
 
-def stiff_body(settings: Any) -> Body:
-    """A body without elasticity, or a shaft, as its settings are one; the ground by its points."""
-    return ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings
-
-
 def _pose(body: Pose) -> dict[str, Any]:
     """Origin and angle of a body at the start, and their rates."""
     return {field.name: getattr(body, field.name) for field in attrs.fields(Pose)}
@@ -126,6 +121,10 @@ def gravity(scene: Scene) -> tuple[float, float]:
 PLACES, APART = 4, radians(10.0)
 
 
+#: Size below which assembled coordinates and rates are round-off of zero; keys have none so small.
+NOTHING = 1e-20
+
+
 def assembled_bodies(
     mechanism: Mechanism, turning: Mapping[str, AngleOverTime], span: float
 ) -> dict[str, Body]:
@@ -157,6 +156,7 @@ def assembled_bodies(
             z, rates = assemble(pinned)
         except SettingsError:
             pass  # Joints or other drives hold them already.
+    z, rates = (np.where(np.abs(found) < NOTHING, 0.0, found) for found in (z, rates))
     places = system.bodies
     return {n: _placed(b, z[places[n]], rates[places[n]]) for n, b in mechanism.bodies.items()}
 
@@ -248,7 +248,7 @@ def build(
     """
     loads_of = imposed_angles(scene), forces(scene)
     stiff = {
-        name: stiff_body(settings)
+        name: ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings
         for name, settings in scene.bodies.items()
         if not isinstance(settings, schema.FlexibleSettings)
     }
