@@ -273,7 +273,7 @@ def test_only_what_changed_or_is_missing_runs_again(studied, again):
     assert len(list(again.glob("bodies/*.h5"))) == 2
     # The body that failed is tried again, and no other that is not needed.
     tried = {body.name for task in pool.tasks if not isinstance(task, Case) for body in task}
-    needed = [study.cases[case].bodies for case in (TOO_MANY.name, name)]
+    needed = [study.cases[case].bodies for case in (TOO_MANY.name, name, "rigid")]
     assert tried == {body.name for bodies in needed for body in bodies.values()}
     changed = {"rigid", name}
     for row, former in zip(rows, before, strict=True):
