@@ -51,7 +51,7 @@ class StepNorm:
             shape = film.film.shape
             if shape is not None and shape.turning:
                 row = self._gaps + len(self._measure) + len(angles)
-                self._turning.append((own, row, film.mounted[0] - film.mounted[1], shape))
+                self._turning.append((own, row, film.relative_angle(np.zeros(size)), shape))
                 angles.append(np.zeros((1, size)))
                 angles[-1][0, film.turning] = film.signs
         return angles

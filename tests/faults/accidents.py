@@ -49,15 +49,21 @@ def _went_on(folder: Path, intact: dict[str, object]) -> Verdict:
     return verdict
 
 
+def _folders(world: World, options: argparse.Namespace, part: str, most: int) -> Iterator[Path]:
+    """Folders of a part, each with what runs need, until the deadline."""
+    for number in range(max(1, round(most * options.share))):
+        if time.monotonic() > options.deadline:
+            return
+        folder = world.folder / part / str(number)
+        world.copy(NEEDED, folder)
+        yield folder
+
+
 def kills(world: World, options: argparse.Namespace) -> Found:
     """A run killed at random moments, and killed again as it goes on."""
     intact, outcome, _ = _undisturbed(world, "long.toml")
     random = Random(f"{options.seed} kills")
-    for number in range(max(1, round(40 * options.share))):
-        if time.monotonic() > options.deadline:
-            return
-        folder = world.folder / "kills" / str(number)
-        world.copy(NEEDED, folder)
+    for folder in _folders(world, options, "kills", 40):
         how = random.choice([signal.SIGKILL, signal.SIGKILL, signal.SIGKILL, signal.SIGTERM])
         calls = [_run("long.toml", random.choice([0, 0.05, 10]))] + [RESUME] * random.choice(
             [0, 0, 1]
@@ -87,11 +93,7 @@ def compilations(world: World, options: argparse.Namespace) -> Found:
     """A run killed while its forms are compiled; the next one compiles what that has left."""
     intact, _, _ = _undisturbed(world, "long.toml")
     random = Random(f"{options.seed} compilations")
-    for number in range(max(1, round(10 * options.share))):
-        if time.monotonic() > options.deadline:
-            return
-        folder = world.folder / "compilations" / str(number)
-        world.copy(NEEDED, folder)
+    for folder in _folders(world, options, "compilations", 10):
         cache = folder / "cache"
         began = time.monotonic()
         process = launch(_compiling_into(cache, _run("long.toml")), folder, LIMIT)
