@@ -138,7 +138,7 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
     }
 
 
-#: What is told of a reduction's accuracy, where it has an entry that is not zero, and its factor.
+#: What is told of a reduction's accuracy, where it has an entry, and its factor.
 NOTES = {
     "flexibility_followed": (100, "these modes follow {:.4g} % of the bore's flexibility"),
     "flexibility_mesh_error": (100, "mesh error of the bore's flexibility: {:.2g} %"),
@@ -161,8 +161,9 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
         f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2",
     ]
     for key, (factor, text) in NOTES.items():
-        if value := body.accuracy.get(key):
-            lines.append(f"  {text.format(factor * value)}")
+        # No static modes dropped or added are nothing to tell.
+        if key in body.accuracy and (body.accuracy[key] or not key.startswith("static_")):
+            lines.append(f"  {text.format(factor * body.accuracy[key])}")
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
     kept = [r for r in body.inventory if not r.dropped]
     for i, mode in enumerate(kept[: body.modes], 1):
