@@ -235,7 +235,7 @@ def near(rows: Iterable[StudyRow], coordinates: float) -> list[StudyRow]:
     return sorted(close, key=lambda row: (distance[row], row["run"]))
 
 
-def reference_history(joint: JointData, until: float = 0.0) -> ehd.History:
+def reference_history(joint: JointData, until: float = 0.0, *, films: bool = True) -> ehd.History:
     """History of a reference that came to its end, and that at this time [s] or later.
 
     Raises
@@ -244,7 +244,7 @@ def reference_history(joint: JointData, until: float = 0.0) -> ehd.History:
         There is none.
     """
     complete = joint.study.reference.get("status") == "complete"
-    history = joint.study.history(REFERENCE, films=True) if complete else None
+    history = joint.study.history(REFERENCE, films=films) if complete else None
     if history is None:
         raise MissingRunsError("the reference, complete")
     # Steps end at sums of binary fractions.
@@ -263,7 +263,8 @@ def pressure_errors(joint: JointData, row: StudyRow) -> tuple[np.ndarray, np.nda
     MissingRunsError
         The run left none.
     """
-    reference, found = reference_history(joint), joint.errors_over_time(row["run"])
+    reference = reference_history(joint, films=False)
+    found = joint.errors_over_time(row["run"])
     if found is None:
         raise MissingRunsError(f"the errors of {row['run']} over time")
     peaks = np.asarray(reference.joints[joint.name].max_pressure)
