@@ -32,9 +32,9 @@ def _run(scene: str, every: float = 0) -> tuple[str, ...]:
             "-o", "out")  # fmt: skip
 
 
-def _undisturbed(world: World, scene: str) -> tuple[dict[str, object], Outcome, Path]:
-    """The answer of a run, how it went, and its folder."""
-    folder = world.folder / f"undisturbed {scene}"
+def _undisturbed(world: World, part: str, scene: str) -> tuple[dict[str, object], Outcome, Path]:
+    """The answer of a run that a part compares with, how it went, and its folder."""
+    folder = world.folder / f"undisturbed {part}"
     world.copy(NEEDED, folder)
     outcome = attempt(command(*_run(scene)), folder, LIMIT)
     if outcome.status:
@@ -61,7 +61,7 @@ def _folders(world: World, options: argparse.Namespace, part: str, most: int) ->
 
 def kills(world: World, options: argparse.Namespace) -> Found:
     """A run killed at random moments, and killed again as it goes on."""
-    intact, outcome, _ = _undisturbed(world, "long.toml")
+    intact, outcome, _ = _undisturbed(world, "kills", "long.toml")
     random = Random(f"{options.seed} kills")
     for folder in _folders(world, options, "kills", 40):
         how = random.choice([signal.SIGKILL, signal.SIGKILL, signal.SIGKILL, signal.SIGTERM])
@@ -91,7 +91,7 @@ def _compiling_into(cache: Path, arguments: tuple[str, ...]) -> Callable[[], Non
 
 def compilations(world: World, options: argparse.Namespace) -> Found:
     """A run killed while its forms are compiled; the next one compiles what that has left."""
-    intact, _, _ = _undisturbed(world, "long.toml")
+    intact, _, _ = _undisturbed(world, "compilations", "long.toml")
     random = Random(f"{options.seed} compilations")
     for folder in _folders(world, options, "compilations", 10):
         cache = folder / "cache"
@@ -111,7 +111,7 @@ def compilations(world: World, options: argparse.Namespace) -> Found:
 
 def full_disk(world: World, options: argparse.Namespace) -> Found:
     """Files that may not grow further, and a file system that is full; then there is room."""
-    intact, _, whole = _undisturbed(world, "large.toml")
+    intact, _, whole = _undisturbed(world, "disk", "large.toml")
     sizes = [p.stat().st_size for p in (whole / "out").rglob("*") if p.is_file()]
     shares = [0.7, 0.02, 0.9, 0.5, 0.2]
     for share in shares[: max(1, round(len(shares) * options.share))]:
