@@ -2,7 +2,8 @@
 
     python tests/kernels.py [arguments of pytest]
 
-A kernel that it cannot run, or that OpenBLAS was built without, is skipped, and that is printed.
+A kernel that it cannot run, that OpenBLAS was built without, or that it takes by itself, so that
+every other run of the tests has it, is skipped, and that is printed.
 """
 
 import os
@@ -35,14 +36,21 @@ def flags() -> set[str]:
     return set(next((line for line in lines if line.startswith("flags")), "").split())
 
 
+def in_use(environment: dict[str, str]) -> str:
+    """Kernel that numpy's library takes."""
+    return subprocess.run(
+        [sys.executable, "-c", IN_USE], env=environment, capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
 def obstacle(kernel: str, environment: dict[str, str]) -> str:
-    """Why a kernel cannot be tried here, or nothing."""
+    """Why a kernel is not tried here, or nothing."""
     missing = NEEDED[kernel] - flags()
     if missing:
         return f"the processor lacks {', '.join(sorted(missing))}"
-    found = subprocess.run(
-        [sys.executable, "-c", IN_USE], env=environment, capture_output=True, text=True, check=True
-    ).stdout.strip()
+    if in_use(dict(os.environ)) == kernel:
+        return "the other tests have it"
+    found = in_use(environment)
     return "" if found == kernel else f"numpy's library takes {found} instead"
 
 
