@@ -13,14 +13,8 @@ import fenics_ehd as ehd
 
 #: Where PETSc may be started from.
 MODULES = (
-    "reduction",
-    "film.film",
-    "base.compat",
-    "fem.structure",
-    "fem.structure",
-    "multibody.simulation",
-    "study.pool",
-)
+    "reduction", "film.film", "base.compat", "fem.structure", "multibody.simulation", "study.pool",
+)  # fmt: skip
 
 
 def in_home(code, home, **environment):

@@ -408,15 +408,6 @@ def test_reordering_undoes_a_permutation_and_holds_what_is_left_out(nodes, held,
     np.testing.assert_allclose(result, expected)
 
 
-def test_clamped_foreign_part_is_clamped(arguments):
-    free = arguments["coordinates"][:, 0] > -0.02
-    dofs = np.full((72, 3), -1)
-    dofs[free] = np.arange(3 * free.sum()).reshape(-1, 3)
-    kept = dofs.ravel() >= 0
-    parts = {n: reorder(arguments[n][kept][:, kept], dofs) for n in ("stiffness", "mass")}
-    check_structure(ring(**parts))
-
-
 @pytest.mark.parametrize(
     ("matrix", "dofs", "message"),
     [

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from bench_film import Mortar, Surface, interpolation_matrix, outward_displacement, overlay, unwrap
-from bench_parts import ELEMENTS
-from exact_transfer import conservative_load, intersection_points
+from bench_film import Mortar, Surface, interpolation_matrix, overlay, unwrap
+from exact_transfer import intersection_points
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -72,25 +71,11 @@ def smooth(points):
     return np.exp(np.cos(phi - 0.3)) * np.cos(np.pi * z / WIDTH) * (1 + 0.5 * z / WIDTH)
 
 
-def nodal_positions(surface):
-    phi, z = surface.nodes.T
-    return np.column_stack([RADIUS * np.cos(phi), RADIUS * np.sin(phi), z])
-
-
 def resultants(pressures, points, weights):
     """Force x, y and moment about x, y of pressures at quadrature points."""
     phi, z = points.T
     force = (weights * pressures) * np.array([np.cos(phi), np.sin(phi)])
     return np.concatenate([force.sum(axis=1), [-z @ force[1], z @ force[0]]])
-
-
-def film_points(film, order=5):
-    """Gauss points of a film of rectangles, as its own forms have them."""
-    x, w = np.polynomial.legendre.leggauss(order)
-    reference = 0.5 * (np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2) + 1)
-    points = film.corners[:, :1] + reference @ film.jacobians.swapaxes(1, 2)
-    weights = RADIUS * film.determinants[:, None] * 0.25 * np.outer(w, w).ravel()
-    return points.reshape(-1, 2), weights.ravel()
 
 
 @pytest.mark.parametrize("film_cells", [(8, 3), (22, 7)], ids=["coarser-film", "finer-film"])
@@ -162,61 +147,6 @@ def test_mortar_resultants_converge_at_twice_the_projection_order(structure_fami
     name = "mortar transfer of resultants, observed order"
     figure("part and reduction", name, rate.min(), least=5.5)
     assert np.max(errors[-1]) < 1e-6
-
-
-@pytest.mark.parametrize("film_family", FAMILIES[:3])
-@pytest.mark.parametrize("structure_family", ["triangle", "serendipity", "lagrange"])
-def test_conservative_resultants_are_those_of_the_film(structure_family, film_family):
-    structure = mesh(structure_family, 10, 3)
-    film = rectangles(17, 6, film_family, grading=0.3, start=0.1)
-    points, weights = film_points(film)
-    values = interpolation_matrix(film, *points.T)
-    pressures = np.random.default_rng(2).standard_normal(len(film.nodes))
-    load = conservative_load(structure, *points.T, weights, values)
-    force = (load @ pressures).reshape(-1, 3)
-    x = nodal_positions(structure)
-    moment = np.cross(np.column_stack([np.zeros((len(x), 2)), x[:, 2]]), force)
-    found = np.concatenate([force.sum(axis=0)[:2], moment.sum(axis=0)[:2]])
-    expected = resultants(values @ pressures, points, weights)
-    scale = np.abs(weights * (values @ pressures)).sum()
-    np.testing.assert_allclose(found, expected, atol=1e-14 * scale)
-    assert not force[:, 2].any()
-
-
-@pytest.mark.parametrize("structure_family", ["triangle", "serendipity"])
-def test_gap_and_force_do_the_same_work(structure_family):
-    random = np.random.default_rng(3)
-    structure, film = mesh(structure_family, 12, 4), rectangles(20, 5, "lagrange")
-    points, weights = film_points(film)
-    values = interpolation_matrix(film, *points.T)
-    gap = outward_displacement(structure, *points.T)
-    load = conservative_load(structure, *points.T, weights, values)
-    pressures = random.standard_normal(len(film.nodes))
-    displacement = random.standard_normal(3 * len(structure.nodes))
-    terms = weights * (values @ pressures) * (gap @ displacement)
-    assert displacement @ (load @ pressures) == pytest.approx(
-        terms.sum(), abs=1e-14 * np.abs(terms).sum()
-    )
-    mortar = Mortar(structure, film, RADIUS)
-    dual = random.standard_normal(len(structure.nodes))
-    work = dual @ mortar.to_structure(pressures)
-    assert pressures @ (mortar.matrix().T @ dual) == pytest.approx(work, rel=1e-12)
-
-
-def test_intersection_points_give_the_exact_nodal_forces():
-    structure, film = triangles(10, 3), rectangles(14, 4, "serendipity", grading=0.2)
-    loads = []
-    for degree in (ELEMENTS["triangle"].degree + ELEMENTS["serendipity"].degree + 4, 24):
-        x = intersection_points(structure, film, RADIUS, degree)
-        assert x.weights.sum() == pytest.approx(AREA, rel=1e-13)
-        values = interpolation_matrix(film, x.phi, x.z)
-        loads.append(conservative_load(structure, x.phi, x.z, x.weights, values))
-    assert abs(loads[0] - loads[1]).max() < 1e-7 * abs(loads[1]).max()
-    points, weights = film_points(film)
-    values = interpolation_matrix(film, *points.T)
-    at_film_points = conservative_load(structure, *points.T, weights, values)
-    # The film's rule does not see where the bore's cells end: a few per cent for one shape.
-    assert 1e-4 < abs(at_film_points - loads[1]).max() / abs(loads[1]).max() < 0.1
 
 
 @pytest.mark.parametrize("family", FAMILIES)
