@@ -5,7 +5,6 @@ from types import MappingProxyType, SimpleNamespace
 from bench_output import gather_part, part_of_basis, progress_bar, recorded, shape_of_part
 from bench_parts import BasisFile, save_basis
 from bench_scenes import as_stored, run_scene
-from csv_history import read_history
 from scene_cases import write_scene
 
 import fenics_ehd as ehd
@@ -13,27 +12,28 @@ import fenics_ehd as ehd
 BASIS = "part.h5"
 
 
-def short_run(directory, name, changes=MappingProxyType({}), **time):
+def short_run(directory, name, changes=MappingProxyType({}), *, budget=False, **time):
     """Run a shipped scene with changes and another [time], once through.
+
+    Without an error budget, unless it is asked for.
 
     Attributes
     ----------
     run
         All its steps, see `recorded`.
-    built, history
-        What it was of, and its columns.
+    built, result
+        What it was of, and its results.
     parts, shapes
         Whole parts by name of their body, and what an animation shows of them.
     """
     order = ehd.read_scene(name).time.order
-    scene = as_stored(
-        write_scene(directory / "source.toml", name, changes, {"time": {"order": order, **time}})
-    )
+    own = {"time": {"order": order, **time}, "output.error_budget": budget}
+    scene = as_stored(write_scene(directory / "source.toml", name, changes, own))
     built = ehd.build(scene)
     run_scene(scene, built, directory, progress_bar(scene.span))
     found = SimpleNamespace(
-        directory=directory, built=built, run=recorded(directory),
-        history=read_history(directory), parts={}, shapes={},
+        directory=directory, built=built, run=recorded(directory), parts={}, shapes={},
+        result=ehd.load_results(directory),
     )  # fmt: skip
     for body, part in built.reduced.items():
         found.parts[body] = gather_part(part.structure, part.body, part.columns)

@@ -14,7 +14,6 @@ from bench_output import (
     RecordedMotion,
     between_steps,
     body_view,
-    carried_fields,
     draw,
     draw_pin,
     draw_slider,
@@ -28,13 +27,14 @@ from bench_output import (
     shape_of_bores,
     write_run,
 )
-from bench_parts import BasisFile, multiply
-from bench_scenes import as_stored, rotation, scene_text, shipped, with_body
+from bench_parts import BasisFile
+from bench_scenes import rotation
 from command_line import exit_of
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from PIL import Image
 from recorded_runs import BASIS, short_run
+from scene_cases import write_scene
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
@@ -44,46 +44,21 @@ CLEARANCE = 17e-6
 
 #: A weld and a free slider on a line that moves, in a mechanism without a film.
 IDEAL = """
-[bodies.crank]
-kind = "rigid"
-mass = 1.0
-inertia = 1e-3
-position = [0.1, 0.2]
-[bodies.crank.points]
-tip = [0.05, 0.0]
-[bodies.weight]
-kind = "rigid"
-mass = 0.1
-inertia = 1e-5
-position = [0.15, 0.2]
-[bodies.slot]
-kind = "rigid"
-mass = 0.5
-inertia = 1e-3
-position = [0.3, 0.2]
-angle = 180.0
-[bodies.ground.points]
-hook = [0.1, 0.2]
-far = [0.3, 0.2]
-[joints.main]
-kind = "revolute"
-between = ["ground.hook", "crank"]
-[joints.weld]
-kind = "fixed"
-between = ["crank.tip", "weight"]
-[joints.pivot]
-kind = "revolute"
-between = ["slot", "ground.far"]
-[joints.slot]
-kind = "slider"
-line = "slot"
-point = "crank.tip"
-hold_rotation = false
-[drives.crank]
-kind = "speed"
-speed = 100.0
+[bodies]
+ground.points = {hook = [0.1, 0.2], far = [0.3, 0.2]}
+crank = {kind = "rigid", mass = 1.0, inertia = 1e-3, position = [0.1, 0.2], points.tip = [0.05, 0]}
+weight = {kind = "rigid", mass = 0.1, inertia = 1e-5, position = [0.15, 0.2]}
+slot = {kind = "rigid", mass = 0.5, inertia = 1e-3, position = [0.3, 0.2], angle = 180.0}
+[joints]
+main = {kind = "revolute", between = ["ground.hook", "crank"]}
+weld = {kind = "fixed", between = ["crank.tip", "weight"]}
+pivot = {kind = "revolute", between = ["slot", "ground.far"]}
+slot = {kind = "slider", line = "slot", point = "crank.tip", hold_rotation = false}
+[drives]
+crank = {kind = "speed", speed = 100.0}
+[time]
+end = 0.02
 """
-
 
 #: Parts whose shape over the width nobody sees.
 COARSE_ROD = {
@@ -180,28 +155,6 @@ def test_at_scale_one_joints_are_closed_as_drawn(machine, frames):
             np.testing.assert_allclose(apart, 0.0, atol=1e-9 if frames is None else 1e-7)
 
 
-def test_what_carries_bore_and_points_as_a_whole_is_not_enlarged(crank):
-    part = crank.run.part("rod")
-    motions = np.array([[1.0, 0, 0.3], [0, 1, -2], [0, 0, 5]])
-
-    def rigid(x):
-        along, across = motions[:, 0] - x[1] * motions[:, 2], motions[:, 1] + x[0] * motions[:, 2]
-        return np.stack([along, across, np.zeros(3)])
-
-    pin = part.points["pin"][:, :3]
-    moving = replace(
-        part,
-        bore_basis=np.stack([rigid(x) for x in part.bore_nodes]),
-        points={"pin": np.hstack([pin, rigid(pin[:, 0])])},
-        residual=None,
-        frequencies=np.ones(3),
-    )
-    np.testing.assert_allclose(carried_fields(moving), motions.T, atol=1e-9)
-    # A bore alone has no direction to keep.
-    alone = carried_fields(replace(moving, points={}))
-    np.testing.assert_allclose(alone, (motions * [1, 1, 0]).T, atol=1e-9)
-
-
 def test_a_rod_enlarged_stays_on_its_pins(crank):
     true, _ = drawn(crank, 1.0)
     large, _ = drawn(crank, 300.0)
@@ -245,9 +198,8 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
 
 def test_the_drawn_film_is_the_recorded_one(machine):
     _, bearings = drawn(machine, 100.0)
-    joints = ehd.load_results(machine.directory).joints
     for name, bearing in bearings.items():
-        history = joints[name].columns
+        history = machine.result.joints[name].columns
         # The run also watches Gauss points, and the raster has no node of its own.
         thinnest = bearing.gap.min(axis=(1, 2))
         np.testing.assert_allclose(thinnest, history["min_film_thickness_m"], rtol=1e-2)
@@ -257,9 +209,9 @@ def test_the_drawn_film_is_the_recorded_one(machine):
 
 def test_in_a_rigid_bore_the_orbit_is_the_journals_eccentricity(bearings, four_bar, crank):
     for given in (bearings, four_bar):
-        joints = ehd.load_results(given.directory).joints
         for name, orbit in given.run.orbits.items():
-            np.testing.assert_allclose(orbit, joints[name].eccentricity, atol=1e-12)
+            exact = given.result.joints[name].eccentricity
+            np.testing.assert_allclose(orbit, exact, atol=1e-12)
     # A bore that moves as a whole takes the orbit with it, one that stretches does not.
     place, run = crank.run.system.films[0], crank.run
     own = run.motion.coordinates[:, place.xi[:2]]
@@ -290,31 +242,6 @@ def test_automatic_scale_is_round_and_not_above_its_limit(largest, scale):
 
 
 # --- What shows of a part
-
-
-def test_residual_patterns_complete_the_static_response_of_the_whole_part(crank):
-    body, part = crank.run.part("rod"), crank.parts["rod"]
-    structure = crank.built.reduced["rod"].structure
-    pressure = np.random.default_rng(0).random(len(body.pressure_nodes))
-    q = np.linalg.solve(body.stiffness, body.load_projection[3:] @ pressure)
-    u = part.displacement(q, body.residual.patterns @ pressure).reshape(-1, 1)
-    load = multiply(structure.bore.load, pressure[:, None])
-    # In balance with the inertia of the rigid acceleration, all of the load is answered.
-    rigid = np.hstack([np.tile(np.eye(3), (len(part.nodes), 1)), spins(part.nodes)])
-    inertia = multiply(structure.mass, rigid)
-    load -= inertia @ np.linalg.solve(rigid.T @ inertia, rigid.T @ load)
-    answered = multiply(structure.stiffness, u)
-    # Patterns that move the bore by less than 1e-4 of the first one are dropped.
-    assert np.linalg.norm(u.T @ (answered - load)) < 1e-3 * np.linalg.norm(u.T @ load)
-    without = part.displacement(q, 0 * (body.residual.patterns @ pressure)).reshape(-1, 1)
-    assert np.linalg.norm(without - u) > 1e-2 * np.linalg.norm(u)
-
-
-def spins(nodes):
-    x, y, z = nodes.T
-    zero = np.zeros_like(x)
-    about = ([zero, -z, y], [z, zero, -x], [-y, x, zero])
-    return np.column_stack([np.column_stack(axis).ravel() for axis in about])
 
 
 def test_front_faces_have_the_area_of_an_extruded_part(crank):
@@ -364,8 +291,7 @@ def test_a_body_alone_gives_its_bore(crank):
 
 
 def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
-    run = bearings.run
-    result = ehd.load_results(bearings.directory)
+    run, result = bearings.run, bearings.result
     columns = result.joints["left"].columns | {"time_s": result.time}
     chosen = nearest_steps(run.time, 3)
     frames = RecordedMotion(run.system.mechanism, run.motion.each(lambda values: values[chosen]))
@@ -384,7 +310,7 @@ def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
 
 def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
-    scene.write_text(f"{IDEAL}[time]\nend = 0.02\n")
+    scene.write_text(IDEAL)
     shown = call("run", scene, "-o", tmp_path / "out", "--no-plots", capsys=capsys)
     assert shown.status == 0
     run = recorded(tmp_path / "out")
@@ -426,19 +352,6 @@ def test_command_draws_the_part_of_a_basis_and_writes_a_gif(crank, capsys):
     assert "bores" not in done.err
     assert gif(target) == (2, (960, 540), 100)
     assert not list(directory.glob("*.part*"))
-
-
-def test_command_says_how_the_basis_of_a_body_is_made(crank, tmp_path, capsys):
-    run = tmp_path / "run"
-    shutil.copytree(crank.directory, run)
-    target = ["--frames", 2, "-o", tmp_path / "a.gif"]
-    body = crank.directory / "body-rod.h5"
-    read = with_body(as_stored(run / "scene.toml"), str(body), {})
-    (run / "scene.toml").write_text(scene_text(read))
-    said = call("animate", run, *target, capsys=capsys)
-    assert said.status == 0, said.err
-    assert "made where the file of this body is" in said.err
-    assert "reduce rod" not in said.err
 
 
 @pytest.mark.parametrize("rate", [20, 24, 30, 40, 45, 50])
@@ -553,13 +466,12 @@ def opened(series):
 
 
 def series_of(given, folder, frames=3):
-    result = ehd.load_results(given.directory)
-    return write_run(given.built.mechanism, result, given.parts, folder / "vtk", frames)
+    return write_run(given.built.mechanism, given.result, given.parts, folder / "vtk", frames)
 
 
 def test_one_file_opens_all_bodies_and_films_where_the_motion_has_them(machine, tmp_path):
     times, frames = opened(series_of(machine, tmp_path))
-    run, result = machine.run, ehd.load_results(machine.directory)
+    run, result = machine.run, machine.result
     expected = nearest_steps(result.time, 3)
     np.testing.assert_allclose(times, result.time[expected], rtol=1e-8)
     names = {("bodies", name) for name in run.bodies} | {("films", name) for name in result.joints}
@@ -591,8 +503,7 @@ def test_one_file_opens_all_bodies_and_films_where_the_motion_has_them(machine, 
 def test_the_film_bends_as_its_gap_says(crank, tmp_path):
     """c - e . n + u . n is the gap; the crank's pin turns at 500 rad/s."""
     times, frames = opened(series_of(crank, tmp_path))
-    result = ehd.load_results(crank.directory)
-    joint = result.joints["big_end"]
+    result, joint = crank.result, crank.result.joints["big_end"]
     for time, blocks, step in zip(times, frames, nearest_steps(result.time, 3), strict=True):
         block, film = blocks["films", "big_end"], joint.film
         turn = rotation(result.bodies["rod"].angle[step])
@@ -620,7 +531,7 @@ def test_a_series_has_the_whole_displacement_of_a_part(crank, tmp_path):
     last = path.with_name("bodies-rod_0002.vtu").read_bytes()
     assert b'<PointData Scalars="pressure_Pa" Vectors="displacement_m">' in last
     mesh = blocks["bodies", "rod"]
-    x, y, angle = (crank.history[f"rod.{name}"][-1] for name in ("x_m", "y_m", "angle_rad"))
+    x, y, angle = (crank.result.columns[f"rod.{name}"][-1] for name in ("x_m", "y_m", "angle_rad"))
     turn = np.eye(3)
     turn[:2, :2] = rotation(angle)
     q, amplitudes = (values[-1] for values in crank.run.elastic("rod"))
@@ -629,7 +540,7 @@ def test_a_series_has_the_whole_displacement_of_a_part(crank, tmp_path):
     np.testing.assert_allclose(mesh.points, [x, y, 0.0] + part.nodes @ turn.T, atol=1e-9)
     assert np.abs(part.patterns @ amplitudes).max() > 0.02 * np.abs(expected).max()
     # Film and bore share their nodes, which are where they are on the part and move with it.
-    highest = crank.history["max_pressure_Pa"][-1]
+    highest = crank.result.columns["max_pressure_Pa"][-1]
     assert mesh.point_data["pressure_Pa"].max() == pytest.approx(highest, rel=1e-7)
     film = blocks["films", "big_end"]
     distance, nearest = cKDTree(mesh.points).query(film.points)
@@ -677,9 +588,8 @@ def test_command_makes_the_series_of_a_run_after_it(crank, tmp_path, capsys):
 
 
 def test_a_series_without_a_mesh_has_lines_and_films(tmp_path, capsys):
-    scene, out = tmp_path / "scene.toml", tmp_path / "out"
-    text = shipped("four-bar")
-    scene.write_text(text[: text.index("[time]")] + "[time]\nend = 1e-5\n")
+    scene = write_scene(tmp_path / "scene.toml", "four-bar", {"time": {"end": 1e-5}})
+    out = tmp_path / "out"
     done = call("run", scene, "-o", out, "--no-plots", "--vtk", "--frames", 2, capsys=capsys)
     assert done.status == 0, done.err
     *_, (*_, blocks) = opened(out / "vtk" / "run.pvd")

@@ -372,7 +372,7 @@ def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monke
 def bearings(tmp_path_factory):
     """Two bearings of one shaft, which are equal."""
     folder = tmp_path_factory.mktemp("bearings")
-    return short_run(folder, "rotor-two-bearings", end=2e-3, tolerance=1e-3)
+    return short_run(folder, "rotor-two-bearings", budget=True, end=2e-3, tolerance=1e-3)
 
 
 plot = partial(call, "plot")
