@@ -224,6 +224,8 @@ class BoreHole:
         Middle of its area [rad], [m].
     diameter
         Of the circle of its area on the unwrapped bore [m].
+    radius
+        Of the bore [m].
     """
 
     rim: np.ndarray
@@ -231,16 +233,12 @@ class BoreHole:
     angle: float
     height: float
     diameter: float
+    radius: float
 
     @property
     def area(self) -> float:
         """[rad m]."""
         return abs(_moments(self.polygon)[0])
-
-    @property
-    def radius(self) -> float:
-        """Radius of the bore [m]."""
-        return float(0.25 * np.pi * self.diameter**2 / self.area)
 
     def straight(self) -> BoreHole:
         """Hole with straight edges between corners, of a mesh of quadratic cells."""
@@ -252,16 +250,12 @@ class BoreHole:
     def contains(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
         """True at points within the rim."""
         x = self.angle + np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi
-        inside = np.zeros(np.shape(x), dtype=bool)
         # Crossings of a ray along the circumference with every edge.
-        for (a, low), (b, high) in zip(
-            self.polygon, np.roll(self.polygon, -1, axis=0), strict=True
-        ):
-            crosses = (low > height) != (high > height)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                place = a + (height - low) / (high - low) * (b - a)
-            inside ^= crosses & (x < place)
-        return inside
+        (a, low), (b, high) = self.polygon.T, np.roll(self.polygon, -1, axis=0).T
+        x, z = x[..., None], np.asarray(height)[..., None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = x < a + (z - low) / (high - low) * (b - a)
+        return np.sum(((low > z) != (high > z)) & beyond, axis=-1) % 2 == 1
 
 
 def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[BoreHole]:
@@ -293,7 +287,7 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
             )
         area, x, z = _moments(polygon)
         diameter = float(np.sqrt(4 * radius * abs(area) / np.pi))
-        found.append(BoreHole(rim, polygon, float(x), float(z), diameter))
+        found.append(BoreHole(rim, polygon, float(x), float(z), diameter, radius))
     return sorted(found, key=lambda hole: (round(hole.height / radius, 6), hole.angle))
 
 

@@ -13,7 +13,6 @@ so the factorisation of the free part serves, corrected by a few columns.
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
@@ -170,8 +169,7 @@ def _solve(
 
 def _scattered(structure: Structure, phase: float) -> np.ndarray:
     """Loads like random ones, so that no mode is orthogonal to them, on any number of ranks."""
-    size = structure.comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
-    angle = structure.coordinates / size @ np.array([12.9898, 78.233, 37.719]) + phase
+    angle = structure.coordinates / structure.reach @ np.array([12.9898, 78.233, 37.719]) + phase
     scattered = [1e4 * np.sin(angle + component) for component in (0.3, 1.7, 3.1)]
     return np.mod(np.stack(scattered, axis=1), 1.0).ravel() - 0.5
 
@@ -220,8 +218,7 @@ def _with_missed(
 
 def _orient(structure: Structure, modes: np.ndarray) -> np.ndarray:
     """Fix the sign of each mode by its product with a field of no symmetry."""
-    size = structure.comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
-    x, y, z = (structure.coordinates / size).T
+    x, y, z = (structure.coordinates / structure.reach).T
     field = np.stack([x + y**2, x**2 + 2 * y - z, 3 * z + x * y], axis=1).reshape(-1, 1)
     signs = np.sign(inner(modes, field, structure.comm)[:, 0])
     return modes * np.where(signs == 0, 1.0, signs)

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
@@ -162,7 +161,6 @@ def boundary_basis(
     boundary = np.hstack([np.zeros((points.shape[1], n)), np.eye(points.shape[1])])
     # Relative to the largest displacement of each column, rotations with the size of the part.
     sizes = np.max(comm.allgather(np.abs(columns).max(axis=0, initial=0.0)), axis=0)
-    length = comm.allreduce(np.abs(structure.coordinates).max(initial=0.0), op=MPI.MAX)
     defects = {
         "mass_defect": np.abs(mass[:n, :n] - np.eye(n)).max(initial=0.0),
         "stiffness_defect": np.abs((stiffness - wanted) / np.outer(scale, scale)).max(),
@@ -171,7 +169,7 @@ def boundary_basis(
         ),
     }
     if centre is not None:
-        moved = np.array([1.0] * 3 + [length] * 3)[:, None] * inner(centre, columns, comm) / sizes
+        moved = np.repeat([1.0, structure.reach], 3)[:, None] * inner(centre, columns, comm) / sizes
         defects["centre_motion"] = np.abs(moved).max(initial=0.0)
     mass[:n, :n] = np.eye(n)
     kinds = ("fixed-boundary",) * n + ("constraint",) * constraint_modes.shape[1]
@@ -229,8 +227,6 @@ def two_step_craig_bampton(
         raise SettingsError(
             f"modes {n_modes} is not between 1 and {available}, what the first step leaves"
         )
-    if n_interior_modes < 0:
-        raise SettingsError(f"interior_modes {n_interior_modes} is below 0")
     first = reductor.once("m2", n_interior_modes, lambda: _first_step(reductor, n_interior_modes))
     angular, modes, constraints = _second_step(first, held, n_modes)
     columns = _expand(first, np.hstack([modes, constraints]))

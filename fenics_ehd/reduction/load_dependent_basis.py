@@ -351,8 +351,6 @@ def load_dependent(
             f"residual_modes {n_residual} is not between 0 and {patterns.shape[1]}, "
             "the size of the pressure set"
         )
-    if n_vibration < 0:
-        raise SettingsError(f"vibration_modes {n_vibration} is below 0")
     if n_vibration + n_residual == 0:
         raise SettingsError("vibration_modes and residual_modes are both 0: a rigid part has none")
     if selection != "every-column":
@@ -431,7 +429,7 @@ def dual_basis(
     """
     solver, angular, modes = responses.solver, responses.angular, responses.modes
     exact = weights.T @ responses.stiffness @ weights
-    columns = responses.combination(weights @ energy_orthonormal(exact))
+    columns = combine(responses.columns, weights @ energy_orthonormal(exact))
     # Twice: the first pass orthonormalises in products of solved columns, whose round-off
     # is as large as the smallest direction kept; the second in the columns themselves.
     for _ in range(2):

@@ -23,7 +23,7 @@ from fenics_ehd.reduction.body import (
     ReducedBody,
     ResidualFlexibility,
 )
-from fenics_ehd.reduction.bore import all_outward, rigid_fields, turned
+from fenics_ehd.reduction.bore import rigid_fields, turned
 from fenics_ehd.reduction.eigenmodes import LowestModes
 from fenics_ehd.reduction.matrices import (
     MassOperator,
@@ -71,22 +71,6 @@ class Basis:
     def frequencies(self) -> np.ndarray:
         """Natural frequency of each column taken alone [Hz]."""
         return np.sqrt(np.diag(self.stiffness) / np.diag(self.mass)) / (2 * np.pi)
-
-
-@dataclass(frozen=True, eq=False)
-class BoreFlexibility:
-    """Static response of all bores to nodal pressures, ``G J`` of the whole part.
-
-    Attributes
-    ----------
-    displacement
-        Of the bore nodes, shape (m, 3, k) [m/Pa].
-    energy
-        ``J^T G J``, shape (k, k) [J/Pa^2].
-    """
-
-    displacement: np.ndarray
-    energy: np.ndarray
 
 
 def _own_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
@@ -255,10 +239,6 @@ class StaticResponses:
             mass[left, part] = inner(self.columns[:, left], inertia, self.solver.structure.comm)
         return np.triu(mass) + np.triu(mass, 1).T
 
-    def combination(self, weights: np.ndarray) -> np.ndarray:
-        """Owned rows of ``X @ weights``, shape (owned dofs, r)."""
-        return combine(self.columns, weights)
-
 
 T = TypeVar("T")
 
@@ -342,8 +322,14 @@ class Reductor:
         return np.column_stack(vectors or [np.zeros((self.structure.stiffness.local_size[0], 0))])
 
     @cached_property
-    def flexibility(self) -> BoreFlexibility:
-        """Static response of the whole part's bore to every nodal pressure."""
+    def flexibility(self) -> tuple[np.ndarray, np.ndarray]:
+        """Static response of all bores to nodal pressures, ``G J`` of the whole part.
+
+        Returns
+        -------
+        displacement, energy : numpy.ndarray
+            Of the bore nodes, shape (m, 3, k) [m/Pa]; ``J^T G J``, shape (k, k) [J/Pa^2].
+        """
         load = self.structure.load
         identity = np.eye(load.size[1])
         rows, work = [], []
@@ -351,7 +337,7 @@ class Reductor:
             responses = self.static.solve(load_columns(load, identity[:, part]))
             rows.append(bore_rows(self.structure, responses))
             work.append(transpose_multiply(load, responses))
-        return BoreFlexibility(np.concatenate(rows, axis=2), np.hstack(work))
+        return np.concatenate(rows, axis=2), np.hstack(work)
 
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
         """Result of `make` for a key; the last one of each name is kept."""
@@ -405,12 +391,12 @@ class Reductor:
         )
         if not estimate_error:
             return replace(body, inventory=_inventory(body, basis.dropped, None))
-        whole = all_outward(body.bores, self.flexibility.displacement)
-        inventory = _inventory(body, basis.dropped, float(np.trace(self.flexibility.energy)))
+        displacement, energy = self.flexibility
+        inventory = _inventory(body, basis.dropped, float(np.trace(energy)))
         followed = sum(record.participation for record in inventory if not record.dropped)
         return replace(
             body,
-            missing_flexibility=whole - body.basis_flexibility(),
+            missing_flexibility=body.outward(displacement) - body.basis_flexibility(),
             inventory=inventory,
             accuracy={**body.accuracy, "flexibility_followed": followed},
         )

@@ -218,8 +218,6 @@ def residual_flexibility(
         From the solvers and the checks of the result.
     """
     reductor = Reductor.of(part)
-    if n_vibration < 0:
-        raise SettingsError(f"vibration_modes {n_vibration} is below 0")
     if not 0.0 <= truncation < 1.0:
         raise SettingsError(f"residual_truncation {truncation:g} is not in [0, 1)")
     if not n_vibration + reductor.points.shape[1] + centrifugal:
@@ -252,13 +250,13 @@ def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
     ``J^T S_res`` is symmetric and positive semidefinite: its eigenvectors V are pressure
     patterns that store energy apart from each other, ``S_res = (S_res V) V^T``.
     """
-    structure, whole = reductor.structure, reductor.flexibility
+    structure, (displacement, energy) = reductor.structure, reductor.flexibility
     load = transpose_multiply(structure.load, basis.columns).T
     covered = np.linalg.solve(basis.stiffness, load)
     shape = bore_rows(structure, basis.columns)
     m = len(shape)
-    rest = whole.displacement - (shape.reshape(3 * m, -1) @ covered).reshape(m, 3, -1)
-    values, vectors = np.linalg.eigh(symmetric(whole.energy - load.T @ covered))
+    rest = displacement - (shape.reshape(3 * m, -1) @ covered).reshape(m, 3, -1)
+    values, vectors = np.linalg.eigh(symmetric(energy - load.T @ covered))
     values, vectors = values[::-1], vectors[:, ::-1]
     moved = (rest.reshape(3 * m, -1) @ vectors).reshape(m, 3, -1)
     return ResidualFlexibility(moved, vectors.T, values, np.zeros((0, 0)))
@@ -270,7 +268,7 @@ def _truncated(
     """Patterns up to the last that moves the bore, but no round-off."""
     sizes = np.abs(all_outward(reductor.structure.bores, residual.displacement)).max(axis=0)
     # Round-off of the covered part leaves eigenvalues of either sign at the end.
-    largest = np.abs(np.diag(reductor.flexibility.energy)).max()
+    largest = np.abs(np.diag(reductor.flexibility[1])).max()
     real = np.sum(residual.stiffness > 1e-13 * largest * len(sizes))
     wanted = np.flatnonzero(sizes[:real] > truncation * sizes.max())
     rank = wanted[-1] + 1 if len(wanted) else 0

@@ -259,6 +259,11 @@ class Structure:
             blocks.append(sparse.csr_matrix((values, columns, pointers), shape=shape))
         return assemble(sparse.hstack(blocks, format="csr"), self.comm)
 
+    @cached_property
+    def reach(self) -> float:
+        """Largest coordinate of any node [m]; collective."""
+        return self.comm.allreduce(np.abs(self.coordinates).max(initial=0.0), op=MPI.MAX)
+
     @property
     def node_range(self) -> tuple[int, int]:
         """Global numbers of the first node this rank owns and of the one behind its last."""
