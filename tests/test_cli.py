@@ -15,16 +15,20 @@ from bench_parts import BasisFile
 from command_line import COMMAND, exit_of, program
 from csv_history import read_history
 from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
+from study_cases import COARSE
 
 #: The rod without elasticity over the first degrees of crank angle: everything but the many modes.
 TIMES = {"time.revolutions": 0.02, "time.tolerance": 1e-3}
 SHORT = TIMES | {"bodies.rod.reduction": {"method": "rigid", "estimate_error": False}}
+#: A start with a rigid rod.
+START = RIGID_ROD | TIMES | {"time.revolutions": 0.002}
 
 
 def test_a_body_is_reduced_with_basis_and_exports_and_fits_no_other_material(tmp_path, capfd):
     path = tmp_path / "new" / "rod.h5"
+    scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", COARSE)
     options = ["--method", "m1", "--modes", 4, "--no-estimate-error", "--json"]
-    files = ["--basis", tmp_path / "part.h5", "--export", "npz"]
+    files = ["--basis", tmp_path / "part.h5", "--export", "npz", "--scene", scene]
     status, out, _ = exit_of(capfd, "reduce", "conrod", "-o", path, *options, *files)
     assert status == 0
     summary = json.loads(out)
@@ -36,7 +40,7 @@ def test_a_body_is_reduced_with_basis_and_exports_and_fits_no_other_material(tmp
         assert basis.modes == 6
         assert np.isfinite(basis.stress(np.ones(6))).all()
     softer = {"bodies.rod.material.youngs_modulus": 200e9, "bodies.rod.reduction": None}
-    other = write_scene(tmp_path / "other.toml", "slider-crank-paper", softer)
+    other = write_scene(tmp_path / "other.toml", "slider-crank-paper", COARSE, softer)
     status, _, errors = exit_of(capfd, "run", other, "--body", path, "-o", tmp_path / "out")
     assert status == 2
     assert "youngs_modulus = 210000000000.0" in errors
@@ -52,7 +56,7 @@ def test_inventory_says_what_was_dropped(tmp_path, capfd):
 
 
 def test_run_writes_everything_it_promises(tmp_path, capfd):
-    scene = write_scene(tmp_path / "short.toml", "slider-crank-paper", SHORT)
+    scene = write_scene(tmp_path / "short.toml", "slider-crank-paper", SHORT, COARSE)
     options = ("-o", tmp_path, "--json", "--no-error-budget")
     status, out, errors = exit_of(capfd, "run", scene, *options)
     assert status == 0, errors
@@ -73,7 +77,7 @@ def test_run_writes_everything_it_promises(tmp_path, capfd):
     assert history["time_s"][-1] == pytest.approx(0.02 * 2 * np.pi / 500, rel=1e-9)
     with h5py.File(tmp_path / "history.h5") as file:
         pressure = file["joints/big_end/film/pressure"][()]
-    assert pressure.shape == (summary["steps"], 440)
+    assert pressure.shape == (summary["steps"], 100)
     assert pressure.max() == pytest.approx(summary["max_pressure_Pa"])
     for name in ("max_pressure", "min_film_thickness"):
         assert (tmp_path / f"{name}.png").stat().st_size > 1000
@@ -142,7 +146,7 @@ def test_run_from_body_file_equals_run_from_mesh(tmp_path, capfd):
 
 
 def test_options_reach_the_film_solver(tmp_path):
-    scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", RIGID_ROD, TIMES)
+    scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", START)
     environment = os.environ | {"PETSC_OPTIONS": "-motion_snes_monitor"}
     options = ("--no-plots", "--no-error-budget")
     result = program("run", scene, "-o", tmp_path / "out", *options, env=environment)
@@ -151,28 +155,6 @@ def test_options_reach_the_film_solver(tmp_path):
     starts = result.stdout.count("  0 SNES Function norm")
     attempts = summary["steps"] + summary["rejected_steps"]
     assert starts == attempts < summary["newton_iterations"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["run", "crank-slider"], "crank-slider"),
-        (["run", "absent.toml"], "absent.toml"),
-        (["run", "slider-crank", "--body", __file__], "test_cli.py"),
-        (["run", "slider-crank", "--body", "other.h5"], "not a fenics_ehd reduced body"),
-        (["run", "slider-crank", "--body", "a.h5", "--method", "m3"], "--body"),
-        (["reduce", "conrod", "-o", "conrod.h5", "--residual-modes", "-1"], "-1"),
-        (["frobnicate"], "frobnicate"),
-    ],
-)
-def test_bad_command_exits_2_with_its_name(arguments, named, tmp_path, monkeypatch, capfd):
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["data"] = 1
-    monkeypatch.chdir(tmp_path)
-    status, _, errors = exit_of(capfd, *arguments)
-    assert status == 2
-    assert "Traceback" not in errors
-    assert named in errors.splitlines()[-1]
 
 
 @pytest.mark.parametrize("command", [["check"], ["run", "four-bar"], ["bearing", "--load", "5"]])
@@ -192,9 +174,9 @@ def test_a_python_without_debians_packages_is_told_what_to_install(command, tmp_
     assert f"lacks Debian's packages {packages}: install them" in line
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
 def test_streams_that_are_closed_take_no_file(closed, tmp_path):
-    scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", RIGID_ROD, TIMES)
+    scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", START)
     options = ["--no-plots", "--no-error-budget", "-o", "out"]
     command = " ".join([*COMMAND, "run", str(scene), *options, closed])
     found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, cwd=tmp_path)

@@ -601,24 +601,6 @@ def test_every_lubricated_joint_has_rows_and_errors_of_its_own(tmp_path):
     assert own["film_max"] == max(e["film_max"] for e in own["joints"].values())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["loaded-journal"], "scene loaded-journal: there is nothing to study"),
-        (["four-bar"], "scene four-bar: there is nothing to study"),
-        ([SCENE, "--start", "1"], "errors count from start = 1 s"),
-        (["gearbox"], "scene 'gearbox'"),
-        ([SCENE, "--workers", "0"], "--workers"),
-    ],
-)
-def test_bad_input_is_one_line(arguments, message, tmp_path, capfd):
-    status, _, errors = exit_of(capfd, "study", *arguments, "-o", tmp_path / "out")
-    assert status == 2
-    assert message in errors
-    assert "Traceback" not in errors
-    assert not (tmp_path / "out").exists()
-
-
 def short_scene(directory, **values):
     """A coarse rod over a small part of a revolution, as a scene file."""
     path = directory / "scene.toml"

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from bench_output import MOST_CASES, make_sweep, parse_values, resolve_key
 from bench_scenes import as_stored
-from command_line import exit_of
 from hypothesis import given
 from hypothesis import strategies as st
-from sweep_cases import LOADED_JOURNAL, given_values, write_scene
+from sweep_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
 
@@ -156,22 +155,6 @@ def test_one_body_for_equal_bodies_of_one_part(scene, assignment, bodies, parts)
     assert len({body.part for body in found}) == parts
 
 
-def test_every_bad_value_is_named_before_anything_runs(scene, tmp_path, capfd):
-    given = ["clearance=-1,0", "oil.viscosity=0.01,water", "big_end.cells=[4];[8,2]"]
-    status, _, errors = exit_of(capfd, "sweep", scene, *given_values(given), "-o", tmp_path / "out")
-    assert status == 2
-    line = errors.splitlines()[-1]
-    for named in (
-        "SettingsError: 8 of 8 cases cannot run",
-        "joints.big_end.clearance = -1.0 must be above 0",
-        "joints.big_end.clearance = 0.0 must be above 0",
-        "lubricants.oil.viscosity = 'water' must be a finite number",
-        "joints.big_end.cells = [4] must be two whole numbers",
-    ):
-        assert named in line
-    assert not (tmp_path / "out").exists()
-
-
 def test_files_given_as_values_are_those_of_the_working_directory(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "other.csv").write_text("time_s,Fx_N,Fy_N\n0,0,1\n0.01,0,2\n0.02,0,1\n")
@@ -180,32 +163,3 @@ def test_files_given_as_values_are_those_of_the_working_directory(tmp_path, monk
     sweep = make_sweep(write_scene(elsewhere, LOADED_JOURNAL), ["load.file=other.csv"])
     assert sweep.cases[0].scene.forces["load"].file == str(tmp_path / "other.csv")
     assert sweep.identity["forces.load.file"].startswith("other.csv ")
-
-
-PAPER = "slider-crank-paper"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["absent.toml", "--set", "clearance=1e-5"], "absent.toml"),
-        (["crank-slider", "--set", "clearance=1e-5"], "crank-slider"),
-        ([PAPER], "--set"),
-        ([PAPER, "--set", "clearance"], "key=values"),
-        ([PAPER, "--set", "clearance=1", "--set", "big_end.clearance=2"], "given twice"),
-        ([PAPER, "--set", "rod.model=absent.geo"], "absent.geo"),
-        ([PAPER, "--set", f"rod.model={__file__}"], "must be a .geo model or a .msh file"),
-        ([PAPER, "--set", "damping_time=1:2:9999", "--set", "order=1,2"], "19998 cases"),
-        ([PAPER, "--set", "clearance=10:20:3"], "3 of 3 cases cannot run: joints.big_end.clear"),
-        ([PAPER, "--set", "big_end.cells=[1000,1000]"], "1000000 cells, at most 200000"),
-        ([PAPER, "--set", "big_end.bore=rod.hole"], "body rod has no point 'hole'"),
-        ([PAPER, "--set", "order=1", "--resume"], "nothing to resume"),
-        ([PAPER, "--set", "order=1", "--resume", "--overwrite"], "exclude each other"),
-    ],
-)
-def test_bad_command_exits_2_with_its_name(arguments, named, tmp_path, capfd, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    status, _, errors = exit_of(capfd, "sweep", *arguments)
-    assert status == 2, errors
-    assert "Traceback" not in errors
-    assert named in errors.splitlines()[-1]
