@@ -74,10 +74,18 @@ def journal(folder):
 WORK = [nine_nodes, weighted, another_mesh, residual_patterns, both_ends, journal]
 
 
-@pytest.mark.parametrize("work", WORK)
-def test_petsc_keeps_nothing_of_a_run(work, tmp_path, capfd):
+@pytest.fixture(scope="module")
+def clean():
+    """Nothing is to be collected of what was before, nor looked at again."""
     gc.collect()
     PETSc.garbage_cleanup(PETSc.COMM_SELF)
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.parametrize("work", WORK)
+def test_petsc_keeps_nothing_of_a_run(work, clean, tmp_path, capfd):
     work(tmp_path)
     gc.collect()
     capfd.readouterr()

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import tables
 from bench_output import cli
-from drawings import draw_all
+from drawings import DRAWINGS, draw_all
 from drawings.gap import CLEARANCE, DIRECTION, RATIO, ends_of_gap
 from drawings.rod import CRANK, PHI, ROD, rod_motion
-from drawings.sketch import point
+from drawings.sketch import point, save
 from light_cells import markdown
 
 TESTS = Path(__file__).parent
@@ -24,10 +24,11 @@ DOCS = TESTS.parent / "docs"
 
 
 def test_drawings_are_the_same_at_every_build(tmp_path):
-    for name in ("first", "second"):
-        draw_all(tmp_path / name)
-    for path in (tmp_path / "first").iterdir():
-        assert path.read_bytes() == (tmp_path / "second" / path.name).read_bytes(), path.name
+    draw_all(tmp_path)
+    assert {path.stem for path in tmp_path.iterdir()} == set(DRAWINGS)
+    # All are saved in one way.
+    save(DRAWINGS["gap"](), tmp_path / "again.svg")
+    assert (tmp_path / "again.svg").read_bytes() == (tmp_path / "gap.svg").read_bytes()
 
 
 def test_drawn_gap_ends_on_the_drawn_shaft():

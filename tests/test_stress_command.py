@@ -26,6 +26,7 @@ SHORT = {
         "big_end_layers": 1,
     },
     "bodies.rod.reduction.method": "m4",
+    "bodies.rod.reduction.estimate_error": False,
     "time.revolutions": 0.1,
     "time.tolerance": 1e-3,
     "time.largest_step": 0.2,
@@ -101,7 +102,7 @@ def test_command_finds_the_extremes_of_the_run(folder, whole_rod, damping, capfd
     assert angle == pytest.approx(np.degrees(500.0 * rod["largest_principal"]["time_s"]), abs=1e-3)
 
 
-def test_command_prints_a_table(folder, capfd):
+def test_command_prints_a_table_and_its_files_go_with_the_run(folder, capfd):
     status, out, _ = exit_of(
         capfd, "stress", folder, "--complete", "--model", folder.parent / "rod.geo"
     )
@@ -110,83 +111,67 @@ def test_command_prints_a_table(folder, capfd):
         assert words in out
     assert "--complete" not in out
     assert json.loads((folder / "stress.json").read_text())["complete"]
-
-
-def test_stresses_go_with_the_run_they_are_of(folder):
     assert {"stress.json", "vtk/"} <= {*listed(folder)}
     assert "rod_stress.vtu" in listed(folder / "vtk")
 
 
-def test_bodies_without_stresses_are_named(folder, capfd):
-    for arguments, words in (
-        (["--body", "crank"], "crank: it is rigid"),
-        (["--body", "rodd"], "rodd: bodies of this run: crank, rod, piston"),
-        (["--complete", "--no-damping"], "drop --no-damping"),
+@pytest.fixture
+def refuse(capfd):
+    """The line by which the command refuses a folder."""
+
+    def refusal(*arguments):
+        capfd.readouterr()
+        status, _, message = exit_of(capfd, "stress", *arguments)
+        assert status == 2
+        message = message.removeprefix("reducing rod\n")
+        assert message.startswith("Usage: ") or message.count("\n") == 1
+        return message
+
+    return refusal
+
+
+def test_bodies_without_stresses_are_named(folder, refuse):
+    assert "crank: it is rigid" in refuse(folder, "--body", "crank")
+    assert "rodd: bodies of this run: crank, rod, piston" in refuse(folder, "--body", "rodd")
+    assert "drop --no-damping" in refuse(folder, "--complete", "--no-damping")
+
+
+def test_folders_without_a_complete_run_are_refused(tmp_path, refuse):
+    assert "no such folder" in refuse(tmp_path / "none")
+    assert "no complete run: it has no summary.json" in refuse(tmp_path)
+    for summary, words in (
+        ('{"status": "interrupted"}', "no complete run: interrupted"),
+        ('{"status": "complete", "scene": "x"}', "not a results folder, it has no history.h5"),
+        ("[1]", "no complete run: it has no summary.json"),
     ):
-        status, _, message = exit_of(capfd, "stress", folder, *arguments)
-        assert status == 2
-        assert words in message
+        (tmp_path / "summary.json").write_text(summary)
+        assert words in refuse(tmp_path)
 
 
-def test_folders_without_a_complete_run_are_refused(tmp_path, capfd):
-    def refused(path, words):
-        status, _, message = exit_of(capfd, "stress", path)
-        assert status == 2
-        assert message.count("\n") == 1
-        assert words in message
-
-    refused(tmp_path / "none", "no such folder")
-    refused(tmp_path, "no complete run: it has no summary.json")
-    (tmp_path / "summary.json").write_text('{"status": "interrupted"}')
-    refused(tmp_path, "no complete run: interrupted")
-    (tmp_path / "summary.json").write_text('{"status": "complete", "scene": "x"}')
-    refused(tmp_path, "not a results folder, it has no history.h5")
-    (tmp_path / "summary.json").write_text("[1]")
-    refused(tmp_path, "no complete run: it has no summary.json")
-
-
-def test_runs_without_meshed_parts_are_refused(tmp_path, capfd):
+@pytest.mark.parametrize(
+    ("rod", "words"), [(RIGID_ROD, "it is rigid"), (ROD_OF_A_FILE, "it was read from a file")]
+)
+def test_runs_without_meshed_parts_are_refused(rod, words, tmp_path, refuse):
     ehd.save_body(make_body(Joint()), tmp_path / "rod.h5")
     times = {"time.revolutions": 0.001, "time.tolerance": 1e-3}
-    cases = {
-        "rigid": (RIGID_ROD, "rod: it is rigid"),
-        "file": (ROD_OF_A_FILE, "rod: it was read from a file"),
-    }
-    for name, (rod, words) in cases.items():
-        scene = write_scene(tmp_path / f"{name}.toml", "slider-crank-paper", rod, times)
-        arguments = ("--no-plots", "--no-error-budget", "-o", tmp_path / name)
-        assert exit_of(capfd, "run", scene, *arguments)[0] == 0
-        status, _, message = exit_of(capfd, "stress", tmp_path / name)
-        assert status == 2
-        assert "no body with stresses" in message
-        assert words in message
+    scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", rod, times)
+    assert call("run", scene, "--no-plots", "--no-error-budget", "-o", tmp_path / "run") == 0
+    message = refuse(tmp_path / "run")
+    assert "no body with stresses" in message
+    assert f"rod: {words}" in message
 
 
-def test_a_model_that_changed_since_the_run_is_refused(folder, capfd):
-    model = folder.parent / "rod.geo"
-    text = model.read_text()
-    model.write_text(f"{text}\n// thicker\n")
-    try:
-        status, _, message = exit_of(capfd, "stress", folder, "--model", model)
-    finally:
-        model.write_text(text)
-    assert status == 2
-    assert "bodies.rod was made with model = rod.geo" in message
-
-
-def test_a_program_that_the_folder_names_runs_only_if_the_user_names_it_too(folder, capfd):
+def test_a_program_that_the_folder_names_runs_only_if_the_user_names_it_unchanged(folder, refuse):
     model, ran = folder.parent / "rod.geo", folder.parent / "ran"
     text = model.read_text()
     model.write_text(f'SystemCall "touch {ran}";\n{text}')
     try:
-        before = exit_of(capfd, "stress", folder)
+        assert "which is rod.geo" in refuse(folder)
+        assert "bodies.rod was made with model = rod.geo" in refuse(folder, "--model", model)
     finally:
         model.write_text(text)
-    unnamed = exit_of(capfd, "stress", folder)
-    other = exit_of(capfd, "stress", folder, "--model", folder / "scene.toml")
-    assert [before[0], unnamed[0], other[0]] == [2, 2, 2]
-    assert "which is rod.geo" in before[2]
-    assert f"have it run by --model {model}" in unnamed[2] == other[2]
+    unnamed, other = refuse(folder), refuse(folder, "--model", folder / "scene.toml")
+    assert f"have it run by --model {model}" in unnamed == other
     assert not ran.exists()
 
 
