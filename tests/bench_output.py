@@ -38,7 +38,6 @@ from fenics_ehd.results.recorded_run import (
     CsvFile,
     RunFolder,
     load_run_state,
-    progress_bar,
     recorded_steps,
     save_run_state,
 )

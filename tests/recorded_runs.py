@@ -2,7 +2,7 @@
 
 from types import MappingProxyType, SimpleNamespace
 
-from bench_output import gather_part, part_of_basis, progress_bar, recorded, shape_of_part
+from bench_output import gather_part, part_of_basis, recorded, shape_of_part
 from bench_parts import BasisFile, save_basis
 from bench_scenes import as_stored, run_scene
 from scene_cases import write_scene
@@ -30,7 +30,7 @@ def short_run(directory, name, changes=MappingProxyType({}), *, budget=False, **
     own = {"time": {"order": order, **time}, "output.error_budget": budget}
     scene = as_stored(write_scene(directory / "source.toml", name, changes, own))
     built = ehd.build(scene)
-    run_scene(scene, built, directory, progress_bar(scene.span))
+    run_scene(scene, built, directory)
     found = SimpleNamespace(
         directory=directory, built=built, run=recorded(directory), parts={}, shapes={},
         result=ehd.load_results(directory),

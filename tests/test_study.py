@@ -473,9 +473,9 @@ def test_film_mesh_is_checked_by_a_finer_one(values, cells, tmp_path):
     path.write_text(scene_as(SCENE, values))
     study = make_study(str(path), quick=True)
     assert planned_cells(study.scene, "big_end") == cells
-    check = study.checks["film"]
-    assert "film cells times 1.5" in check.meaning
-    found = study.cases[check.run].scene.joints["big_end"].cells
+    run, meaning = study.checks["film"]
+    assert "film cells times 1.5" in meaning
+    found = study.cases[run].scene.joints["big_end"].cells
     # Half a cell more is rounded up.
     assert found == tuple(int(1.5 * n + 0.5) for n in cells)
     assert study.cases[REFERENCE].scene.joints["big_end"].cells == values.get(

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.reduction.elements import SOLIDS, NodalElement
+from fenics_ehd.reduction.elements import SOLIDS, NodalElement, with_middles
 
 #: Corners of the faces of a cell, seen from outside against the clock.
 FACES = {
@@ -68,14 +68,10 @@ class Solid:
 
     def facets(self) -> np.ndarray:
         """Nodes of the facets of the surface, corners, then edges, shape (f, 6) or (f, 8)."""
-        nodes, first, uses = self._faces()
+        nodes, first, uses = self.faces()
         return nodes[np.sort(first[uses == 1])]
 
-    def overlaps(self) -> int:
-        """Number of faces that more than two cells share: 0 in a solid."""
-        return int((self._faces()[2] > 2).sum())
-
-    def _faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes of the faces of every cell, the first of each kind, and how often it is there."""
         nodes = self.cells[:, self.face_rows()].reshape(-1, 2 * len(FACES[self.kind][0]))
         corners = np.sort(nodes[:, : len(FACES[self.kind][0])], axis=1)
@@ -137,7 +133,7 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
     count = len(corners)
     if twice := count - len(np.unique(np.sort(corners, axis=1), axis=0)):
         raise MeshError(f"{path}: {twice} of {count} cells are there twice: export the part once")
-    if many := solid.overlaps():
+    if many := int((solid.faces()[2] > 2).sum()):
         raise MeshError(f"{path}: {many} faces are shared by more than two cells: mesh it again")
     if wrong := int(inside_out(solid).sum()):
         remedy = "take smaller ones, more cells around and along its bores"
@@ -174,7 +170,7 @@ def refined(
     tuple
         The solid, its facets, and the label of the facet that each was cut from.
     """
-    places = np.array([_with_middles(corners, solid.kind) for corners in _children(solid.kind)])
+    places = np.array([with_middles(x, solid.element.edges) for x in _children(solid.kind)])
     count = places.shape[1]
     shapes = solid.element.shapes(places.reshape(-1, 3))
     x = np.einsum("mn,cnk->cmk", shapes, solid.points[solid.cells]).reshape(-1, 3)
@@ -186,10 +182,6 @@ def refined(
     cells = number[len(solid.points) :].reshape(-1, count)
     made = Solid(every[kept], cells, solid.kind)
     return made, *_labelled(made, len(solid.points), facets, labels)
-
-
-def _with_middles(corners: np.ndarray, kind: str) -> np.ndarray:
-    return np.vstack([corners, corners[SOLIDS[kind].edges].mean(axis=1)])
 
 
 def _children(kind: str) -> list[np.ndarray]:

@@ -352,25 +352,25 @@ def _bore(
     facets = part.facet_tags.find(tag)
     # The first bore's centre is the origin of the part, to the last bit.
     centre = np.zeros(3) if first else cylinder_centre(surface_nodes(space, facets)[1])
-    own, loaded = (surface_mesh(s, facets, centre) for s in (space, pressures))
+    nodes, x, cells = surface_mesh(space, facets, centre)
+    loaded, pressure_x, pressure_cells = surface_mesh(pressures, facets, centre)
+    family = _FAMILIES[cells.shape[1]]
     try:
-        radius = require_cylinder(own.coordinates, own.cells, own.family, own.nodes, f"the {name}")
+        radius = require_cylinder(x, cells, family, nodes, f"the {name}")
     except StructureError as error:
         raise MeshError(str(error)) from None
     return Bore(
         radius=radius,
-        width=float(np.ptp(own.coordinates[:, 2])),
-        nodes=own.nodes,
-        coordinates=own.coordinates,
-        pressure_coordinates=loaded.coordinates,
-        load=_load_matrix(space, pressures, loaded.nodes, ds(tag)),
-        cells=own.cells,
-        family=own.family,
-        pressure_cells=loaded.cells,
-        pressure_family=loaded.family,
-        reference=mean_motion(
-            own.coordinates, surface_gram(own.coordinates, own.cells, own.family)
-        ),
+        width=float(np.ptp(x[:, 2])),
+        nodes=nodes,
+        coordinates=x,
+        pressure_coordinates=pressure_x,
+        load=_load_matrix(space, pressures, loaded, ds(tag)),
+        cells=cells,
+        family=family,
+        pressure_cells=pressure_cells,
+        pressure_family=_FAMILIES[pressure_cells.shape[1]],
+        reference=mean_motion(x, surface_gram(x, cells, family)),
         centre=centre,
     )
 
@@ -407,30 +407,10 @@ def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
 _FAMILIES = {8: "serendipity", 9: "lagrange", 6: "triangle"}
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceMesh:
-    """Nodes of a space on a bore's surface, the same on every rank.
-
-    Attributes
-    ----------
-    nodes
-        Global numbers, sorted by z, then angle about the bore's axis, shape (m,).
-    coordinates
-        From the bore's centre, shape (m, 3) [m].
-    cells
-        Positions in `nodes` of the nodes of each cell, shape (c, 6, 8 or 9).
-    family
-        ``"triangle"``, ``"serendipity"`` or ``"lagrange"``.
-    """
-
-    nodes: np.ndarray
-    coordinates: np.ndarray
-    cells: np.ndarray
-    family: str
-
-
-def surface_mesh(space: fem.FunctionSpace, facets: np.ndarray, centre: np.ndarray) -> SurfaceMesh:
-    """Surface mesh of a quadratic space.
+def surface_mesh(
+    space: fem.FunctionSpace, facets: np.ndarray, centre: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes of a quadratic space on a bore's surface and their mesh, the same on every rank.
 
     Parameters
     ----------
@@ -440,13 +420,18 @@ def surface_mesh(space: fem.FunctionSpace, facets: np.ndarray, centre: np.ndarra
         Local facets of the surface, on the boundary of the part.
     centre
         Of the bore, shape (3,) [m].
+
+    Returns
+    -------
+    nodes, coordinates, cells : numpy.ndarray
+        Global numbers, sorted by z, then angle about the bore's axis, shape (m,); from the bore's
+        centre, (m, 3) [m]; places in `nodes` of those of each cell, (c, 6, 8 or 9).
     """
     nodes, x = surface_nodes(space, facets)
     x = x - centre
     order, cells = in_order(nodes, x, _surface_cells(space, facets))
     cells = cells[np.lexsort(np.sort(cells, axis=1).T[::-1])]
-    nodes, x = nodes[order].astype(np.int32), x[order]
-    return SurfaceMesh(nodes, x, cells, _FAMILIES[cells.shape[1]])
+    return nodes[order].astype(np.int32), x[order], cells
 
 
 def surface_nodes(space: fem.FunctionSpace, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -310,7 +310,7 @@ def save_animation(
     count
         Number of frames.
     path
-        GIF or MP4, by its ending.
+        GIF or MP4, by its ending, see `require_animation_format`.
     rate
         Frames a second.
     progress
@@ -321,12 +321,7 @@ def save_animation(
     Path
         The file.
 
-    Raises
-    ------
-    SettingsError, InputError
-        As in `require_animation_format`.
     """
-    require_animation_format(path)
     path = Path(path)
     suffix = path.suffix.lower()
     figure.set_dpi(RESOLUTION[suffix])

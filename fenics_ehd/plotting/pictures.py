@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import PICTURES
 from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, orbit
 from fenics_ehd.plotting.maps import Bores, Map
 from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, plt, save_in_formats
 from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
 
-_BY_NAME: dict[str, Curves | Paths | Map | Bores] = {
+#: In the order of `fenics_ehd.base.files.PICTURES`.
+QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
     "max_pressure": Curves(
         (
             Panel(
@@ -148,9 +147,6 @@ _BY_NAME: dict[str, Curves | Paths | Map | Bores] = {
         whole=True,
     ),
 }
-
-#: In the order in which they are drawn.
-QUANTITIES = MappingProxyType({name: _BY_NAME[name] for name in PICTURES})
 
 #: Those that `fenics-ehd run` draws: what needs no more than its history.
 OF_EVERY_RUN = tuple(n for n, q in QUANTITIES.items() if isinstance(q, Curves | Paths))

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
 
 from fenics_ehd.base.errors import SettingsError, StructureError
 from fenics_ehd.reduction.elements import (
@@ -20,10 +22,6 @@ from fenics_ehd.reduction.elements import (
     summed,
     surface_element,
 )
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-    from scipy import sparse
 
 
 def rigid_fields(coordinates: np.ndarray) -> np.ndarray:

@@ -20,14 +20,12 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 #: Ends of the edges of a cell, by its dimension and number of corners.
 _EDGES = {
@@ -156,7 +154,7 @@ class NodalElement:
         return np.prod((2 * np.asarray(points)[:, None, :] - 1) ** powers, axis=2)
 
 
-def _quadratic(corners: list, edges: list, *others: tuple) -> np.ndarray:
+def with_middles(corners: Any, edges: Any, *others: tuple) -> np.ndarray:
     """Corners, middles of edges, and other nodes."""
     ends = np.array(corners, dtype=float)
     return np.vstack([ends, ends[np.array(edges)].mean(axis=1), *others])
@@ -165,17 +163,17 @@ def _quadratic(corners: list, edges: list, *others: tuple) -> np.ndarray:
 #: Cells of surfaces by name: 4, 8 and 9 nodes on the quadrilateral, 3 and 6 on the triangle.
 ELEMENTS = {
     "bilinear": NodalElement.of(_SQUARE, "lagrange", 1),
-    "serendipity": NodalElement.of(_quadratic(_SQUARE, _EDGES[2, 4]), "serendipity", 2),
-    "lagrange": NodalElement.of(_quadratic(_SQUARE, _EDGES[2, 4], (0.5, 0.5)), "lagrange", 2),
+    "serendipity": NodalElement.of(with_middles(_SQUARE, _EDGES[2, 4]), "serendipity", 2),
+    "lagrange": NodalElement.of(with_middles(_SQUARE, _EDGES[2, 4], (0.5, 0.5)), "lagrange", 2),
     "linear triangle": NodalElement.of(_TRIANGLE, "simplex", 1),
-    "triangle": NodalElement.of(_quadratic(_TRIANGLE, _EDGES[2, 3]), "simplex", 2),
+    "triangle": NodalElement.of(with_middles(_TRIANGLE, _EDGES[2, 3]), "simplex", 2),
 }
 
 #: Solid cells of 10 and 20 nodes, corners, then middles of edges, in the order of VTK, Abaqus and
 #: CalculiX.
 SOLIDS = {
-    "tet": NodalElement.of(_quadratic(_TETRAHEDRON, _EDGES[3, 4]), "simplex", 2),
-    "hex": NodalElement.of(_quadratic(_CUBE, _EDGES[3, 8]), "serendipity", 2),
+    "tet": NodalElement.of(with_middles(_TETRAHEDRON, _EDGES[3, 4]), "simplex", 2),
+    "hex": NodalElement.of(with_middles(_CUBE, _EDGES[3, 8]), "serendipity", 2),
 }
 
 
@@ -183,8 +181,6 @@ def summed(
     blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
 ) -> sparse.csr_matrix:
     """Sparse matrix of cells' blocks, whose row and column numbers are broadcast to them."""
-    from scipy import sparse
-
     places = tuple(np.broadcast_to(a, blocks.shape).ravel() for a in (rows, columns))
     return sparse.coo_matrix((blocks.ravel(), places), shape=shape).tocsr()
 

@@ -17,18 +17,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import reorder
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 #: A diagonal entry so much larger than the smallest holds its degree of freedom: what its
 #: neighbours add to it is lost in rounding.
@@ -77,8 +74,6 @@ class ForeignMatrices:
 
     def turned(self, turn: ArrayLike) -> ForeignMatrices:
         """Matrices of the part turned, whose point x is at ``turn @ x``; shape (3, 3)."""
-        from scipy import sparse
-
         whole = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
         k, m = ((whole @ matrix @ whole.T).tocsr() for matrix in (self.stiffness, self.mass))
         return ForeignMatrices(k, m, self.numbers)
@@ -208,8 +203,6 @@ def _labels(file: Path, table: np.ndarray) -> np.ndarray:
 
 def _square(file: Path, places: np.ndarray, values: np.ndarray, size: int) -> sparse.csr_matrix:
     """Symmetric matrix of one triangle, in whatever order, or of both."""
-    from scipy import sparse
-
     if places.max() >= size:
         raise StructureError(f"{file} has row {places.max() + 1}, there are {size}")
     rows, columns = places.T
@@ -296,8 +289,6 @@ def tetrahedron_mass(nodes: np.ndarray, cells: np.ndarray, density: float) -> sp
     StructureError
         `cells` are no 10-node tetrahedra of these nodes, or one is turned inside out.
     """
-    from scipy import sparse
-
     nodes, cells = np.asarray(nodes, dtype=float), np.asarray(cells)
     if cells.ndim != 2 or cells.shape[1] != 10 or cells.dtype.kind not in "iu" or not len(cells):
         raise StructureError(

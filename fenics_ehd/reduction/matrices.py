@@ -10,20 +10,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.sealed_file import open_hdf5, require_file, require_numbers, values
-
-if TYPE_CHECKING:  # slow to import
-    from scipy import sparse
-
-
 from fenics_ehd.base.petsc_options import destroy_with
+from fenics_ehd.base.sealed_file import open_hdf5, require_file, require_numbers, values
 
 #: Files that `as_matrix` reads, for its messages.
 FILE_TYPES = ".mtx, .mtx.gz, .npz, .dat, .bin, .petsc, .h5, .hdf5"
@@ -166,8 +162,6 @@ def as_matrix(
     first, last = owned_range(shape[0], comm, name, rows)
 
     def checked() -> sparse.csr_matrix:
-        from scipy import sparse
-
         block = sparse.csr_matrix(read(first, last), shape=(last - first, shape[1]))
         block.check_format(full_check=True)
         if np.iscomplexobj(block.data):
@@ -222,7 +216,7 @@ def _open(path: str) -> Opened:
         return _in_binary(path)
     if not re.search(r"\.(mtx|mtx\.gz|npz)$", path, re.IGNORECASE):
         raise ValueError(f"its name ends in none of {FILE_TYPES}")
-    from scipy import io, sparse
+    from scipy import io
 
     # Newer SciPy says of a missing file that it is no Matrix Market file.
     Path(path).stat()
@@ -305,8 +299,6 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     StructureError
         `matrix` is not square, or `dofs` does not name each of its rows once.
     """
-    from scipy import sparse
-
     given = matrix.tocsr()
     numbers = np.asarray(dofs)
     if given.shape[0] != given.shape[1]:

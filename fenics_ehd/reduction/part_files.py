@@ -38,6 +38,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 from mpi4py import MPI
+from scipy import sparse
 
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import BOOKKEEPING, new_part, require_room
@@ -142,8 +143,6 @@ def save_structure(structure: Structure, path: str | Path) -> None:
     StructureError
         The file cannot be written, or a boundary point's name holds a slash.
     """
-    from scipy import sparse
-
     for name in (*structure.attachments, *structure.bores):
         if not name or "/" in name or name == ".":
             raise StructureError(f"name {name!r}: a file needs one without a slash")

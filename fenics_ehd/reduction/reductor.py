@@ -67,11 +67,6 @@ class Basis:
     dropped: tuple[ModeRecord, ...]
     accuracy: Mapping[str, float]
 
-    @property
-    def frequencies(self) -> np.ndarray:
-        """Natural frequency of each column taken alone [Hz]."""
-        return np.sqrt(np.diag(self.stiffness) / np.diag(self.mass)) / (2 * np.pi)
-
 
 def _own_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     """Mask of the bores' nodes that this rank owns, and their places among its own."""
@@ -364,12 +359,13 @@ class Reductor:
         rigid = rigid_fields(structure.coordinates)
         fields = np.hstack([structure.coordinates.reshape(-1, 1), rigid[:, :2], basis.columns])
         load, mass_rigid = structure.load, mass.multiply(rigid)
+        angular = np.sqrt(np.diag(basis.stiffness) / np.diag(basis.mass))
         body = ReducedBody(
             method=method,
             frame=frame if self.free else "clamped",
             stiffness=basis.stiffness,
             mass=basis.mass,
-            frequencies=basis.frequencies,
+            frequencies=angular / (2 * np.pi),
             kinds=basis.kinds,
             bores={name: bore.surface() for name, bore in structure.bores.items()},
             bore_basis=bore_rows(structure, basis.columns),

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
@@ -82,8 +83,6 @@ def load_vectors(
             owned_range(total, vector.comm.tompi4py(), label, stiffness.local_size[0], own)
         return tuple(source)
     if not (isinstance(source, str | Path | PETSc.Mat) or hasattr(source, "tocsr")):
-        from scipy import sparse
-
         nodes, weights = _weights(source, stiffness.size[0] // 3, label)
         mean = np.bincount(nodes, weights, minlength=stiffness.size[0] // 3)
         source = sparse.kron(mean[:, None], sparse.identity(3), format="csr")
@@ -250,8 +249,6 @@ class Structure:
         loads = [bore.load for bore in self.every_bore()]
         if len(loads) == 1:
             return loads[0]
-        from scipy import sparse
-
         blocks = []
         for load in loads:
             pointers, columns, values = load.getValuesCSR()

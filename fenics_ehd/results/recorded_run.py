@@ -82,10 +82,11 @@ class _Unobserved:
             sys.stderr.flush()
 
 
-def progress_bar(end: float) -> tqdm:
+def progress_bar(end: float, shown: bool) -> tqdm:
     """Bar of the simulated time up to `end` [s]; seldom redrawn where nobody watches."""
     return tqdm(
         total=1e3 * end,
+        disable=not shown,
         unit="ms",
         file=_Unobserved(),
         mininterval=0.2 if sys.stderr.isatty() else 10.0,
@@ -456,10 +457,10 @@ def record_run(
     fingerprints: Mapping[str, str],
     *,
     interval: float,
-    bar: tqdm,
-    former: Checkpoint | None = None,
-    multiplier: bool = False,
-    judge: Judge | None = None,
+    shown: bool,
+    former: Checkpoint | None,
+    multiplier: bool,
+    judge: Judge | None,
 ) -> dict[str, Any]:
     """Integrate to the end, or until the films repeat, and return the summary.
 
@@ -475,8 +476,8 @@ def record_run(
         Digests of what a run that goes on must have in common with the one that began.
     interval
         Between two checkpoints [s].
-    bar
-        Shows the progress.
+    shown
+        Whether a bar shows the progress; whatever fails, it has ended when the error is told.
     former
         Checkpoint to go on from.
     multiplier
@@ -510,7 +511,7 @@ def record_run(
     try:
         with (
             keeping_failed_film(directory),
-            bar,
+            progress_bar(run.end, shown) as bar,
             interrupt_between_steps() as check,
             closing(steps),
         ):

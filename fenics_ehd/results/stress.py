@@ -96,7 +96,8 @@ def cycle_stress(
         fields = columns @ coordinates.T + missing_fields(structure, body, columns, *loads)
     nodal = NodalStress(recovery.stress(fields))
     count = nodal.nodes
-    found = HalfRange(np.zeros((count, 2), dtype=int), *(np.zeros((count, *n)) for n in _SHAPES))
+    pairs, tensors = np.zeros((count, 2), dtype=int), np.zeros((2, count, 6))
+    found = HalfRange(pairs, np.zeros(count), *tensors)
     principal, instants = np.zeros(count), np.zeros(count, dtype=int)
     for nodes, stress in nodal.blocks():
         history = stress if histories is None else stress @ histories
@@ -121,10 +122,6 @@ def cycle_stress(
         _ends(largest_half_range(around(widest)).von_mises),
         _ends(largest_principal(around(highest))[0]),
     )
-
-
-#: Of a point: von Mises stress, half-range, mean.
-_SHAPES: tuple[tuple[int, ...], ...] = ((), (6,), (6,))
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:

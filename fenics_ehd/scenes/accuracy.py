@@ -25,7 +25,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from math import ceil, inf, log10, prod, sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import attrs
 import numpy as np
@@ -33,14 +33,12 @@ import numpy as np
 from fenics_ehd.base.errors import AccuracyError, InputError, SettingsError
 from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
+from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.scene import Scene, changed, meshed, stored
-
-if TYPE_CHECKING:
-    from fenics_ehd.multibody.mechanism import FilmBinding
-from fenics_ehd.multibody.simulation import Simulation
 
 #: Least tolerance of a step, least periodicity, most film cells, vibration modes that a basis may
 #: have, and cells of a part's mesh around a bore.

@@ -179,13 +179,6 @@ def read_shape_table(path: str | Path, key: str, width: float, clearance: float)
         raise SettingsError(f"{where}: {error}") from None
 
 
-def holes_of(bore: BoreSurface | None) -> list[BoreHole]:
-    """Holes in the mesh of a bore; a rigid one, or a mesh that is not known, has none."""
-    if bore is None or not bore.cells.size:
-        return []
-    return bore_holes(bore.coordinates, bore.cells, bore.family)
-
-
 def supplies_of(scene: Scene, name: str) -> tuple[Supply, ...]:
     """Supplies of a lubricated joint with their names and tables.
 
@@ -366,7 +359,9 @@ def build_film(scene: Scene, name: str, bore: BoreSurface | None, rate: float) -
     InterfaceMismatchError
         The cells of a flexible bore are wanted and are not a structured quadratic mesh.
     """
-    joint, key, holes = scene.joints[name], f"joints.{name}", holes_of(bore)
+    joint, key, holes = scene.joints[name], f"joints.{name}", list[BoreHole]()
+    if bore is not None and bore.cells.size:
+        holes = bore_holes(bore.coordinates, bore.cells, bore.family)
     if bore is not None and not joint.cells:
         if joint.grooves:
             raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")

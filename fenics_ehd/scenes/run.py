@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import attrs
-from tqdm import tqdm
 
 from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, write_whole
 from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
@@ -30,7 +29,6 @@ from fenics_ehd.results.recorded_run import (
     RunFolder,
     estimate_errors,
     load_run_state,
-    progress_bar,
     record_run,
 )
 from fenics_ehd.scenes.accuracy import Search, account, begun, search_of
@@ -91,11 +89,10 @@ def run_scene(
     scene: Scene,
     built: Machine,
     directory: Path,
-    bar: tqdm,
     *,
     interval: float = CHECKPOINT_EVERY,
     former: Checkpoint | None = None,
-    judged: bool = True,
+    alone: bool = True,
     multiplier: bool = False,
     search: Search | None = None,
 ) -> dict[str, Any]:
@@ -107,14 +104,13 @@ def run_scene(
         As read with `as_stored`, and what it stands for.
     directory
         Made by the caller.
-    bar
-        Shows the progress.
     interval
         Between two checkpoints [s].
     former
         Checkpoint of a run in this folder to go on from.
-    judged
-        Whether it says what its figures are worth, if the scene wants that.
+    alone
+        Whether it shows its progress, and says what its figures are worth if the scene wants that;
+        runs of a study are compared with one another.
     multiplier
         Whether the largest multiplier of a periodic solution is found, too.
     search
@@ -138,7 +134,7 @@ def run_scene(
         for name, body in built.bodies.items():
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
-    if judged and scene.output.error_budget and scene.films:
+    if alone and scene.output.error_budget and scene.films:
         judge = partial(_worth, scene=scene, search=search)
     run, time = Run(built.mechanism, built.steps, scene.span), scene.time
     cycles = (
@@ -156,7 +152,7 @@ def run_scene(
         },
         _fingerprints(scene, built),
         interval=interval,
-        bar=bar,
+        shown=alone,
         former=former,
         multiplier=multiplier,
         judge=judge,
@@ -256,18 +252,15 @@ def run_accurately(
         Of the last run.
     """
     while True:
-        # Whatever fails, the bar has ended when the error is told.
-        with progress_bar(scene.span) as shown:
-            summary = run_scene(
-                scene,
-                built,
-                directory,
-                shown,
-                interval=interval,
-                former=former,
-                multiplier=multiplier,
-                search=search,
-            )
+        summary = run_scene(
+            scene,
+            built,
+            directory,
+            interval=interval,
+            former=former,
+            multiplier=multiplier,
+            search=search,
+        )
         if search is None:
             return scene, built, summary
         if not search.wanted:

@@ -20,7 +20,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import attrs
 import numpy as np
@@ -36,16 +36,13 @@ from fenics_ehd.base.settings import (
     to_toml,
     unusual,
 )
+from fenics_ehd.film.lubricant import Lubricant, make_lubricant
 from fenics_ehd.multibody.body import MasslessBody, RigidBody
 from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import shipped_scene
 from fenics_ehd.scenes.part_settings import OutputSettings
-
-if TYPE_CHECKING:
-    from fenics_ehd.film.lubricant import Lubricant
-
 
 #: The frame at rest.
 GROUND = "ground"
@@ -129,8 +126,6 @@ def meshed(scene: Scene) -> tuple[str, ...]:
 
 def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
     """Oil of a joint; where its heat is balanced, at the supply's temperature."""
-    from fenics_ehd.film.lubricant import Lubricant, make_lubricant
-
     if joint.lubricant == NONE:
         return Lubricant(joint.viscosity)
     settings = scene.lubricants[joint.lubricant]
@@ -147,8 +142,6 @@ def check_lubricants(scene: Scene) -> None:
     SettingsError
         Naming the oil.
     """
-    from fenics_ehd.film.lubricant import make_lubricant
-
     for name, settings in scene.lubricants.items():
         users = [joint for joint in scene.films.values() if joint.lubricant == name]
         try:
@@ -565,13 +558,19 @@ def stored(scene: Scene) -> Scene:
     return scene_of(tomllib.loads(scene_text(scene)), scene.name)
 
 
-def csv_files(tables: Mapping[str, Any]) -> Iterator[Path]:
-    """Tables that a scene names and that are there."""
-    for value in tables.values():
+def by_key(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Values of nested tables by their dotted keys."""
+    for name, value in tables.items():
         if isinstance(value, Mapping):
-            yield from csv_files(value)
-        elif isinstance(value, str) and value.endswith(".csv") and Path(value).is_file():
-            yield Path(value)
+            yield from by_key(value, f"{path}{name}.")
+        else:
+            yield f"{path}{name}", value
+
+
+def csv_files(tables: Mapping[str, Any]) -> list[Path]:
+    """Tables that a scene names and that are there."""
+    names = [value for _, value in by_key(tables) if str(value).endswith(".csv")]
+    return [Path(name) for name in names if Path(name).is_file()]
 
 
 def scene_text(scene: Scene) -> str:

@@ -12,7 +12,7 @@ import hashlib
 import io
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
@@ -28,7 +28,7 @@ from fenics_ehd.base.settings import key_hint, walk
 from fenics_ehd.reduction.body import FORMAT_VERSION
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
-from fenics_ehd.scenes.scene import Scene, changed, meshed, stored
+from fenics_ehd.scenes.scene import Scene, by_key, changed, meshed, stored
 
 
 def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
@@ -301,22 +301,12 @@ def needed_bodies(scene: Scene) -> dict[str, NeededBody]:
 
 def identity(scene: Scene) -> dict[str, str]:
     """Everything that results depend on, as text by dotted key."""
-    return {"version": __version__} | {
-        key: described(value) for key, value in _flat(scene.tables, "")
-    }
+    return {"version": __version__} | {key: described(value) for key, value in by_key(scene.tables)}
 
 
 def checksum(values: Mapping[str, str]) -> str:
     """Beginning of a checksum of all values."""
     return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _flat(tables: Mapping[str, Any], path: str) -> Iterator[tuple[str, Any]]:
-    for name, value in tables.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{path}{name}.")
-        else:
-            yield f"{path}{name}", value
 
 
 def described(value: object) -> str:

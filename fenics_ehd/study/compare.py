@@ -259,7 +259,7 @@ class StudyFolder(RunsFolder):
 
     def own_error(self, kind: str) -> Errors | None:
         """One of the reference's own errors."""
-        return self.errors(self.study.checks[kind].run, REFERENCE)
+        return self.errors(self.study.checks[kind][0], REFERENCE)
 
     def rows(self) -> list[dict[str, Any]]:
         """Rows of the table."""
@@ -319,12 +319,12 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
 
 
 def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
-    check, errors = folder.study.checks[kind], folder.own_error(kind)
+    (run, meaning), errors = folder.study.checks[kind], folder.own_error(kind)
     if errors is None:
-        return dict.fromkeys(ERRORS) | {"why": folder.why_not(check.run, REFERENCE)}
+        return dict.fromkeys(ERRORS) | {"why": folder.why_not(run, REFERENCE)}
     joints = {joint: {name: own[name] for name in ERRORS} for joint, own in errors.items()}
     largest = {name: max(own[name] for own in joints.values()) for name in ERRORS}
-    about = {"run": check.run, "against": REFERENCE, "how": check.meaning}
+    about = {"run": run, "against": REFERENCE, "how": meaning}
     return largest | about | ({"joints": joints} if len(joints) > 1 else {})
 
 

@@ -277,14 +277,6 @@ class Row:
     own: str = ""
 
 
-@dataclass(frozen=True)
-class Check:
-    """One of the reference's own errors: the run that shows it, and what is different there."""
-
-    run: str
-    meaning: str
-
-
 @dataclass(frozen=True, eq=False)
 class Study:
     """A study.
@@ -300,7 +292,8 @@ class Study:
     rows
         Of the table.
     checks
-        Of the reference: ``"step"``, ``"film"``, ``"basis"``.
+        Of the reference's own errors, ``"step"``, ``"film"``, ``"basis"``: the run that shows
+        each, and what is different there.
     """
 
     scene: Scene
@@ -308,7 +301,7 @@ class Study:
     start: float
     cases: Mapping[str, Case]
     rows: tuple[Row, ...]
-    checks: Mapping[str, Check]
+    checks: Mapping[str, tuple[str, str]]
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -377,7 +370,7 @@ def make_study(
         *_film_rows(add, scope),
     ]
     checks = _checks(add, scope)
-    others = dict.fromkeys(check.run for check in checks.values())
+    others = dict.fromkeys(run for run, _ in checks.values())
     own = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others)]
     unique = tuple(dict.fromkeys([*own, *rows]))
     by_name = {case.name: case for case in cases.values()}
@@ -418,7 +411,7 @@ def _film_rows(add: Add, scope: Scope) -> list[Row]:
     return rows
 
 
-def _checks(add: Add, scope: Scope) -> dict[str, Check]:
+def _checks(add: Add, scope: Scope) -> dict[str, tuple[str, str]]:
     basis, other = scope.basis_check
     changed = {
         "film": (scope.reference, scope.film_check),
@@ -431,5 +424,5 @@ def _checks(add: Add, scope: Scope) -> dict[str, Check]:
         merged = {**variant.values, **scope.reference_steps, **values}
         run = add(Variant(f"{REFERENCE}-{kind}", merged))
         words = (f"{'film cells times' if k == FILM else f'{k} ='} {v}" for k, v in values.items())
-        checks[kind] = Check(run, f"with {', '.join(words)}")
+        checks[kind] = run, f"with {', '.join(words)}"
     return {"step": checks["basis"]} | checks

@@ -530,12 +530,10 @@ def _run(case: Case, bodies: Path, directory: Path) -> dict[str, Any]:
     loaded = {name: load_body(path) for name, path in files.items()}
     built = build(case.scene, bodies=loaded)
     seconds = sum(float(body.provenance[SECONDS]) for body in loaded.values())
-    bar = tqdm(total=1e3 * case.scene.span, disable=True)
     with RunFolder(directory, flexible(case.scene)) as folder:
         try:
             own = replace(built, seconds=seconds)
-            # A study compares its runs with one another.
-            summary = run_scene(case.scene, own, folder.path, bar, interval=inf, judged=False)
+            summary = run_scene(case.scene, own, folder.path, interval=inf, alone=False)
         finally:
             for name, path in files.items():
                 _share(path, folder.path / BODY_FILE.format(name))
