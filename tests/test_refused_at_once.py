@@ -48,7 +48,7 @@ def scene(tmp_path):
 EMPTY = "is followed by nothing: is a shell variable empty?"
 NO_PLACE = "pipe is neither a file nor a folder"
 
-#: Commands in a folder with a text file, a pipe, an HDF5 file and two folders.
+#: Commands in a folder with texts, a pipe, an HDF5 file and folders.
 COMMANDS = [
     ("frobnicate", "frobnicate"),
     ("run crank-slider", "crank-slider"),
@@ -59,6 +59,9 @@ COMMANDS = [
     ("run slider-crank --body a.h5 --method m3", "--body"),
     ("run --resume nosuch", "nosuch: no checkpoint to go on from, no such folder"),
     ("run --resume junk", "junk: no checkpoint to go on from, it has no history.h5"),
+    ("run --resume junk slider-crank", "give a SCENE to run or --resume DIR, one of them"),
+    ("run", "give a SCENE to run or --resume DIR, one of them"),
+    ("run --resume broken", "history.h5"),
     ("plot junk", "junk: not a results folder, it has no history.h5"),
     ("plot nosuch", "nosuch: no such folder"),
     # A shell's variable that is not set.
@@ -101,9 +104,10 @@ COMMANDS = [
 @pytest.mark.parametrize(("command", "message"), COMMANDS)
 def test_a_command_that_cannot_be_obeyed(command, message, tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for folder in ("junk", "folder.npz"):
+    for folder in ("junk", "broken", "folder.npz"):
         (tmp_path / folder).mkdir()
-    (tmp_path / "text.h5").write_text("no HDF5")
+    for name in ("text.h5", "broken/history.h5"):
+        (tmp_path / name).write_text("no HDF5")
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["data"] = 1
     # In place of a device: this test must never be able to replace one of the machine's.

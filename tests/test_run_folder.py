@@ -88,12 +88,6 @@ def test_failed_results_are_replaced_without_asking(run, tmp_path):
     assert json.loads(summary.read_text())["status"] == "complete"
 
 
-def test_a_run_that_cannot_start_leaves_nothing(run, tmp_path):
-    (tmp_path / "rod.h5").unlink()
-    assert run(SCENE)[0] == 2
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize("more", [(), ("--overwrite",)])
 def test_two_runs_do_not_share_a_folder(more, run, tmp_path, capfd):
     out = tmp_path / "out"
@@ -140,14 +134,6 @@ def test_a_folder_that_holds_what_is_not_of_a_run_is_refused(run, tmp_path, monk
     for more in ((), ("--overwrite",)):
         assert run(SCENE, *more)[0] == 0
         assert contents(out).items() >= before.items()
-
-
-def test_the_folder_of_the_scene_is_no_folder_for_its_results(run, tmp_path, capfd, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path / "scene.toml", "slider-crank-paper", SCENE)
-    before = contents(tmp_path)
-    assert exit_of(capfd, "run", "scene.toml", "--no-plots", "-o", ".")[0] == 2
-    assert contents(tmp_path) == before
 
 
 LINKS = ("manifest.txt", "history.h5", "summary.json", "vtk", "replacement", "replacement/vtk",
