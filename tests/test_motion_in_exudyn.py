@@ -7,7 +7,9 @@ without it, see `test_export.py`.
 import numpy as np
 import pytest
 from bench_machines import System, assemble
+from bench_scenes import scene_of
 from mechanism_cases import CRANK, REVOLUTION, ROD, SPEED
+from scene_cases import RIGID_ROD, tables_of
 from scipy.interpolate import CubicHermiteSpline
 from test_demos import demo
 
@@ -44,58 +46,44 @@ def solve(exudyn, mbs, end, steps):
 # --- Rigid bodies
 
 
-def linkage():
-    """Four bars that a torque turns, the rocker's tip on a spring."""
-    links = {"crank": (0.05, 0.4), "coupler": (0.15, 0.8), "rocker": (0.12, 0.6)}
-    bodies = {
-        name: ehd.RigidBody(mass, 1e-3, {"tip": (length, 0.0)}, centre=(0.4 * length, 0.01))
-        for name, (length, mass) in links.items()
+def of_scene(name, *changes):
+    """A shipped scene whose crank a torque turns, under gravity."""
+    together = {
+        "drives.crank": {"kind": "torque", "torque": TORQUE},
+        "forces.weight": {"kind": "gravity", "acceleration": [0.0, -GRAVITY]},
     }
-    rocker = {"position": (0.14, 0.0), "angle": np.degrees(1.6)}
-    return ehd.Mechanism(
-        {
-            **bodies,
-            "crank": ehd.RigidBody(0.4, 1e-3, {"tip": (0.05, 0.0)}, speed=50.0),
-            "rocker": ehd.RigidBody(0.6, 1e-3, {"tip": (0.12, 0.0)}, centre=(0.04, 0.01), **rocker),
-            "ground": ehd.ground({"hook": (0.14, 0.0), "wall": (0.4, 0.2)}),
-        },
-        {
-            "left": ehd.Revolute(("ground", "crank")),
-            "a": ehd.Revolute(("crank.tip", "coupler")),
-            "b": ehd.Revolute(("rocker.tip", "coupler.tip")),
-            "right": ehd.Revolute(("ground.hook", "rocker")),
-        },
-        forces={
-            "motor": ehd.Torque("crank", torque=TORQUE),
-            "spring": ehd.SpringDamper(("rocker.tip", "ground.wall"), 500.0, 5.0),
-        },
-        gravity=(0.0, -GRAVITY),
-    )
+    for change in changes:
+        together |= change
+    return ehd.build(scene_of(tables_of(name, together), name)).mechanism
+
+
+def linkage():
+    """Four bars, the rocker's tip on a spring."""
+    ends = {"between": ["rocker.tip", "ground.wall"]}
+    return of_scene("four-bar", {
+        "bodies.ground.points.wall": [0.4, 0.2],
+        "bodies.crank.speed": 50.0,
+        "bodies.coupler.centre": [0.06, 0.01],
+        "bodies.rocker.centre": [0.04, 0.01],
+        "joints.rocker_end": {"kind": "revolute", "between": ["rocker.tip", "coupler.tip"]},
+        "forces.spring": {"kind": "spring-damper", "stiffness": 500.0, "damping": 5.0, **ends},
+    })  # fmt: skip
 
 
 def slider_crank():
-    """Crank, rod and piston, the line tilted, a torque on the crank."""
-    tilted = 0.3
-    along = np.array([np.cos(tilted), np.sin(tilted)])
-    return ehd.Mechanism(
-        {
-            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}, angle=28.6, speed=30.0),
-            "rod": ehd.RigidBody(
-                0.973, 4e-3, {"pin": (ROD, 0.0)}, centre=(0.0677, 0.0), position=(0.04, 0.02)
-            ),
-            "piston": ehd.RigidBody(
-                0.5, 1e-3, position=tuple((0.2 * along).tolist()), angle=np.degrees(tilted)
-            ),
-        },
-        {
-            "main": ehd.Revolute(("ground", "crank")),
-            "big_end": ehd.Revolute(("crank.pin", "rod")),
-            "gudgeon": ehd.Revolute(("rod.pin", "piston")),
-            "cylinder": ehd.Slider("ground", "piston", tuple(along), angle=np.degrees(tilted)),
-        },
-        forces={"motor": ehd.Torque("crank", torque=TORQUE)},
-        gravity=(0.0, -GRAVITY),
-    )  # fmt: skip
+    """Crank, rod and piston, the line tilted."""
+    tilt = np.radians(17.0)
+    along = [np.cos(tilt), np.sin(tilt)]
+    return of_scene("slider-crank-paper", RIGID_ROD, {
+        "bodies.crank.angle": 28.6,
+        "bodies.crank.speed": 30.0,
+        "bodies.rod.position": [0.04, 0.02],
+        "bodies.piston.position": [0.2 * along[0], 0.2 * along[1]],
+        "bodies.piston.angle": 17.0,
+        "joints.big_end": {"kind": "revolute", "between": ["crank.pin", "rod"]},
+        "joints.cylinder.direction": along,
+        "joints.cylinder.angle": 17.0,
+    })  # fmt: skip
 
 
 def double_pendulum():
@@ -104,12 +92,7 @@ def double_pendulum():
         {
             "upper": ehd.RigidBody(1.0, 5e-3, {"tip": (0.2, 0.0)}, centre=(0.1, 0.0)),
             "lower": ehd.RigidBody(
-                0.7,
-                2e-3,
-                centre=(0.13, 0.02),
-                position=(0.2, 0.0),
-                angle=40.1,
-                speed=-5.0,
+                0.7, 2e-3, centre=(0.13, 0.02), position=(0.2, 0.0), angle=40.1, speed=-5.0
             ),
         },
         {"hinge": ehd.Revolute(("ground", "upper")), "elbow": ehd.Revolute(("upper.tip", "lower"))},

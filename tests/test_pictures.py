@@ -73,13 +73,13 @@ def curves(axes):
 
 
 @pytest.mark.parametrize(
-    ("quantity", "column", "factor", "told"),
+    ("quantity", "column", "factor"),
     [
-        ("max_pressure", "max_pressure_Pa", 1e-6, "40 MPa at 9"),
-        ("min_film_thickness", "min_film_thickness_m", 1e6, "2.00"),
+        ("max_pressure", "max_pressure_Pa", 1e-6),
+        ("min_film_thickness", "min_film_thickness_m", 1e6),
     ],
 )
-def test_a_curve_is_its_column_over_the_crank_angle(quantity, column, factor, told):
+def test_a_curve_is_its_column_over_the_crank_angle(quantity, column, factor):
     one = joint()
     (axes,) = drawn(quantity, one)
     (line,) = curves(axes)
@@ -89,8 +89,9 @@ def test_a_curve_is_its_column_over_the_crank_angle(quantity, column, factor, to
     worst = values.argmax() if quantity == "max_pressure" else values.argmin()
     (mark,) = (line for line in axes.lines if line.get_marker() == "o")
     assert mark.get_xydata().tolist() == [[TURN[worst], values[worst]]]
-    assert f"{values[worst]:.4g}" in axes.get_legend().get_texts()[0].get_text()
-    assert f"at {TURN[worst]:.0f}°" in axes.get_legend().get_texts()[0].get_text()
+    told = axes.get_legend().get_texts()[0].get_text()
+    assert f"{values[worst]:.4g}" in told
+    assert f"at {TURN[worst]:.0f}°" in told
     assert axes.get_ylim()[0] == 0.0
 
 
@@ -119,18 +120,14 @@ def test_equal_curves_of_two_runs_are_both_seen():
     assert two.get_label().startswith("two: ")
     # The later one, on top, has gaps through which the other shows.
     assert [one.get_linestyle(), two.get_linestyle()] == ["-", "--"]
-    assert one.get_color() != two.get_color()
 
 
-def test_averages_are_those_over_time():
+def test_averages_are_those_over_time_and_flows_all_those_that_end_as_one():
     torque = TURN / 360.0
     (axes,) = drawn("friction", joint(friction_torque_Nm=torque))
     assert "mean 0.5 N m" in axes.get_legend().get_texts()[0].get_text()
     level = [line for line in axes.lines if len(line.get_xdata()) == 2]
     np.testing.assert_allclose(level[0].get_ydata(), 0.5)
-
-
-def test_flows_are_all_those_that_end_as_one():
     one = joint(side_flow_m3_per_s=1e-6 + 0 * TURN, **{"inlet.flow_m3_per_s": 2e-6 + 0 * TURN})
     (axes,) = drawn("flow", one)
     assert [line.get_label().partition(":")[0] for line in curves(axes)] == ["side", "inlet"]
@@ -155,17 +152,15 @@ def test_the_orbit_is_that_in_the_clearance_circle():
     np.testing.assert_allclose(found, x + 1j * y, atol=1e-12)
     np.testing.assert_array_equal(circle.get_ydata(), 1.0)
     assert axes.get_ylim() == (0.0, 1.0)
-    assert [text.get_text() for text in axes.texts][:3] == ["0", "45", "90"]
 
 
 def test_the_load_diagram_is_that_of_the_load_in_the_bore():
     one = joint()
     (axes,) = drawn("force", one)
     (path,) = curves(axes)
-    np.testing.assert_allclose(path.get_ydata(), 1e-3 * one.columns["force_N"])
-    np.testing.assert_allclose(
-        np.degrees(path.get_xdata()), one.columns["force_angle_deg"], atol=1e-9
-    )
+    angle, size = path.get_data()
+    np.testing.assert_allclose(size, 1e-3 * one.columns["force_N"])
+    np.testing.assert_allclose(np.degrees(angle), one.columns["force_angle_deg"], atol=1e-9)
 
 
 def test_a_difference_is_that_at_equal_crank_angles():
@@ -234,14 +229,12 @@ def test_a_map_marks_the_extreme_of_all_nodes_and_steps(quantity, sign):
     values = {"pressure_map": 1e-6 * one.film.pressure, "film_map": 1e6 * one.film.gap}[quantity]
     worst = values.max() if sign > 0 else values.min()
     assert axes.get_title(loc="right").startswith(f"{worst:.4g} ")
-    angle, height = (
-        np.degrees(one.grid.node_positions.T[0]),
-        one.grid.node_positions[:, 1],
-    )
+    angle, height = one.grid.node_positions.T
     node = np.unravel_index((sign * values).argmax(), values.shape)[1]
     ((x, y),) = next(line for line in axes.lines if line.get_marker() == "o").get_xydata()
     found = (sign * values).max(axis=0)
-    marked = np.isclose((angle - x + 180) % 360 - 180, 0, atol=1e-6) & np.isclose(1e3 * height, y)
+    apart = (np.degrees(angle) - x + 180) % 360 - 180
+    marked = np.isclose(apart, 0, atol=1e-6) & np.isclose(1e3 * height, y)
     assert marked.sum() == 1
     assert found[marked] == pytest.approx(found[node], rel=1e-12)
 
@@ -285,11 +278,6 @@ def test_the_basis_error_is_drawn_where_it_is_known():
     (axes,) = drawn("basis_error", known)
     assert axes.get_yscale() == "log"
     assert len(curves(axes)) == 2
-
-
-def test_pictures_of_a_former_run_go_with_it():
-    for name in OF_EVERY_RUN:
-        assert {f"{name}.png", f"{name}.svg"} <= set(MADE)
 
 
 def test_the_command_and_its_page_name_every_quantity(capsys):
@@ -385,15 +373,12 @@ def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):
     files = [out / f"{n}-left.{s}" for n in ("force", "film_map") for s in ("png", "svg")]
     assert capsys.readouterr().out.split() == [str(path) for path in files]
     assert set(out.iterdir()) == {*files, out / "manifest.txt"}
-
-
-def test_all_that_there_is_without_a_choice_and_the_same_every_time(bearings, tmp_path):
-    pictures = Pictures({"": bearings.directory})
-    assert {"max_pressure", "orbit", "force", "film_map", "bore", "energy"} <= set(pictures.names)
-    assert not {"friction", "contact", "flow"} & set(pictures.names)
-    first, second = (pictures.draw("bore", tmp_path / folder) for folder in ("a", "b"))
-    for one, other in zip(first, second, strict=True):
-        assert one.read_bytes() == other.read_bytes()
+    # The same every time; without a choice, all that there is.
+    again = Pictures({"": bearings.directory}, ["left"]).draw("film_map", tmp_path)
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in files[2:]]
+    names = set(Pictures({"": bearings.directory}).names)
+    assert {"max_pressure", "orbit", "force", "film_map", "bore", "energy"} <= names
+    assert not {"friction", "contact", "flow"} & names
 
 
 @pytest.mark.parametrize(
@@ -449,19 +434,16 @@ def test_the_error_budget_is_drawn_by_component(bearings, tmp_path):
 
 def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
     same = copytree(bearings.directory, tmp_path / "same")
-    assert (
-        plot(bearings.directory, same, "--difference", "--quantity", "orbit", "-o", tmp_path) == 0
-    )
+    chosen = ("--difference", "--quantity", "orbit", "-o", tmp_path)
+    assert plot(bearings.directory, same, *chosen) == 0
     assert (tmp_path / "orbit-difference.svg").is_file()
     own = bearings.directory / "max_pressure.png"
     assert plot(bearings.directory, "--quantity", "max_pressure") == 0
     before = own.read_bytes()
     capsys.readouterr()
     assert plot(bearings.directory, same, "--quantity", "max_pressure") == 0
-    names = capsys.readouterr().out.split()
-    assert [Path(name).name for name in names] == [
-        f"max_pressure-comparison.{ending}" for ending in ("png", "svg")
-    ]
+    names = [Path(name).name for name in capsys.readouterr().out.split()]
+    assert names == ["max_pressure-comparison.png", "max_pressure-comparison.svg"]
     assert own.read_bytes() == before
     assert plot(bearings.directory, same, "--difference", "--quantity", "bore") == 2
     assert "no difference of it" in capsys.readouterr().err
@@ -474,15 +456,20 @@ def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, c
     values = {moved(path): own for path, own in history.values.items()}
     replace(history, values=values).save(other)
     assert plot(bearings.directory, other, "--difference", "-o", tmp_path / "none") == 2
-    assert "left, right of the first and leftmost, rightmost of the second" in (
-        capsys.readouterr().err
-    )
+    told = capsys.readouterr().err
+    assert "left, right of the first and leftmost, rightmost of the second" in told
 
 
-def test_a_run_leaves_what_needs_only_its_history(bearings, tmp_path):
-    names = {path.stem for path in plot_run(bearings.directory)}
+def test_a_run_leaves_what_needs_only_its_history_and_a_later_one_takes_it(bearings, monkeypatch):
+    def not_rendered(figure, directory, name):
+        plt.close(figure)
+        return [directory / f"{name}.{ending}" for ending in ("png", "svg")]
+
+    monkeypatch.setattr("fenics_ehd.plotting.pictures.save_in_formats", not_rendered)
+    paths = plot_run(bearings.directory)
+    names = {path.stem for path in paths}
     assert names >= {"max_pressure", "min_film_thickness", "orbit", "force", "energy"}
     assert names <= set(OF_EVERY_RUN)
     assert not {"film_map", "bore"} & names
-    with pytest.raises(ehd.errors.InputError, match="history"):
-        plot_run(tmp_path)
+    for ending in ("png", "svg"):
+        assert {f"{name}.{ending}" for name in OF_EVERY_RUN} <= set(MADE)

@@ -411,10 +411,7 @@ OF_A_LINKAGE = [
     # forces
     ({"forces.f": {"kind": "constant", "point": "crank", "force": [0, 0]}}, "one of them not 0"),
     ({"forces.f": GAS | {"angle_of": "x"}}, "forces.f.angle_of: there is no body 'x'"),
-    (
-        {"forces.f": GAS | {"file": "gas"}},
-        "file = 'gas': neither a .csv file nor a shipped table",
-    ),
+    ({"forces.f": GAS | {"file": "gas"}}, "file = 'gas': neither a .csv file nor a shipped table"),
     ({"forces.f": GAS | {"file": "no.csv"}}, "forces.f.file no.csv: No such file"),
 ]
 

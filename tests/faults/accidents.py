@@ -183,15 +183,7 @@ def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
     for rank in (0, 1):
         variables, other = ONE_RANK[name] if rank == wrong else ((), {})
         options = {"--scene": "right.toml", "-o": "out.h5", "--basis": "basis.h5", **other}
-        program = [
-            "env",
-            *variables,
-            sys.executable,
-            "-m",
-            "fenics_ehd.cli",
-            "reduce",
-            "conrod",
-        ]
+        program = ["env", *variables, sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod"]
         pairs = [word for pair in options.items() for word in pair]
         whole += [*([":"] if rank else []), "-n", "1", *program, *pairs]
     done = subprocess.run(
