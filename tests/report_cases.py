@@ -112,8 +112,9 @@ def profile(nodes, time, tilt=0.0):
     return np.exp(-((angle / width) ** 2)) * axial * (1 + tilt * height / np.ptp(height))
 
 
-def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True, steps=200,
-                  end=np.inf, periodic=False):  # fmt: skip
+def write_history(
+    study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True, steps=200, periodic=False
+):
     """History of a run whose pressure is this share of the peak above, its film this thicker.
 
     Of several joints the second has twice the pressure of the first. With the errors that such a
@@ -125,7 +126,6 @@ def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True
     prefixes = [f"{joint}." for joint in joints] if len(joints) > 1 else [""]
     whole = PAPER.get(study.info["scene"], ("", 0.0125))[1]
     time = np.linspace(whole / steps, whole, steps)
-    time = time[time <= end]
     high = peak_pressure(time) > 0.75 * top
     rows, errors = {"time_s": time + (3 * whole if periodic else 0.0)}, {"time_s": time}
     if periodic:
@@ -137,19 +137,17 @@ def write_history(study, name, *, above=0.0, thicker=0.0, tilt=0.0, falling=True
         rows[f"{prefix}max_pressure_angle_deg"] = 0.0 * time
         errors[f"{prefix}pressure_error"] = above * high
         errors[f"{prefix}film_error"] = thicker + 0.0 * time
-    own = {column: values for column, values in rows.items() if column in COMMON}
-    values = {f"{'' if column == 'time_s' else 'run/'}{column}": v for column, v in own.items()}
+    values = {"time_s" if n == "time_s" else f"run/{n}": rows[n] for n in COMMON if n in rows}
     for prefix, joint in zip(prefixes, joints, strict=True):
         film = f"joints/{joint}/film"
         for column in rows:
             if column.startswith(prefix) and column not in COMMON:
                 values[f"joints/{joint}/{column.removeprefix(prefix)}"] = rows[column]
-        peaks, thicknesses = (
-            rows[f"{prefix}{n}"] for n in ("max_pressure_Pa", "min_film_thickness_m")
-        )
+        peaks = rows[f"{prefix}max_pressure_Pa"]
+        thicknesses = rows[f"{prefix}min_film_thickness_m"]
         grids |= dict(zip((f"{film}/angle", f"{film}/height"), nodes.T, strict=True))
-        grids[f"{film}/cells"] = grid.cell_nodes
-        grids |= {f"{film}/radius": grid.radius, f"{film}/clearance": 17e-6}
+        grids |= {f"{film}/cells": grid.cell_nodes, f"{film}/radius": grid.radius}
+        grids[f"{film}/clearance"] = 17e-6
         shapes = [profile(nodes, moment, tilt) for moment in time]
         grids[f"{film}/pressure"] = peaks[:, None] * np.array(shapes)
         grids[f"{film}/gap"] = np.multiply.outer(thicknesses, np.ones(len(nodes)))

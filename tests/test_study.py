@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 from bench_output import (
@@ -227,19 +226,11 @@ def test_gaps_made_of_stored_coordinates_are_those_of_the_run(scene, values, tmp
         assert np.ptp(gaps, axis=1).max() > 1e-9
 
 
-def eccentricity_place(folder):
-    """Where a history's coordinates have the journal's place along x."""
-    with h5py.File(folder / "history.h5") as file:
-        names = list(file["state/coordinates"].attrs["names"])
-    return names.index(b"joints/big_end/eccentricity_x")
-
-
 def test_known_errors_are_found(studied, again):
     _, study, _ = studied
     reference = curves_of(again, study, REFERENCE)
     folder = again / "runs" / "changed"
     shutil.copytree(again / "runs" / REFERENCE, folder, symlinks=True)
-    place = eccentricity_place(folder)
     # Half of the pressures 2 % up, the film 3 % down, the journal moved by 2 nm along x.
     with edited(folder) as file:
         time, joint = file["time"][()], file["joints/big_end"]
@@ -247,7 +238,9 @@ def test_known_errors_are_found(studied, again):
         raised = time > time[later].mean()
         joint["max_pressure"][:] *= np.where(raised, 1.02, 1.0)
         joint["min_film_thickness"][:] *= 0.97
-        file["state/coordinates"][:, place] += 2e-9
+        coordinates = file["state/coordinates"]
+        names = list(coordinates.attrs["names"])
+        coordinates[:, names.index(b"joints/big_end/eccentricity_x")] += 2e-9
     changed = StoredRun(folder, study.cases[REFERENCE].scene, study.start)
     errors = errors_of(reference, changed)
     exact = reference.result.joints["big_end"].max_pressure[later]
@@ -555,15 +548,12 @@ def test_cycles_that_repeat_are_compared_in_their_own_time(tmp_path):
     assert pool.tasks == []
 
 
-def two_parts(values):
-    """A scene with a film at either end, and the rod's at the big end."""
-    return scene_as("engine", {"time.periodic": False, "time.revolutions": 0.01, **values})
-
-
 @pytest.mark.slow
 def test_every_lubricated_joint_has_rows_and_errors_of_its_own(tmp_path):
+    """A film at either end, and the rod's at the big end."""
     path = tmp_path / "scene.toml"
-    path.write_text(two_parts({"film": 0.5}))
+    once = {"time.periodic": False, "time.revolutions": 0.01, "film": 0.5}
+    path.write_text(scene_as("engine", once))
     scope = replace(
         SMALL,
         settings={**COARSE, **steps(1e-3), "time.largest_step": 2e-3},
@@ -601,20 +591,14 @@ def test_every_lubricated_joint_has_rows_and_errors_of_its_own(tmp_path):
     assert own["film_max"] == max(e["film_max"] for e in own["joints"].values())
 
 
-def short_scene(directory, **values):
-    """A coarse rod over a small part of a revolution, as a scene file."""
-    path = directory / "scene.toml"
-    short = {"time.revolutions": 0.03, "time.largest_step": 0.007, **COARSE, **values}
-    path.write_text(scene_as(SCENE, short))
-    return path
-
-
 @pytest.mark.slow
 def test_command_prints_its_table_and_ends_with_an_error_if_nothing_can_be_compared(
     tmp_path, capfd
 ):
     # The film begins as thin as it must not become: every run fails at once.
-    scene = short_scene(tmp_path, **{"joints.big_end.smallest_film": 0.9999})
+    scene = tmp_path / "scene.toml"
+    short = {"time.revolutions": 0.03, "time.largest_step": 0.007}
+    scene.write_text(scene_as(SCENE, COARSE | short | {"joints.big_end.smallest_film": 0.9999}))
     arguments = ("study", scene, "--quick", "--no-report", "-o", tmp_path / "out")
     status, output, errors = exit_of(capfd, *arguments)
     assert status == 1
