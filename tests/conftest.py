@@ -54,11 +54,3 @@ def housing_structure():
     """Default housing on this rank alone, its foot held."""
     housing = ehd.read_scene("rotor-paper").bodies["housing"]
     return elastic_part(housing, "housing", "lagrange", MPI.COMM_SELF).source
-
-
-@pytest.fixture(scope="session")
-def oracle_rod():
-    """Default rod of `oracle_rod.py`."""
-    from oracle_rod import build_rod
-
-    return build_rod()

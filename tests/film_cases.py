@@ -1,7 +1,8 @@
 """Bearings for the tests of the film, in the units of the paper's slider-crank."""
 
 import numpy as np
-from bench_film import FAMILIES, Gap
+from bench_film import FAMILIES, Gap, cavitation
+from petsc4py import PETSc
 
 import fenics_ehd as ehd
 
@@ -56,3 +57,24 @@ def solve(film, *position, guess=None, **motion):
 def oval(size: float, angle: float = 0.0, lobes: int = 2) -> ehd.Shape:
     """A surface with lobes of a size [m], the first one at an angle [rad]."""
     return ehd.Shape(ovality=size, ovality_angle=float(np.degrees(angle)), lobes=lobes)
+
+
+def watch_snes(monkeypatch):
+    """SNES that films make from here on, and a norm for every solve that one of them begins."""
+    made, begun = [], []
+
+    class WatchedSNES(PETSc.SNES):
+        def create(self, *arguments, **options):
+            made.append(super().create(*arguments, **options))
+            # PETSc itself reports iteration 0 of every solve.
+            self.setMonitor(lambda _, iteration, norm: iteration or begun.append(norm))
+            return self
+
+    class WatchedPETSc:
+        SNES = WatchedSNES
+
+        def __getattr__(self, name):
+            return getattr(PETSc, name)
+
+    monkeypatch.setattr(cavitation, "PETSc", WatchedPETSc())
+    return made, begun

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from bench_machines import ConservedContent
-from mechanism_cases import CRANK, ROD, SPEED, rigid_rod
+from mechanism_cases import SPEED, rigid_rod, slider_crank
 
 import fenics_ehd as ehd
 
@@ -13,14 +13,7 @@ CLOSED = ehd.Sides(None, None)
 
 
 def oil_film(
-    cells,
-    *,
-    clearance=17e-6,
-    width=0.022,
-    sides=None,
-    family="bilinear",
-    oil=None,
-    **parameters,
+    cells, *, clearance=17e-6, width=0.022, sides=None, family="bilinear", oil=None, **parameters
 ):
     """A film on a uniform mesh."""
     grid = ehd.uniform_grid(RADIUS, width, cells, family)
@@ -73,21 +66,7 @@ def oscillating(film, eccentricity, speed):
 
 def rigid_slider_crank(film, **oil):
     """The paper's machine with a rigid rod; no oil: under Reynolds' condition."""
-    content = ConservedContent(**oil) if oil else None
-    return ehd.Mechanism(
-        bodies={
-            "crank": ehd.RigidBody(1.0, 1e-3, {"pin": (CRANK, 0.0)}),
-            "rod": rigid_rod(),
-            "piston": ehd.RigidBody(0.5, 1e-3, position=(CRANK + ROD, 0.0)),
-        },
-        joints={
-            "main": ehd.Revolute(("ground", "crank")),
-            "big_end": ehd.LubricatedJoint("crank.pin", "rod", film, oil=content),
-            "gudgeon": ehd.Revolute(("rod.pin", "piston")),
-            "cylinder": ehd.Slider("ground", "piston"),
-        },
-        drives={"crank": ehd.Speed(SPEED)},
-    )
+    return slider_crank(rigid_rod(), film, oil=ConservedContent(**oil) if oil else None)
 
 
 def with_oil(mechanism, film=None, **oil):

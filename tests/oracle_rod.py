@@ -31,6 +31,7 @@ QUADRILATERAL_9, HEXAHEDRON_27 = 10, 12  # Gmsh's numbers
 STIFFNESS_POINTS, MASS_POINTS, SURFACE_POINTS = 3, 4, 5  # Gauss points a direction
 AXES = np.eye(3)
 SHIFT = -1e7  # [rad^2/s^2], below the zero of the rigid motions
+N_VIBRATION = 6
 
 
 def serendipity(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -236,12 +237,13 @@ class OracleRod:
         x, y = self.nodes[self.bore, :2].T / np.hypot(*self.nodes[self.bore, :2].T)
         return x[:, None] * fields[3 * self.bore] + y[:, None] * fields[3 * self.bore + 1]
 
-    def vibration_modes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Elastic modes (27), (28): omega (count,) [rad/s] and Phi (3 n, count)."""
+    @cached_property
+    def vibration_modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Elastic modes (27), (28): omega (n_v,) [rad/s] and Phi (3 n, n_v)."""
         inverse = LinearOperator(self.mass.shape, self._shifted.solve, dtype=float)
         start = np.random.default_rng(0).standard_normal(self.nodes.size)
         values, modes = eigsh(
-            self.stiffness, count + 6, self.mass, sigma=SHIFT, OPinv=inverse, v0=start
+            self.stiffness, N_VIBRATION + 6, self.mass, sigma=SHIFT, OPinv=inverse, v0=start
         )
         assert np.all(np.abs(values[:6]) < 1e-4 * values[6]), "not six rigid motions"
         return np.sqrt(values[6:]), modes[:, 6:]
@@ -280,10 +282,9 @@ def reduce_rod(
     n_residual: int = 31,
     selection: str = "lowest-frequency",
     pressure_set: str = "pc2",
-    n_vibration: int = 6,
 ) -> ehd.ReducedBody:
     """M3 of section 3.3 with unit forces at the pin along x and y."""
-    omega, modes = rod.vibration_modes(n_vibration)
+    omega, modes = rod.vibration_modes
     pressures, attachment = pressure_columns(rod, pressure_set), rod.pin[:2].T
     loads = np.hstack([attachment, rod.load @ pressures])
     responses = np.hstack([rod.static_responses(attachment), rod.bore_responses @ pressures])
@@ -299,10 +300,10 @@ def reduce_rod(
     inertia, energy = static.T @ (rod.mass @ static), static.T @ (rod.stiffness @ static)
     values, vectors = linalg.eigh(inertia, energy)
     basis = np.hstack([modes, static @ (vectors / np.sqrt(values))[:, ::-1]])
-    return _project(rod, basis, n_vibration)
+    return _project(rod, basis)
 
 
-def _project(rod: OracleRod, basis: np.ndarray, n_vibration: int) -> ehd.ReducedBody:
+def _project(rod: OracleRod, basis: np.ndarray) -> ehd.ReducedBody:
     """Body of the mass-orthonormal columns (3 n, modes)."""
     stiffness = basis.T @ (rod.stiffness @ basis)
     fields = np.hstack([rod.nodes.reshape(-1, 1), rod.rigid_fields[:, :2], basis])
@@ -319,7 +320,7 @@ def _project(rod: OracleRod, basis: np.ndarray, n_vibration: int) -> ehd.Reduced
         stiffness=stiffness,
         mass=inertia.mass[3:, 3:],
         frequencies=np.sqrt(np.diag(stiffness)) / (2 * np.pi),
-        kinds=("vibration",) * n_vibration + ("static",) * (basis.shape[1] - n_vibration),
+        kinds=("vibration",) * N_VIBRATION + ("static",) * (basis.shape[1] - N_VIBRATION),
         bores={
             "bore": BoreSurface(
                 radius=float(np.hypot(*bore[:, :2].T).mean()),

@@ -34,10 +34,7 @@ def held_body(film, modes=(), frequencies=()):
         kinds=("vibration",) * n,
         bores={
             "bore": BoreSurface(
-                radius=R,
-                width=grid.width,
-                coordinates=grid.nodes,
-                pressure_coordinates=grid.nodes,
+                radius=R, width=grid.width, coordinates=grid.nodes, pressure_coordinates=grid.nodes
             )
         },
         bore_basis=basis,

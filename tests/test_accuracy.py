@@ -10,15 +10,7 @@ import numpy as np
 import pytest
 from bench_machines import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
 from bench_output import accuracy_lines, make_case, recorded_run
-from bench_scenes import (
-    account,
-    begun,
-    changed,
-    choosable,
-    search_of,
-    water_level,
-    with_counts,
-)
+from bench_scenes import account, begun, changed, choosable, search_of, water_level, with_counts
 from command_line import call
 from scene_cases import LOADED_JOURNAL, write_scene
 

@@ -49,9 +49,7 @@ def test_force_of_a_rough_plane_on_a_tilted_one(offset):
     factor = 16 * np.sqrt(2) * np.pi / 15 * 0.04**2 * 0.1 * MODULUS
     slope = (ends[1] - ends[0]) / width
     expected = quad(
-        lambda x: factor * integral(2.5, (ends[0] + slope * x) / rough.roughness - offset),
-        0,
-        width,
+        lambda x: factor * integral(2.5, (ends[0] + slope * x) / rough.roughness - offset), 0, width
     )[0]
     potential = rough.touch(ends).potential
     assert (potential[0] - potential[1]) / slope == pytest.approx(expected, rel=1e-9)

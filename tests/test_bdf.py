@@ -113,12 +113,6 @@ def test_extrapolation_is_exact_for_polynomials(times, ahead, data):
     assert np.all(np.abs(found - expected) <= 1e-11 * rounding)
 
 
-def test_weights_of_equal_steps_are_the_classical_ones():
-    assert derivative_weights(-np.arange(2.0)) == pytest.approx([1, -1])
-    assert derivative_weights(-np.arange(3.0)) == pytest.approx([3 / 2, -2, 1 / 2])
-    assert derivative_weights(-np.arange(4.0)) == pytest.approx([11 / 6, -3, 3 / 2, -1 / 3])
-
-
 # --- Order and tolerance
 
 

@@ -83,9 +83,7 @@ def test_force_and_gap_are_conjugate(rod_body, mesh, tilting):
     force = joint.load @ pressure
     assert force @ rate == pytest.approx(power, abs=1e-12 * np.abs(force) @ np.abs(rate))
     np.testing.assert_allclose(
-        joint.gap(1e-9 * rate, rate, OMEGA).thickness,
-        C + 1e-9 * gap.thickness_rate,
-        rtol=1e-12,
+        joint.gap(1e-9 * rate, rate, OMEGA).thickness, C + 1e-9 * gap.thickness_rate, rtol=1e-12
     )
     observed = C + (joint.observed @ (1e-9 * rate))[: gap.thickness.size]
     np.testing.assert_allclose(observed, (C + 1e-9 * gap.thickness_rate).ravel(), rtol=1e-12)

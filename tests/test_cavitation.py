@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from bench_film import Gap, verify_complementarity
-from bench_film import cavitation as snes_vi
 from bench_parts import ELEMENTS
 from differences import numbers
-from film_cases import FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film, shaft, solve
+from film_cases import FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film, shaft, solve, watch_snes
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from oracle_cavitation import block_pivot, enumerate_active_sets, projected_sor
@@ -157,28 +156,13 @@ def test_minpack_journal_bearing_has_its_minimum(family, cells, figure):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_solve_is_one_of_reduced_space_newton(monkeypatch, family):
-    announced, made = [], []
-
-    class WatchedSNES(PETSc.SNES):
-        def create(self, *arguments, **options):
-            made.append(super().create(*arguments, **options))
-            # PETSc itself reports iteration 0 of every solve.
-            self.setMonitor(lambda _, iteration, norm: iteration or announced.append(norm))
-            return self
-
-    class WatchedPETSc:
-        SNES = WatchedSNES
-
-        def __getattr__(self, name):
-            return getattr(PETSc, name)
-
-    monkeypatch.setattr(snes_vi, "PETSc", WatchedPETSc())
+    made, begun = watch_snes(monkeypatch)
     film = make_film((64, 6), family)
     state = solve(film, 0.6)
-    assert len(made) == len(announced) == 1
+    assert len(made) == len(begun) == 1
     assert {snes.getType() for snes in made} == {"vinewtonrsls"}
     solve(film, 0.61, guess=state)
-    assert len(announced) == 2
+    assert len(begun) == 2
 
 
 @pytest.fixture

@@ -45,13 +45,16 @@ def elasticities(found):
 
 
 @pytest.fixture(scope="module")
-def journal():
-    """Derivatives of the loaded journal along what its Sommerfeld number consists of."""
-    return scene_sensitivity(
-        scene("loaded-journal", JOURNAL, {"joints.bearing.cells": [12, 2], "time.tolerance": 1e-3}),
-        [FILM, PRESSURE],
-        [CLEARANCE, VISCOSITY, LOAD],
-    )
+def journal(tmp_path_factory):
+    """Derivatives of a loaded journal along what its Sommerfeld number consists of."""
+    file = tmp_path_factory.mktemp("load") / "turn.csv"
+    turn = 2 * np.pi * np.linspace(0.0, 1.0, 13)
+    rows = np.column_stack([turn / 300, 600 * np.cos(turn), 700 + 300 * np.sin(turn)])
+    np.savetxt(file, rows, delimiter=",", header="time_s,Fx_N,Fy_N", comments="")
+    changes = {"forces.load.file": str(file), "time.revolutions": 1.0, "time.tolerance": 1e-3}
+    changes |= {"joints.bearing.cells": [12, 2]}
+    found = [FILM, PRESSURE], [CLEARANCE, VISCOSITY, LOAD]
+    return scene_sensitivity(scene("loaded-journal", JOURNAL, changes), *found)
 
 
 def test_derivatives_obey_sommerfeld_scaling(journal, figure):

@@ -68,21 +68,6 @@ def test_stiffness_and_damping_are_differences_of_equilibria(on, joint):
         np.testing.assert_allclose(given, taken, atol=2e-4 * np.abs(small.damping).max())
 
 
-def test_a_journal_is_unstable_beyond_the_critical_mass():
-    settings = {"cells_around": 32, "cells_along": 6}
-    critical = ehd.bearing(load=500.0, with_coefficients=True, **settings).coefficients
-    for factor, stable in ((0.9, True), (1.1, False)):
-        mechanism = journal(film(cells=(32, 6)), (500.0, 0.0))
-        shaft = ehd.RigidBody(factor * critical.critical_mass, 1.0)
-        bodies = {"shaft": shaft}
-        joints = {"bearing": ehd.LubricatedJoint("shaft", "ground", film(cells=(32, 6)))}
-        loaded = ehd.Mechanism(bodies, joints, mechanism.drives, mechanism.forces)
-        roots = ehd.linearise(loaded).roots
-        assert (roots.real.max() < 0) == stable
-        whirl = np.abs(roots.imag).max()
-        assert whirl / SPEED == pytest.approx(critical.whirl_ratio, rel=0.05)
-
-
 def test_films_that_keep_account_of_their_oil_answer_by_frequency():
     from bench_machines import ConservedContent
 

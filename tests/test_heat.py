@@ -296,11 +296,3 @@ def test_a_bearing_whose_heat_cannot_leave_is_told():
     )  # fmt: skip
     with pytest.raises(ehd.errors.HeatError, match=r"the heat cannot leave: .* conducted"):
         ehd.solve_bearing(shut, eccentricity=0.05)
-
-
-def test_a_groove_under_pressure_cools():
-    plain = ehd.solve_bearing(BEARING, load=2000.0).heat
-    fed = attrs.evolve(BEARING, grooves=(ehd.AxialGroove(pi, 0.1, 2e6),))
-    cooled = ehd.solve_bearing(fed, load=2000.0).heat
-    assert cooled.flow > 1.2 * plain.flow
-    assert cooled.outlet_temperature < plain.outlet_temperature - 5.0

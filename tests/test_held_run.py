@@ -47,12 +47,7 @@ ROUGH = {
 
 #: Oil that is accounted for, fed by a short groove under a load that turns with the journal.
 TURNING_LOAD = {
-    "forces.load": {
-        "kind": "rotating",
-        "point": "journal",
-        "amplitude": 1500.0,
-        "speed": 300.0,
-    },
+    "forces.load": {"kind": "rotating", "point": "journal", "amplitude": 1500.0, "speed": 300.0},
     "forces.weight": {"kind": "constant", "point": "journal", "force": [0.0, -3000.0]},
     "time.periodicity": 1e-4,
     "time.cycles": 40,

@@ -1,7 +1,5 @@
 """Heat of joints over a cycle: against a steady bearing, an outer search, and the work put in."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from bench_machines import IntegratorOptions, PeriodicSolver, Run, periodic
@@ -86,9 +84,12 @@ def test_a_run_with_heat_goes_on_as_if_it_had_not_stopped():
 
 
 def test_joints_that_share_a_film_have_temperatures_of_their_own():
-    film = oil_film()
+    film, places = oil_film(), {"a": (0.0, 0.0), "b": (1.0, 0.0)}
     mechanism = ehd.Mechanism(
-        bodies={"a": ehd.MasslessBody(), "b": ehd.MasslessBody()},
+        bodies={
+            "ground": ehd.ground(places),
+            **{name: ehd.MasslessBody(position=place) for name, place in places.items()},
+        },
         joints={
             name: ehd.LubricatedJoint(
                 name,
@@ -104,13 +105,7 @@ def test_joints_that_share_a_film_have_temperatures_of_their_own():
             for name in ("a", "b")
         },
     )
-    bodies = {
-        **mechanism.bodies,
-        "ground": ehd.ground({"a": (0.0, 0.0), "b": (1.0, 0.0)}),
-    }
-    bodies["b"] = ehd.MasslessBody(position=(1.0, 0.0))
-    machine = replace(mechanism, bodies=bodies)
-    found = periodic_run(machine, tolerance=1e-3, periodicity=1e-2).figures
+    found = periodic_run(mechanism, tolerance=1e-3, periodicity=1e-2).figures
     hot, cool = (found[name]["effective_temperature_C"] for name in ("a", "b"))
     assert hot > cool + 5.0
     assert film.equation.lubricant.temperature == SUPPLY

@@ -96,22 +96,16 @@ def big_end(body):
     return equations.system.films[0].film, equations
 
 
-def test_a_rod_without_residual_patterns_has_no_flexibility():
-    _, equations = big_end(flexible(Joint())[0])
-    assert not equations.responses.bodies
-    assert equations.responses.size == 0
-
-
-def test_a_rigid_rod_has_no_elastic_coordinates():
-    film, equations = big_end(make_body(Joint()))
+def test_rods_have_what_they_answer_by_alone():
+    _, without_patterns = big_end(flexible(Joint())[0])
+    assert not without_patterns.responses.bodies
+    assert without_patterns.responses.size == 0
+    film, rigid = big_end(make_body(Joint()))
     # Three of the frames of crank, rod and piston each, two of the journal in the bore.
-    assert equations.system.n == 11
+    assert rigid.system.n == 11
     assert film.thickness.shape[1] == 2
-
-
-def test_a_bore_with_the_films_mesh_needs_no_transfer():
-    bore = big_end(make_body(Joint()))[0].bore
-    assert bore._mortar is None
+    # The bore has the film's mesh.
+    assert film.bore._mortar is None
 
 
 def test_a_machine_without_friction_computes_none(monkeypatch):

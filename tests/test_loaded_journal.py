@@ -62,14 +62,6 @@ def test_rotating_load_sees_the_speed_minus_twice_its_own(share):
     assert np.abs(turned - expected).max() < 2e-3 * clearance
 
 
-def test_no_load_can_turn_at_half_speed():
-    mechanism, period = journal(make_film((12, 2)), ellipse(0.15, 1.0, 1), 4 * np.pi / OMEGA)
-    with pytest.raises(
-        ehd.errors.PeriodicityError, match=r"after cycles = 2 .* above periodicity = 0.0"
-    ):
-        ehd.simulate(mechanism, period=period, cycles=2, tolerance=1e-3, order=2, first=1e-6)
-
-
 def test_oil_as_thin_as_air_is_squeezed_as_any_other_only_sooner():
     # At rest the film is a function of the load times the time over the viscosity. Its flow is
     # up to 1e8 times the one that the speed of the film's scale makes, and so is its round-off.

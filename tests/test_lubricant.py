@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bench_film import Constant
-from film_cases import ETA, FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film, shaft, solve
+from film_cases import ETA, FAMILIES, OMEGA, C, R, given_gap, make_film, solve
 
 import fenics_ehd as ehd
 
@@ -38,38 +38,6 @@ def test_laws_have_values_from_the_literature():
     weak = np.array([1e2])
     assert ehd.Roelands(0.1)(weak) - 1 == pytest.approx(alpha * weak, rel=1e-5)
     assert ehd.DowsonHigginson()(np.array([1e9])) == pytest.approx(1 + 0.6 / 2.7)
-
-
-#: Weak enough that 1 - alpha q stays positive: eta exp(alpha p) has no solution otherwise.
-ALPHA = 4e-9
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_barus_film_is_a_constant_one_in_the_reduced_pressure(family):
-    # q = (1 - exp(-alpha p)) / alpha: grad q = grad p / (eta / eta_0), everything else alike.
-    # The elements approximate p in one film and q in the other.
-    errors = []
-    for cells in ((20, 4), (40, 8), (80, 16)):
-        plain = make_film(cells, family)
-        thick = make_film(cells, family, oil=ehd.Lubricant(ETA, viscosity_law=ehd.Barus(ALPHA)))
-        gap = gap_of(plain, shaft(0.6, 0.1, rate=(30.0, 30.0)))
-        q, p = plain.solve(gap).pressure, thick.solve(gap).pressure
-        assert ALPHA * q.max() > 0.1
-        errors.append(np.abs(-np.log1p(-ALPHA * q) / ALPHA - p).max() / p.max())
-        assert p.max() > 1.05 * q.max()
-    assert errors[-1] < 2e-3
-    assert np.log2(errors[0] / errors[-1]) / 2 > 1.5
-
-
-@pytest.mark.parametrize("law", [ehd.Barus(1e-15), ehd.Roelands(6.4e-5)])
-def test_vanishing_pressure_dependence_is_none(law):
-    viscosity = getattr(law, "viscosity", ETA)
-    weak, plain = (
-        make_film(oil=oil)
-        for oil in (ehd.Lubricant(viscosity, viscosity_law=law), ehd.Lubricant(viscosity))
-    )
-    expected = solve(plain, 0.6).pressure
-    np.testing.assert_allclose(solve(weak, 0.6).pressure, expected, atol=1e-3 * expected.max())
 
 
 @pytest.mark.parametrize("family", FAMILIES)

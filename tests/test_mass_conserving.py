@@ -212,15 +212,6 @@ def test_transport_adds_no_extreme_and_no_variation(fraction, courant, direction
     assert state.pressure.max() == 0.0
 
 
-def test_full_film_is_that_of_reynolds():
-    bearing = film((24, 8), ehd.Sides(1e8, 1e8))
-    gap = eccentric(bearing, 0.5)
-    state = LoneOil(bearing).steady(gap)
-    assert state.fluid_fraction.min() == 1
-    reference = bearing.solve(gap).pressure
-    np.testing.assert_allclose(state.pressure, reference, rtol=1e-9)
-
-
 def test_starved_bearing_balances_its_groove_and_carries_less_than_reynolds():
     grooves = (ehd.AxialGroove(np.pi, 0.0, 2e5, length=R),)
     bearing = film((48, 16), ehd.Sides(), grooves)
@@ -238,9 +229,3 @@ def test_starved_bearing_balances_its_groove_and_carries_less_than_reynolds():
     found = lone.solve(state.gap, state.content, STEADY_STEP / OMEGA, state)
     np.testing.assert_allclose(found.pressure, state.pressure, atol=1e-6 * state.pressure.max())
     np.testing.assert_allclose(found.fluid_fraction, state.fluid_fraction, atol=1e-6)
-
-
-@pytest.mark.parametrize("family", ["lagrange", "serendipity"])
-def test_elements_without_monotone_matrices_are_refused_by_name(family):
-    with pytest.raises(ehd.errors.SettingsError, match=r"film\.element"):
-        whirling(film((8, 2), family=family), 0.5, 0.0)

@@ -5,13 +5,7 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
-from mechanism_cases import (
-    REVOLUTION,
-    film,
-    rigid_rod,
-    short_films,
-    slider_crank,
-)
+from mechanism_cases import REVOLUTION, film, rigid_rod, short_films, slider_crank
 
 import fenics_ehd as ehd
 

@@ -4,12 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from bench_scenes import scene_of, shipped, to_json
+from bench_scenes import shipped, to_json
 from command_line import call
 from csv_history import read_history
-from scene_cases import RIGID_ROD, tables_of
-
-import fenics_ehd as ehd
 
 #: Rows over the crank's angle, beside the scene.
 PUSH = "angle_deg,force_N\n0,0\n90,40\n180,0\n270,-40\n360,0\n"
@@ -64,17 +61,3 @@ def test_init_prints_a_scene_of_bodies(capsys):
 def test_numbers_that_are_none_are_null_at_any_depth():
     text = to_json({"joints": {"main": {"estimate": float("nan"), "film": 1e-6}}, "x": np.inf})
     assert json.loads(text) == {"joints": {"main": {"estimate": None, "film": 1e-6}}, "x": None}
-
-
-@pytest.mark.parametrize("element", ["serendipity", "bilinear"])
-def test_films_of_all_elements_agree(element):
-    """8-node films weigh what is left of their equations, bilinear ones are coarser."""
-    peaks = {}
-    for name in ("lagrange", element):
-        changes = RIGID_ROD | {"joints.big_end.element": name, "joints.big_end.cells": [20, 5]}
-        scene = scene_of(tables_of("slider-crank-paper", changes), name)
-        mechanism = ehd.build(scene).mechanism
-        result = ehd.simulate(mechanism, 4e-6, tolerance=1e-3)
-        assert result.summary()["rejected_steps"] == 0
-        peaks[name] = result.joints["big_end"].max_pressure[-1]
-    assert peaks[element] == pytest.approx(peaks["lagrange"], rel=5e-3)

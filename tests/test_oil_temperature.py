@@ -42,24 +42,6 @@ MINERAL = {
     "paraffinic, cylinder": (891, 810.0, 135.0, 27.0),
 }
 
-#: Unused engine oil: temperature [K] and viscosity [Pa s], with density 1061.3 - 0.5921 T (table of
-#: a program in a public repository, "properties for engine oil").
-ENGINE = np.array(
-    [
-        (300, 0.486),
-        (310, 0.253),
-        (320, 0.141),
-        (330, 0.0836),
-        (340, 0.0531),
-        (350, 0.0356),
-        (360, 0.0252),
-        (370, 0.0186),
-        (380, 0.0141),
-        (390, 0.011),
-        (400, 0.00874),
-    ]
-)
-
 
 def test_line_of_a_synthetic_oil_gives_its_table(figure):
     oil = ehd.Oil(220.0, 25.0, density_15=850.0, expansion=5.8e-4)
@@ -86,15 +68,6 @@ def test_line_of_mineral_oils_through_two_gives_the_third(figure):
         group, "mineral oils, 60 C from 30 and 100 C, five of six", worst[-2], most=0.03, unit="%"
     )
     figure(group, "mineral oils, 60 C from 30 and 100 C, the sixth", worst[-1], most=0.09, unit="%")
-
-
-def test_line_of_engine_oil_gives_what_lies_between():
-    temperature = ENGINE[:, 0] - 273.15
-    nu = 1e6 * ENGINE[:, 1] / (1061.3 - 0.5921 * ENGINE[:, 0])
-    line = WaltherLine.through((temperature[1], nu[1]), (temperature[7], nu[7]))
-    defect = np.array([line(t) for t in temperature]) / nu - 1
-    # The oil's own curvature in these coordinates, beyond the two points too.
-    assert np.abs(defect).max() < 0.03
 
 
 def test_line_agrees_with_calculations_by_the_standard():

@@ -33,10 +33,7 @@ class AffineRun:
             film_gaps=lambda observed: [observed[:3]],
         )
         system = SimpleNamespace(
-            films=["film"],
-            heated=False,
-            mechanism=ehd.Mechanism({}, {}),
-            angles={"crank": 3},
+            films=["film"], heated=False, mechanism=ehd.Mechanism({}, {}), angles={"crank": 3}
         )
         self.equations = SimpleNamespace(
             system=system,

@@ -195,10 +195,7 @@ WRONG = {
     "short inventory": (put("inventory/dropped", np.zeros(3)), "zip"),
     "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
     "soft loop": (put("mass", h5py.SoftLink("/mass")), "too many links"),
-    "hard loop": (
-        lambda file: file.__setitem__("points/all", file["/"]),
-        "recursion",
-    ),
+    "hard loop": (lambda file: file.__setitem__("points/all", file["/"]), "recursion"),
 }
 
 

@@ -88,12 +88,7 @@ TEXT = st.text(
 NAME = st.text(st.characters(whitelist_categories=["L", "Nd"]), min_size=1)
 
 
-@given(
-    body=NAME,
-    point=TEXT,
-    hole=NAME,
-    folder=TEXT,
-)
+@given(body=NAME, point=TEXT, hole=NAME, folder=TEXT)
 @example(body="größe", point="hook left", hole="öl", folder="\U0001f600 \\u")
 @example(body="a", point='a "b" = [x] # \x7f\r\n', hole="b", folder="'")
 def test_names_that_need_quotes_read_back(body, point, hole, folder):

@@ -160,11 +160,7 @@ def test_the_smallest_film_is_found_between_samples(shape):
 @pytest.mark.parametrize(
     ("settings", "how", "message"),
     [
-        (
-            {"bore_shape": oval(18e-6)},
-            {"load": 100.0},
-            "gap at every attitude.*deviations",
-        ),
+        ({"bore_shape": oval(18e-6)}, {"load": 100.0}, "gap at every attitude.*deviations"),
         ({"bore_shape": oval(18e-6)}, {"eccentricity": 0.3}, "at every attitude"),
         ({"bore_shape": oval(1e-6), "bore_speed": 9.0}, {"load": 100.0}, "bore_speed = 9"),
         ({"bore_shape": oval(1e-6), "line_at_max_film": True}, {"load": 1.0}, "exclude"),

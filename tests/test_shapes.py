@@ -206,11 +206,7 @@ def test_a_wrong_angle_is_an_error_of_the_gap():
     [({}, 1e-5), ({"shear_rule": "full"}, 1e-5), ({"shear_rule": "streamers"}, 1e-6)],
 )
 def test_energy_balance_closes_with_the_tolerance(friction, fine):
-    shapes = {
-        "bore": oval(3e-6, 0.5),
-        "journal": oval(4e-6, 0.2),
-        "friction": bool(friction),
-    }
+    shapes = {"bore": oval(3e-6, 0.5), "journal": oval(4e-6, 0.2), "friction": bool(friction)}
     shapes |= friction
     steps = {"largest": 1.0, "order": 2}
     loose, tight = (

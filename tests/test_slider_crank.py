@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_film import cavitation as snes_vi
 from bench_machines import (
     ImplicitStep,
     IntegratorOptions,
@@ -18,6 +17,7 @@ from bench_machines import (
 )
 from bench_scenes import rotation
 from differences import slope
+from film_cases import watch_snes
 from hand_made_rod import (
     CENTRE,
     CLEARANCE,
@@ -41,10 +41,8 @@ from hand_made_rod import (
     pressure_work,
     run,
     some_state,
-    spun,
     torque,
 )
-from petsc4py import PETSc
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -333,30 +331,11 @@ def test_every_power_is_needed_to_close_the_energy_balance(joint, kind):
 
 
 def test_every_step_is_solved_by_reduced_space_newton(monkeypatch):
-    announced, types = [], set()
-
-    class WatchedSNES(PETSc.SNES):
-        def create(self, *arguments, **options):
-            snes = super().create(*arguments, **options)
-            # PETSc itself reports iteration 0 of every solve.
-            snes.setMonitor(lambda _, iteration, norm: iteration or announced.append(norm))
-            return snes
-
-        def solve(self, *arguments):
-            types.add(self.getType())
-            return super().solve(*arguments)
-
-    class WatchedPETSc:
-        SNES = WatchedSNES
-
-        def __getattr__(self, name):
-            return getattr(PETSc, name)
-
-    monkeypatch.setattr(snes_vi, "PETSc", WatchedPETSc())
+    made, begun = watch_snes(monkeypatch)
     joint = Joint()
     result = run(make_mechanism(make_body(joint), joint), 0.02, 1e-4)
-    assert types == {"vinewtonrsls"}
-    assert len(announced) == len(result.time) + result.summary()["rejected_steps"] > 20
+    assert {snes.getType() for snes in made} == {"vinewtonrsls"}
+    assert len(begun) == len(result.time) + result.summary()["rejected_steps"] > 20
 
 
 # --- The same motion in other coordinates
@@ -379,19 +358,6 @@ def test_a_rigid_motion_mixed_into_a_mode_leaves_the_physics_alone():
             late = plain.time > 1e-5
             change = np.abs(found - plain.columns[name])[late].max()
             assert change < 1e-4 * plain.columns[name].max(), name
-
-
-def test_a_bore_turned_by_its_modes_drags_the_oil_as_one_turned_by_its_frame():
-    # On a thin film: the oil's own thickness is left out of its velocity.
-    joint = Joint(clearance=17e-9)
-    e = np.array([8e-9, -3e-9, 0.0])
-    eccentric = np.broadcast_to(-e, joint.bore_nodes.shape)
-    turning = spun(joint.bore_nodes[:, :, None])[:, :, 0]
-    # The shaft's centre stays, so that it moves back in a frame that turns with the bore.
-    back = np.broadcast_to(-100.0 * np.array([e[1], -e[0], 0.0]), joint.bore_nodes.shape)
-    by_modes = joint.solve(eccentric, 100.0 * turning, 600.0).pressure
-    by_frame = joint.solve(eccentric, back, 500.0).pressure
-    assert np.abs(by_modes - by_frame).max() < 1e-4 * by_frame.max()
 
 
 def test_a_very_stiff_rod_moves_as_a_rigid_one(joint):

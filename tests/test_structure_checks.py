@@ -105,10 +105,7 @@ CASES = {
         {"stiffness": entry(K, 8, 8, -2.0)},
         "stiffness has the diagonal entry -2 at node 2, component z",
     ),
-    "M empty row": (
-        {"mass": emptied(M, 200)},
-        "mass has the diagonal entry 0 at node 66, comp",
-    ),
+    "M empty row": ({"mass": emptied(M, 200)}, "mass has the diagonal entry 0 at node 66, comp"),
     "M diagonal": ({"mass": entry(M, 3, 3, 0.0)}, "mass has the diagonal entry 0 at node 1, comp"),
     "M singular": (
         {"mass": hidden(M, 99, 0.0)},

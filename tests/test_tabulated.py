@@ -92,20 +92,6 @@ def test_no_step_misses_a_row(gaps, kind, follows, order):
     assert largest_missed(load, steps, start) <= 0.01 * (1 + 1e-6)
 
 
-def test_a_spike_between_two_steps_is_felt():
-    # Two wide periods of nothing, and a hundredth between them: an impulse of 1.
-    rows, values = np.array([0.0, 1.0, 1.01, 1.02, 3.0]), np.array([0.0, 0.0, 100.0, 0.0, 0.0])
-    spike = broken_line(rows, values)
-    x, rest = {}, np.zeros(1)
-    for name, tables in (("blind", []), ("seeing", [spike])):
-        problem = oscillator(0.0, 4.0, lambda t: spike.curve(t)[0])
-        sizes = control(tolerance=1e-5, largest=0.3)
-        *_, last = integrate(problem, (0.0, 2.0), rest, rest, sizes, tables=tables)
-        x[name] = last.x[0]
-    assert x["blind"] == 0.0
-    assert x["seeing"] == pytest.approx(0.5 * np.sin(2 * (2.0 - 1.01)), rel=2e-2)
-
-
 def test_a_jump_is_no_reason_to_stop():
     rows, values = np.array([0.0, 1.0, 1.0 + 1e-15, 3.0]), np.array([0.0, 0.0, 1.0, 0.0])
     step = broken_line(rows, values)
