@@ -25,8 +25,8 @@ METHODS = ("m3", "m1")
 def bodies(rod_structure):
     kept = {"keep_basis": True, "estimate_error": False}
     return {
-        "m3": ehd.load_dependent(rod_structure, 6, 31, **kept),
-        "m1": ehd.craig_bampton(rod_structure, 37, **kept),
+        "m3": ehd.load_dependent(rod_structure, 6, 10, **kept),
+        "m1": ehd.craig_bampton(rod_structure, 12, **kept),
     }
 
 

@@ -14,15 +14,11 @@ STIFF = ("slider-crank-rough", "journal-starved", "slider-crank-conserved", "sli
 @pytest.mark.parametrize("name", SMALL)
 def test_a_machine_gives_its_golden_curve(name):
     found = compared(name)
-    held = {key: value for key, value in found["held"].items() if value > _held(name)}
-    assert not held
+    most = LOOSER if name in STIFF else HELD
+    assert not {key: value for key, value in found["held"].items() if value > most}
     own = {key: abs(value) for key, value in found["own"].items()}
     assert not {key: value for key, value in own.items() if "." in key and value > EXTREMES}
     assert not {key: value for key, value in own.items() if "." not in key and value > COUNTS}
-
-
-def _held(name):
-    return LOOSER if name in STIFF else HELD
 
 
 @pytest.mark.parametrize("name", SMALL)

@@ -26,6 +26,8 @@ def test_load_file_is_read_in_its_units(tmp_path):
         assert at(curves, 9e-3) == pytest.approx([4000.0, 0.0])
         assert at(curves, 4e-3) == pytest.approx([2000.0, -10.0])
     assert at(curves, 1.5e-3) == pytest.approx([2000.0, 7.0])
+    with pytest.raises(ehd.errors.SettingsError, match=r"period = 0.003 s must be above 0.004"):
+        ehd.read_load(path, period=3e-3)
     path.write_text(GOOD.replace("4,1,-5\n", ""))
     assert at(ehd.read_load(path, period=4e-3), 4e-3) == pytest.approx([1000.0, -5.0])
 
@@ -34,20 +36,14 @@ def test_load_file_is_read_in_its_units(tmp_path):
 LOADS = [
     (GOOD.replace(" 1, 2 ,0", "1,2"), "line 5: 2 values for 3 columns"),
     (GOOD.replace(" 2 ", " two "), "line 5: Fx [kN] = 'two' must be a finite number"),
-    (
-        GOOD.replace(",", ";"),
-        "line 3, has 'time_ms; Fx [kN]; Fy_N': separate by commas, decimals with a point",
-    ),
+    (GOOD.replace(",", ";"), "line 3, has 'time_ms; Fx [kN]; Fy_N': separate by commas, decimals"),
     (GOOD.replace(",", "\t"), "separate by commas"),
     (GOOD.replace("7", "nan"), "line 7: Fy_N = 'nan' must be a finite number"),
     (GOOD.replace("7", 200_000 * "1"), "line 7: Fy_N = '1111"),
     (GOOD.replace("7", "1e308"), "'1e308' must be a finite number below 1e"),
     (GOOD.replace(" 1, 2", "3, 2"), "line 7: the time 0.002 s must be above 0.003 s"),
     (GOOD.replace("0,1,-5", "0.5,1,-5"), "line 4: the first time is 0.0005 s, it must be 0"),
-    (
-        GOOD.replace("4,1,-5", "4,1,-25"),
-        "line 8: the last row (1000, -25) differs from the first (1000, -5) by 20",
-    ),
+    (GOOD.replace("4,1,-5", "4,1,-25"), "line 8: the last row (1000, -25) differs from the first"),
     (GOOD.replace("Fy_N", "Fy"), "line 3: column 'Fy' needs a unit: Fy_N or Fy_kN"),
     (GOOD.replace("Fy_N", "Fy_lbf"), "line 3: column 'Fy_lbf' needs a unit"),
     (GOOD.replace("Fy_N", "Fz_N"), "line 3: column 'Fz_N' is not one of time, Fx, Fy"),
@@ -61,21 +57,9 @@ LOADS = [
 ]
 ANGLES = "angle_deg,force_N\n0,1\n90,2\n180,3\n360,1\n"
 OTHERS = [
-    (
-        read_angle_table,
-        ANGLES.replace("90,", "190,"),
-        "line 4: the angle 180 deg must be above 190",
-    ),
-    (
-        read_angle_table,
-        ANGLES.replace("360", "350"),
-        "the angles span 350 deg, from 0 to 350, they",
-    ),
-    (
-        read_angle_table,
-        ANGLES.replace("360,1", "360,2"),
-        "line 5: the last row (2) differs from the first (1) by 1",
-    ),
+    (read_angle_table, ANGLES.replace("90,", "190,"), "line 4: the angle 180 deg must be above"),
+    (read_angle_table, ANGLES.replace("360", "350"), "the angles span 350 deg, from 0 to 350"),
+    (read_angle_table, ANGLES.replace("360,1", "360,2"), "line 5: the last row (2) differs from"),
     (read_time_table, "time_s,force_N\n0,1\n", "1 rows of numbers, at least 2"),
     (read_time_table, "time_s,force_N\n0,1\n0,2\n", "line 3: the time 0 s must be above 0 s"),
 ]
@@ -96,22 +80,9 @@ def test_bad_tables_are_refused_by_line_and_value(read, text, named, tmp_path):
     assert "\n" not in str(error.value)
 
 
-def test_period_must_reach_beyond_the_file(tmp_path):
-    path = tmp_path / "load.csv"
-    path.write_text(GOOD)
-    with pytest.raises(
-        ehd.errors.SettingsError, match=r"load.period = 0.003 s must be above 0.004 s"
-    ):
-        ehd.read_load(path, period=3e-3)
-
-
-def test_the_demo_writes_its_load(tmp_path):
-    assert make_single_cylinder.main(tmp_path / "load.csv").read_text() == (
-        make_single_cylinder.FILE.read_text()
-    )
-
-
-def test_example_load_is_the_formula():
+def test_example_load_is_the_formula(tmp_path):
+    written = make_single_cylinder.main(tmp_path / "load.csv").read_text()
+    assert written == make_single_cylinder.FILE.read_text()
     shipped = ehd.read_load(table_file("main-bearing", "load"))
     times, forces = engine_load(300.0)
     assert shipped[0].curve.x == pytest.approx(times, abs=1e-9)

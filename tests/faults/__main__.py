@@ -51,7 +51,6 @@ CLASSES: dict[str, tuple[Callable[[World, Random], Iterator[Case]], int]] = {
     "names": (folders.names, 40),
     "folders": (folders.folders, 80),
     "links": (folders.links, 80),
-    "storage": (folders.storage, 15),
     "limits": (folders.limits, 60),
     "part files": (parts.part_files, 90),
 }

@@ -1,4 +1,4 @@
-"""Names that need quotes, folders of other people, links in them, data elsewhere, limits."""
+"""Names that need quotes, folders of other people, links in them, limits."""
 
 import os
 import shutil
@@ -7,10 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 
-import h5py
-from bench_scenes import seal
 from cases import Case
-from texts import put_in_place
 from world import CALLS, RESUME, RUN, World, command
 
 #: Names of a point, and of folders.
@@ -142,46 +139,6 @@ def links(world: World, random: Random) -> Iterator[Case]:
             "links", f"{call} {name} list {number}", prepare(name, lists[number]),
             _untouched(command(*calls[call]), "elsewhere"), intact=intact,
         )  # fmt: skip
-
-
-def _external(file: h5py.File) -> None:
-    file.create_dataset("a/b", (4,), "f8", external=[("secret", 0, 32)])
-
-
-def _virtual(file: h5py.File) -> None:
-    layout = h5py.VirtualLayout((4,), "f8")
-    layout[:] = h5py.VirtualSource("secret", "x", (4,))
-    file.create_virtual_dataset("a/b", layout)
-
-
-def _link(file: h5py.File) -> None:
-    file["a/b"] = h5py.ExternalLink("secret", "/x")
-
-
-def storage(world: World, random: Random) -> Iterator[Case]:
-    """Data that lie in another file, under a digest that is right."""
-    files = {"rod.h5": "run", "part.h5": "structure", "out/body-rod.h5": "resume",
-             "out/history.h5": "resume"}  # fmt: skip
-
-    def prepare(name: str, change: Callable[[h5py.File], None]) -> Callable[[Path], None]:
-        def write(folder: Path) -> None:
-            world.copy(CALLS[files[name]][0], folder)
-            path = folder / name
-            try:
-                with h5py.File(path, "r+") as file:
-                    change(file)
-            except OSError:  # the history of a killed run is open for ever
-                put_in_place("pipe", path)
-                return
-            if path.name != "history.h5":
-                seal(path, path)
-
-        return write
-
-    for name, intact in files.items():
-        for change in (_external, _virtual, _link):
-            title = f"{name} {change.__name__}"
-            yield Case("storage", title, prepare(name, change), CALLS[intact][1], intact=intact)
 
 
 #: What a shell does before it becomes the program, or behind it.

@@ -258,19 +258,16 @@ NUMBERS = ("nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "", "x", "0x10", "
 BEARING = ("eccentricity", "load", "radius", "clearance", "width", "viscosity", "speed",
            "bore-speed", "ambient", "barus", "roelands")  # fmt: skip
 
-#: Calls that nothing but a refusal answers.
+#: Calls that nothing but a refusal answers, beside those of test_refused_at_once.py.
 REFUSED = (
-    ("run",), ("run", "nothing.toml"), ("run", "."), ("run", "slider-crank", "rotor"), ("run", ""),
-    ("run", "slider-crank", "--body", "nothing.h5"), ("run", "slider-crank", "--body", "."),
-    ("run", "slider-crank", "--body", ""), ("run", "slider-crank", "-o", ""),
+    ("run", "."), ("run", "slider-crank", "rotor"), ("run", "slider-crank", "--body", "."),
     ("run", "slider-crank", "-o", "file/out"), ("run", "slider-crank", "-o", "/dev/null/out"),
     ("run", "slider-crank", "--method", "m5"), ("run", "slider-crank", "--frames", "1", "--vtk"),
     ("run", "slider-crank", "--checkpoint-every", "-1"), ("run", "--resume", "."),
     ("run", "slider-crank", "--checkpoint-every", "nan", "-o", "/dev/null/out"),
-    ("run", "--resume", "nothing"), ("run", "--resume", ""), ("run", "--resume", "out", "x.toml"),
+    ("run", "--resume", ""), ("run", "--resume", "out", "x.toml"),
     ("reduce",), ("reduce", "conrod"), ("reduce", "piston", "-o", "x.h5"),
-    ("reduce", "conrod", "-o", ""), ("reduce", "conrod", "-o", "file/x.h5"),
-    ("reduce", "conrod", "-o", "pipe"), ("reduce", "conrod", "-o", "."),
+    ("reduce", "conrod", "-o", "file/x.h5"), ("reduce", "conrod", "-o", "."),
     ("reduce", "conrod", "-o", "x.h5", "--modes", "-1"),
     ("reduce", "conrod", "-o", "x.h5", "--method", "m1", "--modes", "0"),
     ("reduce", "conrod", "-o", "x.h5", "--residual-modes", "1000000"),
@@ -279,22 +276,14 @@ REFUSED = (
     ("reduce", "conrod", "-o", "x.h5", "--pressure-set", "pc3"),
     ("reduce", "conrod", "-o", "x.h5", "--snapshots", "nowhere"),
     ("reduce", "conrod", "-o", "x.h5", "--residual-truncation", "nan"),
-    ("reduce", "conrod", "-o", "x.npz", "--export", "npz"),
-    ("reduce", "conrod", "-o", "x.h5", "--basis", "x.h5"),
     ("reduce", "conrod", "-o", "x.h5", "--scene", "nothing.toml"),
     ("reduce", "conrod", "-o", "x.h5", "--method", "rigid", "--export", "npz"),
-    ("init",), ("init", "piston"), ("plot",), ("plot", "nowhere"), ("plot", "."), ("plot", "file"),
-    ("animate", "nowhere"), ("animate", "."), ("animate", "file"), ("report", "nowhere"),
-    ("report", "."), ("sweep",), ("sweep", "slider-crank"), ("study", "bearing"), ("study",),
-    ("sweep", "slider-crank", "--set", "a=1", "-o", "s"), ("check", "x"), ("nonsense",),
-    ("--nonsense",),
-    ("sweep", "slider-crank", "--set", "oil.viscosity=", "-o", "s"),
-    ("sweep", "slider-crank", "--set", "oil.viscosity=1:2:0", "-o", "s"),
-    ("sweep", "slider-crank", "--set", "oil.viscosity=x", "-o", "s"),
+    ("init",), ("init", "piston"), ("plot",), ("plot", "file"), ("animate", "nowhere"),
+    ("animate", "."), ("animate", "file"), ("report", "nowhere"), ("report", "."), ("sweep",),
+    ("study", "bearing"), ("study",), ("check", "x"), ("--nonsense",),
+    ("sweep", "slider-crank", "--set", "a=1", "-o", "s"),
     ("sweep", "slider-crank", "--set", "oil.viscosity=nan", "-o", "s"),
-    ("bearing",), ("bearing", "--load", "5", "--plot", "x.y"), ("bearing", "--load", "1e300"),
-    ("bearing", "--load", "5", "--plot", "/dev/null/x.png"),
-    ("bearing", "--eccentricity", "1"), ("bearing", "--load", "5", "--cells", "64x0"),
+    ("bearing", "--load", "1e300"), ("bearing", "--load", "5", "--cells", "64x0"),
     ("bearing", "--load", "5", "--cells", "9999999999x1"),
     ("bearing", "--load", "5", "--cells", "64x12x1"),
 )  # fmt: skip
@@ -306,8 +295,6 @@ def options(world: World, random: Random) -> Iterator[Case]:
     def prepare(folder: Path) -> None:
         folder.mkdir(parents=True)
         (folder / "file").write_text("a file")
-        # In place of a device: nothing here must ever be able to replace one of the machine's.
-        os.mkfifo(folder / "pipe")
 
     for arguments in random.sample(REFUSED, len(REFUSED)):
         name = " ".join(repr(a) if not a else a for a in arguments)
