@@ -16,6 +16,7 @@ with ending_signals_raise():
     from itertools import pairwise
     from mmap import MAP_ANONYMOUS, MAP_PRIVATE, PROT_READ, mmap
     from pathlib import Path
+    from typing import Any
 
     import click
 
@@ -141,16 +142,17 @@ def run(
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
     given = {key: value for key, value in output.items() if value is not None}
-    wishes = run.RunOptions(plots, interval, as_json, multiplier)
+    wishes: dict[str, Any] = {"plots": plots, "interval": interval, "as_json": as_json}
+    wishes["multiplier"] = multiplier
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
         asked = given | ({"paraview": True} if vtk else {})
-        run.run(run.changed_scene(scene, body, method, asked), target, overwrite, wishes)
+        run.run(run.changed_scene(scene, body, method, asked), target, overwrite, **wishes)
         return
     if body or method or directory or vtk or overwrite or given:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
-    run.resume(Path(resume), wishes)
+    run.resume(Path(resume), **wishes)
 
 
 @cli.command()
@@ -181,24 +183,14 @@ def run(
     help="Also write the body for NumPy, beside the HDF5 file.",
 )
 @json_option
-def reduce(
-    part: str,
-    path: str,
-    scene: str | None,
-    cells: str | None,
-    basis_path: str | None,
-    exports: tuple[str, ...],
-    as_json: bool,
-    **options: str | float | None,
-) -> None:
+def reduce(**options: Any) -> None:
     """Reduce PART to a handful of modes; also under mpirun.
 
     PART is conrod, housing or, with --scene, a flexible body of that scene or its model.
     """
     from fenics_ehd.cli.reduction import reduce_part
 
-    given = {k: v for k, v in options.items() if v is not None}
-    reduce_part(part, path, scene, cells, basis_path, exports, given, as_json)
+    reduce_part(**options)
 
 
 @cli.command()

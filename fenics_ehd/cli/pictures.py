@@ -146,12 +146,13 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     from fenics_ehd.results.paraview import parts_of_bases, write_run
     from fenics_ehd.results.recorded_run import SERIES
 
-    folder = Path(target or Path(directory) / "vtk")
+    of = Path(directory)
+    folder = Path(target or of / "vtk")
     require_writable(folder)
     if target is None:
-        claim(Path(directory), [SERIES])
-    result = load_history(directory).last_cycle()
-    run = recorded(directory, result)
+        claim(of, [SERIES])
+    result = load_history(of).last_cycle()
+    run = recorded(of, result)
     parts = parts_of_bases(run.bodies, bases)
     click.echo(write_run(run.system.mechanism, result, parts, folder, frames))
 

@@ -32,27 +32,31 @@ SHOWN = 8
 def reduce_part(
     part: str,
     path: str,
-    scene_name: str | None,
+    scene: str | None,
     cells: str | None,
     basis_path: str | None,
     exports: tuple[str, ...],
-    options: Mapping[str, Any],
     as_json: bool,
+    **options: str | float | None,
 ) -> None:
-    """Reduce the part: every rank takes part, the first one writes the body."""
+    """Reduce the part: every rank takes part, the first one writes the body.
+
+    `options` are those of [reduction], None where they are not given.
+    """
     targets = {form: str(Path(path).with_suffix(f".{form}")) for form in exports}
     outputs = {"-o": path, "--basis": basis_path or ""}
     _require_outputs(outputs | {f"--export {form}": file for form, file in targets.items()})
-    scene, name = _flexible(part, scene_name)
-    settings = scene.bodies[name]
+    machine, name = _flexible(part, scene)
+    settings = machine.bodies[name]
     key = f"bodies.{name}."
-    tables = {**attrs.asdict(settings.reduction), **options}
+    given = {name: value for name, value in options.items() if value is not None}
+    tables = attrs.asdict(settings.reduction) | given
     reduction: Any = build(type(settings.reduction), tables, f"{key}reduction.")
     settings = attrs.evolve(settings, reduction=reduction, cells=cells or settings.cells)
     warn_of(unusual(settings, key))
     require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
     say_reducing([name])
-    element = scene.film_element(name)
+    element = machine.film_element(name)
     rod = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce(mesh_error=True)
     body = rod.body
     if basis_path:

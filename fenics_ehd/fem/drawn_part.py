@@ -17,7 +17,7 @@ from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import in_unit
 from fenics_ehd.fem.faces import SHARP, Cylinder, Face, find_faces, fit_cylinder, rounded_middles
 from fenics_ehd.fem.gmsh_session import COARSE, CellSizes, mesh_drawing
-from fenics_ehd.fem.solid import Solid, refined
+from fenics_ehd.fem.solid import FACES, Solid, refined
 from fenics_ehd.fem.solid_file import DRAWINGS, read_mesh
 
 #: Largest distance that a bore's node is moved onto the cylinder, relative to the radius: of
@@ -31,11 +31,8 @@ FLAT = 1e-4
 #: Names in meshio of cells of 10 and 27 nodes, and of their facets.
 _NAMES = {"tet": ("tetra10", "triangle6"), "hex": ("hexahedron27", "quad9")}
 
-#: Faces of a hexahedron in VTK's order: low x, high x, low y and so on.
-_VTK_FACES = (
-    *((0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4)),
-    *((3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7)),
-)
+#: VTK's order of the faces of a hexahedron, low x, high x, low y and so on, in places of `FACES`.
+_VTK_FACES = [2, 3, 1, 4, 0, 5]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +180,7 @@ def _with_centres(
 
     Centres are where the other nodes put them: the solid is the same.
     """
-    element, n, faces = solid.element, len(solid.points), np.array(_VTK_FACES)
+    element, n, faces = solid.element, len(solid.points), np.array(FACES["hex"])[_VTK_FACES]
     places = np.vstack([element.nodes[faces].mean(axis=1), np.full(3, 0.5)])
     made = element.shapes(places) @ solid.points[solid.cells]
     corners = np.sort(solid.cells[:, faces].reshape(-1, 4), axis=1)

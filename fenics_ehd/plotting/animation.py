@@ -278,7 +278,7 @@ NEARLY_WHITE = 248
 _REPEATABLE = ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", "1"]
 
 
-def require_animation_format(path: str | Path) -> None:
+def require_animation_format(path: Path) -> None:
     """Refuse an animation that cannot be written, before any work is done for it.
 
     Raises
@@ -289,7 +289,7 @@ def require_animation_format(path: str | Path) -> None:
         No permission, or no ffmpeg for MP4.
     """
     require_format("-o", path, RESOLUTION)
-    if Path(path).suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"-o {path}: MP4 needs ffmpeg, Debian's package ffmpeg; or choose .gif")
 
 
@@ -297,7 +297,7 @@ def save_animation(
     figure: Figure,
     show: Show,
     count: int,
-    path: str | Path,
+    path: Path,
     rate: int,
     progress: Callable[[], None],
 ) -> Path:
@@ -322,7 +322,6 @@ def save_animation(
         The file.
 
     """
-    path = Path(path)
     suffix = path.suffix.lower()
     figure.set_dpi(RESOLUTION[suffix])
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.run import stored_scene
 
 
-def recorded(directory: str | Path, result: History | None = None) -> RecordedMotion:
+def recorded(directory: Path, result: History | None = None) -> RecordedMotion:
     """All recorded steps of a run of a scene, also of one that goes on or was killed.
 
     Parameters
@@ -42,12 +42,12 @@ def recorded(directory: str | Path, result: History | None = None) -> RecordedMo
     SettingsError, BodyFileError
         Scene or bodies cannot be read.
     """
-    folder = Path(directory)
-    if not (folder / SCENE_NAME).is_file():
-        raise InputError(f"{folder / SCENE_NAME}: missing, {directory} is not the folder of a run")
+    scene = directory / SCENE_NAME
+    if not scene.is_file():
+        raise InputError(f"{scene}: missing, {directory} is not the folder of a run")
     # Forces move nothing here, and their tables may be gone.
-    _, built = stored_scene(folder, forces=False)
-    return RecordedMotion(built.mechanism, result or load_history(folder))
+    _, built = stored_scene(directory, forces=False)
+    return RecordedMotion(built.mechanism, result or load_history(directory))
 
 
 #: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.

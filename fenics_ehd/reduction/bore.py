@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
+from scipy.sparse import csgraph
 
 from fenics_ehd.base.errors import SettingsError, StructureError
 from fenics_ehd.reduction.elements import (
@@ -304,28 +305,23 @@ def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.nd
     kind = ELEMENTS[family]
     ends, first, uses, at_end = _edges(coordinates, cells, family)
     count, single = len(kind.edges), first[(uses == 1) & ~at_end]
-    # Mid-side nodes come behind the corners, edge by edge.
-    quadratic = cells.shape[1] >= kind.corners + count
-    beside: dict[int, list[tuple[int, list[int]]]] = {}
-    for edge in single:
-        one, other = ends[edge].tolist()
-        middle = [int(cells[edge // count, kind.corners + edge % count])] if quadratic else []
-        beside.setdefault(one, []).append((other, middle))
-        beside.setdefault(other, []).append((one, middle))
-    odd = [node for node, ways in beside.items() if len(ways) != 2]
-    if odd:
+    ways = corners = ends[single]
+    if cells.shape[1] >= kind.corners + count:
+        # Mid-side nodes come behind the corners, edge by edge.
+        middle = cells[single // count, kind.corners + single % count]
+        ways = np.vstack([np.column_stack([end, middle]) for end in corners.T])
+    meeting = np.bincount(ways.ravel(), minlength=len(coordinates))
+    odd = np.flatnonzero((meeting != 0) & (meeting != 2))
+    if len(odd):
         raise StructureError(
-            f"the bore is not a whole cylinder: {len(beside[odd[0]])} edges of a rim meet at node "
+            f"the bore is not a whole cylinder: {meeting[odd[0]]} edges of a rim meet at node "
             f"{odd[0]}"
         )
-    loops = []
-    while beside:
-        came, node, loop = -1, min(beside), []
-        while node in beside:
-            following, middle = next(way for way in beside.pop(node) if way[0] != came)
-            loop += [node, *middle]
-            came, node = node, following
-        loops.append(np.array(loop))
+    graph = summed(np.ones(len(ways)), ways[:, 0], ways[:, 1], (len(coordinates),) * 2)
+    loops, left = [], set(corners.ravel().tolist())
+    while left:
+        loops.append(csgraph.depth_first_order(graph, min(left), False, False))
+        left -= set(loops[-1].tolist())
     return loops
 
 

@@ -117,9 +117,7 @@ def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
     return PartFields(nodes, file.cells, *np.split(fields, [body.modes], axis=2))
 
 
-def parts_of_bases(
-    bodies: Mapping[str, Body], bases: Sequence[str | Path]
-) -> dict[str, PartFields]:
+def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str, PartFields]:
     """Whole parts of flexible bodies by name, from the files of their bases.
 
     Raises
@@ -192,27 +190,6 @@ def moved_along(
     turns = Rotation.from_euler("z", poses[:, 2]).as_matrix().transpose(0, 2, 1)
     origins = np.pad(poses[:, None, :2], [(0, 0), (0, 0), (0, 1)])
     return origins + points @ turns, displacement @ turns
-
-
-def mechanism_blocks(
-    replay: RecordedMotion, films: Mapping[str, FilmResult], parts: Mapping[str, PartFields]
-) -> list[Block]:
-    """All bodies and films of a mechanism at the instants of a replay.
-
-    Parameters
-    ----------
-    replay
-        Of it.
-    films
-        Of lubricated joints, at the same instants.
-    parts
-        Whole parts by body; any other is drawn as lines from its origin to its points.
-    """
-    bodies = [
-        part_block(replay, name, parts[name]) if name in parts else line_block(replay, name)
-        for name in replay.bodies
-    ]
-    return bodies + [film_block(replay, p, films[p.name]) for p in replay.system.films]
 
 
 def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
@@ -335,11 +312,15 @@ def write_run(
     chosen = nearest_steps(np.asarray(result.time), frames)
     shown = result.each(lambda values: values[chosen])
     replay = RecordedMotion(mechanism, shown)
-    films = {name: joint.film for name, joint in shown.joints.items()}
-    return write_series(directory, shown.time, mechanism_blocks(replay, films, parts))
+    blocks = [
+        part_block(replay, name, parts[name]) if name in parts else line_block(replay, name)
+        for name in replay.bodies
+    ]
+    blocks += [film_block(replay, p, shown.joints[p.name].film) for p in replay.system.films]
+    return write_series(directory, shown.time, blocks)
 
 
-def write_series(directory: str | Path, times: np.ndarray, blocks: Sequence[Block]) -> Path:
+def write_series(directory: Path, times: np.ndarray, blocks: Sequence[Block]) -> Path:
     """Write ``run.pvd``, which opens one multi-block ``.vtm`` file for each time.
 
     Parameters
@@ -358,7 +339,6 @@ def write_series(directory: str | Path, times: np.ndarray, blocks: Sequence[Bloc
         elastic motion, to be warped by; ``pressure_Pa`` that of the films, on their own nodes and
         on the bores of whole parts, where it is zero elsewhere; ``gap_m`` is the films'.
     """
-    directory = Path(directory)
     frames = [(f"run_{i:04d}.vtm", float(time)) for i, time in enumerate(times)]
     files = [
         [f"{block.group}-{block.name}_{i:04d}.vtu" for block in blocks] for i in range(len(times))

@@ -183,13 +183,13 @@ class RunFolder:
 
     def __init__(
         self,
-        directory: str | Path,
+        directory: Path,
         bodies: Iterable[str] = (),
         *,
         overwrite: bool = False,
         resume: bool = False,
     ):
-        self.directory = self.path = Path(directory)
+        self.directory = self.path = directory
         if resume and not self.directory.is_dir():
             raise InputError(f"{directory}: no checkpoint to go on from, no such folder")
         require_writable(self.directory)

@@ -446,9 +446,7 @@ def _assembled(
     )
 
 
-def remade_part(
-    scene: Scene, name: str, body: ReducedBody, programs: Sequence[str | Path] = ()
-) -> ReducedPart:
+def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[str]) -> ReducedPart:
     """Mesh and reduce a body of a scene again, with the coordinates that a run recorded; serial.
 
     Nothing is meshed unless settings and model are those that the body was made with.

@@ -238,7 +238,7 @@ def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
     return np.where(turns, 0.0, np.clip(slopes, -largest, largest))
 
 
-def read_angle_table(path: str | Path, key: str, column: Units) -> Curve:
+def read_angle_table(path: Path, key: str, column: Units) -> Curve:
     """Table of a CSV file; lines that start with ``#`` are comments.
 
     Parameters
@@ -270,7 +270,7 @@ def read_angle_table(path: str | Path, key: str, column: Units) -> Curve:
     return angle_table(np.radians(np.append(angles[:-1], angles[0] + period)), values)
 
 
-def read_time_table(path: str | Path, key: str, column: Units) -> Curve:
+def read_time_table(path: Path, key: str, column: Units) -> Curve:
     """Table of a CSV file; lines that start with ``#`` are comments.
 
     Parameters

@@ -328,8 +328,15 @@ def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     return largest | about | ({"joints": joints} if len(joints) > 1 else {})
 
 
-#: Columns of settings, of errors, and of figures of the run.
-ABOUT = (
+#: Columns of errors, and of figures of the run.
+ERROR_COLUMNS = ("pressure_error_max", "pressure_error_l2", "film_error_max", "film_error_l2")
+FLOORS = ("pressure_floor", "film_floor")
+STEPS = ("steps", "rejected_steps", "newton_iterations")
+EXTREMES = ("max_pressure_Pa", "min_film_thickness_m")
+FIGURES = ("coordinates", "offline_s", "highest_frequency_Hz", *STEPS, *EXTREMES)
+OWN = tuple(f"own_{name}" for name in ERROR_COLUMNS)
+
+COLUMNS = (
     "run",
     "group",
     "joint",
@@ -344,16 +351,6 @@ ABOUT = (
     "order",
     "status",
     "coordinates",
-)
-ERROR_COLUMNS = ("pressure_error_max", "pressure_error_l2", "film_error_max", "film_error_l2")
-FLOORS = ("pressure_floor", "film_floor")
-STEPS = ("steps", "rejected_steps", "newton_iterations")
-EXTREMES = ("max_pressure_Pa", "min_film_thickness_m")
-FIGURES = ("coordinates", "offline_s", "highest_frequency_Hz", *STEPS, *EXTREMES)
-OWN = tuple(f"own_{name}" for name in ERROR_COLUMNS)
-
-COLUMNS = (
-    *ABOUT,
     *ERROR_COLUMNS,
     *FLOORS,
     "offline_s",
