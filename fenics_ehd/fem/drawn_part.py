@@ -180,7 +180,9 @@ def _with_centres(
 
     Centres are where the other nodes put them: the solid is the same.
     """
-    element, n, faces = solid.element, len(solid.points), np.array(FACES["hex"])[_VTK_FACES]
+    element = solid.element
+    n = len(solid.points)
+    faces = np.array(FACES["hex"])[_VTK_FACES]
     places = np.vstack([element.nodes[faces].mean(axis=1), np.full(3, 0.5)])
     made = element.shapes(places) @ solid.points[solid.cells]
     corners = np.sort(solid.cells[:, faces].reshape(-1, 4), axis=1)

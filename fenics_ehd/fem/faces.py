@@ -115,7 +115,8 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
 
     given = [*found @ across, *axis, reach]
     best = least_squares(off, given, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
-    start, direction = best[:3], best[3:6] / np.linalg.norm(best[3:6])
+    start = best[:3]
+    direction = best[3:6] / np.linalg.norm(best[3:6])
     height = (x - start) @ direction
     centre = middle + size * (start + 0.5 * (height.min() + height.max()) * direction)
     deviation = size * np.abs(off(best)).max()
@@ -213,7 +214,8 @@ def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray
     sides = np.stack([facets[:, :count], np.roll(facets[:, :count], -1, axis=1)], axis=2)
     edges = np.sort(sides.reshape(-1, 2), axis=1)
     order = np.lexsort(edges.T)
-    edges, owners = edges[order], np.repeat(np.arange(len(facets)), count)[order]
+    edges = edges[order]
+    owners = np.repeat(np.arange(len(facets)), count)[order]
     twins = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
     a, b = owners[twins], owners[twins + 1]
     vectors = _area_vectors(solid, facets)

@@ -39,11 +39,6 @@ def is_shipped(path: Path) -> bool:
     return path.absolute().parent == model_path("conrod").parent
 
 
-def is_program(path: Path) -> bool:
-    """True of a model that is run as a script and is not of this package."""
-    return path.suffix == ".geo" and not is_shipped(path)
-
-
 def check_model(path: Path) -> None:
     """Refuse what is neither a ``.geo`` model nor a mesh.
 

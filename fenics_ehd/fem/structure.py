@@ -154,8 +154,8 @@ def build_mesh(
                 groups = model.enter_context(opened)
                 cells = _found_cells(path, cells)
                 if cells == "tet":
-                    for bore in bores:
-                        _round_bore(groups.get(bore))
+                    for bore in groups.keys() & set(bores):
+                        _round_bore(groups[bore])
                 points, row = numbered_nodes()
                 solid = Solid(points, row[nodes_of_cells(CELLS[cells])], cells)
                 require_sound_cells(solid, path)
@@ -170,10 +170,8 @@ def build_mesh(
     return PartMesh(mesh, facet_tags, groups)
 
 
-def _round_bore(group: int | None) -> None:
+def _round_bore(group: int) -> None:
     """Put mid-side nodes of the bore's triangles on the cylinder, as `rounded_middles`."""
-    if group is None:
-        return
     x, row = numbered_nodes()
     entities = gmsh.model.getEntitiesForPhysicalGroup(2, group)
     triangles = np.vstack([nodes_of_cells(TRIANGLE_6, entity) for entity in entities])

@@ -139,8 +139,8 @@ class BodyView:
     ----------
     name
         Of it.
-    pose
-        Of its frame, position and angle, shape (t, 3) [m], [rad].
+    pose, turns
+        Of its frame, position and angle, shape (t, 3) [m], [rad]; rotations, shape (t, 2, 2).
     points
         By name, its origin empty, shape (t, 2) [m].
     held
@@ -153,20 +153,11 @@ class BodyView:
 
     name: str
     pose: np.ndarray
+    turns: np.ndarray
     points: Mapping[str, np.ndarray]
     held: bool
     nodes: np.ndarray
     shape: PartShape | None = None
-
-    @cached_property
-    def turns(self) -> np.ndarray:
-        """Rotations of its frame, shape (t, 2, 2)."""
-        return turns_of(self.pose)
-
-
-def turns_of(pose: np.ndarray) -> np.ndarray:
-    """Rotations of a frame, shape (t, 2, 2), by its position and angle, shape (t, 3)."""
-    return np.array([rotation(angle) for angle in pose[:, 2]])
 
 
 def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
@@ -188,8 +179,9 @@ def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale:
     """A body at the instants of a replay; `shape` is that of a flexible one."""
     body, own = replay.bodies[name], replay.coordinates(name)
     pose = replay.marker(name, "")
-    turns = turns_of(pose)
-    carried, nodes = np.zeros((len(pose), 3)), np.zeros((len(pose), 0, 2))
+    turns = np.array([rotation(angle) for angle in pose[:, 2]])
+    carried = np.zeros((len(pose), 3))
+    nodes = np.zeros((len(pose), 0, 2))
     if shape is not None:
         moved, carried = part_motion(replay, name, shape)
         rest = shape.nodes[:, :2]
@@ -203,7 +195,7 @@ def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale:
         place = (rest[0] - pose[0, :2]) @ turns[0]
         kept = np.einsum("tij,tj->ti", turns, rigid_motion(place[None], carried)[:, 0])
         points[point] = there + (scale - 1) * (there - rest - kept)
-    return BodyView(name, pose, points, body.angle_index is None, nodes, shape)
+    return BodyView(name, pose, turns, points, body.angle_index is None, nodes, shape)
 
 
 def part_motion(

@@ -138,7 +138,8 @@ class Bearing:
             turn=turn, centre=centre, radius=radius,
         )  # fmt: skip
         journal = turn + self.journal_body.pose[frame, 2] - self.body.pose[frame, 2]
-        middle, towards = centre + radius * rotation(turn) @ place, rotation(journal)[:, 0]
+        middle = centre + radius * rotation(turn) @ place
+        towards = rotation(journal)[:, 0]
         ends = middle + np.outer([0.8, 0.97], radius * (1 - clearance) * towards)
         axes.plot(*ends.T, color="0.35", linewidth=2.5, zorder=4.6)
 

@@ -251,7 +251,8 @@ def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
     """Columns of the second run less those of the first, where both are known."""
     over = common_axis((first, second))
     x = [np.sort(joint.columns[over]) for joint in (first, second)]
-    low, high = max(v[0] for v in x), min(v[-1] for v in x)
+    low = max(v[0] for v in x)
+    high = min(v[-1] for v in x)
     both = np.unique(np.concatenate(x))
     both = both[(both >= low) & (both <= high)]
     values = {

@@ -295,7 +295,8 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     stiffness[o:, n_interior_modes:o] = bore.forces(boundary_modes)
     for part in blocks(p, len(modes), comm):
         bore_modes = bore.static_modes(support, np.eye(p, part.stop - part.start, -part.start))
-        inertia, into = reductor.mass.multiply(bore_modes), slice(o + part.start, o + part.stop)
+        inertia = reductor.mass.multiply(bore_modes)
+        into = slice(o + part.start, o + part.stop)
         stiffness[o:, into] = bore.forces(bore_modes)
         mass[o:, into] = bore.rows(inertia) - bore.forces(support.apply(inertia))
         mass[into, :o] = inner(inertia, others, comm)

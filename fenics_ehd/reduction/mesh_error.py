@@ -51,7 +51,8 @@ ANOTHER = 1.3
 
 def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
     """Smooth functions at positions from a bore's centre, shape (k, 3), as (k, `SMOOTH`)."""
-    angle, height = np.arctan2(positions[:, 1], positions[:, 0]), 2.0 * positions[:, 2] / width
+    angle = np.arctan2(positions[:, 1], positions[:, 0])
+    height = 2.0 * positions[:, 2] / width
     waves = [wave(k * angle) for k in range(WAVES + 1) for wave in (np.cos, np.sin)]
     del waves[1]  # sin 0
     along = np.polynomial.legendre.legvander(height, HEIGHTS - 1)

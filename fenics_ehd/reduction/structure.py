@@ -470,7 +470,8 @@ def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
 
 def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
     """What one random vector works on another it must do the other way round."""
-    comm, scale = matrix.comm.tompi4py(), 1.0 / np.sqrt(matrix.getDiagonal().array)[:, None]
+    comm = matrix.comm.tompi4py()
+    scale = 1.0 / np.sqrt(matrix.getDiagonal().array)[:, None]
     given = scale * _random(matrix, 2)
     product = multiply(matrix, given)
     work = inner(given, product, comm)
@@ -623,7 +624,9 @@ def _check_surface(bore: Bore, name: str) -> None:
 
 def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
     """Node numbers of the part, where it has these nodes, and a mean motion of them."""
-    lowest, highest, last = bore.nodes.min(), bore.nodes.max(), structure.size // 3 - 1
+    lowest = bore.nodes.min()
+    highest = bore.nodes.max()
+    last = structure.size // 3 - 1
     _require(
         bore.nodes.dtype.kind in "iu" and 0 <= lowest <= highest <= last,
         f"{name}.nodes: {lowest} to {highest}, they must be whole numbers of 0 to {last}",

@@ -181,7 +181,8 @@ class RecordedMotion:
                 pressing += joint.area[:, None] * np.array([joint.touch(h)[1] for h in gaps]).T
             own = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
             forces[:, part.rows_of(place.bore).nodes] = own
-        angle, rates = self.bodies[body].angle_index, self.motion.rates[:, self.system.bodies[body]]
+        angle = self.bodies[body].angle_index
+        rates = self.motion.rates[:, self.system.bodies[body]]
         return forces, np.zeros(len(forces)) if angle is None else rates[:, angle]
 
     @cached_property

@@ -118,11 +118,6 @@ MADE = (
 )
 
 
-def clear_made(directory: Path) -> None:
-    """Remove what was made of a run, stale as soon as it goes on."""
-    clear(directory, [name for name in listed(directory) if not _of_run(name)])
-
-
 def _of_run(name: str) -> bool:
     """True of a file without which a run cannot go on."""
     return name in RUN or name.startswith("body-")
@@ -517,7 +512,8 @@ def record_run(
         ):
             for number, step in enumerate(steps):
                 if former is not None and number == 0:
-                    clear_made(directory)
+                    # What was made of the run is stale as soon as it goes on.
+                    clear(directory, [name for name in listed(directory) if not _of_run(name)])
                 _show(bar, run, step)
                 check()
             if multiplier:

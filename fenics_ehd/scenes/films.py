@@ -138,7 +138,8 @@ def read_shape_table(path: str | Path, key: str, width: float, clearance: float)
     """
     where = f"{key} {path}"
     _, rows = read_columns(path, where, UNITS, FEWEST_ANGLES, ascending=False)
-    degrees, first = rows[:, 0].round(DIGITS), float(rows[:, 0].min())
+    degrees = rows[:, 0].round(DIGITS)
+    first = float(rows[:, 0].min())
     largest = float(np.abs(rows[:, 1]).max()) or 1.0
     heights = (rows[:, 1] / largest).round(DIGITS)
     angles, i = np.unique(degrees, return_inverse=True)

@@ -22,7 +22,7 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
 from fenics_ehd.base.fields import NONE
-from fenics_ehd.fem.models import check_model, is_program, model_path, stored_mesh_error
+from fenics_ehd.fem.models import check_model, is_shipped, model_path, stored_mesh_error
 from fenics_ehd.film.grid import match
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.lubricated_joint import bore_surface, sampling_grid
@@ -482,7 +482,8 @@ def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[s
                 f"{key} was made with {made} = {former}, which is {value} now: put back what it "
                 "was, or run the scene anew"
             )
-    if is_program(model) and not any(model.samefile(program) for program in programs):
+    program = model.suffix == ".geo" and not is_shipped(model)
+    if program and not any(model.samefile(known) for known in programs):
         raise SettingsError(
             f"{key}.model = {settings.model!r} is a program, which the run's folder names: if you "
             f"know it, have it run by --model {model}"

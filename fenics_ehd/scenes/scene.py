@@ -528,7 +528,8 @@ def _hint(tables: Mapping[str, Any], key: str) -> str:
     if kinds is None:
         section = attrs.fields_dict(Scene)[table].metadata["section"]
         return f": {key_hint(setting_names(section, f'{table}.'), key)}"
-    path, kind = f"{table}.{entry[0]}.", tables[table][entry[0]].get("kind", "")
+    path = f"{table}.{entry[0]}."
+    kind = tables[table][entry[0]].get("kind", "")
     known = setting_names(kinds[kind] if kind else schema.GroundSettings, path)
     of = f" of kind {kind!r}" if kind else ""
     if not any(other.endswith(f".{name}") for other in known):

@@ -187,7 +187,8 @@ def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
         Naming both rows and what to do.
     """
     first, last = values[0], values[-1]
-    gap, largest = np.linalg.norm(last - first), np.linalg.norm(values, axis=1).max()
+    gap = np.linalg.norm(last - first)
+    largest = np.linalg.norm(values, axis=1).max()
     if not gap <= CLOSING_TOLERANCE * largest:
         told = (", ".join(f"{value:g}" for value in row) for row in (last, first))
         raise SettingsError(
