@@ -24,10 +24,7 @@ states that were there, as in a Haigh diagram; a mean over time would depend on 
 lingers where.
 
 In the five coordinates of `deviatoric` a von Mises stress is a length, and the largest range the
-diameter of a set of points. It is found exactly, not by trying all pairs: two sweeps to the
-farthest point give a pair at distance L; about its middle, another pair can only be farther apart
-if one point's distance and the largest of any exceed L together. Where stress swings along a line
-that leaves a few points near its ends; where it turns on a circle all, and all pairs are tried.
+diameter of a set of points.
 """
 
 from __future__ import annotations
@@ -237,8 +234,7 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
         Histories, shape (points, 6, instants) [Pa].
     """
     points = deviatoric(np.moveaxis(stress, 1, 2))
-    pair = _farthest(points)
-    pair.sort(axis=1)
+    pair = np.sort(_farthest(points), axis=1)
     first, last = (np.take_along_axis(stress, pair[:, None, i : i + 1], 2)[..., 0] for i in (0, 1))
     half = 0.5 * (last - first)
     return HalfRange(pair, von_mises(half), half, 0.5 * (first + last))
@@ -246,28 +242,8 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
 
 def _farthest(points: np.ndarray) -> np.ndarray:
     """The pair of instants farthest apart, of every set of points (sets, instants, 5)."""
-    pair = np.zeros((len(points), 2), dtype=np.int64)
-    reach = np.zeros(len(points))
-    for end in (0, 1, 0):
-        distances = _distances(points, _at(points, pair[:, 1 - end]))
-        pair[:, end] = distances.argmax(axis=1)
-        reach = distances.max(axis=1)
-    radii = _distances(points, 0.5 * (_at(points, pair[:, 0]) + _at(points, pair[:, 1])))
-    candidate = radii + radii.max(axis=1)[:, None] > reach[:, None]
-    for row in np.flatnonzero(candidate.sum(axis=1) > 1):
-        some = np.flatnonzero(candidate[row])
-        apart = cdist(points[row, some], points[row, some])
-        if apart.max() > reach[row]:
-            pair[row] = some[list(np.unravel_index(apart.argmax(), apart.shape))]
-    return pair
-
-
-def _at(points: np.ndarray, instants: np.ndarray) -> np.ndarray:
-    return points[np.arange(len(points)), instants]
-
-
-def _distances(points: np.ndarray, origins: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(points - origins[:, None], axis=2)
+    places = [cdist(own, own).argmax() for own in points]
+    return np.stack(np.unravel_index(places, (points.shape[1],) * 2), axis=1)
 
 
 def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -292,4 +268,4 @@ def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     tensors = np.moveaxis(stress, 1, 2)[possible][:, _TENSOR]
     values[possible] = np.linalg.eigvalsh(tensors)[:, 2]
     instants = values.argmax(axis=1)
-    return _at(values, instants), instants
+    return values.max(axis=1), instants
