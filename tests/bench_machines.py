@@ -53,7 +53,6 @@ from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
 from fenics_ehd.multibody.forces import Table
 from fenics_ehd.multibody.history import FIELD_UNITS, JointResult, fixed
 from fenics_ehd.multibody.lubricated_joint import (
-    ConservedContent,
     JointFilm,
     bore_surface,
     nearest_circle,

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from bench_machines import ConservedContent
 from mechanism_cases import SPEED, rigid_rod, slider_crank
 
 import fenics_ehd as ehd
@@ -22,6 +21,11 @@ def oil_film(
     return ehd.Film(ehd.FilmParameters(grid, clearance, oil, SPEED, sides, **parameters))
 
 
+def conserved(**oil):
+    """What a lubricated joint is given whose film keeps account of its oil."""
+    return {"cavitation": "mass-conserving", **oil}
+
+
 def whirling(film, eccentricity, whirl, **oil):
     """A turning journal whose centre goes round at a given distance, share of the clearance."""
     arm = eccentricity * film.parameters.clearance
@@ -34,7 +38,7 @@ def whirling(film, eccentricity, whirl, **oil):
             "centre": ehd.Revolute(("ground", "arm")),
             "tip": ehd.Revolute(("arm.tip", "journal")),
             "film": ehd.LubricatedJoint(
-                "journal", "ground", film, eccentricity=(arm, 0.0), oil=ConservedContent(**oil)
+                "journal", "ground", film, eccentricity=(arm, 0.0), **conserved(**oil)
             ),
         },
         drives={"arm": ehd.Speed(whirl), "journal": ehd.Speed(SPEED)},
@@ -57,7 +61,7 @@ def oscillating(film, eccentricity, speed):
             "gudgeon": ehd.Revolute(("rod.tip", "journal")),
             "line": ehd.Slider("ground", "journal"),
             "film": ehd.LubricatedJoint(
-                "journal", "ground.bore", film, eccentricity=(arm, 0.0), oil=ConservedContent()
+                "journal", "ground.bore", film, eccentricity=(arm, 0.0), **conserved()
             ),
         },
         drives={"crank": ehd.Speed(speed)},
@@ -66,7 +70,7 @@ def oscillating(film, eccentricity, speed):
 
 def rigid_slider_crank(film, **oil):
     """The paper's machine with a rigid rod; no oil: under Reynolds' condition."""
-    return slider_crank(rigid_rod(), film, oil=ConservedContent(**oil) if oil else None)
+    return slider_crank(rigid_rod(), film, **(conserved(**oil) if oil else {}))
 
 
 def with_oil(mechanism, film=None, **oil):
@@ -74,7 +78,7 @@ def with_oil(mechanism, film=None, **oil):
     joints = dict(mechanism.joints)
     for name, joint in joints.items():
         if isinstance(joint, ehd.LubricatedJoint):
-            joints[name] = replace(joint, film=film or joint.film, oil=ConservedContent(**oil))
+            joints[name] = replace(joint, film=film or joint.film, **conserved(**oil))
     return replace(mechanism, joints=joints)
 
 

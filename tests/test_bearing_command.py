@@ -59,6 +59,20 @@ def test_numbers_may_have_units_as_in_scenes(call):
         assert told in err
 
 
+def test_an_oil_is_told_as_it_was_given(call):
+    for given, told in (
+        ((), "viscosity 0.01 Pa s"),
+        (("--grade", "ISO VG 46", "--temperature", 60), "ISO VG 46"),
+        (
+            ("--viscosity-40", 46, "--viscosity-100", 6.6, "--temperature", 80),
+            "46 mm2/s at 40 C, 6.6 at 100 C",
+        ),
+    ):
+        status, out, _ = call("--load", 1000, *given, "--cells", "20x4")
+        assert status == 0
+        assert f"clearance 17 um, {told}, shaft at" in out
+
+
 def test_coefficients(call):
     status, out, _ = call("--load", 3000, "--coefficients", "--json", "--cells", "40x6")
     values = json.loads(out, parse_constant=refuse)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from bench_machines import (
     BoreResponses,
-    ConservedContent,
     IntegratorOptions,
     Run,
     Simulation,
@@ -19,6 +18,7 @@ from bench_output import RecordedMotion, shape_of_bores
 from bench_parts import two_step_craig_bampton
 from mechanism_cases import CRANK, REVOLUTION, SPEED, recorded, slider_crank
 from mpi4py import MPI
+from oil_cases import conserved
 from test_several_bores import COARSE
 
 import fenics_ehd as ehd
@@ -113,10 +113,13 @@ def test_films_of_both_ends_keep_account_of_their_oil():
         for joint in JOINTS:
             coarse = mechanism.joints[joint].film.parameters
             film = ehd.Film(replace(coarse, grid=replace(coarse.grid, family="bilinear")))
-            changed = replace(mechanism.joints[joint], film=film, oil=ConservedContent(0.95))
+            changed = replace(mechanism.joints[joint], film=film, **conserved(initial_filling=0.95))
             mechanism = replace(mechanism, joints={**mechanism.joints, joint: changed})
         found[name] = ehd.simulate(mechanism, END, tolerance=1e-4)
-        joints = {**mechanism.joints, "gudgeon": replace(mechanism.joints["gudgeon"], oil=None)}
+        joints = {
+            **mechanism.joints,
+            "gudgeon": replace(mechanism.joints["gudgeon"], cavitation="reynolds"),
+        }
         found[f"{name}, one"] = ehd.simulate(replace(mechanism, joints=joints), END, tolerance=1e-4)
     for kind in ("", ", one"):
         other = apart(found[f"full{kind}"], found[f"m4{kind}"])

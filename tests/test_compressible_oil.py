@@ -66,7 +66,7 @@ def test_what_it_changes_in_the_machine(figure):
     for name, oil in (("stiff", ehd.Lubricant(ETA)), ("dense", DENSE)):
         film = oil_film((32, 6), oil=oil, sides=ehd.Sides(1e5, 1e5))
         result = ehd.simulate(
-            rigid_slider_crank(film, filling=1.0), REVOLUTION, tolerance=1e-4, order=2
+            rigid_slider_crank(film, initial_filling=1.0), REVOLUTION, tolerance=1e-4, order=2
         )
         late = result.time > 0.1 * REVOLUTION
         found[name] = result.columns["min_film_thickness_m"][late].min()

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from bench_machines import (
     NEWTON_FRACTION,
-    ConservedContent,
     IntegratorOptions,
     Run,
     Simulation,
@@ -92,7 +91,7 @@ def assert_settles(exact, whirl, surfaces, figure, group, words):
     errors, turns = [], 3
     for cells in (16, 64):
         film = oil_film((cells, 1), clearance=clearance, sides=CLOSED, surfaces=surfaces)
-        mechanism = whirling(film, 0.5, whirl, filling=0.8)
+        mechanism = whirling(film, 0.5, whirl, initial_filling=0.8)
         end = turns * REVOLUTION
         run = Run(mechanism, IntegratorOptions(tolerance=1e-3, order=2, largest=0.5 / cells), end)
         first, *_, last = run.until(end)
@@ -174,7 +173,7 @@ def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(fi
 )
 def test_one_step_formulas_solve_what_a_film_alone_does(made, eccentricity, filling, end, peak):
     film, end = oil_film((24, 4), regions=(GROOVE,), **made), end * REVOLUTION
-    mechanism = whirling(film, eccentricity, 150.0, filling=filling)
+    mechanism = whirling(film, eccentricity, 150.0, initial_filling=filling)
     run = Run(mechanism, IntegratorOptions(tolerance=1e-5, order=1, largest=0.05), end)
     alone = LoneOil(film)
     (place,) = run.equations.system.films
@@ -199,7 +198,7 @@ def test_one_step_formulas_solve_what_a_film_alone_does(made, eccentricity, fill
 
 def test_nodes_that_fill_are_no_matter_for_a_formula_of_order_3():
     film, orders = oil_film((12, 2)), []
-    for oil in ({}, {"filling": 1.0}):
+    for oil in ({}, {"initial_filling": 1.0}):
         orders.append(
             Run(rigid_slider_crank(film, **oil), IntegratorOptions(order=3), 1e-3).control.order
         )
@@ -215,7 +214,7 @@ def test_order_in_time(figure):
         control = IntegratorOptions(
             tolerance=1e-3, order=order, largest=1 / steps, first=end / steps
         )
-        run = Run(whirling(film, 0.5, 125.0, filling=0.8), control, end)
+        run = Run(whirling(film, 0.5, 125.0, initial_filling=0.8), control, end)
         *_, last = run.until(end)
         return last.solution.films[0].fluid_fraction
 
@@ -260,7 +259,7 @@ def test_a_closed_film_keeps_its_oil_whatever_the_formula(kind, cells, filling, 
     group, words, made = kind
     film = oil_film(cells, sides=CLOSED, **made)
     steps = IntegratorOptions(tolerance=3e-3, order=order)
-    run = Run(rigid_slider_crank(film, filling=filling), steps, REVOLUTION)
+    run = Run(rigid_slider_crank(film, initial_filling=filling), steps, REVOLUTION)
     excess = NEWTON_FRACTION * 3e-3 if made else 1e-6
     _, content, outflow, _ = flown(run, end * REVOLUTION, excess)
     assert not outflow.any()
@@ -273,7 +272,7 @@ def test_content_changes_by_the_summed_flow_with_a_one_step_formula(kind, end, f
     group, words, made = kind
     film = oil_film((20, 4), regions=(GROOVE,), **made)
     run = Run(
-        rigid_slider_crank(film, filling=1.0),
+        rigid_slider_crank(film, initial_filling=1.0),
         IntegratorOptions(tolerance=1e-2, order=1),
         REVOLUTION,
     )
@@ -291,7 +290,7 @@ def test_balance_of_ten_cycles_closes_at_the_order_of_the_formula(figure):
     defects = []
     for largest in (0.02, 0.01):
         run = Run(
-            rigid_slider_crank(film, filling=1.0),
+            rigid_slider_crank(film, initial_filling=1.0),
             IntegratorOptions(tolerance=1e-2, order=2, largest=largest / 10),
             10 * REVOLUTION,
         )
@@ -317,7 +316,7 @@ def test_energy_balances_at_the_order_of_the_formula():
     film = oil_film((24, 4), regions=(GROOVE,))
     errors = [
         ehd.simulate(
-            rigid_slider_crank(film, oil_outside=True), 0.2 * REVOLUTION, tolerance=tolerance
+            rigid_slider_crank(film, ambient="oil"), 0.2 * REVOLUTION, tolerance=tolerance
         ).summary()["energy_balance_error"]
         for tolerance in (1e-3, 1e-6)
     ]
@@ -327,7 +326,7 @@ def test_energy_balances_at_the_order_of_the_formula():
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
     film = oil_film((24, 3), regions=(GROOVE,))
-    mechanism = whirling(film, 0.5, 150.0, filling=0.7)
+    mechanism = whirling(film, 0.5, 150.0, initial_filling=0.7)
     joint = replace(mechanism.joints["film"], journal_shape=oval(3e-6), bore_shape=oval(2e-6))
     mechanism = replace(mechanism, joints={**mechanism.joints, "film": joint})
     end = 0.3 * REVOLUTION
@@ -360,7 +359,7 @@ def test_a_film_that_is_full_is_that_of_reynolds(residual, figure):
     for case in (with_oil(mechanism, film), with_oil(mechanism, film)):
         if runs:
             joints = {
-                n: replace(j, oil=None) if isinstance(j, ehd.LubricatedJoint) else j
+                n: replace(j, cavitation="reynolds") if isinstance(j, ehd.LubricatedJoint) else j
                 for n, j in case.joints.items()
             }
             case = replace(case, joints=joints)
@@ -395,7 +394,7 @@ def test_residual_patterns_are_coordinates_without_mass(made, pressure):
     body = with_residual(joint, flexible(joint)[0])
     found = [
         ehd.simulate(
-            with_oil(make_mechanism(b, joint, 1e-3), filling=0.95),
+            with_oil(make_mechanism(b, joint, 1e-3), initial_filling=0.95),
             0.06 * REVOLUTION,
             tolerance=1e-4,
         ).columns
@@ -414,7 +413,7 @@ def test_without_roughness_the_film_is_that_of_smooth_surfaces(figure):
     def ends(rough):
         film = oil_film((20, 4), regions=(GROOVE,), surfaces=rough)
         steps = IntegratorOptions(tolerance=0.9, order=2, first=2e-5, largest=1 / 30)
-        *_, last = Run(rigid_slider_crank(film, filling=0.9), steps, 6e-4).until(6e-4)
+        *_, last = Run(rigid_slider_crank(film, initial_filling=0.9), steps, 6e-4).until(6e-4)
         (state,) = last.solution.films
         return state.pressure / 1e6, state.fluid_fraction
 
@@ -434,7 +433,7 @@ END = 1.7e-3
 
 def touched(tolerance):
     film = oil_film((16, 3), oil=THIN, sides=ehd.Sides(1e5, 1e5), surfaces=surfaces())
-    return ehd.simulate(rigid_slider_crank(film, filling=1.0), END, tolerance=tolerance)
+    return ehd.simulate(rigid_slider_crank(film, initial_filling=1.0), END, tolerance=tolerance)
 
 
 def test_a_run_goes_on_where_surfaces_touch():
@@ -481,7 +480,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
     """Along all unknowns, at a point in the middle of motion."""
     made, cells, outside = DERIVATIVES[kind]
     mechanism = mechanism_with("bilinear", residual)
-    mechanism = with_oil(mechanism, oil_film(cells, **made), oil_outside=outside)
+    mechanism = with_oil(mechanism, oil_film(cells, **made), ambient="oil" if outside else "air")
     if "lobed" in kind:
         ((name, joint),) = ((n, j) for n, j in mechanism.joints.items() if hasattr(j, "film"))
         joint = replace(joint, journal_shape=oval(3e-6, 0.3))
@@ -533,14 +532,19 @@ def unknowns(values, void):
     ("oil", "filling"), [(None, 0.9), (DENSE, 1.0)], ids=["constant", "compressible"]
 )
 def test_a_run_goes_on_to_the_last_bit(oil, filling):
-    mechanism = rigid_slider_crank(oil_film((16, 3), regions=(GROOVE,), oil=oil), filling=filling)
+    mechanism = rigid_slider_crank(
+        oil_film((16, 3), regions=(GROOVE,), oil=oil), initial_filling=filling
+    )
     assert_goes_on(mechanism, IntegratorOptions(tolerance=1e-3), 0.05 * REVOLUTION)
 
 
 def test_a_periodic_film_repeats_its_oil(figure):
     film = oil_film((16, 3), regions=(GROOVE,))
     result = ehd.simulate(
-        rigid_slider_crank(film, filling=1.0), period=REVOLUTION, periodicity=2e-3, tolerance=1e-2
+        rigid_slider_crank(film, initial_filling=1.0),
+        period=REVOLUTION,
+        periodicity=2e-3,
+        tolerance=1e-2,
     )
     assert result.cycles > 2
     supplied, lost = mean_flows(result)
@@ -560,7 +564,7 @@ def test_fluid_fractions_far_below_zero_are_no_step(monkeypatch):
     monkeypatch.setattr(film_models, "UNDERSHOOT", -0.5)
     film = oil_film((12, 2))
     with pytest.raises(ehd.errors.StepSizeError, match="fluid fraction below 0"):
-        ehd.simulate(rigid_slider_crank(film, filling=0.3), REVOLUTION, tolerance=1e-2)
+        ehd.simulate(rigid_slider_crank(film, initial_filling=0.3), REVOLUTION, tolerance=1e-2)
 
 
 def test_nothing_of_it_is_computed_without_it(monkeypatch):
@@ -575,10 +579,16 @@ def test_nothing_of_it_is_computed_without_it(monkeypatch):
 
 
 def test_films_that_cannot_conserve_oil_are_refused():
+    quadratic = whirling(oil_film((12, 3), family="lagrange"), 0.5, 150.0)
     with pytest.raises(ehd.errors.SettingsError, match="needs element = 'bilinear'"):
-        ehd.LubricatedJoint("a", "b", oil_film((12, 3), family="lagrange"), oil=ConservedContent())
-    with pytest.raises(ehd.errors.SettingsError, match=r"initial_filling = 1\.2"):
-        ConservedContent(1.2)
+        ehd.simulate(quadratic, 1e-3)
+    for wrong, told in (
+        ({"initial_filling": 1.2}, r"initial_filling = 1\.2"),
+        ({"ambient": "water"}, "ambient = 'water' must be one of air, oil"),
+        ({"cavitation": "gumbel"}, "cavitation = 'gumbel' must be one of reynolds, mass-con"),
+    ):
+        with pytest.raises(ehd.errors.SettingsError, match=told):
+            ehd.LubricatedJoint("a", "b", oil_film((12, 3)), **wrong)
 
 
 # --- Scenes

@@ -69,8 +69,6 @@ def test_stiffness_and_damping_are_differences_of_equilibria(on, joint):
 
 
 def test_films_that_keep_account_of_their_oil_answer_by_frequency():
-    from bench_machines import ConservedContent
-
     on = film("bilinear", sides=ehd.Sides(1e5, 1e5))
     with pytest.raises(ehd.errors.SettingsError, match="depend on the frequency"):
-        ehd.linearise(journal(on, oil=ConservedContent()))
+        ehd.linearise(journal(on, cavitation="mass-conserving"))

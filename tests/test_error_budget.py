@@ -13,7 +13,6 @@ from bench_machines import (
     NOT_ESTIMATED,
     QUANTITIES,
     SETTLED,
-    ConservedContent,
     Course,
     ErrorCurves,
     Extreme,
@@ -37,6 +36,7 @@ from hand_made_rod import driven
 from journal_cases import in_bearing, steady
 from mechanism_cases import film as plain_film
 from mechanism_cases import rigid_rod, slider_crank
+from oil_cases import conserved
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
@@ -126,7 +126,7 @@ def test_finer_films_are_graded_alike(cells, finer):
 
 
 def test_a_finer_film_holds_the_same_share_of_oil():
-    mechanism = machine((24, 6), family="bilinear", oil=ConservedContent(0.6))
+    mechanism = machine((24, 6), family="bilinear", **conserved(initial_filling=0.6))
     run = Run(mechanism, IntegratorOptions(tolerance=1e-2), 2e-4)
     for _ in run.until(2e-4):
         pass

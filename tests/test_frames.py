@@ -11,8 +11,9 @@ from pathlib import Path
 import attrs
 import numpy as np
 import pytest
-from bench_machines import ConservedContent, StepEquations, StepNorm, System
+from bench_machines import StepEquations, StepNorm, System
 from film_cases import oval
+from oil_cases import conserved as oil_kept
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
@@ -64,7 +65,7 @@ def conserved(v, **more):
         "family": "bilinear",
         "cells": (64, 8),
         "sides": ehd.Sides(1e5 * v.pressure, 1e5 * v.pressure),
-        "joint": {"oil": ConservedContent(oil_outside=True)},
+        "joint": oil_kept(ambient="oil"),
     } | more
 
 

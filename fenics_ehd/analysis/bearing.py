@@ -58,7 +58,7 @@ from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.body import MasslessBody, ground
 from fenics_ehd.multibody.forces import PointForce
 from fenics_ehd.multibody.joints import Revolute, Speed
-from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.quantities import JointStep, film_power
 
@@ -218,7 +218,7 @@ class _Bearing:
             eccentricity_rate=tuple(back @ rate),
             bore_shape=shape_of(s, self.angle),
             shear_rule=s.shear_rule,
-            oil=ConservedContent() if s.cavitation == "mass-conserving" else None,
+            cavitation=s.cavitation,
         )
         joints: dict[str, Any] = {"film": joint, "axis": Revolute(("bore", "ground"))}
         forces = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import attrs
 
@@ -13,7 +12,6 @@ from fenics_ehd.base.fields import (
     FILM_ELEMENTS,
     NO_TEMPERATURE,
     SHEAR_RULES,
-    OilSettings,
     Roughness,
     as_tuple,
     choice,
@@ -25,10 +23,9 @@ from fenics_ehd.base.fields import (
     radial_clearance,
     require_thin_film,
 )
-
-if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.film.kinematics import Shape
-    from fenics_ehd.film.supply import AxialGroove
+from fenics_ehd.film.kinematics import Shape
+from fenics_ehd.film.lubricant import OilSettings
+from fenics_ehd.film.supply import AxialGroove
 
 #: Of the paper's oil, where nothing is said of another [Pa s].
 VISCOSITY = 0.01

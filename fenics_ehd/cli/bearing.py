@@ -212,6 +212,8 @@ def report(result: BearingResult) -> str:
 def _given(settings: BearingSettings) -> str:
     """The bearing in words."""
     oil = settings.grade if settings.graded else f"viscosity {settings.viscosity:g} Pa s"
+    if settings.viscosity_40:
+        oil = f"{settings.viscosity_40:g} mm2/s at 40 C, {settings.viscosity_100:g} at 100 C"
     speeds = f"shaft at {settings.speed:g} rad/s"
     if settings.bore_speed:
         speeds += f", bore at {settings.bore_speed:g} rad/s"

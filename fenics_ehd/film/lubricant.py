@@ -53,16 +53,25 @@ from scipy.special import erf
 
 from fenics_ehd.base.errors import SettingsError, ViscosityError
 from fenics_ehd.base.fields import (
-    COMPRESSIBILITY,
-    DENSITY,
     NO_TEMPERATURE,
     NONE,
     REQUIRED,
-    SPECIFIC_HEAT,
-    STIFFENING,
-    OilSettings,
+    choice,
     number,
+    text,
 )
+
+#: Of mineral oils at 15 C [kg/m3]; paraffinic ones of The Tribology Handbook (table 25, opened at
+#: digilib.universitaspertamina.ac.id) have 862 to 891 at 25 C.
+DENSITY = 870.0
+
+#: Of mineral oil [J/(kg K)], rounded from 1966 (www.pantherlubes.com/tl_12.html). It grows with
+#: temperature by 0.2 % per K.
+SPECIFIC_HEAT = 2000.0
+
+#: Of Dowson's and Higginson's law (1966), mineral oils [1/Pa]: rise at ambient pressure, and how it
+#: ends.
+COMPRESSIBILITY, STIFFENING = 0.6e-9, 1.7e-9
 
 #: Zero of the Celsius scale [K].
 ZERO_CELSIUS = 273.15
@@ -207,8 +216,35 @@ ARRAYS = Functions(np.exp, erf, np.where)
 LARGEST_RELATIVE_RATE, LARGEST_EXPONENT, SMALLEST_RELATIVE_RATE = 1e30, 10.0, 1e-30
 
 
+class Law:
+    """Ratio of a property to its value at rest, or at ambient pressure, by one formula.
+
+    Laws are classes of attrs, or dataclasses, whose fields are the formula's numbers.
+    """
+
+    __match_args__: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Arguments of `ratio`."""
+        return tuple(getattr(self, name) for name in type(self).__match_args__)
+
+    @staticmethod
+    def ratio(f: Functions, at: Any, *numbers: Any) -> Any:
+        """Ratio [-] at pressures [Pa] or shear rates [1/s] >= 0.
+
+        Arrays with numbers, or expressions of UFL with constants: conditions and functions are
+        those of `f`.
+        """
+        raise NotImplementedError
+
+    def __call__(self, at: np.ndarray) -> np.ndarray:
+        """Ratio [-] of arrays."""
+        return self.ratio(ARRAYS, at, *self.numbers)
+
+
 @attrs.frozen
-class Cross:
+class Cross(Law):
     """Cross's law ``eta = eta_2 + (eta_0 - eta_2) / (1 + (gamma / gamma_c)^m)``.
 
     With an exponent m below 1 the slope at rest is infinite; it is taken as none.
@@ -217,11 +253,6 @@ class Cross:
     rate: float = number(REQUIRED, "gamma_c, at which half of what can go is gone [1/s]", above=0)
     exponent: float = number(1.0, "m [-]", above=0, below=LARGEST_EXPONENT)
     second: float = number(0.5, "eta_2 / eta_0 [-]", least=0, most=1)
-
-    @property
-    def numbers(self) -> tuple[float, ...]:
-        """Arguments of `ratio`."""
-        return self.rate, self.exponent, self.second
 
     @staticmethod
     def ratio(f: Functions, shear_rate: Any, critical: Any, exponent: Any, second: Any) -> Any:
@@ -232,10 +263,6 @@ class Cross:
         moving = relative > SMALLEST_RELATIVE_RATE
         power = f.where(moving, relative, 1.0) ** exponent
         return second + (1.0 - second) / (1.0 + f.where(moving, power, 0.0))
-
-    def __call__(self, shear_rate: np.ndarray) -> np.ndarray:
-        """Ratio [-] to the viscosity at rest, at shear rates >= 0 [1/s]."""
-        return self.ratio(ARRAYS, shear_rate, *self.numbers)
 
 
 @dataclass(frozen=True)
@@ -320,8 +347,8 @@ def oil_of_grade(name: str, **properties: float) -> Oil:
 LARGEST_RATIO = 1e30
 
 
-class PressureLaw:
-    """Ratio of a property to its value at zero pressure; laws are dataclasses of their numbers.
+class PressureLaw(Law):
+    """Law of the pressure; values are refused where oil is glass.
 
     Attributes
     ----------
@@ -330,16 +357,6 @@ class PressureLaw:
     """
 
     constant: ClassVar[bool] = False
-
-    @property
-    def numbers(self) -> tuple[float, ...]:
-        """Arguments of `ratio`."""
-        return tuple(vars(self).values())
-
-    @staticmethod
-    def ratio(f: Functions, pressure: Any, *numbers: Any) -> Any:
-        """Ratio [-] at pressures >= 0 [Pa]: arrays with numbers, or expressions with constants."""
-        raise NotImplementedError
 
     def __call__(self, pressure: np.ndarray) -> np.ndarray:
         """Ratio [-] at pressures >= 0 [Pa].
@@ -350,7 +367,7 @@ class PressureLaw:
             It is beyond `LARGEST_RATIO`, or no number.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            ratio = np.ones_like(pressure) * self.ratio(ARRAYS, pressure, *self.numbers)
+            ratio = np.ones_like(pressure) * super().__call__(pressure)
         if not ratio.max(initial=0.0) <= LARGEST_RATIO:
             raise ViscosityError(
                 f"the viscosity runs away with the pressure: at {pressure.max() * 1e-6:.4g} MPa it "
@@ -372,7 +389,7 @@ class Constant(PressureLaw):
         return 1.0
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class Barus(PressureLaw):
     """``eta = eta_0 exp(alpha p)`` (Barus 1893)."""
 
@@ -384,7 +401,7 @@ class Barus(PressureLaw):
         return f.exp(coefficient * pressure)
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class Roelands(PressureLaw):
     """``eta = eta_0 exp((ln eta_0 + 9.67) ((1 + p / 0.196 GPa)^Z - 1))`` (Roelands 1966)."""
 
@@ -412,7 +429,7 @@ class Roelands(PressureLaw):
         return f.exp(strength * ((1 + pressure / Roelands.REFERENCE) ** index - 1))
 
 
-@attrs.frozen(slots=False)
+@attrs.frozen
 class DowsonHigginson(PressureLaw):
     """``rho = rho_0 (1 + a p / (1 + b p))`` (Dowson and Higginson 1966)."""
 
@@ -450,7 +467,7 @@ class Lubricant:
     #: The one that viscosity and density belong to [C]; None: not known.
     temperature: float | None = None
     #: How the viscosity falls with the shear rate; None: it does not.
-    shear_law: Cross | None = None
+    shear_law: Law | None = None
 
     @classmethod
     def of(cls, oil: Oil, temperature: float) -> Lubricant:
@@ -500,6 +517,102 @@ class Lubricant:
     def linear(self) -> bool:
         """True where the Reynolds equation is linear in the pressure."""
         return self.viscosity_law.constant and self.density_law.constant
+
+
+def _kinematic(temperature: int) -> Any:
+    return number(
+        0.0,
+        f"kinematic, at {temperature} C [mm2/s], both in place of viscosity; 0: not given",
+        least=0,
+        below=1e7,
+        usual=(1.0, 5000.0),
+        example="46 for 46 cSt",
+    )
+
+
+@attrs.frozen(kw_only=True)
+class OilSettings:
+    """An oil: of one viscosity, or at a temperature by its grade or two kinematic viscosities."""
+
+    viscosity: float = number(
+        0.0,
+        "dynamic [Pa s]; 0: by a grade or kinematic viscosities",
+        least=0,
+        below=1e6,
+        usual=(1e-5, 1.0),
+        example="0.01 for 10 mPa s",
+    )
+    grade: str = text(NONE, "ISO VG 46, SAE 10W-40 and others, in place of viscosity, or none")
+    viscosity_40: float = _kinematic(40)
+    viscosity_100: float = _kinematic(100)
+    temperature: float = number(
+        NO_TEMPERATURE,
+        f"of an oil by grade or kinematic viscosities [C]; {NO_TEMPERATURE:g}: not given",
+        least=NO_TEMPERATURE,
+        below=1000,
+        example="90 for 363 K",
+    )
+    density: float = number(
+        DENSITY,
+        "[kg/m3], at 15 C by grade or kinematic viscosities",
+        least=100,
+        below=1e4,
+        usual=(600, 1500),
+        example="870 for 0.87 g/cm3",
+    )
+    specific_heat: float = number(
+        SPECIFIC_HEAT,
+        "[J/(kg K)]",
+        least=10,
+        below=1e5,
+        usual=(1000, 5000),
+        example="2000 for 2 kJ/(kg K)",
+    )
+    density_law: str = choice("constant", ("constant", "dowson-higginson"), "density by pressure")
+    compressibility: float = number(
+        COMPRESSIBILITY,
+        "a of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
+        above=0,
+        usual=(1e-11, 1e-8),
+        example="0.6e-9 for 0.6 1/GPa",
+    )
+    stiffening: float = number(
+        STIFFENING,
+        "b of that, by which oil under pressure is stiffer [1/Pa]",
+        least=0,
+        usual=(1e-11, 1e-7),
+        example="1.7e-9 for 1.7 1/GPa",
+    )
+    barus: float = number(
+        0.0,
+        "viscosity exp(barus p) [1/Pa], 0: none",
+        least=0,
+        usual=(1e-10, 1e-7),
+        example="2e-8 for 20 1/GPa",
+    )
+    roelands: float = number(
+        0.0,
+        "viscosity after Roelands with this pressure index [-], 0: none",
+        least=0,
+        usual=(0.1, 2.0),
+        example="0.6 for mineral oil",
+    )
+    cross_rate: float = number(
+        0.0,
+        "shear rate at which half of Cross's shear thinning has come [1/s], 0: none",
+        least=0,
+        usual=(1e2, 1e9),
+        example="1e6 for an oil with polymers",
+    )
+    cross_exponent: float = number(1.0, "of Cross's law [-]", above=0, below=10)
+    cross_second_viscosity: float = number(
+        0.5, "at the highest shear rates, over that at rest [-]", least=0, below=1
+    )
+
+    @property
+    def graded(self) -> bool:
+        """True for a viscosity that comes from a grade or two kinematic viscosities."""
+        return self.grade != NONE or bool(self.viscosity_40 or self.viscosity_100)
 
 
 def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lubricant:
@@ -569,7 +682,7 @@ def _density_law(settings: OilSettings) -> PressureLaw:
     return Constant()
 
 
-def _shear_law(settings: OilSettings) -> Cross | None:
+def _shear_law(settings: OilSettings) -> Law | None:
     if settings.cross_rate:
         return Cross(settings.cross_rate, settings.cross_exponent, settings.cross_second_viscosity)
     _unused(settings, "cross_rate", "cross_exponent", "cross_second_viscosity")

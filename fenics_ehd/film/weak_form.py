@@ -56,7 +56,7 @@ from fenics_ehd.fem.elements import quadratic_element
 from fenics_ehd.film import rough_surfaces
 from fenics_ehd.film.assembly import GAUSS_POINTS, Pattern, with_data
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.lubricant import Cross, Functions, PressureLaw
+from fenics_ehd.film.lubricant import Functions, Law, PressureLaw
 from fenics_ehd.film.parameters import FilmParameters
 
 #: Degree that the Gauss points integrate exactly.
@@ -90,7 +90,7 @@ class Laws:
     family: str
     viscosity: type[PressureLaw]
     density: type[PressureLaw]
-    thinning: type[Cross] | None = None
+    thinning: type[Law] | None = None
     rough: bool = False
     flow_factors: bool = False
     dragging: bool = False
@@ -143,7 +143,7 @@ class Numbers:
     viscosity, density
         Of the oil at ambient pressure, over those that make the equation dimensionless.
     viscosity_law, density_law, shear_law
-        See `PressureLaw.numbers`.
+        See `Law.numbers`.
     surfaces
         sigma [m] and w, and what continues the mobility, see `rough_surfaces.mobility`.
     """

@@ -32,7 +32,7 @@ steps that do more are refused.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
@@ -49,7 +49,13 @@ from fenics_ehd.film.cavitation import (
 )
 from fenics_ehd.film.film import DEFECT_WEIGHT, FilmState
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.film.oil_balance import SMALLEST_SOURCE, OilBalance, OilStep, Transport
+from fenics_ehd.film.oil_balance import (
+    SMALLEST_SOURCE,
+    OilBalance,
+    OilStep,
+    Transport,
+    require_monotone,
+)
 from fenics_ehd.film.rough_surfaces import Touch
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
@@ -132,12 +138,12 @@ class FilmModel(ABC, Generic[PointT]):
         Nodes with unknowns, shape (m,), and which of these have a pressure.
     pattern
         Of the derivatives along these.
-    options_prefix
-        Of their factorisation.
+    contents
+        Number of void volumes in the state of the integration.
 
     Attributes
     ----------
-    place, nodes, inside, pattern
+    place, nodes, inside, pattern, contents
         As given.
     film
         Of the joint.
@@ -158,8 +164,16 @@ class FilmModel(ABC, Generic[PointT]):
 
     volumes = slice(0, 0)
 
-    def __init__(self, place: FilmBinding, nodes: np.ndarray, inside: np.ndarray, pattern: Pattern):
+    def __init__(
+        self,
+        place: FilmBinding,
+        nodes: np.ndarray,
+        inside: np.ndarray,
+        pattern: Pattern,
+        contents: int = 0,
+    ):
         self.place, self.nodes, self.inside, self.pattern = place, nodes, inside, pattern
+        self.contents = contents
         joint = place.film
         self.film, self.scale, self.lower = joint.film, 1.0, np.zeros(len(nodes))
         p = self.film.parameters
@@ -464,8 +478,6 @@ class ConservedOil(FilmModel[OilPoint]):
     ----------
     place
         The joint, its cavitation mass-conserving.
-    first
-        Place of its first volume in the state of the integration.
 
     Attributes
     ----------
@@ -475,14 +487,13 @@ class ConservedOil(FilmModel[OilPoint]):
 
     conserves_oil = True
 
-    def __init__(self, place: FilmBinding, first: int):
+    def __init__(self, place: FilmBinding):
         joint = place.joint
-        assert joint.oil is not None
-        self._filling = joint.oil.filling
+        require_monotone(joint.film.parameters.grid.family)
+        self._filling = joint.initial_filling
         # Not the joint's own film, which heat does not warm.
-        self.balance = b = OilBalance(place.film.film, oil_outside=joint.oil.oil_outside)
-        super().__init__(place, b.unknown, ~b.dry, b.pattern)
-        self.volumes = slice(first, first + b.assembly.size)
+        self.balance = b = OilBalance(place.film.film, oil_outside=joint.ambient == "oil")
+        super().__init__(place, b.unknown, ~b.dry, b.pattern, b.assembly.size)
         self._areas = b.assembly.source(np.ones_like(b.assembly.area))[self.nodes]
         # Void fractions are free.
         self.lower = np.concatenate([self.lower, np.full(len(self.nodes), -np.inf)])
@@ -671,13 +682,17 @@ class ConservedOil(FilmModel[OilPoint]):
         )
 
 
+#: Model of every condition of cavitation.
+MODELS: Mapping[str, Callable[[FilmBinding], FilmModel[Any]]] = {
+    "reynolds": ReynoldsFilm,
+    "mass-conserving": ConservedOil,
+}
+
+
 def film_models(places: Sequence[FilmBinding], first: int) -> list[FilmModel[Any]]:
     """Models of all films; void volumes begin at `first` in the state of the integration."""
-    found: list[FilmModel[Any]] = []
-    for place in places:
-        if place.joint.oil is None:
-            found.append(ReynoldsFilm(place))
-        else:
-            found.append(ConservedOil(place, first))
-            first = found[-1].volumes.stop
+    found = [MODELS[place.joint.cavitation](place) for place in places]
+    for film in found:
+        film.volumes = slice(first, first + film.contents)
+        first = film.volumes.stop
     return found

@@ -308,6 +308,9 @@ class History:
         """One of `names` over the steps, shape (steps,)."""
         return self.values[self._paths[name]]
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._paths
+
     def units(self, name: str) -> str:
         """Unit of one of `names`."""
         return self[name].units

@@ -48,12 +48,12 @@ from functools import cached_property
 import numpy as np
 
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
+from fenics_ehd.base.fields import AMBIENTS, CAVITATIONS
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
 from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.kinematics import Gap, Shape
-from fenics_ehd.film.oil_balance import require_monotone
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.joints import OWN, SECOND, Geometry, Joint
@@ -327,27 +327,6 @@ TIED = (
 )
 
 
-@dataclass(frozen=True)
-class ConservedContent:
-    """Oil that a film keeps account of (mass-conserving cavitation).
-
-    Attributes
-    ----------
-    filling
-        Fluid fraction of the gap at the start, 0 to 1.
-    oil_outside
-        Whether there is oil outside the sides, which flows back in where the film sucks; beside
-        sides above cavitation pressure there always is.
-    """
-
-    filling: float = 1.0
-    oil_outside: bool = False
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.filling <= 1.0:
-            raise SettingsError(f"initial_filling = {self.filling:g} must lie in 0..1")
-
-
 @dataclass(frozen=True, eq=False)
 class LubricatedJoint:
     """Lubricated joint of a mechanism: its markers, film and models.
@@ -372,8 +351,14 @@ class LubricatedJoint:
         For the cavitated zone, see `fenics_ehd.film.forces`.
     heat
         Balance of the film's heat over a cycle; None: the oil keeps its temperature.
-    oil
-        How the film keeps account of its oil, on a bilinear mesh; None: Reynolds' condition.
+    cavitation
+        Condition, one of `CAVITATIONS`; with ``"mass-conserving"``, on a bilinear mesh, the film
+        keeps account of its oil.
+    initial_filling
+        Fluid fraction of the gap at the start, 0 to 1, of such a film.
+    ambient
+        Outside its sides, ``"air"`` or ``"oil"``, which flows back in where the film sucks; beside
+        sides above cavitation pressure there always is oil.
     """
 
     journal: str
@@ -388,9 +373,18 @@ class LubricatedJoint:
     journal_shape: Shape | None = None
     shear_rule: str = "streamers"
     heat: Heat | None = None
-    oil: ConservedContent | None = None
+    cavitation: str = "reynolds"
+    initial_filling: float = 1.0
+    ambient: str = "air"
 
     def __post_init__(self) -> None:
+        for name, known in (("cavitation", CAVITATIONS), ("ambient", AMBIENTS)):
+            if getattr(self, name) not in known:
+                raise SettingsError(
+                    f"{name} = {getattr(self, name)!r} must be one of {', '.join(known)}"
+                )
+        if not 0.0 <= self.initial_filling <= 1.0:
+            raise SettingsError(f"initial_filling = {self.initial_filling:g} must lie in 0..1")
         if self.heat is not None and self.film.parameters.lubricant.oil is None:
             raise SettingsError(
                 f"heat of {self.journal} in {self.bore}: the lubricant's viscosity does not depend "
@@ -402,8 +396,6 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
-        if self.oil is not None:
-            require_monotone(self.film.parameters.grid.family)
 
     @property
     def markers(self) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ from fenics_ehd.film.supply import (
     Supply,
     check_supply,
 )
-from fenics_ehd.multibody.lubricated_joint import ConservedContent, LubricatedJoint
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.reduction.bore import BoreHole, BoreSurface, bore_holes
@@ -438,9 +438,6 @@ def lubricated_joint(
         for surface in ("bore_shape", "journal_shape")
     }
     x, y = joint.eccentricity
-    oil = None
-    if joint.cavitation == "mass-conserving":
-        oil = ConservedContent(joint.initial_filling, joint.ambient == "oil")
     return LubricatedJoint(
         joint.journal,
         joint.bore,
@@ -452,6 +449,8 @@ def lubricated_joint(
         smallest_film=joint.smallest_film,
         shear_rule=joint.shear_rule,
         heat=joint.heat,
-        oil=oil,
+        cavitation=joint.cavitation,
+        initial_filling=joint.initial_filling,
+        ambient=joint.ambient,
         **shapes,
     )

@@ -26,7 +26,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import DENSITY, NONE, entries, section
+from fenics_ehd.base.fields import NONE, entries, section
 from fenics_ehd.base.settings import (
     UnknownKeyError,
     build,
@@ -368,12 +368,12 @@ def notices(scene: Scene) -> list[str]:
 
 def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> list[str]:
     """A line where a film's Reynolds number, by speeds as written, is not that of laminar flow."""
-    oil, radius = scene.lubricants.get(joint.lubricant), joint.radius
+    lubricant, radius = joint_lubricant(scene, joint), joint.radius
     if not radius and (elastic := scene.elastic_bore(joint)):
         radius = float(scene.bodies[elastic[0]].geometry.get("bore_radius", 0.0))
     journal, bore = (scene.speed_of(at.partition(".")[0]) for at in (joint.journal, joint.bore))
-    flow = (oil.density if oil else DENSITY) * abs(journal - bore) * radius * joint.clearance
-    number = flow / joint_lubricant(scene, joint).viscosity
+    flow = lubricant.density * abs(journal - bore) * radius * joint.clearance
+    number = flow / lubricant.viscosity
     if number <= LAMINAR:
         return []
     return [

@@ -25,6 +25,7 @@ import attrs
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
+    AMBIENTS,
     CAVITATIONS,
     FILM_ELEMENTS,
     LARGEST_LENGTH,
@@ -33,7 +34,6 @@ from fenics_ehd.base.fields import (
     SHEAR_RULES,
     Deviations,
     Material,
-    OilSettings,
     Roughness,
     checked,
     choice,
@@ -53,6 +53,7 @@ from fenics_ehd.base.fields import (
     text,
 )
 from fenics_ehd.film.heat import Heat
+from fenics_ehd.film.lubricant import OilSettings
 from fenics_ehd.film.supply import AxialGrooveSupply, CircumferentialGrooveSupply, HoleSupply
 from fenics_ehd.multibody.body import MasslessBody, Pose, RigidBody
 from fenics_ehd.multibody.forces import RotatingForce, SpringDamper, Torque
@@ -104,7 +105,6 @@ SUPPLIES: Mapping[str, type] = {
 }
 
 INTERPOLATIONS = ("cubic", "linear")
-AMBIENTS = ("air", "oil")
 
 
 @attrs.frozen
