@@ -59,13 +59,13 @@ def test_numbers_may_have_units_as_in_scenes(call):
         assert told in err
 
 
-def test_an_oil_is_told_as_it_was_given(call):
+def test_an_oil_is_told_by_its_grade_or_viscosity(call):
     for given, told in (
         ((), "viscosity 0.01 Pa s"),
         (("--grade", "ISO VG 46", "--temperature", 60), "ISO VG 46"),
         (
             ("--viscosity-40", 46, "--viscosity-100", 6.6, "--temperature", 80),
-            "46 mm2/s at 40 C, 6.6 at 100 C",
+            "viscosity 0.00903 Pa s",
         ),
     ):
         status, out, _ = call("--load", 1000, *given, "--cells", "20x4")

@@ -195,7 +195,7 @@ def report(result: BearingResult) -> str:
     values, settings = summary(result), result.settings
     if not (settings.grooves or settings.line_at_max_film):
         del values["supply_flow_m3_per_s"]
-    lines = [_given(settings)]
+    lines = [_given(settings, result.film.parameters.lubricant.viscosity)]
     lines += [_row(label, key, values[key]) for key, label in ROWS.items() if key in values]
     if any(settings.tilt):
         moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
@@ -209,11 +209,9 @@ def report(result: BearingResult) -> str:
     return "\n".join(lines)
 
 
-def _given(settings: BearingSettings) -> str:
+def _given(settings: BearingSettings, viscosity: float) -> str:
     """The bearing in words."""
-    oil = settings.grade if settings.graded else f"viscosity {settings.viscosity:g} Pa s"
-    if settings.viscosity_40:
-        oil = f"{settings.viscosity_40:g} mm2/s at 40 C, {settings.viscosity_100:g} at 100 C"
+    oil = f"viscosity {viscosity:.4g} Pa s" if settings.grade == NONE else settings.grade
     speeds = f"shaft at {settings.speed:g} rad/s"
     if settings.bore_speed:
         speeds += f", bore at {settings.bore_speed:g} rad/s"
