@@ -199,11 +199,6 @@ def test_every_joint_has_its_own_table_panels_and_rows(both_ends):
     assert tops[3] == pytest.approx(tops[1])
 
 
-def test_a_periodic_study_is_drawn_over_the_time_in_its_cycle(both_ends):
-    time = read_study(both_ends).history("reference").time
-    assert 0 < time[0] < time[-1] == pytest.approx(0.0125)
-
-
 def test_runs_that_are_drawn_over_time_are_about_as_large(folder):
     chosen = {row["method"]: row for row in figures.alike(read_study(folder))}
     # The middle number of coordinates, and of those with as many the most accurate one.
@@ -225,7 +220,10 @@ def test_the_worst_joint_counts(tmp_path):
 
 def test_errors_over_time_are_those_of_the_study_outside_the_grey_band(both_ends):
     study = read_study(both_ends)
-    (figure,) = [figures.draw_errors(study, study.joints[0].measured("methods", method="m1"))]
+    # A periodic study is drawn over the time in its cycle.
+    time = study.history("reference").time
+    assert 0 < time[0] < time[-1] == pytest.approx(0.0125)
+    figure = figures.draw_errors(study, study.joints[0].measured("methods", method="m1"))
     drawn = figure.axes[0].lines[0].get_ydata()
     figures.plt.close(figure)
     # Where nothing is off, no curve is drawn.
@@ -314,13 +312,10 @@ def test_what_is_no_study_is_refused_in_one_line(content, words, tmp_path, capfd
     assert "\n" not in complaint.strip()
 
 
-def test_a_floor_that_is_known_in_part_is_told(tmp_path):
+def test_what_is_known_of_the_reference_s_own_errors_is_told_for_every_joint(tmp_path):
     study = write_study(tmp_path, [m4(1e-5, 1e-5)])
     assert unknown_floors(study) == ["basis"]
     assert "by its basis is not known" in words(study)
-
-
-def test_the_error_of_the_film_mesh_is_told_for_every_joint(tmp_path):
     film = {"joints": {"a": {"pressure_max": 0.02, "film_max": 0.03},
                        "b": {"pressure_max": 0.04, "film_max": 0.05}}}  # fmt: skip
     study = write_study(tmp_path, [m4()], ("a", "b"), reference={"film": film})

@@ -316,19 +316,6 @@ def test_uniaxial_stress_that_turns_once_keeps_its_von_mises_stress_and_yet_has_
     assert values[0] == pytest.approx(1e8, rel=1e-12)
 
 
-def test_tension_and_compression_have_no_mean():
-    """Uniaxial s cos(t): half-range s, mean 0; beside a constant stress the mean is that."""
-    time = 2 * np.pi * np.arange(24) / 24
-    swing = np.zeros((2, 6, 24))
-    swing[:, 0] = 3e7 * np.cos(time)
-    swing[1, 3] = 5e6
-    found = largest_half_range(swing)
-    np.testing.assert_allclose(found.von_mises, 3e7, rtol=1e-12)
-    np.testing.assert_array_equal(found.instants, [[0, 12], [0, 12]])
-    np.testing.assert_allclose(found.mean[:, 3], [0.0, 5e6], atol=1e-6)
-    np.testing.assert_allclose(found.mean[:, 0], 0.0, atol=1e-6)
-
-
 def test_many_points_are_each_their_own():
     stress = np.random.default_rng(2).normal(size=(60, 6, 40))
     # From lines to clouds: from few to many candidates.
