@@ -305,9 +305,7 @@ def test_extremes_that_are_refused(changes, given, message):
 
 def test_viscosity_that_runs_away_is_a_named_error():
     """1 / p of Barus' film is bounded: at constant viscosity, 54 MPa, it may have 50 at most."""
-    with pytest.raises(
-        ehd.errors.ViscosityError, match="the viscosity runs away with the pressure"
-    ):
+    with pytest.raises(ehd.errors.ViscosityError, match="viscosity runs away with the pressure"):
         ehd.solve_bearing(ehd.BearingSettings(barus=2e-8), eccentricity=0.8)
 
 
@@ -325,9 +323,7 @@ def test_barus_film_is_that_of_reduced_pressure_or_refused(figure):
     name = "peak of 100 MPa under Barus' law, 4e-8 1/Pa, against the reduced pressure"
     figure("rigid bearing", name, error, most=1e-3, unit="%")
     # 500 MPa would need q to 2e-9: the mesh has 183 MPa.
-    with pytest.raises(
-        ehd.errors.ViscosityError, match="within a film cell, above 10: use more cells"
-    ):
+    with pytest.raises(ehd.errors.ViscosityError, match="within a film cell, above 10: use more"):
         peaking(500e6)
 
 

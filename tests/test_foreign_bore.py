@@ -240,10 +240,7 @@ def straight(nodes, faces):
         (without(5), "not a whole cylinder: the edge of nodes .* belongs to 1 faces, not 2"),
         (without(slice(0, None, 5)), "not a whole cylinder"),
         (lambda n, f: (n, np.vstack([f, f[:1]])), "belongs to [23] faces, not [12]"),
-        (
-            lambda n, f: (n + np.array([0, 0, 1e-3]), f),
-            r"centred at z = 0, its middle is at z = 1\.000e-03",
-        ),
+        (lambda n, f: (n + np.array([0, 0, 1e-3]), f), r"at z = 0, .* at z = 1\.000e-03"),
         (lambda n, f: (n + np.array([1e-5, 0, 0]), f), "not a cylinder about the z axis: node"),
         (moved(7, [0, 0, np.nan]), "a node of the faces has a coordinate that is not finite"),
         (moved(17, [1e-4, 0, 0]), "node 17 lies .* off the mean radius"),
@@ -265,9 +262,7 @@ def test_faces_that_are_no_bore_are_named(change, message):
 
 def test_unknown_element_and_flat_face_are_named():
     nodes, faces = cylinder("bilinear")
-    with pytest.raises(
-        ehd.errors.StructureError, match="element 'quad' is not one of bilinear, serendipity"
-    ):
+    with pytest.raises(ehd.errors.StructureError, match="'quad' is not one of bilinear"):
         bore_load_matrix(nodes, faces, "quad")
     disk = np.array([[1.0, 1, 0], [2, 1, 0], [1, 2, 0], [2, 2, 0]])
     with pytest.raises(ehd.errors.StructureError, match="does not face the z axis"):

@@ -163,9 +163,7 @@ def test_held_nodes_are_held(small, tmp_path):
     assert (k[held, held] > 0).all()
     without = ehd.read_calculix(tmp_path / "m")
     np.testing.assert_array_equal(without.numbers, numbers[2:])
-    with pytest.raises(
-        ehd.errors.StructureError, match="node 5 has no row in the matrices: if it is held"
-    ):
+    with pytest.raises(ehd.errors.StructureError, match="node 5 has no row in the matrices"):
         without.places([[7, 5]])
     # A penalty says the same.
     penalty = small[0].copy()

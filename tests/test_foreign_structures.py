@@ -164,9 +164,7 @@ def test_other_petsc_formats_become_aij(arguments):
     assert as_matrix(blocked, MPI.COMM_SELF).getType() == "seqaij"
     assert blocked.getType() == "seqbaij"
     shell = PETSc.Mat().createPython(matrix.size, comm=PETSc.COMM_SELF)
-    with pytest.raises(
-        ehd.errors.StructureError, match="mass: a PETSc matrix of type python cannot"
-    ):
+    with pytest.raises(ehd.errors.StructureError, match="mass: a PETSc matrix of type python"):
         as_matrix(shell, MPI.COMM_SELF, "mass")
 
 
@@ -255,9 +253,7 @@ def test_what_is_no_part_is_named(case):
 
 def test_number_of_load_vectors_is_named():
     vector = ring().attachments["left"][0]
-    with pytest.raises(
-        ehd.errors.StructureError, match="attachment 'pin' has 2 load vectors, not 3"
-    ):
+    with pytest.raises(ehd.errors.StructureError, match="'pin' has 2 load vectors, not 3"):
         ring(attachments={"pin": (vector, vector)})
 
 

@@ -87,9 +87,7 @@ def test_edges_that_a_turn_makes_the_same_are_one():
 
 def test_edges_in_one_cell_are_refused_with_their_angles():
     grid = ehd.uniform_grid(R, R, (36, 2), start=1.0)
-    with pytest.raises(
-        ehd.errors.SettingsError, match=r"36 cells .* at 89 and 91 degrees: use more"
-    ):
+    with pytest.raises(ehd.errors.SettingsError, match=r"36 cells .* 89 and 91 degrees: use more"):
         aligned_grid(grid, np.radians([89.0, 91.0]))
 
 

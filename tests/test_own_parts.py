@@ -52,7 +52,8 @@ MASS = 0.97280
 def parts(tmp_path_factory):
     folder = tmp_path_factory.mktemp("parts")
     # By themselves: Gmsh's meshes depend on those that it has made before.
-    subprocess.run([sys.executable, example_parts.__file__, str(folder)], check=True)
+    command = [sys.executable, example_parts.__file__, str(folder)]
+    assert subprocess.run(command, capture_output=True, check=True).stdout == b""
     return folder
 
 

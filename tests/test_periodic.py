@@ -138,9 +138,7 @@ def test_half_frequency_whirl_is_named_and_found_over_two_revolutions():
     # A light load on a heavy rotor: its journal goes around every second turn.
     heavy, period = rotor(400.0, 200.0, load=50.0), 2 * np.pi / 300
     steps = {"periodicity": 1e-3, "cycles": 60, "tolerance": 1e-3, "order": 2}
-    with pytest.raises(
-        ehd.errors.PeriodicityError, match=r"every 2 cycles .* half-frequency whirl"
-    ):
+    with pytest.raises(ehd.errors.PeriodicityError, match=r"2 cycles .* half-frequency whirl"):
         ehd.simulate(heavy, period=period, **steps)
     found = ehd.simulate(heavy, period=2 * period, **steps, largest=0.01)
     turns = np.unwrap(np.arctan2(*found.joints["bearing"].eccentricity.T[::-1]))

@@ -675,11 +675,7 @@ def with_a_negative_eigenvalue(dense_rod):
             ("free",),
             "stiffness has the diagonal entry 0 at node 241, comp",
         ),
-        (
-            with_a_negative_eigenvalue,
-            ("free", "clamped"),
-            "1 negative pivots: it is not positive semidefinite",
-        ),
+        (with_a_negative_eigenvalue, ("free", "clamped"), "1 negative pivots: it is not positive"),
     ],
 )
 def test_what_is_no_part_is_named(change, names, named, method):
@@ -744,9 +740,7 @@ def test_a_load_whose_iteration_ends_early_is_found_among_those_that_converge():
 
 @pytest.mark.mpi
 def test_an_unknown_solver_is_named():
-    with pytest.raises(
-        ehd.errors.SettingsError, match="'magic' is not one of auto, direct, iterative"
-    ):
+    with pytest.raises(ehd.errors.SettingsError, match="'magic' is not one of auto, direct"):
         ehd.craig_bampton(ehd.Reductor(structure("free"), solver="magic"), 5)
 
 

@@ -171,9 +171,7 @@ def test_a_part_in_a_file_keeps_all_bores(structure, tmp_path):
 
 def test_the_bore_of_several_must_be_named(structure, bodies):
     for part, what in ((structure, "structure"), (bodies["m4"], "reduced body")):
-        with pytest.raises(
-            ehd.errors.SettingsError, match=f"the {what} has the bores bore, pin: name one"
-        ):
+        with pytest.raises(ehd.errors.SettingsError, match=f"{what} has the bores bore, pin: name"):
             part.bore  # noqa: B018
     with pytest.raises(ehd.errors.SettingsError, match="bore, pin: name one of them"):
         bodies["m4"].bore_nodes  # noqa: B018
@@ -188,9 +186,7 @@ def test_snapshots_of_a_run_are_those_of_one_bore(structure):
 
 def test_bores_of_one_place_and_of_another_origin_are_refused(structure):
     bore, pin = structure.bores.values()
-    with pytest.raises(
-        ehd.errors.StructureError, match=r"pin\.centre: the first bore's must be the origin"
-    ):
+    with pytest.raises(ehd.errors.StructureError, match=r"pin\.centre: the first bore's must be"):
         check_structure(replace(structure, bores={"pin": pin, "bore": bore}))
     with pytest.raises(ehd.errors.StructureError, match=r"bore, again: node .* is named 2 times"):
         check_structure(replace(structure, bores={"bore": bore, "again": bore}))

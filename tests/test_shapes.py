@@ -254,9 +254,7 @@ def test_a_turning_journal_is_a_turned_frame_on_a_fine_mesh(figure):
 
 
 def test_a_gap_closed_at_the_start_is_refused():
-    with pytest.raises(
-        ehd.errors.SettingsError, match=r"joints\.bearing\.bore_shape.*-4 um.*20 um"
-    ):
+    with pytest.raises(ehd.errors.SettingsError, match=r"bearing\.bore_shape.*-4 um.*20 um"):
         Run(swinging(oval(1.2 * C)), IntegratorOptions(), 1e-3)
 
 

@@ -232,9 +232,7 @@ def vector(size):
 
 def test_sizes_of_petsc_matrices_that_do_not_fit_are_named():
     part = ring(comm=MPI.COMM_SELF)
-    with pytest.raises(
-        ehd.errors.StructureError, match="stiffness has 217 rows, not 3 for every node"
-    ):
+    with pytest.raises(ehd.errors.StructureError, match="stiffness has 217 rows, not 3 for every"):
         ring(stiffness=petsc(sparse.eye(217)))
     for changes, message in (
         ({"stiffness": petsc(sparse.eye(216, 219))}, r"stiffness has shape \(216, 219\)"),
@@ -243,10 +241,7 @@ def test_sizes_of_petsc_matrices_that_do_not_fit_are_named():
             {"bores": replace(part.bore, load=petsc(BORE.load[3:]))},
             "bore.load has 213 rows, the stiffness matrix has 216",
         ),
-        (
-            {"attachments": {"pin": (vector(213),) * 3}},
-            "attachment 'pin' has 213 rows, the stiffness matrix has 216",
-        ),
+        ({"attachments": {"pin": (vector(213),) * 3}}, "attachment 'pin' has 213 rows, .* 216"),
     ):
         bare = {"bores": {}, "attachments": {}, **changes}
         with pytest.raises(ehd.errors.StructureError, match=message):
@@ -278,9 +273,7 @@ def test_rows_that_split_a_node_are_named():
     )
     nodes = len(X) // 2
     mine = X[:nodes] if comm.rank == 0 else X[nodes:]
-    with pytest.raises(
-        ehd.errors.StructureError, match=r"a rank owns \d+ rows, not 3 for every node"
-    ):
+    with pytest.raises(ehd.errors.StructureError, match=r"rank owns \d+ rows, not 3 for every"):
         ring(stiffness=matrix, mass=matrix, coordinates=mine)
 
 

@@ -198,9 +198,7 @@ def test_paraview_files_hold_quadratic_tetrahedra(structure, body, tmp_path):
 
 
 def test_cells_are_those_that_the_model_gives():
-    with pytest.raises(
-        ehd.errors.MeshError, match="no tetrahedra: it needs a parameter tetrahedra"
-    ):
+    with pytest.raises(ehd.errors.MeshError, match="no tetrahedra: it needs a parameter"):
         ehd.build_mesh(ehd.model_path("conrod"), {"tetrahedra": 0}, comm=MPI.COMM_SELF, cells="tet")
     found = ehd.build_mesh(ehd.model_path("conrod"), {"tetrahedra": 1}, comm=MPI.COMM_SELF)
     assert found.cell == "tetrahedron"

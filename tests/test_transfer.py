@@ -190,9 +190,7 @@ def test_tiles_lie_in_both_cells():
 
 def test_meshes_of_different_cylinders_are_refused():
     film = rectangles(12, 3, "lagrange", width=0.02)
-    with pytest.raises(
-        ehd.errors.InterfaceMismatchError, match=r"0\.02 m wide .* bore mesh 0\.022 m"
-    ):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match=r"0\.02 m wide .* 0\.022 m"):
         Mortar(triangles(8, 3), film, RADIUS)
     shifted = rectangles(12, 3, "lagrange", bottom=0.0)
     with pytest.raises(ehd.errors.InterfaceMismatchError, match=r"from 0 m.*from -0\.011 m"):
@@ -206,9 +204,7 @@ def test_meshes_that_are_no_whole_cylinder_are_refused():
     with pytest.raises(ehd.errors.InterfaceMismatchError, match="must use each of the 168 given"):
         Surface(whole.nodes, whole.cells[:-3], "lagrange")
     nodes, cells = np.unique(whole.cells[:-3], return_inverse=True)
-    with pytest.raises(
-        ehd.errors.InterfaceMismatchError, match="rad of the circumference, not a whole turn"
-    ):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match="circumference, not a whole turn"):
         Surface(whole.nodes[nodes], cells.reshape(-1, 9), "lagrange")
     with pytest.raises(ehd.errors.InterfaceMismatchError, match="have 8 nodes each"):
         Surface(whole.nodes, whole.cells, "serendipity")
