@@ -165,9 +165,9 @@ def test_a_squeezed_journal_ruptures_and_reforms_in_time_as_its_free_boundary(fi
 @pytest.mark.parametrize(
     ("made", "eccentricity", "filling", "end", "peak"),
     [
-        ({}, 0.7, 0.6, 0.3, 1e5),
-        ({"surfaces": surfaces(2e-6, 0.9)}, 0.7, 0.6, 0.3, 1e5),
-        ({"oil": DENSE}, 0.8, 0.9, 0.2, 1e7),
+        ({}, 0.7, 0.6, 0.15, 1e5),
+        ({"surfaces": surfaces(2e-6, 0.9)}, 0.7, 0.6, 0.15, 1e5),
+        ({"oil": DENSE}, 0.8, 0.9, 0.1, 1e7),
     ],
     ids=["smooth", "rough", "compressible"],
 )
