@@ -10,6 +10,7 @@ import sys
 from collections import deque
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -18,10 +19,10 @@ from bench_machines import IntegratorOptions, PeriodicSolver, Run, Simulation, f
 from bench_output import CsvFile, load_run_state, recorded_steps, save_run_state
 from bench_scenes import claim, digest, listed
 from command_line import (
-    COMMAND,
     assert_same_results,
     call,
     killed_again_and_again,
+    program,
     rows_in,
     start,
     stop_after,
@@ -179,7 +180,7 @@ def assert_one_line(found, folder):
     assert line.endswith(("File too large", "No space left on device"))
 
 
-def assert_ended_readable(found, folder, whole):
+def assert_ends_in_order_and_goes_on(found, folder, whole, make_room=lambda: None):
     """One line names a file, no crash; what was written is the beginning of the whole run."""
     assert_one_line(found, folder)
     rows = (folder / "history.csv").read_bytes()
@@ -189,12 +190,15 @@ def assert_ended_readable(found, folder, whole):
     for name, values in found.values.items():
         if not fixed(name):
             np.testing.assert_array_equal(values, undisturbed.values[name][: len(found)])
+    make_room()
+    assert call("run", "--resume", folder, "--no-plots") == 0
+    assert_same_results(folder, whole)
 
 
-@pytest.fixture
-def run_limited(prepared):
-    def run(size):
-        """Run with files of so many bytes at most, as on a disk that is full."""
+def test_a_run_whose_files_may_not_grow_ends_in_order_and_goes_on(prepared):
+    """As on a disk that is full; without room for its first files it leaves nothing."""
+
+    def limited(size):
         # After MPI has begun, which has files of its own.
         code = f"""if True:
             import mpi4py.MPI, resource
@@ -207,22 +211,13 @@ def run_limited(prepared):
         )
         return found, prepared / f"limited_{size}"
 
-    return run
-
-
-def test_a_run_whose_files_may_not_grow_ends_in_order_and_goes_on(run_limited, prepared):
-    found, folder = run_limited(250_000)
-    assert_ended_readable(found, folder, prepared / "whole")
-    status = json.loads((folder / "summary.json").read_text())["status"]
-    assert status == "failed: history.h5: File too large"
-    assert call("run", "--resume", folder, "--no-plots") == 0
-    assert_same_results(folder, prepared / "whole")
-
-
-def test_a_run_without_room_for_its_files_leaves_nothing(run_limited):
-    found, folder = run_limited(30_000)
+    found, folder = limited(30_000)
     assert_one_line(found, folder)
     assert not folder.exists()
+    found, folder = limited(250_000)
+    status = json.loads((folder / "summary.json").read_text())["status"]
+    assert status == "failed: history.h5: File too large"
+    assert_ends_in_order_and_goes_on(found, folder, prepared / "whole")
 
 
 @pytest.mark.slow
@@ -234,15 +229,9 @@ def test_a_run_on_a_full_disk_ends_in_order_and_goes_on(kilobytes, prepared, tmp
         pytest.skip("mounting needs root's rights")
     try:
         # Also a mounted folder, which cannot be renamed.
-        folder = tmp_path
-        arguments = [*command(prepared, "run", 0.05)[:-1], folder]
-        found = subprocess.run(
-            [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=120
-        )
-        assert_ended_readable(found, folder, prepared / "whole")
-        subprocess.run(["mount", "-o", "remount,size=10m", tmp_path], check=True)
-        assert call("run", "--resume", folder, "--no-plots") == 0
-        assert_same_results(folder, prepared / "whole")
+        found = program(*command(prepared, "run", 0.05)[:-1], tmp_path)
+        larger = partial(subprocess.run, ["mount", "-o", "remount,size=10m", tmp_path], check=True)
+        assert_ends_in_order_and_goes_on(found, tmp_path, prepared / "whole", larger)
     finally:
         subprocess.run(["umount", tmp_path], check=True)
 
