@@ -15,19 +15,21 @@ SHORT = {
     "time.tolerance": 1e-3,
 }
 
+#: Status of ranks that wait for each other.
+TOO_LONG = 124
+
 COMMAND = f"exec {sys.executable} -m fenics_ehd.cli"
 
 
 def two_ranks(line, folder):
     """Status and messages of a shell's line on two ranks, each of which knows its `$RANK`."""
-    foreign = ("OMPI_", "PMIX_", "PMI_", "ORTE_")
+    foreign = ("OMPI_", "PMIX_", "PMI_", "ORTE_", "PRTE_")
     environment = {k: v for k, v in os.environ.items() if not k.startswith(foreign)}
     environment |= dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"), "1")
     script = f"RANK=$OMPI_COMM_WORLD_RANK; {line}"
-    done = subprocess.run(
-        ["mpirun", "-n", "2", "--oversubscribe", "sh", "-c", script],
-        env=environment, cwd=folder, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    # Of a killed mpirun the ranks would go on: timeout asks it to end them.
+    command = ["timeout", "120", "mpirun", "-n", "2", "--oversubscribe", "sh", "-c", script]
+    done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
     # Open MPI's own remarks may begin in the same line.
     said = re.findall(r"fenics-ehd: .*|^Error: .*", done.stderr, flags=re.MULTILINE)
     return done.returncode, [text for text in said if "warning" not in text], done.stderr

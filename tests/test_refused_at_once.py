@@ -51,8 +51,8 @@ NO_PLACE = "pipe is neither a file nor a folder"
 #: Commands in a folder with texts, a pipe, an HDF5 file and folders.
 COMMANDS = [
     ("frobnicate", "frobnicate"),
-    ("run crank-slider", "crank-slider"),
-    ("run absent.toml", "absent.toml"),
+    ("run for-bar", "scene 'for-bar': did you mean four-bar"),
+    ("run absent.toml", "absent.toml: No such file"),
     ("run slider-crank --body text.h5", "text.h5"),
     ("run slider-crank --body other.h5", "not a fenics_ehd reduced body"),
     ("run slider-crank --body nobody.h5", "body file nobody.h5: no such file"),

@@ -456,13 +456,6 @@ def test_parts_are_refused_before_they_are_reduced(nothing_reduced, monkeypatch)
         made(SLIDER_CRANK)
 
 
-def test_files_and_names_that_are_no_scenes(tmp_path):
-    with pytest.raises(ehd.errors.SettingsError, match=r"scene 'for-bar': did you mean four-bar"):
-        ehd.read_scene("for-bar")
-    with pytest.raises(ehd.errors.SettingsError, match=r"absent.toml: No such file"):
-        ehd.read_scene(tmp_path / "absent.toml")
-
-
 ENDS = {f"bodies.shaft.points.{name}": [0.0, 0.0] for name in ("left", "right", "disk")}
 
 

@@ -133,7 +133,7 @@ def test_rows_hold_the_figures_of_their_runs(studied):
         assert (folder / "scene.toml").read_text() == scene_text(study.cases[row["run"]].scene)
 
 
-def test_methods_are_ordered_as_they_are_rich(studied):
+def test_methods_steps_and_meshes_are_ordered_as_they_are_rich(studied):
     methods = rows_of(studied[2], "methods")
     best, rich, poor, none = (
         methods[name]["film_error_max"]
@@ -141,21 +141,12 @@ def test_methods_are_ordered_as_they_are_rich(studied):
     )
     assert best < rich < poor < none
     assert methods["m4-6-1e-04"]["true_gap_error_m"] < 0.02 * methods["rigid"]["true_gap_error_m"]
-
-
-def test_errors_of_the_steps_fall_with_the_tolerance(studied):
-    rows = rows_of(studied[2], "tolerance")
-    loose, tight, finest = (
-        rows["m4-6-1e-04-tol-1e-03"],
-        rows["m4-6-1e-04"],
-        rows["m4-6-1e-04-finest"],
-    )
+    tolerances = rows_of(studied[2], "tolerance")
+    loose, tight, finest = (tolerances[f"m4-6-1e-04{end}"] for end in ("-tol-1e-03", "", "-finest"))
     assert tight["own_pressure_error_l2"] < loose["own_pressure_error_l2"]
     # With very fine steps what is left of M4's error is its basis, far below the steps' part.
     assert finest["film_error_max"] < 0.2 * tight["own_film_error_max"]
-
-
-def test_film_meshes_are_measured_against_the_finest_of_the_same_body(studied):
+    # Film meshes are measured against the finest of the same body.
     rows = list(rows_of(studied[2], "film").values())
     assert [row["film_cells"] for row in rows] == ["10x2", "20x4", "40x8"]
     assert len({row["body"] for row in rows}) == 1
@@ -193,16 +184,6 @@ def errors_of(reference, run):
     return SimpleNamespace(**found["big_end"])
 
 
-def test_a_run_has_no_error_against_itself(studied):
-    directory, study, _ = studied
-    reference = curves_of(directory, study, REFERENCE)
-    errors = errors_of(reference, curves_of(directory, study, REFERENCE))
-    assert max(errors.film_max, errors.film_l2) < 1e-12
-    # Pressures at nodes are stored in single precision.
-    assert max(errors.pressure_max, errors.pressure_l2) <= 2.0**-24
-    assert errors.gap < 1e-18
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "values"),
@@ -226,9 +207,14 @@ def test_gaps_made_of_stored_coordinates_are_those_of_the_run(scene, values, tmp
         assert np.ptp(gaps, axis=1).max() > 1e-9
 
 
-def test_known_errors_are_found(studied, again):
+def test_known_errors_are_found_and_none_of_a_run_against_itself(studied, again):
     _, study, _ = studied
     reference = curves_of(again, study, REFERENCE)
+    errors = errors_of(reference, curves_of(again, study, REFERENCE))
+    assert max(errors.film_max, errors.film_l2) < 1e-12
+    # Pressures at nodes are stored in single precision.
+    assert max(errors.pressure_max, errors.pressure_l2) <= 2.0**-24
+    assert errors.gap < 1e-18
     folder = again / "runs" / "changed"
     shutil.copytree(again / "runs" / REFERENCE, folder, symlinks=True)
     # Half of the pressures 2 % up, the film 3 % down, the journal moved by 2 nm along x.

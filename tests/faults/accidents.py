@@ -4,7 +4,6 @@ import argparse
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from attempt import Outcome, attempt, finish, launch
 from bench_scenes import compat
 from judge import Verdict, figures, judge
 from scene_cases import write_scene
+from test_ranks import COMMAND, TOO_LONG, two_ranks
 from world import COARSE, RESUME, World, command
 
 Found = Iterator[tuple[str, str, Verdict]]
@@ -174,30 +174,22 @@ def ranks(world: World, options: argparse.Namespace) -> Found:
 
 
 def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
-    # A process of an MPI program cannot start another one.
-    outside = ("OMPI_", "PMIX_", "ORTE_", "PRTE_")
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(outside)}
-    environment |= dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"), "1")
-    # Of a killed mpirun the ranks would go on: timeout asks it to end them.
-    whole = ["timeout", str(LIMIT), "mpirun", "--oversubscribe"]
-    for rank in (0, 1):
-        variables, other = ONE_RANK[name] if rank == wrong else ((), {})
-        options = {"--scene": "right.toml", "-o": "out.h5", "--basis": "basis.h5", **other}
-        program = ["env", *variables, sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod"]
-        pairs = [word for pair in options.items() for word in pair]
-        whole += [*([":"] if rank else []), "-n", "1", *program, *pairs]
-    done = subprocess.run(
-        whole, cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
-    if done.returncode == 124:
-        return Verdict("hangs", f"no end in {LIMIT} s")
-    text = done.stdout + done.stderr
+    variables, other = ONE_RANK[name]
+    calls = []
+    for more in ({}, other):
+        options = {"--scene": "right.toml", "-o": "out.h5", "--basis": "basis.h5", **more}
+        calls.append(" ".join([COMMAND, "reduce conrod", *map(" ".join, options.items())]))
+    right, odd = calls
+    export = " ".join(["export", *variables, "RANK"])
+    line = f"if test $RANK = {wrong}; then {export}; {odd}; else {right}; fi"
+    status, told, text = two_ranks(line, folder)
+    if status == TOO_LONG:
+        return Verdict("hangs")
     if "Traceback" in text:
         return Verdict("traceback", text[-300:])
-    if done.returncode == 0:
+    if status == 0:
         # Only the first rank writes.
         return Verdict("harmless" if wrong and (folder / "out.h5").is_file() else "believed")
-    if done.returncode not in (1, 2):
-        return Verdict("strange status", f"{done.returncode} {text[-300:]}")
-    told = [line for line in text.splitlines() if line.startswith(("fenics-ehd: ", "Error: "))]
+    if status not in (1, 2):
+        return Verdict("strange status", f"{status} {text[-300:]}")
     return Verdict("refused", told[0]) if told else Verdict("says nothing", text[-300:])
