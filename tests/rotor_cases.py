@@ -8,9 +8,9 @@ import fenics_ehd as ehd
 R, WIDTH, C, ETA, SPEED = 0.0225, 0.022, 17e-6, 0.01, 600.0
 
 
-def make_film(cells=(12, 3), *, width=WIDTH, clearance=C, speed=SPEED, family="lagrange"):
-    grid = ehd.uniform_grid(R, width, cells, family)
-    return ehd.Film(ehd.FilmParameters(grid, clearance, ehd.Lubricant(ETA), speed))
+def make_film(cells=(12, 3)):
+    grid = ehd.uniform_grid(R, WIDTH, cells, "lagrange")
+    return ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), SPEED))
 
 
 def held_body(film, modes=(), frequencies=()):

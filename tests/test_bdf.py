@@ -65,11 +65,6 @@ def run(problem, end, x, rate, **changes):
     )  # fmt: skip
 
 
-def attempts(times):
-    """Number of attempted steps: calls of one attempt share their time, a retry has another."""
-    return 1 + int(np.count_nonzero(np.diff(times)))
-
-
 # --- Formulas
 
 
@@ -331,7 +326,8 @@ def test_every_attempt_is_an_accepted_or_a_counted_rejected_step():
     steps = run(problem, 1.0, 1, 0)
     rejected = sum(sum(s.rejected.values()) for s in steps)
     assert {reason for s in steps for reason in s.rejected} == {"error above tolerance"}
-    assert len(steps) + rejected == attempts(problem.calls)
+    # Calls of one attempt share their time, a retry has another.
+    assert len(steps) + rejected == 1 + np.count_nonzero(np.diff(problem.calls))
     assert rejected >= 3
     # The counts belong to the step that succeeded, and do not pile up.
     assert sum(bool(s.rejected) for s in steps) < 10

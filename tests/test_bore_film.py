@@ -36,11 +36,6 @@ def film_on(grid, **more):
     return ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA), **more)
 
 
-def joint_of(body, film, transfer="conservative", *, tilting=False):
-    """Maps of a joint with coordinates ``(e, psi, q)``."""
-    return JointFilm(ehd.LubricatedJoint("shaft", "rod.bore", film, transfer), body, tilting)
-
-
 def some_pressure(film):
     """Smooth, positive, zero at the sides."""
     angle, height = film.parameters.grid.node_positions.T
@@ -72,7 +67,7 @@ def test_resultants_are_those_of_the_films_pressure(rod_body, mesh, transfer):
 def test_force_and_gap_are_conjugate(rod_body, mesh, tilting):
     # Power on the coordinates = integral of pressure times gap rate, the film's own rule.
     film = film_in(rod_body, *mesh)
-    joint = joint_of(rod_body, film, tilting=tilting)
+    joint = JointFilm(ehd.LubricatedJoint("shaft", "rod.bore", film), rod_body, tilting)
     random = np.random.default_rng(0)
     rate = random.uniform(-1, 1, joint.size)
     pressure = random.uniform(0, 1, len(film.parameters.grid.nodes))

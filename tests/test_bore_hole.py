@@ -42,11 +42,6 @@ def body(ring):
     return ehd.load_dependent(ring, 4, 12)
 
 
-def film_in(bore, cells=(40, 10)):
-    grid = ehd.uniform_grid(bore.radius, bore.width, cells)
-    return ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0))
-
-
 def test_the_hole_is_found_where_it_is(ring):
     bore = ring.bores["bore"]
     (hole,) = bore_holes(bore.coordinates, bore.cells, bore.family)
@@ -75,10 +70,10 @@ def test_what_the_rim_knows_is_extended_linearly(ring):
 
 def test_the_film_presses_on_what_the_hole_leaves(ring, body):
     bore = ring.bores["bore"]
-    film = film_in(bore)
+    grid = ehd.uniform_grid(bore.radius, bore.width, (40, 10))
+    film = ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0))
     maps = ehd.BoreFilm(body, film)
     (hole,) = maps.holes
-    grid = film.parameters.grid
     angle, height = grid.node_positions.T
     one = np.ones(len(angle))
     # In all, the film's own; on elastic modes, that of the body's load matrix.
@@ -127,9 +122,10 @@ def test_shares_of_a_cell_integrate_quadratics():
 # --- In a scene
 
 
-def ring_run(ring, monkeypatch, changes, end=1e-3):
+def ring_run(ring, monkeypatch, changes):
     """Mechanism of a scene and a run of it, its part assembled before."""
     monkeypatch.setattr(elastic_part, "_assembled", lambda *_: ring)
+    end = 1e-3
     short = {"time.periodic": False, "time.period": None, "time.end": end}
     scene = scene_of(tables_of("loaded-journal", LOADED_JOURNAL | RING | short | changes), "ring")
     mechanism = ehd.build(scene).mechanism

@@ -20,7 +20,9 @@ from bench_machines import newton as step_solver
 from differences import slope
 from hand_made_rod import (
     CLEARANCE,
+    RADIUS,
     SPEED,
+    WIDTH,
     Joint,
     driven,
     flexible,
@@ -45,23 +47,17 @@ OILS = {
 }
 
 
-def film_of(joint, family, cells=(12, 3), oil=None, feeds=()):
-    parameters = joint.film.parameters.grid
-    grid = ehd.uniform_grid(parameters.radius, parameters.width, cells, family)
-    return ehd.Film(
-        ehd.FilmParameters(grid, CLEARANCE, oil or ehd.Lubricant(0.01), SPEED, feeds=feeds)
-    )
-
-
-def mechanism_with(family, residual, damping_time=1e-3, oil=None, feeds=()):
+def mechanism_with(family, residual, oil=None, feeds=()):
     """A crank that torque and gas drive, and a flexible rod."""
     joint = Joint()
     body = flexible(joint)[0]
     if residual:
         body = with_residual(joint, body)
-    joint.film = film_of(joint, family, (20, 5) if feeds else (12, 3), oil, feeds)
+    grid = ehd.uniform_grid(RADIUS, WIDTH, (20, 5) if feeds else (12, 3), family)
+    oil = oil or ehd.Lubricant(0.01)
+    joint.film = ehd.Film(ehd.FilmParameters(grid, CLEARANCE, oil, SPEED, feeds=feeds))
     return driven(
-        make_mechanism(body, joint, damping_time),
+        make_mechanism(body, joint),
         2e-3,
         torque=ehd.Torque(
             "crank", curve=lambda a: (3 * np.cos(2 * a), -6 * np.sin(2 * a)), damping=0.01
@@ -160,15 +156,6 @@ def test_derivatives_with_supplies_equal_central_differences(family):
     assert_derivatives(mechanism_with(family, False, feeds=FEEDS))
 
 
-def changed(equations, start, direction):
-    """Derivative of all equations along a direction, by differences."""
-
-    def function(h):
-        return equations.evaluate(start + h * direction).residual
-
-    return slope(function, step=1e-3)
-
-
 def assert_derivatives(mechanism, most=1e-7):
     """Of all equations along all unknowns and along their kinds; returns where."""
     equations = StepEquations(System(mechanism))
@@ -177,13 +164,16 @@ def assert_derivatives(mechanism, most=1e-7):
     point = equations.evaluate(start)
     matrix = whole_matrix(equations, equations.linearise(point))
 
+    def residual(h):
+        return equations.evaluate(start + h * direction).residual
+
     m, n = len(equations.films[0].nodes), equations.system.n
     parts = (slice(0, m), slice(m, m + n), slice(m + n, None))
     for part in (None, *parts):
         direction = sizes * rng.uniform(-1, 1, len(start))
         if part is not None:
             direction[np.setdiff1d(np.arange(len(start)), np.arange(len(start))[part])] = 0.0
-        found, expected = matrix @ direction, changed(equations, start, direction)
+        found, expected = matrix @ direction, slope(residual, step=1e-3)
         # Row by row: forces on frames stand beside elastic ones that are 1e9 times as large.
         size = np.abs(matrix) @ sizes
         size[:m] = size[:m].max()

@@ -45,25 +45,18 @@ def push(size=gas):
     return ehd.PointForce("piston", (-1.0, 0.0), size, "crank")
 
 
-def engine(joint, body, inertia=INERTIA, **settings):
+def engine(joint, body, **settings):
     """Its crank is driven by `torque`, its piston by `gas`."""
     forces = {
         "torque": ehd.Torque("crank", curve=torque, damping=DAMPING, speed=SPEED),
         "gas": push(),
     }
-    return driven(make_mechanism(body, joint, **settings), inertia, **forces)
+    return driven(make_mechanism(body, joint, **settings), INERTIA, **forces)
 
 
 @pytest.fixture(scope="module")
 def joint():
     return Joint((10, 2))
-
-
-def steps_of(mechanism, revolutions, tolerance):
-    """A run and its accepted steps, each while it is the last."""
-    end = revolutions * REVOLUTION
-    going = Run(mechanism, IntegratorOptions(tolerance=tolerance, largest=0.02 / revolutions), end)
-    return going, going.until(end)
 
 
 # --- A driven crank in motion
@@ -120,10 +113,11 @@ def test_crank_and_rod_receive_opposite_forces(joint):
     # Angular momentum of the crank about its bearing and of the rod about its pin, the film's
     # whole resultant on one the reverse of that on the other.
     mechanism = engine(joint, make_body(joint), friction=True)
-    going, steps = steps_of(mechanism, 0.05, 1e-6)
+    end = 0.05 * REVOLUTION
+    going = Run(mechanism, IntegratorOptions(tolerance=1e-6, largest=0.4), end)
     system = going.equations.system
     place = system.films[0]
-    for number, step in enumerate(steps):
+    for number, step in enumerate(going.until(end)):
         if number < 20 or number % 10:
             continue
         (film,) = step.solution.films

@@ -27,19 +27,15 @@ def in_home(code, home, **environment):
     return done.stdout
 
 
-def petsc_options(module, home):
-    (home / ".petscrc").write_text("-film_snes_max_it 1\n")
-    code = (
-        f"import fenics_ehd.{module}\nfrom petsc4py import PETSc as p\nprint(p.Options().getAll())"
-    )
-    return in_home(code, home, PETSC_OPTIONS="-film_snes_atol 1e-9")
-
-
 @pytest.mark.parametrize(
     "module", [MODULES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in MODULES[1:])]
 )
 def test_petsc_obeys_what_is_given_on_purpose_alone(module, tmp_path):
-    options = petsc_options(module, tmp_path)
+    (tmp_path / ".petscrc").write_text("-film_snes_max_it 1\n")
+    code = (
+        f"import fenics_ehd.{module}\nfrom petsc4py import PETSc as p\nprint(p.Options().getAll())"
+    )
+    options = in_home(code, tmp_path, PETSC_OPTIONS="-film_snes_atol 1e-9")
     assert "'film_snes_atol': '1e-9'" in options
     assert "max_it" not in options
 

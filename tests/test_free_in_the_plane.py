@@ -74,13 +74,6 @@ def changes(structure, part, result):
     return max(found[:2]) / own[0], found[2] / own[1]
 
 
-def floating(part, joint):
-    return ehd.Mechanism(
-        {"disk": DISK, "rod": ehd.FlexibleBody(part, 1e-4, velocity=(0.2, 0.5), speed=-20.0)},
-        {"joint": joint},
-    )
-
-
 def oil_in(part, friction):
     # Streamers begin and end at points of the film, so that powers are not smooth over time.
     film = ehd.Film(
@@ -100,7 +93,8 @@ def test_a_disk_in_an_elastic_rod_keeps_momenta_and_energy(
     rod_structure, parts, method, friction, figure
 ):
     part = parts[method]
-    mechanism = floating(part, oil_in(part, friction))
+    rod = ehd.FlexibleBody(part, 1e-4, velocity=(0.2, 0.5), speed=-20.0)
+    mechanism = ehd.Mechanism({"disk": DISK, "rod": rod}, {"joint": oil_in(part, friction)})
     errors = []
     for tolerance in (1e-5, 1e-7):
         result = ehd.simulate(mechanism, END, tolerance=tolerance, order=3, largest=1.0)

@@ -192,7 +192,7 @@ def by_bisection(settings, low, high, conducted=0.0, mixing=0.5, **given):
 def test_the_temperature_of_a_bearing_is_that_of_bisection(given, shares, figure):
     result = ehd.solve_bearing(attrs.evolve(BEARING, **shares), **given)
     found = result.heat.effective_temperature
-    off = abs(found - by_bisection(BEARING, found - 0.01, found + 0.02, **shares, **given))
+    off = abs(found - by_bisection(BEARING, found - 1e-3, found + 2e-3, **shares, **given))
     figure(
         "heat", f"bearing, {given}, {shares or 'adiabatic'}: effective temperature from bisection",
         off, most=2e-5, unit="K",

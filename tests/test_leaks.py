@@ -94,12 +94,6 @@ def test_petsc_keeps_nothing_of_a_run(work, clean, tmp_path, capfd):
     assert "|" not in capfd.readouterr().out
 
 
-def resident():
-    """Memory of this process [kB]."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1024
-
-
 @pytest.mark.slow
 def test_memory_does_not_grow_from_run_to_run():
     mechanism = flexible_slider_crank(make_body(Joint((8, 2))))
@@ -108,6 +102,7 @@ def test_memory_does_not_grow_from_run_to_run():
         for _ in range(20):
             run(mechanism, 3e-5)
         gc.collect()
-        sizes.append(resident())
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        sizes.append(pages * resource.getpagesize() / 1024)
     # It was 31 kB a run once; what the allocator keeps of the first ones is no leak.
     assert sizes[-1] - sizes[1] < 40 * 2

@@ -92,20 +92,3 @@ def test_order_and_names_of_what_is_listed_do_not_matter(name):
     for joint, result in a.joints.items():
         found = b.joints[name(joint)].min_film_thickness
         assert result.min_film_thickness == pytest.approx(found, rel=close)
-
-
-def test_without_a_film_the_steps_follow_the_motion():
-    ideal = slider_crank(rigid_rod(), short_films()[0])
-    joints = {**ideal.joints, "big_end": ehd.Revolute(("crank.pin", "rod"))}
-    errors = []
-    for tolerance in (1e-4, 1e-6):
-        result = ehd.simulate(
-            replace(ideal, joints=joints), REVOLUTION, tolerance=tolerance, order=2
-        )
-        turned = 500.0 * result.time
-        sine = 0.3 * np.sin(turned)
-        exact = 0.048 * np.cos(turned) + 0.16 * np.sqrt(1 - sine**2)
-        errors.append(np.abs(result.bodies["piston"].coordinates[:, 0] - exact).max())
-    # On position level the joints hold to the tolerance of Newton's method, whatever the steps.
-    assert errors[0] < 1e-7
-    assert errors[1] < 1e-9

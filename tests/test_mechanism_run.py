@@ -7,34 +7,19 @@ import pytest
 from bench_scenes import shipped, to_json
 from command_line import call
 from csv_history import read_history
+from scene_cases import write_scene
 
 #: Rows over the crank's angle, beside the scene.
 PUSH = "angle_deg,force_N\n0,0\n90,40\n180,0\n270,-40\n360,0\n"
 
 
-def four_bar(folder, time, force=False):
-    """The shipped linkage for another time."""
-    text = shipped("four-bar")
-    text = text[: text.index("[time]")] + f"[time]\n{time}\n"
-    if force:
-        (folder / "push.csv").write_text(PUSH)
-        text += (
-            '[forces.push]\nkind = "angle-table"\npoint = "rocker.tip"\nfile = "push.csv"\n'
-            'angle_of = "crank"\n'
-        )
-    (folder / "scene.toml").write_text(text)
-    return folder / "scene.toml"
-
-
-def command(scene, target, every=0):
-    options = ("--no-plots", "--no-error-budget", "--checkpoint-every", every)
-    return ("run", scene, *options, "-o", target)
-
-
 def test_a_run_leaves_history_summary_and_scene(tmp_path, capsys):
-    scene = four_bar(tmp_path, "end = 2e-3", force=True)
-    target = tmp_path / "out"
-    assert call(*command(scene, target), "--json") == 0
+    (tmp_path / "push.csv").write_text(PUSH)
+    push = {"kind": "angle-table", "point": "rocker.tip", "file": "push.csv", "angle_of": "crank"}
+    changes = {"forces.push": push, "time": {"end": 2e-3}}
+    scene, target = write_scene(tmp_path / "scene.toml", "four-bar", changes), tmp_path / "out"
+    options = "--no-plots", "--no-error-budget", "-o"
+    assert call("run", scene, *options, target, "--json") == 0
     printed = json.loads(capsys.readouterr().out)
     summary = json.loads((target / "summary.json").read_text())
     assert printed == summary
@@ -49,7 +34,7 @@ def test_a_run_leaves_history_summary_and_scene(tmp_path, capsys):
     assert history["crank.angle_rad"] == pytest.approx(100.0 * history["time_s"], abs=1e-9)
     # The scene it leaves runs again, its table found from anywhere, to the same last bit.
     again = tmp_path / "again"
-    assert call(*command(target / "scene.toml", again)) == 0
+    assert call("run", target / "scene.toml", *options, again) == 0
     assert (target / "history.csv").read_bytes() == (again / "history.csv").read_bytes()
 
 

@@ -15,19 +15,10 @@ def wave(angle):
     return np.sin(angle), np.cos(angle)
 
 
-def shaft_body():
-    return ehd.ShaftBody(
-        density=7446.0,
-        elements=6,
-        modes=6,
-        disks=[(0.5, 0.8, 1e-3, 5e-4)],
-        points={"middle": 0.5, "end": 0.9},
-    )
-
-
 def everything(rod_body):
     """A mechanism of every kind of body, joint, drive and force; it need not be possible."""
     crank = ehd.RigidBody(1.0, 1e-3, {"pin": (0.05, 0.01)}, centre=(0.01, 0.002))
+    shaft = {"density": 7446.0, "elements": 6, "modes": 6, "disks": [(0.5, 0.8, 1e-3, 5e-4)]}
     return ehd.Mechanism(
         bodies={
             "ground": ehd.ground({"hook": (0.1, 0.2)}),
@@ -35,7 +26,7 @@ def everything(rod_body):
             "rod": ehd.FlexibleBody(rod_body, 1e-3),
             "heavy": ehd.FlexibleBody(rod_body, 1e-3, mass=2.0, inertia=5e-3, centre=(0.07, 0.0)),
             "piston": ehd.RigidBody(0.5, 2e-3),
-            "shaft": shaft_body(),
+            "shaft": ehd.ShaftBody(**shaft, points={"middle": 0.5, "end": 0.9}),
         },
         joints={
             "main": ehd.Revolute(("ground.hook", "crank")),

@@ -24,12 +24,6 @@ def curve_through(rows, values):
     return TabulatedLoad(Curve(CubicSpline(rows, values), periodic=True))
 
 
-def broken_line(rows, values):
-    """The same, straight from row to row."""
-    curve = PPoly(np.stack([np.diff(values) / np.diff(rows), values[:-1]]), rows)
-    return TabulatedLoad(Curve(curve, periodic=True))
-
-
 @dataclass(frozen=True, eq=False)
 class Placed(TabulatedLoad):
     """A table read at places that a function of times and states gives."""
@@ -94,7 +88,8 @@ def test_no_step_misses_a_row(gaps, kind, follows, order):
 
 def test_a_jump_is_no_reason_to_stop():
     rows, values = np.array([0.0, 1.0, 1.0 + 1e-15, 3.0]), np.array([0.0, 0.0, 1.0, 0.0])
-    step = broken_line(rows, values)
+    line = PPoly(np.stack([np.diff(values) / np.diff(rows), values[:-1]]), rows)
+    step = TabulatedLoad(Curve(line, periodic=True))
     problem, rest = oscillator(1.0, 4.0, lambda t: step.curve(t)[0]), np.zeros(1)
     steps = list(integrate(problem, (0.0, 2.0), rest, rest, control(), tables=[step]))
     assert steps[-1].time == 2.0
