@@ -553,9 +553,9 @@ def test_a_series_has_the_whole_displacement_of_a_part(crank, tmp_path):
 
 def test_a_housing_rests_and_deforms(rotor, tmp_path):
     *_, (*_, blocks) = opened(series_of(rotor, tmp_path, 2))
-    mesh = blocks["bodies", "housing"]
-    np.testing.assert_array_equal(mesh.points, rotor.parts["housing"].nodes)
-    expected = rotor.parts["housing"].displacement(*(x[-1] for x in rotor.run.elastic("housing")))
+    mesh, part = blocks["bodies", "housing"], rotor.parts["housing"]
+    np.testing.assert_array_equal(mesh.points, part.nodes)
+    expected = part.displacement(*(x[-1] for x in rotor.run.elastic("housing")))
     np.testing.assert_allclose(mesh.point_data["displacement_m"], expected, atol=1e-18)
     held = mesh.points[:, 1] < mesh.points[:, 1].min() + 1e-9
     # Held nodes are equations of their own, solved to round-off.

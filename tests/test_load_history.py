@@ -95,10 +95,8 @@ def test_example_load_is_the_formula(tmp_path):
 
 
 def test_gas_of_the_example_engine_is_the_same_one():
-    gas, engine = (
-        read_angle_table(table_file("gas-force", "gas"), "gas", {"force": {"N": 1.0}}),
-        Engine(),
-    )
+    engine = Engine()
+    gas = read_angle_table(table_file("gas-force", "gas"), "gas", {"force": {"N": 1.0}})
     angle = np.linspace(-np.pi, 3 * np.pi, 361)[:-1]
     area = 0.25 * np.pi * engine.cylinder_bore**2
     found = [gas(a)[0] for a in angle]

@@ -30,17 +30,13 @@ def two_films():
     return slider_crank(rigid_rod(), *films)
 
 
-def recorded(mechanism, folder):
-    """The same short run in memory and in a folder."""
-    found = ehd.simulate(mechanism, END, tolerance=1e-2)
-    found.save(folder)
-    return found, ehd.load_results(folder)
-
-
 @pytest.fixture(scope="module", params=[one_film, two_films])
 def both(request, tmp_path_factory):
+    """The same short run in memory and on disk, and its folder."""
     folder = tmp_path_factory.mktemp("run")
-    return *recorded(request.param(), folder), folder
+    found = ehd.simulate(request.param(), END, tolerance=1e-2)
+    found.save(folder)
+    return found, ehd.load_results(folder), folder
 
 
 def test_memory_and_disk_are_one_object(both):

@@ -67,7 +67,11 @@ def test_complete_results_are_replaced_only_when_told_to(run, tmp_path, monkeypa
 
 def test_a_run_that_fails_leaves_complete_results_as_they_were(run, tmp_path):
     out = tmp_path / "out"
+    assert run(FAILS)[0] == 1
+    assert "failed: the film" in json.loads((out / "summary.json").read_text())["status"]
+    # What failed is replaced without asking.
     assert run(SCENE)[0] == 0
+    assert json.loads((out / "summary.json").read_text())["status"] == "complete"
     before = contents(out)
     status, errors = run(FAILS, "--overwrite")
     assert status == 1
@@ -78,14 +82,6 @@ def test_a_run_that_fails_leaves_complete_results_as_they_were(run, tmp_path):
     # Once there is something better, it goes.
     assert run(SCENE, "--overwrite")[0] == 0
     assert set(contents(out)) == set(before)
-
-
-def test_failed_results_are_replaced_without_asking(run, tmp_path):
-    assert run(FAILS)[0] == 1
-    summary = tmp_path / "out" / "summary.json"
-    assert json.loads(summary.read_text())["status"].startswith("failed: the film")
-    assert run(SCENE)[0] == 0
-    assert json.loads(summary.read_text())["status"] == "complete"
 
 
 @pytest.mark.parametrize("more", [(), ("--overwrite",)])
