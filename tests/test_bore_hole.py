@@ -37,11 +37,6 @@ def ring():
     return elastic_part.elastic_part(settings, "bodies.housing", "lagrange", MPI.COMM_SELF).source
 
 
-@pytest.fixture(scope="module")
-def body(ring):
-    return ehd.load_dependent(ring, 4, 12)
-
-
 def test_the_hole_is_found_where_it_is(ring):
     bore = ring.bores["bore"]
     (hole,) = bore_holes(bore.coordinates, bore.cells, bore.family)
@@ -68,8 +63,8 @@ def test_what_the_rim_knows_is_extended_linearly(ring):
     np.testing.assert_allclose(found, height[inside] + 0.3 * angle[inside], rtol=1e-9)
 
 
-def test_the_film_presses_on_what_the_hole_leaves(ring, body):
-    bore = ring.bores["bore"]
+def test_the_film_presses_on_what_the_hole_leaves(ring):
+    bore, body = ring.bores["bore"], ehd.load_dependent(ring, 4, 12)
     grid = ehd.uniform_grid(bore.radius, bore.width, (40, 10))
     film = ehd.Film(ehd.FilmParameters(grid, 20e-6, ehd.Lubricant(0.01), 300.0))
     maps = ehd.BoreFilm(body, film)
