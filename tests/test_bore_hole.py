@@ -204,7 +204,7 @@ def test_a_film_that_has_become_warm_is_one_of_warm_oil(kind):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"joints.bearing.cells": []}, r"bearing.cells: a supply or a hole of the bore needs"),
+        ({"joints.bearing.cells": []}, r"bearing.cells: grooves, supplies and holes of"),
         ({"joints.bearing.cells": [16, 4]}, r"the hole in the mesh of the bore at 90 degrees, .*"
          r"use cells = \[22, 4\]"),
         (HOLE | {"joints.bearing.supply.inlet.on": "journal"}, r"inlet.diameter is missing \[m\]"),

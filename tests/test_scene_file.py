@@ -344,7 +344,7 @@ def test_a_film_on_a_point_of_a_flexible_rod_moves_with_it(rod_at_once):
 
 def test_grooves_and_ambient_pressure_feed_the_film(rod_at_once):
     fed = {"joints.big_end.grooves": [[90, 30, 3e5]], "joints.big_end.ambient_pressure": 1e5}
-    with pytest.raises(ehd.errors.SettingsError, match=r"big_end.cells: grooves need film cells"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"big_end.cells: grooves, supplies"):
         made(SLIDER_CRANK, fed)
     built = made(SLIDER_CRANK, fed | {"joints.big_end.cells": [20, 5]}, "rigid")
     film = built.mechanism.joints["big_end"].film

@@ -363,14 +363,11 @@ def build_film(scene: Scene, name: str, bore: BoreSurface | None, rate: float) -
     joint, key, holes = scene.joints[name], f"joints.{name}", list[BoreHole]()
     if bore is not None and bore.cells.size:
         holes = bore_holes(bore.coordinates, bore.cells, bore.family)
-    if bore is not None and not joint.cells:
-        if joint.grooves:
-            raise SettingsError(f"{key}.cells: grooves need film cells of their own, [40, 10] say")
-        if joint.supply or holes:
-            raise SettingsError(
-                f"{key}.cells: a supply or a hole of the bore needs film cells "
-                "of its own, [40, 10] say"
-            )
+    if bore is not None and not joint.cells and (joint.grooves or joint.supply or holes):
+        raise SettingsError(
+            f"{key}.cells: grooves, supplies and holes of the bore need film cells of their own, "
+            "[40, 10] say"
+        )
     try:
         grooves = tuple(
             AxialGroove(radians(angle), radians(width), pressure)

@@ -50,7 +50,7 @@ from fenics_ehd.reduction.residual_completion import basis_of, residual_flexibil
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.part_settings import ELEMENTS, ReductionSettings
+from fenics_ehd.scenes.part_settings import ReductionSettings
 from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
 
 #: Keys of [reduction] that each method reads.
@@ -121,11 +121,6 @@ def model_file(part: schema.FlexibleSettings, section: str) -> Path:
     return path
 
 
-def pressure_family(element: str) -> str:
-    """Family of the pressures in (15): the film's, or 9-node where the film's is no quadratic."""
-    return element if element in ELEMENTS else "lagrange"
-
-
 def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -> ReducedBody:
     """Apply the method that the settings name, and keep the part-size basis.
 
@@ -192,7 +187,7 @@ def structure_provenance(
         # A mesh has the cells it has.
         **({"cells": part.cells} if model.suffix == ".geo" else {}),
         **{name: repr(value) for name, value in attrs.asdict(part.material).items()},
-        "film_element": pressure_family(film_element),
+        "film_element": film_element,
         "bores": " ".join(part.bores),
         "points": " ".join(part.points),
         **{f"geometry.{name}": repr(float(v)) for name, v in sorted(part.geometry.items())},
@@ -264,7 +259,7 @@ class ElasticPart:
     source
         The assembled structure, or the reduced body of a file.
     film_element
-        Of the film in its first bore that has one.
+        Of its pressures, see `Scene.film_element`.
     """
 
     settings: schema.FlexibleSettings
@@ -439,7 +434,7 @@ def _assembled(
         mesh,
         settings.material,
         family=settings.element,
-        pressure_family=pressure_family(film_element),
+        pressure_family=film_element,
         bores=settings.bores,
         attachments=settings.points,
         clamped=None if settings.clamped == NONE else settings.clamped,

@@ -42,7 +42,7 @@ from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import shipped_scene
-from fenics_ehd.scenes.part_settings import OutputSettings
+from fenics_ehd.scenes.part_settings import ELEMENTS, OutputSettings
 
 #: The frame at rest.
 GROUND = "ground"
@@ -93,10 +93,14 @@ class Scene:
         return (name, point) if elastic else None
 
     def film_element(self, body: str) -> str:
-        """Element of a flexible body's films; others than the first's reach it by a transfer."""
+        """Element of the pressures on a flexible body, that of a film in its first bore with one.
+
+        9-node where that film's is no quadratic one; other films reach the body by a transfer.
+        """
         found = {self.elastic_bore(joint): joint.element for joint in self.films.values()}
-        bores = [(body, bore) for bore in self.bodies[body].bores]
-        return next((found[bore] for bore in bores if bore in found), "lagrange")
+        elements = (found.get((body, bore), "") for bore in self.bodies[body].bores)
+        element = next(filter(None, elements), "lagrange")
+        return element if element in ELEMENTS else "lagrange"
 
     @property
     def span(self) -> float:
