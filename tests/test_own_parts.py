@@ -32,6 +32,7 @@ from bench_parts import (
     rigid,
     smooth_answers,
     stored_mesh_error,
+    write_part,
 )
 from bench_scenes import elastic_part
 from calculix_ring import run_calculix
@@ -142,7 +143,7 @@ def test_part_lies_as_scenes_want_it(parts, name, tmp_path):
     middle = 0.5 * (pin.min(axis=0) + pin.max(axis=0))
     np.testing.assert_allclose(middle, [0.16, 0.0, 0.0], atol=2e-7)
     assert made.moved["bore"] < (1e-12 if name == "rod.step" else 1e-7)
-    made.write(tmp_path / "part.msh")
+    write_part(tmp_path / "part.msh", made.solid, made.surfaces())
     mesh = ehd.build_mesh(tmp_path / "part.msh", comm=MPI.COMM_SELF)
     assert mesh.cell == ("hexahedron" if name == "turned.msh" else "tetrahedron")
     assert set(mesh.groups) == {"part", "bore", "pin"}
@@ -218,7 +219,7 @@ def made(path, target):
 @pytest.mark.slow
 def test_mesh_with_an_oil_hole_yields_as_its_drawing(parts, tmp_path, figure):
     drawn = placed(parts / "drilled.step", 40)
-    drawn.write(tmp_path / "drawn.msh")
+    write_part(tmp_path / "drawn.msh", drawn.solid, drawn.surfaces())
     structure, reference = part_answers(tmp_path / "drawn.msh", STEEL, ["bore"], None)
     stated = made(parts / "drilled.msh", tmp_path / "part.msh")
     # Nodes on the rim of the hole are nodes of the finer mesh, too.

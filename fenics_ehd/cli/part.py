@@ -86,7 +86,7 @@ def part(
 
     import fenics_ehd.base.petsc_start  # noqa: F401 - collective: every rank starts PETSc
     from fenics_ehd.base.files import require_writable, written_aside
-    from fenics_ehd.fem.drawn_part import open_part, place_part
+    from fenics_ehd.fem.drawn_part import open_part, place_part, write_part
     from fenics_ehd.fem.solid import corner_volumes
 
     if MPI.COMM_WORLD.rank:  # one does it all
@@ -122,7 +122,7 @@ def part(
     }
     try:
         with written_aside(Path(target)) as aside:
-            placed.write(aside)
+            write_part(aside, placed.solid, placed.surfaces())
             if check:
                 figures |= _checked(opened, placed, aside, around, made_of)
     except MeshError as error:
@@ -172,7 +172,7 @@ def _checked(
     """
     from tempfile import TemporaryDirectory
 
-    from fenics_ehd.fem.drawn_part import place_part
+    from fenics_ehd.fem.drawn_part import place_part, write_part
     from fenics_ehd.fem.models import store_mesh_error
     from fenics_ehd.fem.structure import part_answers
     from fenics_ehd.reduction.mesh_error import FINER, MOST_REFINED
@@ -195,7 +195,7 @@ def _checked(
         other = placed.refined()
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
-        other.write(file)
+        write_part(file, other.solid, other.surfaces())
         there = part_answers(file, material, bores, clamped, points=points)
     errors, moved = missed(structure, answers, *there)
     error = max(errors.values())

@@ -145,10 +145,10 @@ def _why_none(body: object, has_model: bool) -> str:
 
 def _instants(scene: Scene, result: History) -> dict[str, np.ndarray]:
     """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
-    found = {"time_s": np.asarray(result.run.time) - _cycle_start(result)}
+    found = {"time_s": result.run.time - _cycle_start(result)}
     turning = result.bodies.get(scene.time.of)
     if turning is not None and "angle" in turning:
-        found[f"{scene.time.of}_angle_deg"] = np.degrees(np.asarray(turning.angle)) % 360.0
+        found[f"{scene.time.of}_angle_deg"] = np.degrees(turning.angle) % 360.0
     return found
 
 

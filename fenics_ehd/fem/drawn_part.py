@@ -383,10 +383,6 @@ class PlacedPart:
             for name, faces in self.named.all().items()
         }
 
-    def write(self, path: Path) -> None:
-        """Write the part as a model."""
-        write_part(path, self.solid, self.surfaces())
-
     def refined(self) -> PlacedPart:
         """Part with every cell cut in eight."""
         solid, facets, numbers = refined(self.solid, self.facets, self.numbers)

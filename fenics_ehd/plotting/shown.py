@@ -102,7 +102,7 @@ class ShownRun:
         summary = result.summary()
         if not summary:
             result = result.last_cycle()
-        time = np.asarray(result.run.time)
+        time = result.run.time
         start = summary.get("cycle_start_s", time[0] - result.run.get("cycle_time", time)[0])
         end = summary.get("cycle_end_s", time[-1])
         used = str(summary.get("cycle_used", ""))
@@ -120,7 +120,7 @@ class ShownRun:
                 )
             )
         self.cycle = result
-        self.time = np.asarray(self.cycle.run.time) - start
+        self.time = self.cycle.run.time - start
         angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
         # The end of the cycle before is that many turns ahead.
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.special import ive
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import BoreSurface, all_outward
@@ -60,11 +61,11 @@ def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
 
 
 def _summit() -> np.ndarray:
-    angle = 2 * np.pi * np.arange(64) / 64
-    circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(64)])
-    around = smooth_fields(circle, 1.0)[:, : 2 * WAVES + 1]
-    found = np.linalg.lstsq(around, np.exp(4 * np.cos(angle) - 4), rcond=None)[0]
-    return np.append(found, np.zeros(SMOOTH - len(found)))
+    """Waves of ``exp(4 cos phi - 4)``, which are modified Bessel functions of 4."""
+    found = np.zeros(SMOOTH)
+    found[0] = ive(0, 4)
+    found[1 : 2 * WAVES : 2] = 2 * ive(np.arange(1, WAVES + 1), 4)
+    return found
 
 
 _SINGLE = np.eye(SMOOTH)

@@ -67,7 +67,7 @@ class RecordedMotion:
     """
 
     def __init__(self, mechanism: Mechanism, motion: History):
-        self.motion, self.time = motion, np.asarray(motion.run.time)
+        self.motion, self.time = motion, motion.run.time
         self.bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         self.system = System(mechanism)
         self._equations = StepEquations(self.system)

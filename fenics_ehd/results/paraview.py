@@ -309,7 +309,7 @@ def write_run(
     Path
         See `write_series`.
     """
-    chosen = nearest_steps(np.asarray(result.time), frames)
+    chosen = nearest_steps(result.time, frames)
     shown = result.each(lambda values: values[chosen])
     replay = RecordedMotion(mechanism, shown)
     blocks = [

@@ -43,17 +43,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator, PPoly
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import read_text
 from fenics_ehd.multibody.tabulated import Curve
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
-
 
 #: Beyond any force [N], torque, time or angle; squares and sums of such numbers stay finite.
 LARGEST = 1e15
@@ -214,8 +210,6 @@ def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
     values
         The last one that of the first, shape (n,).
     """
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline  # slow to import
-
     closed = np.append(values[:-1], values[0])  # SciPy forgives no round-off
     slopes = CubicSpline(angles, closed, bc_type="periodic")(angles, 1)
     curve = CubicHermiteSpline(angles, closed, limited(slopes, np.diff(closed) / np.diff(angles)))
@@ -288,8 +282,6 @@ def read_time_table(path: Path, key: str, column: Units) -> Curve:
     SettingsError
         Naming setting, file, line and value.
     """
-    from scipy.interpolate import PchipInterpolator  # slow to import
-
     _, rows = read_columns(path, f"{key} {path}", {"time": {"s": 1.0}, **column}, 2)
     return Curve(PchipInterpolator(*rows.T), periodic=False)
 
@@ -316,8 +308,6 @@ def load_curves(
     interpolation
         ``"cubic"``: periodic spline, or ``"linear"``.
     """
-    from scipy.interpolate import CubicSpline, PPoly  # slow to import
-
     closed = np.vstack([forces[:-1], forces[:1]])  # SciPy forgives no round-off
     largest = float(np.hypot(*forces.T).max())
 

@@ -72,7 +72,7 @@ class StoredRun:
     def __init__(self, directory: Path, scene: Scene, start: float):
         self.directory, self.scene = directory, scene
         self.result = load_history(directory, films=False)
-        self.times = np.asarray(self.result.time)
+        self.times = self.result.time
         self.joints = tuple(scene.films)
         self.counted = self.times >= start
         if np.count_nonzero(self.counted) < 2:
@@ -126,7 +126,7 @@ class StoredRun:
         for joint in self.joints:
             own, prefix = run.result.joints[joint], joint_prefix(joint, self.joints)
             peak = self.result.joints[joint].max_pressure[self.counted].max()
-            nodal = np.asarray(exact.joints[joint].film.pressure)
+            nodal = exact.joints[joint].film.pressure
             pairs = {
                 "pressure": (own.max_pressure[inside], nodal.max(axis=1)),
                 "film": (own.min_film_thickness[inside], right[joint].min(axis=1)),

@@ -477,7 +477,7 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
     runs = [study.history(row["run"]) for row in rows]
 
     def draw(axes: Axes, reference: History, joint: JointData, curve: Curve) -> None:
-        time = np.asarray(reference.time)
+        time = reference.time
         true = factor_of(curve.label) * reference.joints[joint.name][curve.quantity]
         axes.plot(1e3 * time, true, color=GREY, linewidth=4.5, solid_capstyle="butt",
                   label="reference")  # fmt: skip
@@ -650,7 +650,7 @@ def draw_pressure(joint: JointData) -> Figure | None:
         "highest pressure": int(found.max_pressure.argmax()),
         "thinnest film": int(found.min_film_thickness.argmin()),
     }
-    grid, pressure = film_grid(found.film), 1e-6 * np.asarray(found.film.pressure)
+    grid, pressure = film_grid(found.film), 1e-6 * found.film.pressure
     rasters = [
         raster_of(grid, pressure[step], f"{moment}, {1e3 * history.time[step]:.3f} ms")
         for moment, step in moments.items()
