@@ -34,7 +34,7 @@ def run(name, **values):
 
 
 def changed(row, **values):
-    return StudyRow({**row.values, **values})
+    return StudyRow(row | values)
 
 
 def m1(modes, pressure=0.2, film=0.2, **values):
@@ -90,7 +90,7 @@ def write_study(directory, rows, joints=("big_end",), reference=None, **info):
         writer.writeheader()
         for row in rows:
             for joint in joints if not row["joint"] else (row["joint"],):
-                cells = {k: "" if v != v else v for k, v in row.values.items()}
+                cells = {k: "" if v != v else v for k, v in row.items()}
                 writer.writerow(cells | {"joint": joint})
     return read_study(directory)
 

@@ -503,7 +503,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
     """Relative errors of some runs over time, none inside the reference's own error, if any."""
 
     def draw(
-        axes: Axes, errors: Mapping[StudyRow, Columns], joint: JointData, curve: Curve
+        axes: Axes, errors: list[tuple[StudyRow, Columns]], joint: JointData, curve: Curve
     ) -> None:
         floor = max((row.floor(curve) for row in joint.measured("methods")), default=0.0)
         if floor > 0:
@@ -512,7 +512,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             axes.set_yscale("symlog", linthresh=linear, linscale=0.4)
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
             axes.axhspan(-100 * floor, 100 * floor, color=FLOOR, linewidth=0, label=FLOOR_LABEL)
-        for row, found in errors.items():
+        for row, found in errors:
             error = found[f"{curve.key}_error"]
             axes.plot(
                 1e3 * found["time_s"],
@@ -528,7 +528,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
         axes.set_xlim(left=1e3 * study.info["start"])
 
     errors = {
-        joint: {row: found for row in rows if (found := joint.errors_over_time(row["run"]))}
+        joint: [(row, found) for row in rows if (found := joint.errors_over_time(row["run"]))]
         for joint in study.joints
     }
     return joint_figure(errors, 3.9, draw)

@@ -41,22 +41,13 @@ FILM = Curve("film", "minimum film thickness", "min_film_thickness", "minimum fi
 CURVES = (PRESSURE, FILM)
 
 
-@dataclass(frozen=True, eq=False)
-class StudyRow:
+class StudyRow(dict[str, Any]):
     """A run in ``table.csv``, as one lubricated joint has it.
 
-    Attributes
-    ----------
-    values
-        By column, text or numbers in SI units, nan where a cell is empty. Errors are relative: of
-        the pressure to the reference's peak, of the film to the film. Those called own are relative
-        to the same model with very fine steps.
+    By column text or numbers in SI units, nan where a cell is empty. Errors are relative: of the
+    pressure to the reference's peak, of the film to the film. Those called own are relative to the
+    same model with very fine steps.
     """
-
-    values: Mapping[str, Any]
-
-    def __getitem__(self, column: str) -> Any:
-        return self.values[column]
 
     @property
     def complete(self) -> bool:
