@@ -17,6 +17,7 @@ from time import perf_counter
 import click
 
 from fenics_ehd.base.errors import VerificationError
+from fenics_ehd.base.files import versions
 from fenics_ehd.cli.options import answer, json_option
 
 
@@ -26,7 +27,6 @@ def info(as_json: bool) -> None:
     """Show versions and where the Gmsh models are."""
     from importlib import resources
 
-    from fenics_ehd.base.files import versions
     from fenics_ehd.fem.models import model_path
 
     found = {
@@ -52,8 +52,6 @@ ATTITUDE = 51.98
 @click.command()
 def check() -> None:
     """Test this installation in about a minute: libraries, a reduction, a film, steps, ranks."""
-    from fenics_ehd.base.files import versions
-
     found = versions(installed=True)
     for name, told in found.items():
         click.echo(f"  {name:14s} {told}")

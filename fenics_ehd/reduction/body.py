@@ -377,8 +377,7 @@ def load_body(path: str | Path) -> ReducedBody:
 
 
 def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
-    names = [field.name for field in fields(ModeRecord)]
-    rows = zip(*(columns[name] for name in names), strict=True)
+    rows = zip(*(columns[field.name] for field in fields(ModeRecord)), strict=True)
     return tuple(
         ModeRecord(kind, float(frequency), float(share), dropped)
         for kind, frequency, share, dropped in rows

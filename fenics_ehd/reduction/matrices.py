@@ -125,7 +125,7 @@ def as_matrix(
         (``.mtx``, ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``), PETSc
         binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``; a group in
         it as ``file.h5:/group``) with the CSR arrays ``data``, ``indices`` and
-        ``indptr`` as datasets and ``shape`` as dataset or attribute. Of the last
+        ``indptr`` as datasets and ``shape`` as dataset or attribute. Of the last two
         every rank reads its own rows only, the others whole.
     comm
         Ranks that share the rows; a PETSc matrix keeps its own.
@@ -257,17 +257,23 @@ def _in_binary(path: str) -> Opened:
     PETSc itself believes the column numbers.
     """
     number = np.dtype(PETSc.IntType).newbyteorder(">")
-    with open(path, "rb") as file:
-        kind, height, width, entries = map(int, np.fromfile(file, number, 4))
-        if kind != _BINARY_MATRIX or min(height, entries) < 0:
-            raise ValueError("not a sparse matrix in PETSc's binary format")
-        lengths, columns = (np.fromfile(file, number, count) for count in (height, entries))
-        reals = np.fromfile(file, ">f8", entries)
+    kind, height, width, entries = map(int, np.fromfile(path, number, 4))
+    if kind != _BINARY_MATRIX:
+        raise ValueError("not a sparse matrix in PETSc's binary format")
+    starts = np.cumsum([4, height, entries]) * number.itemsize
+    lengths = np.memmap(path, number, "r", starts[0], height)
+    columns = np.memmap(path, number, "r", starts[1], entries)
+    reals = np.memmap(path, ">f8", "r", starts[2], entries)
     indptr = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
-    if len(reals) != entries or lengths.min() < 0 or indptr[-1] != entries:
-        raise ValueError(f"{len(reals)} numbers in {len(lengths)} rows, not {entries} entries")
-    native = reals.astype(float), columns.astype(PETSc.IntType), indptr
-    return _whole(sparse.csr_matrix(native, shape=(height, width)))
+    if lengths.min() < 0 or indptr[-1] != entries:
+        raise ValueError(f"rows of {indptr[-1]} entries do not make its {entries} entries")
+
+    def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        own = slice(indptr[first], indptr[last])
+        data, indices = reals[own].astype(float), columns[own].astype(PETSc.IntType)
+        return data, indices, indptr[first : last + 1] - indptr[first]
+
+    return (height, width), read
 
 
 def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
@@ -339,9 +345,8 @@ def dense_matrix(columns: np.ndarray, comm: PETSc.Comm) -> PETSc.Mat:
 
     Shares the memory of a column-major array; the others are copied.
     """
-    rows, width = columns.shape
-    array = np.asfortranarray(columns)
-    return PETSc.Mat().createDense(((rows, None), (None, width)), array=array, comm=comm)
+    shape = (len(columns), None), (None, columns.shape[1])
+    return PETSc.Mat().createDense(shape, array=np.asfortranarray(columns), comm=comm)
 
 
 def column_vectors(matrix: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:

@@ -146,7 +146,7 @@ def save_structure(structure: Structure, path: str | Path) -> None:
     for name in (*structure.attachments, *structure.bores):
         if not name or "/" in name or name == ".":
             raise StructureError(f"name {name!r}: a file needs one without a slash")
-    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
+    comm, matrices = structure.comm, {"stiffness": structure.stiffness, "mass": structure.mass}
     matrices |= {f"bores/{name}/load": bore.load for name, bore in structure.bores.items()}
     shapes = {name: matrix.size for name, matrix in matrices.items()}
     blocks = {name: matrix.getValuesCSR() for name, matrix in matrices.items()}
@@ -170,18 +170,11 @@ def save_structure(structure: Structure, path: str | Path) -> None:
                     (group if isinstance(value, np.ndarray) else group.attrs)[key] = value
 
     tables = {"coordinates": structure.coordinates}
-    for name, csr in blocks.items():
-        tables |= _csr_tables(name, structure.comm, *csr)
-    save_by_ranks(Path(path), structure.comm, begin, tables)
-
-
-def _csr_tables(
-    name: str, comm: MPI.Comm, indptr: np.ndarray, indices: np.ndarray, data: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Datasets of a matrix of which every rank has some rows."""
-    # The end of every row; the first rank also writes where the first one begins.
-    ends = indptr[min(comm.rank, 1) :].astype(np.int64) + before(len(data), comm)
-    return {f"{name}/data": data, f"{name}/indices": indices, f"{name}/indptr": ends}
+    for name, (indptr, indices, data) in blocks.items():
+        # The end of every row; the first rank also writes where the first one begins.
+        ends = indptr[min(comm.rank, 1) :].astype(np.int64) + before(len(data), comm)
+        tables |= {f"{name}/data": data, f"{name}/indices": indices, f"{name}/indptr": ends}
+    save_by_ranks(Path(path), comm, begin, tables)
 
 
 def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structure:

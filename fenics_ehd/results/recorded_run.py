@@ -559,8 +559,7 @@ def require_same_scene(former: Checkpoint, scene: Mapping[str, str], directory: 
     InputError
         Naming the file.
     """
-    stored = former.digests
-    changed = [name for name in {**stored, **scene} if stored.get(name) != scene.get(name)]
+    changed = {name for name, _ in former.digests.items() ^ scene.items()}
     if changed:
         raise InputError(
             f"{directory}: {', '.join(sorted(changed))} changed since the run began: put back what "
