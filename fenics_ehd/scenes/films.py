@@ -360,7 +360,9 @@ def build_film(scene: Scene, name: str, bore: BoreSurface | None, rate: float) -
     InterfaceMismatchError
         The cells of a flexible bore are wanted and are not a structured quadratic mesh.
     """
-    joint, key, holes = scene.joints[name], f"joints.{name}", list[BoreHole]()
+    joint = scene.joints[name]
+    key = f"joints.{name}"
+    holes: list[BoreHole] = []
     if bore is not None and bore.cells.size:
         holes = bore_holes(bore.coordinates, bore.cells, bore.family)
     if bore is not None and not joint.cells and (joint.grooves or joint.supply or holes):

@@ -144,7 +144,8 @@ def read_columns(
         if len(entries) != len(header):
             raise SettingsError(f"{place}: {len(entries)} values for {len(header)} columns")
         values[row] = [f * _finite(f"{place}: {header[i]}", entries[i]) for i, f in columns]
-        former, here = values[max(row - 1, 0), 0], values[row, 0]
+        former = values[max(row - 1, 0), 0]
+        here = values[row, 0]
         if ascending and row and not here > former:
             name, unit = wanted.partition(",")[0].split("_", 1)
             raise SettingsError(
@@ -226,7 +227,8 @@ def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
     chords
         Between one row and the next, shape (n - 1,).
     """
-    before, after = np.append(chords[-1], chords), np.append(chords, chords[0])
+    before = np.append(chords[-1], chords)
+    after = np.append(chords, chords[0])
     largest = 3.0 * np.minimum(np.abs(before), np.abs(after))
     # At an extreme, and where the spline falls although the rows rise.
     turns = (before * after <= 0) | (slopes * after <= 0)
