@@ -180,7 +180,8 @@ def test_one_step_formulas_solve_what_a_film_alone_does(made, eccentricity, fill
     gap = place.film.gap(run.state.x[0, place.xi], run.state.rate[0, place.xi], SPEED)
     content, time, largest = alone.filled(gap, filling), 0.0, []
     # Full where there is a reservoir.
-    content = np.where(alone.balance.reservoir, alone.filled(gap), content)
+    reservoir = np.isin(np.arange(len(content)), alone.balance.unknown, invert=True)
+    content = np.where(reservoir, alone.filled(gap), content)
     for step in run.until(end):
         (state,) = step.solution.films
         found = alone.solve(state.gap, content, step.time - time)

@@ -99,7 +99,7 @@ def test_edges_in_one_cell_are_refused_with_their_angles():
         (lambda: ehd.uniform_grid(R, R, (-4, -4)), "0 x 0 cells"),
         (lambda: ehd.uniform_grid(R, -R, (20, 5)), "must ascend"),
         (lambda: ehd.uniform_grid(R, np.nan, (20, 5)), "must ascend"),
-        (lambda: ehd.uniform_grid(R, R, (20, 5), "hermite"), "'hermite' is not one of bilinear"),
+        (lambda: ehd.uniform_grid(R, R, (20, 5), "hermite"), "'hermite' is not one of lagrange"),
         (lambda: ehd.FilmGrid(R, np.linspace(0, 6, 9), np.arange(3.0)), "6 rad, not one turn"),
         (lambda: ehd.uniform_grid(-R, R, (20, 5)), "radius"),
         (lambda: ehd.uniform_grid(np.nan, R, (20, 5)), "radius"),

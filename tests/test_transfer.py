@@ -201,13 +201,9 @@ def test_meshes_of_different_cylinders_are_refused():
 
 def test_meshes_that_are_no_whole_cylinder_are_refused():
     whole = rectangles(12, 3, "lagrange")
-    with pytest.raises(ehd.errors.InterfaceMismatchError, match="must use each of the 168 given"):
-        Surface(whole.nodes, whole.cells[:-3], "lagrange")
     nodes, cells = np.unique(whole.cells[:-3], return_inverse=True)
     with pytest.raises(ehd.errors.InterfaceMismatchError, match="circumference, not a whole turn"):
         Surface(whole.nodes[nodes], cells.reshape(-1, 9), "lagrange")
-    with pytest.raises(ehd.errors.InterfaceMismatchError, match="have 8 nodes each"):
-        Surface(whole.nodes, whole.cells, "serendipity")
     crooked = whole.nodes.copy()
     crooked[whole.cells[0, 8], 0] += 0.01
     with pytest.raises(ehd.errors.InterfaceMismatchError, match="cells off its place"):

@@ -252,7 +252,6 @@ class SnesVi:
             snes.setConvergenceTest(callbacks.converged)
         else:
             snes.setTolerances(atol=PETSc.Options(options_prefix).getReal("snes_atol", tolerance))
-        self.solves = 0
         destroy_with(self, snes, jacobian, self._unknown, self._function)
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
@@ -272,7 +271,6 @@ class SnesVi:
         """
         self._unknown.array = start
         self._snes.solve(None, self._unknown)
-        self.solves += 1
         reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
         x, function = self._unknown.array.copy(), self._function.array.copy()
         failure = self._callbacks.take_failure()

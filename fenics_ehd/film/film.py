@@ -23,6 +23,7 @@ from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Compl
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import DEEPEST_ITERATE, RoughSurfaces
+from fenics_ehd.film.supply import in_regions
 
 if TYPE_CHECKING:
     from fenics_ehd.film.weak_form import Flow
@@ -112,10 +113,6 @@ class Film:
         film = copy(self)
         film.equation = copy(self.equation)
         return film
-
-    def warm(self, temperature: float) -> None:
-        """Give the oil the viscosity of another temperature [C], see `ReynoldsEquation.warm`."""
-        self.equation.warm(temperature)
 
     def solve(self, gap: Gap, guess: FilmState | None = None) -> FilmState:
         """Pressure for a given gap.
@@ -210,6 +207,19 @@ class Film:
             shape (n, nodes) [m^2]: integrals of shape function times displacement.
         """
         return (self.pressure_areas.T @ directions.reshape(-1, directions.shape[-1])).T
+
+    @cached_property
+    def supplied_points(self) -> np.ndarray:
+        """Mask of the Gauss points in a region of given pressure."""
+        p, points = self.parameters, self.points
+        return in_regions(p.regions, points.angle, points.height, p.grid.radius)
+
+    @cached_property
+    def supplied_nodes(self) -> np.ndarray:
+        """Mask of the nodes in a region of given pressure."""
+        grid = self.parameters.grid
+        angle, height = grid.node_positions.T
+        return in_regions(self.parameters.regions, angle, height, grid.radius)
 
     @cached_property
     def pressure_areas(self) -> sparse.csr_matrix:

@@ -62,7 +62,7 @@ from fenics_ehd.base.fields import SHEAR_RULES
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FeedTerm
-from fenics_ehd.film.supply import SLACK, in_regions
+from fenics_ehd.film.supply import SLACK
 
 #: Velocity of the oil seen from a cavity, over that of sliding, below which it comes from both
 #: sides; under a load at rest it is 0.5. It only makes friction a function where the sense
@@ -79,17 +79,14 @@ class FilmFields:
 
     Attributes
     ----------
-    pressure
-        [Pa].
     slope_around
-        Its derivative along the circumference [Pa/m].
+        Derivative of the pressure along the circumference [Pa/m].
     viscosity
         [Pa s].
     filled
         theta, the share of the width that is sheared [-].
     """
 
-    pressure: np.ndarray
     slope_around: np.ndarray
     viscosity: np.ndarray
     filled: np.ndarray
@@ -108,35 +105,16 @@ def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFi
     p = film.parameters
     pressure, around, _ = film.assembly.at_points(state.pressure)
     return FilmFields(
-        pressure,
         around / p.grid.radius,
         p.lubricant.viscosity * np.broadcast_to(film.flow(state).viscosity, pressure.shape),
         _filled(film, state, pressure, rule),
     )
 
 
-def sheared_heights(film: Film, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
-    """Heights in the stress of sliding and of the pressure; see `RoughSurfaces.sheared`."""
-    surfaces = film.parameters.surfaces
-    return (gap.thickness, gap.thickness) if surfaces is None else surfaces.sheared(gap)
-
-
-def beside_drag(film: Film, gap: Gap, fields: FilmFields) -> np.ndarray:
-    """Power per area of the pressure's stress, beyond that of the drag of `Film.powers` [W/m2].
-
-    Between rough surfaces; between smooth ones ``h dp/dy`` does the work of both.
-    """
-    p, flow = film.parameters, film.equation.flow(gap)
-    assert p.surfaces is not None
-    _, deep = p.surfaces.sheared(gap)
-    carried = p.clearance * p.rate * p.grid.radius * flow.thickness * flow.velocity
-    return fields.slope_around * (deep * gap.mean_velocity - carried)
-
-
 def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
     """Share of the width that is sheared."""
     full = pressure > PRESSURE_FLOOR * pressure.max()
-    groove = in_supply(film, film.points.angle, film.points.height)
+    groove = film.supplied_points
     if rule == "streamers" and state.fluid_fraction is not None:
         share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)
     elif rule == "streamers":
@@ -150,17 +128,9 @@ def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np
     return share
 
 
-def in_supply(film: Film, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Mask of points in a region of given pressure of a film."""
-    p = film.parameters
-    return in_regions(p.regions, angle, height, p.grid.radius)
-
-
 def _beside_lines(film: Film) -> np.ndarray:
     """Gauss points next to nodes of given pressure: a feed line has no width of its own."""
-    grid = film.parameters.grid
-    nodes = in_supply(film, *grid.node_positions.T)
-    return film.assembly.at_points(nodes.astype(float))[0] > 0.5
+    return film.assembly.at_points(film.supplied_nodes.astype(float))[0] > 0.5
 
 
 def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
@@ -258,11 +228,11 @@ class FilmFlows:
         """All flows; of a film that keeps account of its oil no cavity makes any."""
         film, inflow, feeds = self._film, self._inflow, self._feeds
         grid, conserved = film.parameters.grid, self._lumped
-        supply = float(inflow[self._region].sum()) + sum(feeds.values())
+        supply = float(inflow[film.supplied_nodes].sum()) + sum(feeds.values())
         cavities = 0.0 if conserved else float(inflow[film.free].sum())
         sides = {}
         for name, end in (("lower", grid.heights[0]), ("upper", grid.heights[-1])):
-            entering = _side_inflow(film, inflow, self._region, end)
+            entering = _side_inflow(film, inflow, film.supplied_nodes, end)
             ambient = getattr(film.parameters.sides, name)
             if ambient is None:
                 entering = np.zeros_like(entering)
@@ -343,11 +313,6 @@ class FilmFlows:
     @cached_property
     def _fed(self) -> FeedTerm | None:
         return self._film.equation.fed(self._state.gap, lumped=self._lumped)
-
-    @cached_property
-    def _region(self) -> np.ndarray:
-        """Mask of nodes in a supply region, shape (nodes,)."""
-        return in_supply(self._film, *self._film.parameters.grid.node_positions.T)
 
     @cached_property
     def _feeds(self) -> dict[str, float]:

@@ -25,18 +25,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial import cKDTree
 
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
+from fenics_ehd.base.fields import FILM_ELEMENTS
 from fenics_ehd.reduction.elements import ELEMENTS
-
-#: Nodes of a cell in each family, as offsets around and along in half cells, in dolfinx order.
-_CORNERS = [(0, 0), (2, 0), (0, 2), (2, 2)]
-_EDGES = [(1, 0), (0, 1), (2, 1), (1, 2)]
-_OFFSETS = {
-    "bilinear": _CORNERS,
-    "serendipity": _CORNERS + _EDGES,
-    "lagrange": [*_CORNERS, *_EDGES, (1, 1)],
-}
-
-FAMILIES = tuple(_OFFSETS)
 
 TURN = 2 * np.pi
 
@@ -70,8 +60,9 @@ class FilmGrid:
     family: str = "lagrange"
 
     def __post_init__(self) -> None:
-        if self.family not in FAMILIES:
-            raise SettingsError(f"film element {self.family!r} is not one of {', '.join(FAMILIES)}")
+        if self.family not in FILM_ELEMENTS:
+            known = ", ".join(FILM_ELEMENTS)
+            raise SettingsError(f"film element {self.family!r} is not one of {known}")
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise SettingsError(f"the bore's radius is {self.radius:g} m, it must be above 0")
         around, along = self.cells
@@ -129,11 +120,10 @@ class FilmGrid:
         """Nodes of every cell in dolfinx order, shape (cells, nodes per cell)."""
         around, along = self.cells
         i, j = np.meshgrid(np.arange(around), np.arange(along), indexing="ij")
-        columns = [
-            self._numbers[(2 * i + a) % (2 * around), 2 * j + b].ravel()
-            for a, b in _OFFSETS[self.family]
-        ]
-        return np.stack(columns, axis=1)
+        # In half cells.
+        a, b = np.rint(2 * ELEMENTS[self.family].nodes).astype(int).T
+        i, j = 2 * i.reshape(-1, 1) + a, 2 * j.reshape(-1, 1) + b
+        return self._numbers[i % (2 * around), j]
 
     @cached_property
     def cell_sizes(self) -> tuple[np.ndarray, np.ndarray]:

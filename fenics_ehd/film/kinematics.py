@@ -232,16 +232,6 @@ def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, n
     return x * cosine + y * sine, y * cosine - x * sine
 
 
-def _half_chord(radius: float, tangential: np.ndarray) -> np.ndarray:
-    """``s = sqrt(R_1^2 - e_t^2)`` of (4)."""
-    if not np.abs(tangential).max(initial=0.0) < radius:
-        raise SettingsError(
-            f"the shaft's centre lies {np.abs(tangential).max():.3g} m off, outside the shaft's "
-            f"radius of {radius:.3g} m"
-        )
-    return np.sqrt(radius**2 - tangential**2)
-
-
 def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: ShaftMotion) -> Gap:
     """Gap between a round shaft and a rigid bore; what deforms it adds to gap and velocities.
 
@@ -266,7 +256,14 @@ def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: Sh
     e_r, e_t = _local(points, motion.eccentricity, motion.tilt)
     rate_r, rate_t = _local(points, motion.eccentricity_rate, motion.tilt_rate)
     shaft_radius = radius - clearance
-    s = _half_chord(shaft_radius, e_t)
+    off = np.abs(e_t).max(initial=0.0)
+    if not off < shaft_radius:
+        raise SettingsError(
+            f"the shaft's centre lies {off:.3g} m off, outside the shaft's radius of "
+            f"{shaft_radius:.3g} m"
+        )
+    # The half chord of (4).
+    s = np.sqrt(shaft_radius**2 - e_t**2)
     shaft = rate_t + motion.shaft_speed * s
     bore = motion.bore_speed * radius
     return Gap(

@@ -94,7 +94,6 @@ from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FeedTerm
-from fenics_ehd.film.supply import in_regions
 
 if TYPE_CHECKING:
     from fenics_ehd.film.weak_form import Flow, Inputs
@@ -274,8 +273,6 @@ class OilBalance:
 
     Attributes
     ----------
-    reservoir
-        Whether a node has a given pressure and oil to give, shape (nodes,).
     unknown
         Nodes with an unknown: pressure or void fraction where the pressure is
         free, outflow or void fraction at a side at cavitation pressure.
@@ -287,9 +284,11 @@ class OilBalance:
 
     def __init__(self, film: Film, *, oil_outside: bool = False):
         self.film = film
-        self.reservoir, dry = _reservoirs_and_dry_sides(film, oil_outside)
-        self.unknown = np.union1d(film.free, np.flatnonzero(dry))
-        self.dry = dry[self.unknown]
+        # Nodes of given pressure that have no oil to give.
+        empty = (film.equation.given == 0.0) & ~film.supplied_nodes & (not oil_outside)
+        dry = np.setdiff1d(np.flatnonzero(empty), film.free)
+        self.unknown = np.union1d(film.free, dry)
+        self.dry = np.isin(self.unknown, dry)
         self.assembly = film.assembly
         self.strips = Strips(self.assembly, self.unknown)
         self.pattern = self.strips.pattern
@@ -445,14 +444,3 @@ def require_monotone(family: str, key: str = "film.element") -> None:
             f"{key} = '{family}' cannot conserve mass without negative fluid fractions: "
             "cavitation = 'mass-conserving' needs element = 'bilinear'"
         )
-
-
-def _reservoirs_and_dry_sides(film: Film, oil_outside: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes that supply oil, and those of sides that cannot, shape (nodes,) each."""
-    p = film.parameters
-    fixed = np.ones(len(film.equation.given), dtype=bool)
-    fixed[film.free] = False
-    angle, height = p.grid.node_positions.T
-    in_region = in_regions(p.regions, angle, height, p.grid.radius)
-    dry = fixed & (film.equation.given == 0.0) & ~in_region & (not oil_outside)
-    return fixed & ~dry, dry

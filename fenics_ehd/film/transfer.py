@@ -35,7 +35,7 @@ from scipy.spatial import cKDTree
 
 from fenics_ehd.base.errors import InterfaceMismatchError, StructureError
 from fenics_ehd.reduction.bore import BoreHole, bore_holes
-from fenics_ehd.reduction.elements import ELEMENTS
+from fenics_ehd.reduction.elements import ELEMENTS, summed
 
 TURN = 2 * np.pi
 
@@ -78,19 +78,28 @@ class Surface:
     family: str
 
     def __post_init__(self) -> None:
-        size = len(ELEMENTS[self.family].nodes)
-        if self.cells.ndim != 2 or self.cells.shape[1] != size:
+        covered = self.covered
+        if not abs(covered - TURN * self.width) <= SHAPE_TOLERANCE * TURN * self.width:
+            covered += sum(hole.area for hole in self.holes)
+        if not abs(covered - TURN * self.width) <= SHAPE_TOLERANCE * TURN * self.width:
             raise InterfaceMismatchError(
-                f"surface cells of family {self.family} have {size} nodes each, the array of "
-                f"cells has shape {self.cells.shape}"
+                f"surface cells cover {covered / max(self.width, 1e-300):.6g} rad of the "
+                "circumference, not a whole turn: they must be narrower than half a turn and "
+                "neither overlap nor leave gaps"
             )
-        used = np.unique(self.cells)
-        if not np.array_equal(used, np.arange(len(self.nodes))):
+        places = ELEMENTS[self.family].nodes
+        found = self.reference(np.arange(len(self.cells)), self.cell_nodes)
+        off = np.abs(found - places).max(axis=2)
+        for hole in self.holes:
+            on_rim = np.isin(self.cells, hole.rim)
+            off[on_rim & (off <= RIM_TOLERANCE)] = 0.0
+        defect = off.max()
+        if not defect <= SHAPE_TOLERANCE:
             raise InterfaceMismatchError(
-                f"surface cells use {len(used)} nodes numbered up to {used.max(initial=-1)}, "
-                f"they must use each of the {len(self.nodes)} given"
+                f"a surface node lies {defect:.1e} cells off its place, above "
+                f"{SHAPE_TOLERANCE:.0e}: quadrilaterals must be parallelograms in (phi, z), with "
+                "mid-side nodes at the middle of the edges"
             )
-        self._check_shape()
 
     @classmethod
     def on_cylinder(cls, positions: np.ndarray, cells: np.ndarray, family: str) -> Surface:
@@ -163,30 +172,6 @@ class Surface:
         """Reference coordinates of points (p, n, 2), each row in the cell given for it (p,)."""
         offsets = points - self.corners[:, 0][cells][:, None]
         return offsets @ self._inverse_transposes[cells]
-
-    def _check_shape(self) -> None:
-        covered = self.covered
-        if not abs(covered - TURN * self.width) <= SHAPE_TOLERANCE * TURN * self.width:
-            covered += sum(hole.area for hole in self.holes)
-        if not abs(covered - TURN * self.width) <= SHAPE_TOLERANCE * TURN * self.width:
-            raise InterfaceMismatchError(
-                f"surface cells cover {covered / max(self.width, 1e-300):.6g} rad of the "
-                "circumference, not a whole turn: they must be narrower than half a turn and "
-                "neither overlap nor leave gaps"
-            )
-        places = ELEMENTS[self.family].nodes
-        found = self.reference(np.arange(len(self.cells)), self.cell_nodes)
-        off = np.abs(found - places).max(axis=2)
-        for hole in self.holes:
-            on_rim = np.isin(self.cells, hole.rim)
-            off[on_rim & (off <= RIM_TOLERANCE)] = 0.0
-        defect = off.max()
-        if not defect <= SHAPE_TOLERANCE:
-            raise InterfaceMismatchError(
-                f"a surface node lies {defect:.1e} cells off its place, above "
-                f"{SHAPE_TOLERANCE:.0e}: quadrilaterals must be parallelograms in (phi, z), with "
-                "mid-side nodes at the middle of the edges"
-            )
 
     @cached_property
     def centres(self) -> np.ndarray:
@@ -548,8 +533,9 @@ def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
         )
         scaled = (tiles.areas[part, None] * weights)[:, :, None] * theirs
         entries = ours.swapaxes(1, 2) @ scaled
-        rows = structure.cells[tiles.structure_cells[part]]
-        total = total + _assemble(rows, film.cells[tiles.film_cells[part]], entries, size)
+        rows = structure.cells[tiles.structure_cells[part]][:, :, None]
+        columns = film.cells[tiles.film_cells[part]][:, None, :]
+        total = total + summed(entries, rows, columns, size)
     return total
 
 
@@ -589,15 +575,6 @@ def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.nda
     share = found / whole
     share[np.abs(found.sum(axis=1) / whole.sum(axis=1) - 1.0) < WHOLE] = 1.0
     return share
-
-
-def _assemble(
-    rows: np.ndarray, columns: np.ndarray, entries: np.ndarray, shape: tuple[int, int]
-) -> sparse.csr_matrix:
-    """Sum cell matrices (c, i, j) with rows (c, i) and columns (c, j)."""
-    i = np.broadcast_to(rows[:, :, None], entries.shape).ravel()
-    j = np.broadcast_to(columns[:, None, :], entries.shape).ravel()
-    return sparse.coo_matrix((entries.ravel(), (i, j)), shape=shape).tocsr()
 
 
 def outward_displacement(structure: Surface, phi: np.ndarray, z: np.ndarray) -> sparse.csr_matrix:

@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, SolverError
-from fenics_ehd.film.forces import in_supply
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.rough_surfaces import Touch
 from fenics_ehd.multibody.border import FilmBlock
@@ -69,9 +68,8 @@ class JointContact:
         joint, film = place.film, place.film.film
         assert film.parameters.surfaces is not None
         self.surfaces, self._shaft_radius = film.parameters.surfaces, joint.shaft_radius
-        supplied = in_supply(film, film.points.angle, film.points.height)
         area = film.parameters.grid.radius**2 * film.assembly.area
-        self.area = np.where(supplied, 0.0, area).ravel()
+        self.area = np.where(film.supplied_points, 0.0, area).ravel()
         self.friction = joint.friction and self.surfaces.boundary_friction > 0.0
         self.rows = np.concatenate([place.xi, place.turning])
         self._signs = place.signs

@@ -380,12 +380,6 @@ class CoupledSteps:
             max_iterations=iterations,
         )
 
-    @property
-    def solves(self) -> int:
-        """Solves by SNES-VI so far."""
-        patient = self.__dict__.get("_patient")
-        return self._snes.solves + (patient.solves if patient else 0)
-
     def __call__(
         self, problem: StepNorm, step: ImplicitStep, former: SolverState | None
     ) -> Attempt:

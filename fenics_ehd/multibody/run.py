@@ -83,7 +83,7 @@ class Run:
         for place, own in zip(run._system.films, self._system.films, strict=True):
             temperature = own.film.film.equation.lubricant.temperature
             if place.joint.heat is not None and temperature is not None:
-                place.film.film.warm(temperature)
+                place.film.film.equation.warm(temperature)
         return run
 
     def until(self, end: float) -> Iterator[MechanismStep]:

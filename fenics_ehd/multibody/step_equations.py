@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_ehd.film.film import FilmState, check_gap
-from fenics_ehd.film.forces import beside_drag, film_fields, sheared_heights
+from fenics_ehd.film.forces import film_fields
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.contact import ContactColumns, Contacts
@@ -77,12 +77,19 @@ def film_friction(
     fields = film_fields(film, state, journal.shear_rule)
     area = p.grid.radius**2 * film.assembly.area
     filled = fields.filled if filled is None else filled
-    thin, deep = sheared_heights(film, gap)
+    thin = deep = gap.thickness
+    if p.surfaces is not None:
+        thin, deep = p.surfaces.sheared(gap)
     couette = area * filled * fields.viscosity * gap.sliding_velocity / thin
     driven = area * deep * fields.slope_around
     sheared = np.sum(couette * gap.sliding_velocity)
     if p.surfaces is not None:
-        sheared += np.sum(area * beside_drag(film, gap, fields))
+        # What the pressure's stress does beyond the drag of `Film.powers`; between smooth surfaces
+        # ``h dp/dy`` does the work of both.
+        flow = film.equation.flow(gap)
+        carried = p.clearance * p.rate * p.grid.radius * flow.thickness * flow.velocity
+        beside = deep * gap.mean_velocity - carried
+        sheared += np.sum(area * fields.slope_around * beside)
     # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding.
     on_xi = -driven.ravel() @ journal.mean_velocity - couette.ravel() @ journal.sliding_velocity
     shaft_radius = p.grid.radius - p.clearance

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -117,18 +117,16 @@ class Curve:
         moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
         return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 
-    def _inside(self, place: float) -> float:
+    def _inside(self, places: Any) -> Any:
+        """Places between the first row and the last that stand for any, of numbers or arrays."""
         first, last = self.curve.x[[0, -1]]
         if self.periodic:
-            return float(first + (place - first) % self.period)
-        return float(min(max(place, first), last))
+            return first + (places - first) % self.period
+        return np.clip(places, first, last)
 
     def values(self, places: np.ndarray) -> np.ndarray:
         """Values at many places."""
-        first, last = self.curve.x[[0, -1]]
-        if self.periodic:
-            return self.curve(first + (places - first) % self.period)
-        return self.curve(np.clip(places, first, last))
+        return self.curve(self._inside(places))
 
     @cached_property
     def largest(self) -> float:

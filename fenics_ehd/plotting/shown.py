@@ -16,7 +16,6 @@ import numpy as np
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
-from fenics_ehd.film.forces import in_supply
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.multibody.history import FilmResult, History, load_history
 from fenics_ehd.multibody.periodic import WHOLE
@@ -201,9 +200,8 @@ class ShownJoint:
         place = next(place for place in films if place.name == self.name)
         surfaces = place.film.film.parameters.surfaces
         assert surfaces is not None
-        deep = in_supply(place.film.film, *self.grid.node_positions.T)
         gap = np.asarray(self.film.gap)
-        return np.where(deep, 0.0, surfaces.touch(gap).pressure)
+        return np.where(place.film.film.supplied_nodes, 0.0, surfaces.touch(gap).pressure)
 
 
 def film_grid(film: FilmResult) -> FilmGrid:
