@@ -115,7 +115,8 @@ def test_without_heat_nothing_of_it_is_called(monkeypatch):
     def never(*_args, **_kwargs):
         raise AssertionError
 
-    monkeypatch.setattr(periodic, "FilmTemperatures", never)
+    monkeypatch.setattr(periodic, "TemperatureSearch", never)
+    monkeypatch.setattr(periodic, "integral", never)
     result = periodic_run(journal(oil_film()), tolerance=1e-3, periodicity=1e-2)
     assert "effective_temperature_C" not in result.figures["bearing"]
     assert "dissipated_power_W" not in result.columns

@@ -33,7 +33,9 @@ class AffineRun:
             film_gaps=lambda observed: [observed[:3]],
         )
         system = SimpleNamespace(
-            films=["film"], heated=False, mechanism=ehd.Mechanism({}, {}), angles={"crank": 3}
+            films=[SimpleNamespace(joint=SimpleNamespace(heat=None))],
+            mechanism=ehd.Mechanism({}, {}),
+            angles={"crank": 3},
         )
         self.equations = SimpleNamespace(
             system=system,
@@ -57,7 +59,7 @@ class AffineRun:
         x = self.state.x[0]
         moved = FIXED + self.map @ (x[:3] - FIXED)
         self.state = self.at(end, np.append(moved, x[3] + 4 * np.pi))
-        yield end
+        yield SimpleNamespace(time=end)
 
 
 def searched(periodicity=1e-10, most=300, **given):

@@ -85,7 +85,7 @@ def test_angles_of_a_table_are_checked(angles, message):
 
 
 def test_nothing_listed_is_round():
-    assert JointFilm(ehd.LubricatedJoint("a", "b", make_film()), None, tilting=False).shape is None
+    assert JointFilm(ehd.LubricatedJoint("a", "b", make_film()), None, tilting=False).shape.plain
 
 
 # --- The gap of a joint

@@ -99,21 +99,20 @@ EXTRA_CELLS = (2, 4, 6)
 WARM, TELLING, MOST_STEPS = 1e-6, 1e-6, 50
 
 
-def shape_of(settings: BearingSettings, angle: float = 0.0) -> Shape | None:
+def shape_of(settings: BearingSettings, angle: float = 0.0) -> Shape:
     """Shape of the bore as the straight shaft sees it, a round one in a frame at an angle [rad]."""
-    shape = settings.bore_shape
+    shape = settings.bore_shape or Shape()
     if not any(settings.tilt):
         return shape
-    own = (0.0, 0.0) if shape is None else shape.misalignment
-    tilt = own - rotation(-angle) @ settings.tilt
-    return attrs.evolve(shape or Shape(), misalignment=tilt.tolist())
+    tilt = shape.misalignment - rotation(-angle) @ settings.tilt
+    return attrs.evolve(shape, misalignment=tilt.tolist())
 
 
 def gaps(settings: BearingSettings, position: np.ndarray) -> np.ndarray:
     """Film thickness [m] at `ANGLES` and `HEIGHTS`, angles from the load line."""
     shape, height = shape_of(settings), settings.width * np.linspace(-0.5, 0.5, HEIGHTS)
     found = settings.clearance - np.stack([np.cos(AROUND), np.sin(AROUND)], axis=-1) @ position
-    return found[:, None] + (0.0 if shape is None else shape.radial(AROUND[:, None], height))
+    return found[:, None] + shape.radial(AROUND[:, None], height)
 
 
 def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:

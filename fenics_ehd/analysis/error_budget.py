@@ -32,7 +32,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from time import process_time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -244,11 +244,8 @@ def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
     return {**errors, "known": known, "total": NOT_ESTIMATED if NOT_ESTIMATED in own else known}
 
 
-class Lacking(NamedTuple):
-    """Displacement that a bore lacks, and how it is read where the gap of its film is observed."""
-
-    estimate: BasisErrorEstimate
-    reading: sparse.spmatrix
+#: Displacement that a bore lacks, and how it is read where the gap of its film is observed.
+Lacking = tuple[BasisErrorEstimate, sparse.spmatrix]
 
 
 def lacking_in_basis(body: FlexibleBody, place: FilmBinding) -> Lacking:
@@ -268,7 +265,7 @@ def lacking_in_basis(body: FlexibleBody, place: FilmBinding) -> Lacking:
     radial /= np.linalg.norm(radial, axis=1)[:, None]
     nodes = np.repeat(np.arange(len(radial)), 3)
     outward = sparse.csr_matrix((radial.ravel(), (np.arange(radial.size), nodes)))
-    return Lacking(estimate, bore.observed_normal @ outward)
+    return estimate, bore.observed_normal @ outward
 
 
 def lacking_in_mesh(body: FlexibleBody, place: FilmBinding) -> Lacking:
@@ -291,7 +288,7 @@ def lacking_in_mesh(body: FlexibleBody, place: FilmBinding) -> Lacking:
     grid, film = sampling_grid(bores[place.bore]), place.film.film
     surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
     reading = interpolation_matrix(surface, *observed_places(film))
-    return Lacking(BasisErrorEstimate(error, body.damping_time), reading)
+    return BasisErrorEstimate(error, body.damping_time), reading
 
 
 def lacking_gaps(

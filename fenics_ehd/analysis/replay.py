@@ -29,7 +29,6 @@ from scipy import sparse
 from fenics_ehd.base.errors import InputError, StepSizeError
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid
-from fenics_ehd.film.supply import AxialGroove
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step
 from fenics_ehd.multibody.history import History, fixed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
@@ -283,8 +282,7 @@ def with_finer_films(mechanism: Mechanism) -> Mechanism:
     for name, joint in mechanism.joints.items():
         if isinstance(joint, LubricatedJoint):
             own = joint.film.parameters
-            grooves = [region for region in own.regions if isinstance(region, AxialGroove)]
-            edges = np.array([edge for groove in grooves for edge in groove.edges])
+            edges = np.array([edge for groove in own.regions for edge in groove.edges])
             grid = aligned_grid(finer_grid(own.grid), edges)
             joints[name] = replace(joint, film=Film(replace(own, grid=grid)))
     return replace(mechanism, joints=joints)

@@ -44,7 +44,6 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import PeriodicSolver, repeats
 from fenics_ehd.multibody.quantities import joint_row
-from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import integral
 
 #: Change of a number over its scale: differences are off by its square, and friction, whose oil in
@@ -210,11 +209,6 @@ class Number:
     alike: bool = True
 
 
-def followed(run: Run, end: float, cycles: PeriodicSolver | None = None) -> Course:
-    """A run to its end [s], or through a periodic search, with the columns of `look`."""
-    return recorded(run, end, cycles, look)
-
-
 def settled(course: Course) -> Course:
     """The same run, a periodic one in its own steps until nothing beside a derivative is left.
 
@@ -282,7 +276,7 @@ def _again(
     tolerance = slack * NEWTON
     if search is None:
         replay = Replay(run, course, tolerance, start=run.state, alike=alike)
-        return followed(replay, float(course.times[-1]) * span)
+        return recorded(replay, float(course.times[-1]) * span, look=look)
     period = search.period * span
     if not alike:
         deque(run.until(period), maxlen=0)
@@ -292,10 +286,9 @@ def _again(
     before = round(replay.state.time / period)
     cycles = PeriodicSolver(replay, period, slack * PERIODICITY, before + MOST)
     cycles.number = before + 1
-    if cycles.heat and search.heat:
-        searches = search.heat.state["searches"]
-        cycles.heat.state = {**cycles.heat.state, "searches": searches}
-    return followed(replay, period, cycles)
+    searches = search.heat.state["searches"]
+    cycles.heat.state = {**cycles.heat.state, "searches": searches}
+    return recorded(replay, period, cycles, look)
 
 
 def sensitivity(

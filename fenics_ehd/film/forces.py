@@ -118,7 +118,9 @@ def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np
     if rule == "streamers" and state.fluid_fraction is not None:
         share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)
     elif rule == "streamers":
-        share = _streamers(film, state, full | groove | _beside_lines(film))
+        # A feed line has no width of its own.
+        beside_lines = film.assembly.at_points(film.supplied_nodes.astype(float))[0] > 0.5
+        share = _streamers(film, state, full | groove | beside_lines)
     else:
         share = np.full(full.shape, float(rule == "full"))
     share[full] = 1.0
@@ -126,11 +128,6 @@ def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np
     if film.equation.feeds is not None:
         share *= 1.0 - np.minimum(film.equation.feeds.shares(state.gap.turn)[0].sum(axis=0), 1.0)
     return share
-
-
-def _beside_lines(film: Film) -> np.ndarray:
-    """Gauss points next to nodes of given pressure: a feed line has no width of its own."""
-    return film.assembly.at_points(film.supplied_nodes.astype(float))[0] > 0.5
 
 
 def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:

@@ -75,7 +75,6 @@ class ReynoldsEquation:
         self.assembly = Assembly(grid)
         self.points = gauss_points(grid, self.assembly.reference)
         self.lubricant = parameters.lubricant
-        self.surfaces = parameters.surfaces
         weighted = grid.family == "serendipity"
         mass = self.assembly.mass(self.free)
         self.pattern = self.assembly.pattern(self.free)
@@ -89,14 +88,31 @@ class ReynoldsEquation:
 
     def _thicken(self, ratio: float) -> None:
         """Take so many times the given viscosity, in supplies and recesses, too."""
-        parameters = self.parameters
+        p, oil, surfaces = self.parameters, self.lubricant, self.parameters.surfaces
         viscosity, density = (self._field(name) for name in FIELDS)
-        if parameters.recesses:
-            viscosity = viscosity * recess_viscosity(parameters, self.points)
+        if p.recesses:
+            viscosity = viscosity * recess_viscosity(p, self.points)
         self.factors = [ratio * viscosity, density]
-        supplied = (parameters, self.points, self.assembly.area, density / self.factors[0])
-        self.feeds = Feeds(*supplied) if parameters.feeds else None
-        self._numbers = self._current_numbers()
+        supplied = (p, self.points, self.assembly.area, density / self.factors[0])
+        self.feeds = Feeds(*supplied) if p.feeds else None
+        self._numbers = Numbers(
+            squeeze=1.0,
+            storage=0.0,
+            rate_shift=0.0,
+            level=0.0,
+            clearance=p.clearance,
+            speed=p.rate * p.grid.radius,
+            rate=p.rate,
+            pressure_scale=p.pressure_scale,
+            viscosity=1.0 if self.laws.fields else self.factors[0],
+            density=1.0 if self.laws.fields else self.factors[1],
+            viscosity_law=oil.viscosity_law.numbers,
+            density_law=oil.density_law.numbers,
+            shear_law=() if oil.shear_law is None else oil.shear_law.numbers,
+            surfaces=()
+            if surfaces is None
+            else (surfaces.roughness, surfaces.weight, *continuation_below()),
+        )
 
     @cached_property
     def forms(self) -> FilmForms:
@@ -115,27 +131,6 @@ class ReynoldsEquation:
         if not np.all(np.isfinite(values) & (values > 0)):
             raise SettingsError(f"the {name} of the lubricant must be above 0 everywhere")
         return values
-
-    def _current_numbers(self) -> Numbers:
-        p, oil, surfaces = self.parameters, self.lubricant, self.surfaces
-        return Numbers(
-            squeeze=1.0,
-            storage=0.0,
-            rate_shift=0.0,
-            level=0.0,
-            clearance=p.clearance,
-            speed=p.rate * p.grid.radius,
-            rate=p.rate,
-            pressure_scale=p.pressure_scale,
-            viscosity=1.0 if self.laws.fields else self.factors[0],
-            density=1.0 if self.laws.fields else self.factors[1],
-            viscosity_law=oil.viscosity_law.numbers,
-            density_law=oil.density_law.numbers,
-            shear_law=() if oil.shear_law is None else oil.shear_law.numbers,
-            surfaces=()
-            if surfaces is None
-            else (surfaces.roughness, surfaces.weight, *continuation_below()),
-        )
 
     def warm(self, temperature: float) -> None:
         """Give the oil the viscosity of another temperature [C]; volumes stay volumes.

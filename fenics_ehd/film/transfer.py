@@ -511,10 +511,6 @@ class Mortar:
         """``H P_f`` for film pressures of shape (k,) or (k, columns)."""
         return self._factor.solve(self.coupling @ pressures)
 
-    def matrix(self) -> np.ndarray:
-        """H as a dense array, shape (m, k): bore size, to be projected with J of a body."""
-        return self._factor.solve(self.coupling.toarray())
-
 
 def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
     """``int N_s N_f dphi dz`` on the intersections of the cells."""

@@ -243,11 +243,6 @@ def pressure_element(family: str) -> Any:
     return compat.lagrange_element("quadrilateral", degree, dimension=2)
 
 
-def gauss_element() -> Any:
-    """Element of values at the Gauss points."""
-    return compat.quadrature_element(DEGREE)
-
-
 class WeakForm:
     """Residual and its derivatives, of no mesh.
 
@@ -271,7 +266,7 @@ class WeakForm:
 
     def __init__(self, laws: Laws, layout: Sequence[int | None]):
         self.laws, domain = laws, compat.plane_domain()
-        gauss = ufl.FunctionSpace(domain, gauss_element())
+        gauss = ufl.FunctionSpace(domain, compat.quadrature_element(DEGREE))
         nodes = ufl.FunctionSpace(domain, pressure_element(laws.family))
         count = sum(1 if n is None else n for n in layout)
         constant = ufl.Constant(domain, shape=(count,))
@@ -357,7 +352,7 @@ class FilmForms:
             )
             for name, element, numbers, size in (
                 ("nodes", pressure_element(grid.family), grid.cell_nodes, self._size),
-                ("points", gauss_element(), points, points.size),
+                ("points", compat.quadrature_element(DEGREE), points, points.size),
             )
         }
         self._functions = {

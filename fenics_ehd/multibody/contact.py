@@ -82,10 +82,6 @@ class JointContact:
         found = self.surfaces.touch(thickness.ravel())
         return Touch(*(np.where(self.area > 0.0, values, 0.0) for values in found))
 
-    def stored(self, touch: Touch) -> float:
-        """Energy of the asperities [J]."""
-        return float(self.area @ touch.potential)
-
     def rubbing(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
         """``mu s`` and its derivative along U, shape (g,)."""
         return self.surfaces.rubbing(gap.sliding_velocity.ravel())
@@ -316,10 +312,9 @@ class ContactColumns:
             Derivative of all rates along the unknowns of motion.
         """
         for i, (film, joint) in enumerate(zip(self._films, self._contacts.joints, strict=True)):
-            if joint is None:
-                continue
             touch = film.touch
-            assert touch is not None
+            if joint is None or touch is None:
+                continue
             points, unknowns = self._own(i, joint)
             stiffness = touch.slope[points, None] * joint.outward(film.turned)[points]
             forces = joint.per_pressure(film.gap, points, film.turned)

@@ -176,13 +176,9 @@ class FilmModel(ABC, Generic[PointT]):
         self.contents = contents
         joint = place.film
         self.film, self.scale, self.lower = joint.film, 1.0, np.zeros(len(nodes))
-        p = self.film.parameters
         turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
         self._velocity = np.hstack([joint.mean_velocity, turning])
-        self._sliding: np.ndarray | None = None
-        dragging = p.surfaces is not None and p.surfaces.dragging
-        if dragging or p.lubricant.shear_law is not None:
-            self._sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
+        self._sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
         self._moving = np.hstack([joint.thickness, np.zeros_like(turning)])
         self._forces = -self.of_pressures(joint.load)
         none = np.zeros((len(turning), 0)), np.zeros((0, joint.load.shape[1]))
@@ -517,7 +513,7 @@ class ConservedOil(FilmModel[OilPoint]):
         """
         shape, surfaces = self.place.film.shape, self.film.parameters.surfaces
         taken = np.zeros(nominal.size)
-        if shape is not None and shape.turning:
+        if shape.turning:
             taken += shape.closing(self.place.relative_angle(z))[: nominal.size]
         if surfaces is not None:
             taken -= surfaces.excess(nominal).ravel()
@@ -578,9 +574,7 @@ class ConservedOil(FilmModel[OilPoint]):
         """Take another step; the film is the i-th."""
         joint, rate = self.place.film, self.film.parameters.rate
         # The rate of the gap that is affine in the state is ``shift h + past``.
-        constant = np.full(len(joint.thickness), joint.clearance)
-        if joint.shape is not None:
-            constant += joint.shape.fixed[: len(constant)]
+        constant = joint.clearance + joint.shape.fixed[: len(joint.thickness)]
         past = (
             joint.thickness @ step.past_x[self.place.xi] + responses.past_gap[responses.points[i]]
         )
@@ -589,7 +583,7 @@ class ConservedOil(FilmModel[OilPoint]):
         self._past_volumes = step.past_x[self.volumes]
         self._past_void = self._past_volumes / (self.balance.volume_scale * rate)
         self._former = self._past_void - self._full(past) / rate
-        self._rows: np.ndarray | None = None
+        self._rows = np.zeros(0)
 
     def evaluate(self, gap: Gap, values: np.ndarray) -> OilPoint:
         """The balance, and the equations of the pressures before it."""
@@ -597,7 +591,7 @@ class ConservedOil(FilmModel[OilPoint]):
         step = self.balance.ending(gap, self._length, self._former)
         problem, transport = self.balance.problem(step), self.balance.transport(step, void)
         defect = problem.residual(pressures) - transport.values
-        if self._rows is None:
+        if not len(self._rows):
             source = (problem.source + self._past_void[self.nodes])[self.inside]
             least = SMALLEST_SOURCE * float(np.linalg.norm(self._areas))
             self._source = max(float(np.linalg.norm(source)), least)
@@ -615,7 +609,6 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def _taken_away(self, point: OilPoint, full: np.ndarray) -> np.ndarray:
         """Newton update of the void fractions of full nodes, shape (m,)."""
-        assert self._rows is not None
         void = np.zeros(len(point.void))
         void[full] = point.defect[full] - DEFECT_WEIGHT * point.balance[full] / self._rows[full]
         return void
@@ -633,7 +626,6 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def settled(self, point: OilPoint, tolerance: float) -> bool:
         """True if balance and complementarity hold, in the maximum norm."""
-        assert self._rows is not None
         limit = tolerance * self._source + ROUND_OFF * self._rows.max()
         overlap = np.minimum(point.values, point.void)
         return bool(

@@ -96,6 +96,8 @@ class JointShape:
 
     Attributes
     ----------
+    plain
+        Whether both are round and nothing is added.
     fixed
         Change of the gap at Gauss points and nodes that does not turn, shape (w,) [m].
     turning
@@ -107,42 +109,38 @@ class JointShape:
     def __init__(self, film: Film, bore: Shape | None, journal: Shape | None):
         self._film, self._inside = film, film.points.angle.size
         self._angle, self._height = observed_places(film)
-        self.fixed = np.zeros(len(self._angle))
-        if bore is not None:
-            self.fixed += bore.radial(self._angle, self._height)
-        self._journal = journal
-        self.turning = journal is not None and not journal.round
-        if journal is not None and journal.round:
-            self.fixed -= journal.radial(self._angle, self._height)
+        self.plain = bore is None and journal is None
+        bore, self._journal = bore or Shape(), journal or Shape()
+        self.fixed = bore.radial(self._angle, self._height)
+        self.turning = not self._journal.round
+        if not self.turning:
+            self.fixed -= self._journal.radial(self._angle, self._height)
         self.bend = sum(
             float(np.abs(shape.radial(self._angle, self._height, 2)).max())
-            for shape in (bore, journal)
-            if shape is not None
+            for shape in (bore, self._journal)
         )
 
     def _turned(self, ahead: float, order: int = 0) -> np.ndarray:
         """Radial deviation of the turned journal at the Gauss points."""
-        assert self._journal is not None
         angle, height = self._angle[: self._inside], self._height[: self._inside]
         return self._journal.radial(angle - ahead, height, order)
 
     def closing(self, ahead: float) -> np.ndarray:
         """Gap taken by the turning shape at Gauss points and nodes, shape (w,) [m]."""
-        assert self._journal is not None
         return self._journal.radial(self._angle - ahead, self._height)
 
     def added(self, gap: Gap, ahead: float, speed: float) -> Gap:
         """A round joint's gap with the shapes, the journal at an angle [rad] and speed [rad/s]."""
+        if self.plain:
+            return gap
         added, rate = self.fixed[: self._inside], np.zeros(self._inside)
         if self.turning:
             added = added - self._turned(ahead)
             rate = speed * self._turned(ahead, 1)
         return gap.changed(added, rate)
 
-    def turned(self, ahead: float, speed: float) -> Turned | None:
-        """Derivatives there; None of a journal whose turning changes nothing."""
-        if not self.turning:
-            return None
+    def turned(self, ahead: float, speed: float) -> Turned:
+        """Derivatives there."""
         slope, curve = self._turned(ahead, 1), self._turned(ahead, 2)
         fields = np.stack([slope, -curve], axis=-1)
         torque, stiffness = self._film.load(fields.reshape(*self._film.points.angle.shape, 2))
@@ -250,7 +248,7 @@ class BoreFilm:
         load = film.load(fields)
         self.projected: np.ndarray | None = None
         if transfer == "mortar" and self._mortar is not None:
-            matrix = self.projected = self._mortar.matrix()
+            matrix = self.projected = self._mortar.to_structure(np.eye(len(grid.nodes)))
             load = body.load_projection[1:] @ matrix
         self.force, self.load = load[:2], load[2:]
         self._check_load(body, film)
@@ -488,8 +486,7 @@ class JointFilm:
         self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
         self.friction, self.own = joint.friction, 4 if tilting else 2
         self.shear_rule = joint.shear_rule
-        shapes = joint.bore_shape, joint.journal_shape
-        self.shape = None if shapes == (None, None) else JointShape(film, *shapes)
+        self.shape = JointShape(film, joint.bore_shape, joint.journal_shape)
         self.bore = None if part is None else BoreFilm(part, film, joint.transfer)
         inside, shape = film.points.angle.size, (*film.points.angle.shape, -1)
         outward, around = _journal_fields(*observed_places(film), self.own)
@@ -519,7 +516,7 @@ class JointFilm:
     @cached_property
     def circle(self) -> np.ndarray | None:
         """Journal's place of gaps at nodes, see `nearest_circle`; None in a round, rigid bore."""
-        if self.bore is None and self.shape is None:
+        if self.bore is None and self.shape.plain:
             return None
         return nearest_circle(self.film)[1:]
 
@@ -558,7 +555,7 @@ class JointFilm:
             ahead,
             time,
         )
-        return gap if self.shape is None else self.shape.added(gap, ahead, shaft_rate)
+        return self.shape.added(gap, ahead, shaft_rate)
 
 
 def _journal_fields(

@@ -115,10 +115,9 @@ class FilmBinding:
 
     def turned(self, z: np.ndarray, rates: np.ndarray) -> Turned | None:
         """Shape of a turning journal there; None of one whose turning changes nothing."""
-        shape = self.film.shape
-        if shape is None:
+        if not self.film.shape.turning:
             return None
-        return shape.turned(self.relative_angle(z), self.relative_speed(rates))
+        return self.film.shape.turned(self.relative_angle(z), self.relative_speed(rates))
 
     @cached_property
     def turning(self) -> np.ndarray:
@@ -246,11 +245,6 @@ class System:
         forces = [mechanism.forces[name] for name in sorted(mechanism.forces)]
         self.forces = [(force, self._see(force.markers)) for force in forces]
         self.lift = -np.array(mechanism.gravity)
-
-    @property
-    def heated(self) -> bool:
-        """True if the heat of a film is balanced."""
-        return any(place.joint.heat is not None for place in self.films)
 
     def _constrain(self, name: str, joint: Joint) -> None:
         rows = slice(self.m, self.m + joint.rows)

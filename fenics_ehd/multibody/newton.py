@@ -89,10 +89,6 @@ class SolverState:
     values: np.ndarray
     patterns: int
 
-    def extrapolated(self, time: float) -> np.ndarray:
-        """On the line through the last two steps."""
-        return extrapolation_weights(self.times, time) @ self.values
-
     @classmethod
     def after(
         cls, former: SolverState | None, time: float, values: np.ndarray, patterns: int
@@ -459,7 +455,8 @@ class CoupledSteps:
             gaps = self._problem.film_gaps(step.observed[0])
             start = self.equations.unknowns_at(step.start, gaps)
         else:
-            start = former.extrapolated(step.time)
+            # On the line through the last two steps.
+            start = extrapolation_weights(former.times, step.time) @ former.values
             start[: rest.start] = np.maximum(start[: rest.start], 0.0)
         start[rest][:n] = x[:n]
         return start

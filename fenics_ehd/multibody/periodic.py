@@ -214,6 +214,8 @@ class FilmTemperatures(Stateful):
 
     def _balances(self) -> Iterator[tuple[str, TemperatureSearch, list[float]]]:
         """Name and search of every film, mean power and flow over the cycle."""
+        if not self.count:
+            return
         whole = integral(self.times, self.rates, self.first)
         means = (whole / (self.times[-1] - self.times[self.first])).reshape(-1, 2)
         for (name, search), own in zip(self.searches.items(), means.tolist(), strict=True):
@@ -337,10 +339,9 @@ class PeriodicSolver(Stateful):
         check_period(system.mechanism, period, periodicity)
         self.angles = [*system.angles.values()]
         self.gaps, self.contents = self._films(), self._oil()
-        self.heat = FilmTemperatures(system.films) if system.heated else None
-        heated = self.heat.count if self.heat else 0
-        self.ends = np.zeros((0, 2, run.state.x.shape[1] + heated))
-        self.changes = np.zeros((0, len(self.gaps) + heated))
+        self.heat = FilmTemperatures(system.films)
+        self.ends = np.zeros((0, 2, run.state.x.shape[1] + self.heat.count))
+        self.changes = np.zeros((0, len(self.gaps) + self.heat.count))
         self._repeats, self._changing = repeating(system.mechanism)
         self._counted = int(np.ceil(self._repeats * (1.0 - ROUNDING) / period)) + 1
 
@@ -395,7 +396,7 @@ class PeriodicSolver(Stateful):
             drained = np.abs(contents - self.contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
-            off = "" if self.heat is None else self.heat.unsettled()
+            off = self.heat.unsettled()
             repeats = self.number >= max(self._counted, 2) and self.defect <= self._periodicity
             if repeats and not off:
                 return
@@ -414,8 +415,7 @@ class PeriodicSolver(Stateful):
                 raise PeriodicityError(
                     f"after cycles = {self.number} of {self.period:g} s {still}: {cure}"
                 )
-            if self.heat is not None:
-                self.heat.move()
+            self.heat.move()
             self.former, self.starts = ends, starts[-max(SUBHARMONIC) :]
             self._begin(change)
             self.began = self._run.state
@@ -447,12 +447,8 @@ class PeriodicSolver(Stateful):
 
     def _steps(self) -> Iterator[MechanismStep]:
         """Accepted steps up to the end of the cycle."""
-        steps = self._run.until(self.number * self.period)
-        if self.heat is None:
-            yield from steps
-            return
         try:
-            for step in steps:
+            for step in self._run.until(self.number * self.period):
                 self.heat.add(step)
                 yield step
         except (FilmTooThinError, StepSizeError) as error:
@@ -468,13 +464,12 @@ class PeriodicSolver(Stateful):
         end = np.stack([state.x[0], state.rate[0]])
         near = self.number >= self._counted and self.defect < NEAR
         scales = norm.lengths(gaps)
-        if heat is not None:
-            # Temperatures go along with the coordinates, and what they are off with the films.
-            end = np.hstack([end, heat.end()])
-            scales = np.concatenate([scales, np.ones(heat.count)])
-            change = np.concatenate([change, np.sqrt(len(gaps)) * heat.thinning])
-            if not np.abs(heat.thinning).max() < NEAR:
-                near, self.ends, self.changes = False, self.ends[:0], self.changes[:0]
+        # Temperatures go along with the coordinates, and what they are off with the films.
+        end = np.hstack([end, heat.end()])
+        scales = np.concatenate([scales, np.ones(heat.count)])
+        change = np.concatenate([change, np.sqrt(len(gaps)) * heat.thinning])
+        if not np.abs(heat.thinning).max(initial=0.0) < NEAR:
+            near, self.ends, self.changes = False, self.ends[:0], self.changes[:0]
         if near:
             self.ends = np.concatenate([self.ends, end[None]])[-REMEMBERED:]
             self.changes = np.concatenate([self.changes, change[None]])[-REMEMBERED:]
@@ -497,6 +492,5 @@ class PeriodicSolver(Stateful):
                 self._run.equations.keep_within(moved_x, norm.film_gaps(observed[0]))
                 moved = {"x": moved_x, "rate": state.rate + rate[:n], "observed": observed}
                 self._run.state = replace(state, **moved)
-                if heat is not None:
-                    heat.shift(x[n:])
+                heat.shift(x[n:])
         self.gaps = self._films()

@@ -115,11 +115,16 @@ class JointStep:
         """Friction of the oil's shear."""
         return film_friction(self.place.film, self.state)
 
+    @property
+    def rough(self) -> JointContact:
+        """Contact of the joint, which has one."""
+        assert self.contact is not None
+        return self.contact
+
     @cached_property
     def touch(self) -> Touch:
         """Contact of rough surfaces."""
-        assert self.contact is not None
-        return self.contact.touch(self.state.gap.thickness)
+        return self.rough.touch(self.state.gap.thickness)
 
     @cached_property
     def rubbed(self) -> float:
@@ -471,8 +476,7 @@ def supply_power(joint: JointStep) -> float:
 @quantity("contact_force", "N", with_contact, mean=True)
 def contact_force(joint: JointStep) -> float:
     """Normal force of the contact."""
-    assert joint.contact is not None
-    return joint.contact.area @ joint.touch.pressure
+    return joint.rough.area @ joint.touch.pressure
 
 
 @quantity("contact_share", "1", with_contact, mean=True)
@@ -486,25 +490,22 @@ def contact_share(joint: JointStep) -> float:
 
 def _share_of_bore(joint: JointStep, at_points: np.ndarray) -> float:
     """Mean over the bore of what is known at Gauss points."""
-    assert joint.contact is not None
     film = joint.film
     whole = film.parameters.grid.radius**2 * film.assembly.area.sum()
-    return joint.contact.area @ at_points / whole
+    return joint.rough.area @ at_points / whole
 
 
 @quantity("contact_area_share", "1", with_contact, mean=True)
 def contact_area_share(joint: JointStep) -> float:
     """Share of the bore in true contact."""
-    assert joint.contact is not None
-    surfaces = joint.contact.surfaces
+    surfaces = joint.rough.surfaces
     return _share_of_bore(joint, surfaces.contact_share(joint.state.gap.thickness.ravel()))
 
 
 @quantity("unpublished_share", "1", with_contact, mean=True)
 def unpublished_share(joint: JointStep) -> float:
     """Share of the bore where surfaces are nearer than flow factors are published for."""
-    assert joint.contact is not None
-    least = PUBLISHED * joint.contact.surfaces.roughness
+    least = PUBLISHED * joint.rough.surfaces.roughness
     return _share_of_bore(joint, joint.state.gap.thickness.ravel() < least)
 
 

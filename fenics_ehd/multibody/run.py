@@ -73,7 +73,7 @@ class Run:
         )
         gaps = self.norm.film_gaps(self.state.observed[0])
         for place, gap in zip(system.films, gaps, strict=True):
-            if place.film.shape is not None:
+            if not place.film.shape.plain:
                 _check_start(place, float(gap.min()))
 
     def with_mechanism(self, mechanism: Mechanism) -> Run:

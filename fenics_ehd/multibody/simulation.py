@@ -663,7 +663,7 @@ def simulate(
     span = end if period is None else period
     assert span is not None
     run = Run(mechanism, IntegratorOptions(**steps), span)
-    if period is None and run.equations.system.heated:
+    if period is None and any(place.joint.heat for place in run.equations.system.films):
         raise SettingsError(
             "a joint's heat is balanced over a cycle, and an initial value problem has none: give "
             "a period, or leave `heat` out, the oil at the lubricant's temperature"

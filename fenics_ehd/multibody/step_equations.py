@@ -152,6 +152,10 @@ class StepEquations:
         Whether one of them conserves its oil.
     places, rest
         Places in u of every film's unknowns, and of ``(z, l, m)``.
+    rest_size
+        Number of the latter.
+    most_patterns
+        Residual patterns of the body that has most of them in the derivatives.
     lower
         Lower bounds of u.
     responses
@@ -169,26 +173,19 @@ class StepEquations:
         self.responses = BoreResponses(system)
         self.films = film_models(system.films, system.n + self.responses.size)
         self.conserves_oil = any(film.conserves_oil for film in self.films)
-        lower = [*(film.lower for film in self.films), np.full(system.n + 2 * system.m, -np.inf)]
+        self.rest_size = system.n + 2 * system.m
+        lower = [*(film.lower for film in self.films), np.full(self.rest_size, -np.inf)]
         *self.places, self.rest = consecutive(0, [len(own) for own in lower])
         self.lower = np.concatenate(lower)
         self.contacts = Contacts(system, self.responses)
+        bodies = self.responses.bodies.values()
+        self.most_patterns = max((len(body.own) for body in bodies), default=0)
         self.disturbance: GapChanges = ()
 
     def lead(self, count: int) -> None:
         """Take so many residual patterns of every body into the derivatives, where any are."""
         for film, patterns in zip(self.films, self.responses.leading(count), strict=True):
             film.lead(*patterns)
-
-    @property
-    def most_patterns(self) -> int:
-        """Residual patterns of the body that has most of them in the derivatives."""
-        return max((len(body.own) for body in self.responses.bodies.values()), default=0)
-
-    @property
-    def rest_size(self) -> int:
-        """Unknowns beside those of the films."""
-        return self.system.n + 2 * self.system.m
 
     def resting(self, z: np.ndarray) -> np.ndarray:
         """The state behind coordinates z at the start: patterns at rest, gaps as filled."""

@@ -30,9 +30,7 @@ class StepNorm:
             observed = np.zeros((len(film.film.observed), system.n))
             observed[:, film.xi] = film.film.observed
             rows.append(observed)
-            constants.append(np.full(len(observed), film.film.clearance))
-            if film.film.shape is not None:
-                constants[-1] += film.film.shape.fixed
+            constants.append(film.film.clearance + film.film.shape.fixed)
         self._joints = [film.film for film in system.films]
         self._rough = any(joint.film.parameters.surfaces is not None for joint in self._joints)
         self._films = consecutive(0, [len(r) for r in rows])
@@ -49,7 +47,7 @@ class StepNorm:
         angles: list[np.ndarray] = []
         for own, film in zip(self._films, films, strict=True):
             shape = film.film.shape
-            if shape is not None and shape.turning:
+            if shape.turning:
                 row = self._gaps + len(self._measure) + len(angles)
                 self._turning.append((own, row, film.relative_angle(np.zeros(size)), shape))
                 angles.append(np.zeros((1, size)))

@@ -134,7 +134,7 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, floa
         if under_pressure(joint.film):
             fed += joint.flows.work
         if joint.contact is not None:
-            found["strain"] += joint.contact.stored(joint.touch)
+            found["strain"] += float(joint.contact.area @ joint.touch.potential)
             lost += joint.rubbed if joint.contact.friction else 0.0
         found["film"] += lost
         found["drag"] += fed
@@ -342,8 +342,7 @@ def too_coarse(place: FilmBinding, thickness: float) -> str:
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # Where the gap is below twice its least: h = c (1 - eps cos phi).
     length = float(place.film.lengths(np.array([thickness]))[0])
-    shape = place.film.shape
-    bend = place.film.clearance + (0.0 if shape is None else shape.bend)
+    bend = place.film.clearance + place.film.shape.bend
     thin = np.degrees(np.sqrt(2 * length / bend))
     if spacing <= NODE_SPACING * thin:
         return ""

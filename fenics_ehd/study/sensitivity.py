@@ -9,14 +9,13 @@ from time import process_time
 
 import numpy as np
 
-from fenics_ehd.analysis.replay import Course
+from fenics_ehd.analysis.replay import Course, recorded
 from fenics_ehd.analysis.sensitivity import (
     Figure,
     Number,
     check_periods,
     derivatives,
     figure_of,
-    followed,
     look,
     settled,
 )
@@ -217,7 +216,7 @@ def scene_sensitivity(
     cycles = (
         PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     )
-    course = settled(followed(run, scene.span, cycles))
+    course = settled(recorded(run, scene.span, cycles, look))
     seconds = {"run": process_time() - clock}
     clock = process_time()
     slopes: dict[tuple[Figure, str], float] = {}
