@@ -55,7 +55,6 @@ from fenics_ehd.multibody.history import FIELD_UNITS, JointResult, fixed
 from fenics_ehd.multibody.lubricated_joint import (
     JointFilm,
     bore_surface,
-    nearest_circle,
     sampling_grid,
 )
 from fenics_ehd.multibody.mechanism import Instant, Motion, System, assemble
@@ -86,6 +85,7 @@ from fenics_ehd.multibody.trust import (
     balance_error,
     bore_loads,
     energy_row,
+    estimate_at,
     neglected_inertia,
     slowest_pattern,
     step_powers,

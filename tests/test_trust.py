@@ -16,7 +16,7 @@ from bench_machines import (
     Run,
     Simulation,
     energy_row,
-    neglected_inertia,
+    estimate_at,
     simulation,
     slowest_pattern,
     summed,
@@ -229,9 +229,8 @@ def residual_body(body):
 
 
 def test_the_slowest_pattern_is_that_of_the_lowest_frequency(body, residual_body):
-    assert slowest_pattern(residual_body) == pytest.approx(1 / (2 * np.pi * 2e4))
-    assert slowest_pattern(body) == 0.0
-    assert neglected_inertia(body).shape == (0, 0)
+    assert slowest_pattern(residual_body.residual) == pytest.approx(1 / (2 * np.pi * 2e4))
+    assert estimate_at(ehd.FlexibleBody(body), "bore").start == 0.0
 
 
 def test_the_estimate_of_patterns_without_mass_is_not_that_of_the_start(residual_body):

@@ -136,8 +136,7 @@ class Film:
             From `CavitationSolver.solve`; its `state` holds the gap too.
         """
         check_gap(gap, self.parameters.surfaces)
-        closed = len(self.free) == self.assembly.size and not self.parameters.feeds
-        if closed:
+        if len(self.free) == self.assembly.size and not self.parameters.feeds:
             raise SettingsError(
                 "no pressure of the film is given, only its slopes follow: open a side or add a "
                 "groove"

@@ -91,15 +91,17 @@ class FilmGrid:
     def _numbers(self) -> np.ndarray:
         """Node number at each half cell around and along, -1 where the family has none."""
         around, along = self.cells
-        exists = np.ones((2 * around, 2 * along + 1), dtype=bool)
-        if self.family == "serendipity":
-            exists[1::2, 1::2] = False
-        elif self.family == "bilinear":
-            exists[1::2, :] = False
-            exists[:, 1::2] = False
+        exists = np.zeros((2 * around, 2 * along + 1), dtype=bool)
+        for a, b in self._halves:
+            exists[a::2, b::2] = True
         numbers = np.full(exists.shape, -1)
         numbers[exists] = np.arange(exists.sum())
         return numbers
+
+    @property
+    def _halves(self) -> np.ndarray:
+        """Nodes of a cell in dolfinx order, as offsets around and along in half cells."""
+        return np.rint(2 * ELEMENTS[self.family].nodes).astype(int)
 
     @cached_property
     def node_positions(self) -> np.ndarray:
@@ -120,8 +122,7 @@ class FilmGrid:
         """Nodes of every cell in dolfinx order, shape (cells, nodes per cell)."""
         around, along = self.cells
         i, j = np.meshgrid(np.arange(around), np.arange(along), indexing="ij")
-        # In half cells.
-        a, b = np.rint(2 * ELEMENTS[self.family].nodes).astype(int).T
+        a, b = self._halves.T
         i, j = 2 * i.reshape(-1, 1) + a, 2 * j.reshape(-1, 1) + b
         return self._numbers[i % (2 * around), j]
 

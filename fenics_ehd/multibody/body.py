@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import attrs
@@ -161,8 +161,8 @@ def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
     """With the fields in the order ``(x, y, theta, q)``: the position moves with the angle."""
     order = np.arange(len(integrals.mass))
     order[:3] = 1, 2, 0
-    names = ("mass", "spin", "centrifugal")
-    return replace(integrals, **{n: getattr(integrals, n)[np.ix_(order, order)] for n in names})
+    parts = vars(integrals).items()
+    return InertiaIntegrals(**{name: part[np.ix_(order, order)] for name, part in parts})
 
 
 def rigid_integrals(mass: float, inertia: float, centre: np.ndarray) -> InertiaIntegrals:
@@ -200,11 +200,10 @@ def with_total(
         own[2] if centre is None else centre,
     )
     parts = {}
-    for name in ("mass", "spin", "centrifugal"):
-        matrix = getattr(integrals, name).copy()
-        matrix[:3, :3] += getattr(wanted, name) - getattr(present, name)
-        parts[name] = matrix
-    return replace(integrals, **parts)
+    for name, part in vars(integrals).items():
+        change = getattr(wanted, name) - getattr(present, name)
+        parts[name] = part + np.pad(change, (0, len(part) - 3))
+    return InertiaIntegrals(**parts)
 
 
 #: Weight of multipliers on coordinates that the films see, next to 1 on frames: about the square

@@ -181,8 +181,6 @@ class FilmModel(ABC, Generic[PointT]):
         self._sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
         self._moving = np.hstack([joint.thickness, np.zeros_like(turning)])
         self._forces = -self.of_pressures(joint.load)
-        none = np.zeros((len(turning), 0)), np.zeros((0, joint.load.shape[1]))
-        self.lead(*none)
 
     def lead(self, gap: np.ndarray, shares: np.ndarray) -> None:
         """Take leading residual patterns into the derivatives.

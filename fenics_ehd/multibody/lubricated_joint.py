@@ -296,24 +296,6 @@ class BoreFilm:
                 )
 
 
-def nearest_circle(film: Film) -> np.ndarray:
-    """Rows that make of a gap at the film's nodes that of the nearest circles of its surfaces.
-
-    Returns
-    -------
-    numpy.ndarray
-        shape (3, k): their difference in radius and the eccentricity of the journal's along x and
-        y, in the frame of the bore.
-    """
-    angle, _ = film.parameters.grid.node_positions.T
-    waves = np.stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
-    # Weights of the nodes are the integrals of their shape functions over the bore.
-    weighted = waves * np.ravel(film.pressure_areas.sum(axis=0))
-    # Areas of a quadrature: those of 8-node corners are negative, their sums are not.
-    circle: np.ndarray = np.linalg.solve(weighted @ waves.T, weighted)
-    return circle
-
-
 #: Unit matrix of the plane, and a quarter turn.
 UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -514,11 +496,22 @@ class JointFilm:
         return self.thickness.shape[1]
 
     @cached_property
-    def circle(self) -> np.ndarray | None:
-        """Journal's place of gaps at nodes, see `nearest_circle`; None in a round, rigid bore."""
-        if self.bore is None and self.shape.plain:
-            return None
-        return nearest_circle(self.film)[1:]
+    def circle(self) -> np.ndarray:
+        """Rows that make of a gap at the film's nodes the place of the journal in the bore.
+
+        Both are taken for the circles that are nearest to their surfaces.
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (2, k): along x and y, in the frame of the bore.
+        """
+        angle, _ = self.film.parameters.grid.node_positions.T
+        waves = np.stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
+        # Weights of the nodes are the integrals of their shape functions over the bore.
+        weighted = waves * np.ravel(self.film.pressure_areas.sum(axis=0))
+        # Areas of a quadrature: those of 8-node corners are negative, their sums are not.
+        return np.linalg.solve(weighted @ waves.T, weighted)[1:]
 
     def lengths(self, thickness: np.ndarray) -> np.ndarray:
         """Lengths that changes of gaps are compared with [m]: the gaps, if surfaces are smooth."""

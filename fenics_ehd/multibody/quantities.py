@@ -151,10 +151,7 @@ class JointStep:
     @cached_property
     def journal(self) -> np.ndarray:
         """Centre of the journal in the bore as it is, shape (2,) [m]."""
-        circle = self.place.film.circle
-        if circle is None:
-            return self.x[self.place.xi[:2]]
-        return circle @ self.gap[-len(self.nodes) :]
+        return self.place.film.circle @ self.gap[-len(self.nodes) :]
 
     @cached_property
     def thinnest(self) -> tuple[float, float]:

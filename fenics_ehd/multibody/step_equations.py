@@ -178,6 +178,7 @@ class StepEquations:
         *self.places, self.rest = consecutive(0, [len(own) for own in lower])
         self.lower = np.concatenate(lower)
         self.contacts = Contacts(system, self.responses)
+        self.lead(0)
         bodies = self.responses.bodies.values()
         self.most_patterns = max((len(body.own) for body in bodies), default=0)
         self.disturbance: GapChanges = ()

@@ -20,7 +20,7 @@ from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.mechanism import FilmBinding, System
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.reduction.body import ReducedBody
+from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 
 
 def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarray:
@@ -229,9 +229,10 @@ def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
     """Estimate at one of a body's bores, for pressures on all of them."""
     reduced, part = body.reduced, body.reduced.at_bore(bore)
     missing = reduced.missing_flexibility[reduced.rows_of(bore).nodes]
-    return BasisErrorEstimate(
-        missing, body.damping_time, neglected_inertia(part), slowest_pattern(part)
-    )
+    if part.residual is None or not part.residual.mass.size:
+        return BasisErrorEstimate(missing, body.damping_time)
+    inertia = neglected_inertia(part, part.residual)
+    return BasisErrorEstimate(missing, body.damping_time, inertia, slowest_pattern(part.residual))
 
 
 def bore_body(system: System, place: FilmBinding) -> FlexibleBody:
@@ -252,7 +253,7 @@ def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.
     return found
 
 
-def neglected_inertia(body: ReducedBody) -> np.ndarray:
+def neglected_inertia(body: ReducedBody, residual: ResidualFlexibility) -> np.ndarray:
     """Gap error per acceleration of the residual amplitudes.
 
     The force ``-M_rr y''`` that a residual pattern's mass would exert, answered by
@@ -261,20 +262,14 @@ def neglected_inertia(body: ReducedBody) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        Outward bore displacement, shape (m, r); no rows if the mass is unknown.
+        Outward bore displacement, shape (m, r).
     """
-    residual = body.residual
-    if residual is None or not residual.mass.size:
-        return np.zeros((0, 0))
     shape = body.outward(residual.displacement)
     return (shape / residual.stiffness) @ residual.mass
 
 
-def slowest_pattern(body: ReducedBody) -> float:
+def slowest_pattern(residual: ResidualFlexibility) -> float:
     """``1 / omega`` of the slowest residual pattern on its own stiffness and mass [s]."""
-    residual = body.residual
-    if residual is None or not residual.mass.size:
-        return 0.0
     root = 1.0 / np.sqrt(residual.stiffness)
     return float(np.sqrt(np.linalg.norm(root[:, None] * residual.mass * root, 2)))
 

@@ -10,7 +10,6 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, interp1d
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.multibody.body import Body, FlexibleBody, ground
 from fenics_ehd.multibody.history import FIELDS_NAME, History
-from fenics_ehd.multibody.lubricated_joint import nearest_circle
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
@@ -203,12 +202,11 @@ class RecordedMotion:
     def orbits(self) -> dict[str, np.ndarray]:
         """Eccentricity of the journal in the bore as it is, by joint, shape (t, 2) [m].
 
-        Deformed, turned as its body's frame, see `nearest_circle`; in a rigid one it is the
+        Deformed, turned as its body's frame, see `JointFilm.circle`; in a rigid one it is the
         journal's own eccentricity.
         """
         return {
-            place.name: self.gaps[place.name] @ nearest_circle(place.film.film)[1:].T
-            for place in self.system.films
+            place.name: self.gaps[place.name] @ place.film.circle.T for place in self.system.films
         }
 
     @staticmethod
