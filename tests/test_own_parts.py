@@ -194,7 +194,9 @@ def test_matrices_of_calculix_yield_as_the_shipped_rod(
     names = {}
     exec(recipe.replace("parts/", f"{parts.name}/"), names)
     stated = made(parts / "calculix.inp", tmp_path / "part.msh")
-    off = difference(smooth_answers(StaticSolver(names["rod"])).compliance, reference.compliance)
+    ours = smooth_answers(StaticSolver(names["rod"])).compliance
+    # What comes behind the pressures are forces on the pin, which the reference does not know.
+    off = difference(ours[:, : len(ours)], reference.compliance)
     figure(
         "part and reduction",
         "bore by matrices of CalculiX, error over the one stated",
