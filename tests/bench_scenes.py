@@ -7,6 +7,7 @@ from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.fields import (
     NO_TEMPERATURE,
     SHEAR_RULES,
+    OilSettings,
     in_unit,
     require_thin_film,
 )
@@ -24,7 +25,6 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.base.processes import printing_kept
 from fenics_ehd.base.sealed_file import digest, open_sealed, read_tree, save_tree, seal
 from fenics_ehd.base.settings import read_toml
-from fenics_ehd.film.lubricant import OilSettings
 from fenics_ehd.scenes import films, part, part_settings, schema
 from fenics_ehd.scenes.accuracy import account, begun, choosable, search_of, water_level
 from fenics_ehd.scenes.films import (

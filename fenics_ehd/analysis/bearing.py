@@ -520,6 +520,11 @@ def _coefficients(found: _Found, load: float) -> DynamicCoefficients:
         linear = linearise(rest).along(rest.system.bodies["shaft"].start + np.arange(2))
         parts.append([linear.stiffness, linear.damping])
     stiffness, damping = np.mean(parts, axis=0)
+    if settings.plain:
+        # Its force turns with the journal, which a mesh that stays shows to a row of nodes only.
+        across = rotation(np.pi / 2) @ found.position / np.hypot(*found.position)
+        turned = rotation(np.pi / 2) @ found.push / np.hypot(*found.position)
+        stiffness += np.outer(turned - stiffness @ across, across)
     mass, whirl = stability(stiffness, damping)
     speed = abs(settings.speed)
     threshold = None if mass is None else speed * float(np.sqrt(settings.clearance * mass / load))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import attrs
 
@@ -12,6 +13,7 @@ from fenics_ehd.base.fields import (
     FILM_ELEMENTS,
     NO_TEMPERATURE,
     SHEAR_RULES,
+    OilSettings,
     Roughness,
     as_tuple,
     choice,
@@ -23,9 +25,10 @@ from fenics_ehd.base.fields import (
     radial_clearance,
     require_thin_film,
 )
-from fenics_ehd.film.kinematics import Shape
-from fenics_ehd.film.lubricant import OilSettings
-from fenics_ehd.film.supply import AxialGroove
+
+if TYPE_CHECKING:  # slow to import, and --help does without
+    from fenics_ehd.film.kinematics import Shape
+    from fenics_ehd.film.supply import AxialGroove
 
 #: Of the paper's oil, where nothing is said of another [Pa s].
 VISCOSITY = 0.01
@@ -100,6 +103,12 @@ class BearingSettings(OilSettings, Roughness):
     def heated(self) -> bool:
         """True where the temperature of the oil follows from the balance of its heat."""
         return self.supply_temperature > NO_TEMPERATURE
+
+    @property
+    def plain(self) -> bool:
+        """True where nothing has a direction but the load and the shaft's place."""
+        fixed = self.grooves or self.line_at_max_film or self.bore_shape is not None
+        return not (fixed or any(self.tilt) or any(self.squeeze))
 
     def __attrs_post_init__(self) -> None:
         if self.cells_around * self.cells_along > MOST_CELLS:

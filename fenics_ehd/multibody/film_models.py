@@ -70,6 +70,10 @@ FLOW_ROUND_OFF = 1e-11
 #: Dimensionless pressure that SNES-VI takes for zero.
 ZERO_PRESSURE = 1e-14
 
+#: Share of drift in the rates of a joint's coordinates from which on derivatives have it: motion
+#: has 1e-8, mechanisms at rest have all of it in a bore that turns.
+LEAST_DRIFT = 1e-4
+
 #: Largest excess of a void fraction over 1.
 UNDERSHOOT = 0.02
 
@@ -308,7 +312,7 @@ class FilmModel(ABC, Generic[PointT]):
         share: float,
         size: int,
     ) -> FilmBlock:
-        """Derivatives at a point; the rates of xi follow xi alone: their share of drift is tiny.
+        """Derivatives at a point; where their share of drift is tiny, rates of xi follow xi alone.
 
         Parameters
         ----------
@@ -347,19 +351,31 @@ class FilmModel(ABC, Generic[PointT]):
             gap=self._gap,
             along_gap=along_h,
         )
+        follows = np.zeros((n, size))
+        follows[:, : speed.shape[1]] = speed[place.xi]
+        follows[np.arange(n), place.xi] -= shift
+        if np.abs(follows).max() > LEAST_DRIFT:
+            along = self._along_rate(point, shift, along_h) @ self._gap[:, :n] + velocity[:, :n]
+            found = found.extended(
+                along[self.nodes] / self.scale, follows, np.zeros((len(self._gap), n))
+            )
         if self.film.equation.feeds is not None and self.film.equation.feeds.turning:
             along = self.along_turn(point)[self.nodes, None] / self.scale
             found = found.extended(along, ahead[:1], np.zeros((len(self._gap), 1)))
         if point.turned is not None:
             # The gap's rate follows the angle otherwise than the gap.
-            rate, slope = self.film.parameters.rate, point.turned.slope
-            along_rate = (self.along_gap(point, shift + rate)[0] - along_h) / rate
+            slope, along_rate = point.turned.slope, self._along_rate(point, shift, along_h)
             along = along_h @ slope + along_rate @ (point.turned.rate_slope - shift * slope)
             inputs = np.stack([along, along_rate @ slope], axis=-1)[self.nodes] / self.scale
             gap = np.stack([slope, np.zeros_like(slope)], axis=-1)
             outputs = -place.signs[:, None] * self.of_pressures(point.turned.torque)
             found = found.extended(inputs, ahead, gap, (outputs, place.turning))
         return found
+
+    def _along_rate(self, point: PointT, shift: float, along_gap: Any) -> sparse.csc_matrix:
+        """Derivative along the rate of the gap alone, by those along the gap at two shifts."""
+        rate = self.film.parameters.rate
+        return (self.along_gap(point, shift + rate)[0] - along_gap) / rate
 
     def _entries(self, point: PointT) -> np.ndarray:
         """Entries of the derivative along the film's own unknowns."""

@@ -34,6 +34,7 @@ from fenics_ehd.base.fields import (
     SHEAR_RULES,
     Deviations,
     Material,
+    OilSettings,
     Roughness,
     checked,
     choice,
@@ -53,7 +54,6 @@ from fenics_ehd.base.fields import (
     text,
 )
 from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.lubricant import OilSettings
 from fenics_ehd.film.supply import AxialGrooveSupply, CircumferentialGrooveSupply, HoleSupply
 from fenics_ehd.multibody.body import MasslessBody, Pose, RigidBody
 from fenics_ehd.multibody.forces import RotatingForce, SpringDamper, Torque

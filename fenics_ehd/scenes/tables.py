@@ -45,7 +45,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator, PPoly
+import scipy  # whose interpolation, slow to import, comes when it is used
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import read_text
@@ -212,8 +212,10 @@ def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
         The last one that of the first, shape (n,).
     """
     closed = np.append(values[:-1], values[0])  # SciPy forgives no round-off
-    slopes = CubicSpline(angles, closed, bc_type="periodic")(angles, 1)
-    curve = CubicHermiteSpline(angles, closed, limited(slopes, np.diff(closed) / np.diff(angles)))
+    slopes = scipy.interpolate.CubicSpline(angles, closed, bc_type="periodic")(angles, 1)
+    curve = scipy.interpolate.CubicHermiteSpline(
+        angles, closed, limited(slopes, np.diff(closed) / np.diff(angles))
+    )
     return Curve(curve, periodic=True)
 
 
@@ -285,7 +287,7 @@ def read_time_table(path: Path, key: str, column: Units) -> Curve:
         Naming setting, file, line and value.
     """
     _, rows = read_columns(path, f"{key} {path}", {"time": {"s": 1.0}, **column}, 2)
-    return Curve(PchipInterpolator(*rows.T), periodic=False)
+    return Curve(scipy.interpolate.PchipInterpolator(*rows.T), periodic=False)
 
 
 #: Factors to SI of the units a header may name.
@@ -313,10 +315,12 @@ def load_curves(
     closed = np.vstack([forces[:-1], forces[:1]])  # SciPy forgives no round-off
     largest = float(np.hypot(*forces.T).max())
 
-    def curve(values: np.ndarray) -> PPoly:
+    def curve(values: np.ndarray) -> scipy.interpolate.PPoly:
         if interpolation == "cubic":
-            return CubicSpline(times, values, bc_type="periodic")
-        return PPoly(np.stack([np.diff(values) / np.diff(times), values[:-1]]), times)
+            return scipy.interpolate.CubicSpline(times, values, bc_type="periodic")
+        return scipy.interpolate.PPoly(
+            np.stack([np.diff(values) / np.diff(times), values[:-1]]), times
+        )
 
     x, y = (Curve(curve(values), periodic=True, scale=largest) for values in closed.T)
     return x, y
