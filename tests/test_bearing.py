@@ -330,3 +330,24 @@ def test_barus_film_is_that_of_reduced_pressure_or_refused(figure):
 def test_centred_shaft_has_no_coefficients():
     with pytest.raises(ehd.errors.SettingsError, match="centred shaft has no derivative"):
         ehd.solve_bearing(PLAIN, eccentricity=0.0, with_coefficients=True)
+
+
+def test_a_bore_that_turns_entrains_as_much_oil_as_its_journal():
+    """Under a load that stands the film sees the sum of both speeds, up to clearance / radius."""
+    cells = {"cells_around": 32, "cells_along": 6}
+    for speed, bore_speed in ((500.0, 500.0), (0.0, 1000.0), (-200.0, 1200.0)):
+        found = ehd.bearing(load=5e3, speed=speed, bore_speed=bore_speed, **cells)
+        alone = ehd.bearing(load=5e3, speed=1000.0, **cells)
+        np.testing.assert_allclose(found.position, alone.position, rtol=2 * 17e-6 / 0.0225)
+
+
+def test_the_small_coefficient_of_a_plain_bearing_does_not_feel_its_mesh():
+    found = [
+        ehd.bearing(
+            eccentricity=0.7, with_coefficients=True, cells_around=around, cells_along=along
+        ).coefficients
+        for around, along in ((32, 8), (64, 12))
+    ]
+    small = [linear.stiffness[1, 0] for linear in found]
+    assert small[0] == pytest.approx(small[1], rel=0.04)
+    assert found[0].whirl_ratio == pytest.approx(found[1].whirl_ratio, rel=2e-3)

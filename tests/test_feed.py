@@ -174,7 +174,7 @@ def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, told):
 
 
 def test_two_supplies_have_two_names():
-    with pytest.raises(ehd.errors.SettingsError, match="two supplies of one name: a, a"):
+    with pytest.raises(ehd.errors.SettingsError, match="two supplies of one name, 'a', 'a'"):
         make_film((40, 10), feeds=(HOLE, evolve(GROOVE, name="a")))
 
 

@@ -5,7 +5,7 @@ from collections import deque
 
 import pytest
 from bench_machines import PeriodicSolver, Run, Simulation
-from bench_scenes import scene_of, stored
+from bench_scenes import changed, scene_of, stored
 from command_line import call
 from csv_history import read_history
 from scene_cases import tables_of, toml
@@ -49,7 +49,11 @@ def test_keys_of_version_0_2_are_read_and_one_line_gives_the_name_of_today():
         "joints.bearing.heat.conducted is now called conducted_share",
         "joints.bearing.heat.mixing is now called outlet_weight",
     ]
-    assert stored(scene).warnings == ()
+    # A run has the scene as stored, or with other values, and says so all the same.
+    assert stored(scene).warnings == changed(scene, {"time.cycles": 3}).warnings == scene.warnings
+    given_anew = changed(scene, {"bodies.part.held_by": "none"})
+    assert given_anew.bodies["part"].clamped == "none"
+    assert "bodies.part.held_by is now called clamped" in given_anew.warnings
     assert "held_by" in given["bodies"]["part"]
     with pytest.raises(ehd.errors.SettingsError, match=r"unknown key .*bearing\.heat\.mixing"):
         scene_of(tables(HEAT | {"mixing": 0.4, "outlet_weight": 0.5}), "both")

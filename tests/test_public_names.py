@@ -51,6 +51,29 @@ def test_a_machine_in_memory_is_that_of_its_folder(scene, tmp_path):
     np.testing.assert_array_equal(again.time, kept.time)
     with pytest.raises(ehd.errors.InputError, match="complete"):
         ehd.run(scene, tmp_path / "out")
+    other = ehd.read_scene(scene.tables, **{"joints.big_end.clearance": 21e-6})
+    with pytest.raises(ehd.errors.SettingsError, match=r"big_end\.clearance = 2\.1e-05: the run"):
+        ehd.run(other, tmp_path / "out", resume=True)
+    ehd.run(scene, tmp_path / "out", resume=True)
+
+
+def test_what_would_be_left_out_in_python_is_refused():
+    grid = ehd.uniform_grid(0.0225, 0.022, (24, 6))
+    mechanism = ehd.build(ehd.read_scene("four-bar")).mechanism
+
+    def film(**more):
+        return ehd.Film(ehd.FilmParameters(grid, 17e-6, ehd.Lubricant(0.01), 500.0, **more))
+
+    fed = ehd.HoleSupply(diameter=5e-3, name="oil", table="pressure.csv")
+    for make, told in (
+        (lambda: ehd.Shape(barrel=3e-6), r"barrel = 3e-06 m, taper = 0 m need half_width"),
+        (lambda: ehd.Shape(table="shape.csv"), r"table = 'shape\.csv' is read with a scene"),
+        (lambda: film(feeds=(fed,)), r"oil: table = 'pressure\.csv' is read with a scene"),
+        (lambda: ehd.simulate(mechanism, 1e-3, order=4), "order = 4 must be a whole number, at le"),
+        (lambda: ehd.simulate(mechanism, 1e-3, tolerance=0.0), "tolerance = 0.0 must be above 0"),
+    ):
+        with pytest.raises(ehd.errors.SettingsError, match=told):
+            make()
 
 
 def test_changes_name_their_keys():

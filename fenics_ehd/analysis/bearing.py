@@ -321,7 +321,10 @@ def _at_load(settings: BearingSettings, load: float) -> _Found:
             found = _settled(found, aim)
         except (SolverError, GapClosedError) as error:
             if max(aim / reached, reached / aim) < NEAREST:
-                raise SolverError(f"load = {load:g} N: no equilibrium found: {error}") from error
+                raise SettingsError(
+                    f"load = {load:g} N: no equilibrium found, the nearest one is under "
+                    f"{reached:.4g} N: take another load, speed or squeeze"
+                ) from error
             aim = float(np.sqrt(aim * reached))
             continue
         film = minimum_film(settings, found.position)

@@ -29,11 +29,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from time import process_time
 from typing import Any
 
+import attrs
 import numpy as np
 from scipy import sparse
 
@@ -500,7 +501,7 @@ class Estimator:
         blend = 0.0 if control.blend else OTHER_BLEND
         factor = (1.0 - control.blend) / (blend - control.blend)
         other = copy(self._run)
-        other.control = replace(control, blend=blend)
+        other.control = attrs.evolve(control, blend=blend)
         return self._change(self._long, self._follow(self._long, other), factor)
 
     def _change(self, before: Course, after: Course, factor: float | np.ndarray) -> np.ndarray:

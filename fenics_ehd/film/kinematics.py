@@ -48,7 +48,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import Deviations
+from fenics_ehd.base.fields import NONE, Deviations
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -124,6 +124,17 @@ class Shape(Deviations):
     half_width: float = np.inf
     #: The table.
     measured: ShapeTable | None = None
+
+    def __attrs_post_init__(self) -> None:
+        if self.table != NONE and self.measured is None:
+            raise SettingsError(
+                f"table = {self.table!r} is read with a scene: give it as measured in Python"
+            )
+        if (self.barrel or self.taper) and self.half_width == np.inf:
+            raise SettingsError(
+                f"barrel = {self.barrel:g} m, taper = {self.taper:g} m need half_width, half the "
+                "bearing's width [m]"
+            )
 
     @property
     def round(self) -> bool:

@@ -30,6 +30,7 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import NONE
 from fenics_ehd.film.assembly import Assembly, with_weights
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import Gap, SurfacePoints
@@ -191,7 +192,15 @@ class Feeds:
         grid, feeds = parameters.grid, parameters.feeds
         names = [feed.name for feed in feeds]
         if len(set(names)) < len(names):
-            raise SettingsError(f"two supplies of one name: {', '.join(sorted(names))}")
+            raise SettingsError(
+                f"two supplies of one name, {', '.join(map(repr, sorted(names)))}: give each a name"
+            )
+        for feed in feeds:
+            if feed.table != NONE and feed.curve is None:
+                raise SettingsError(
+                    f"{feed.name}: table = {feed.table!r} is read with a scene: give a curve in "
+                    "Python"
+                )
         # Of every supply either the film's own conductance over w H^3, or that of its passage: the
         # pressure scale over a resistance, in units of the flow c Omega R^2.
         self._film = np.zeros((len(feeds), *area.shape))

@@ -11,9 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
+import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import StepSizeError
+from fenics_ehd.base.fields import count, number
 from fenics_ehd.multibody.tabulated import (
     POINTS,
     TabulatedLoad,
@@ -124,7 +126,7 @@ class Observed(Protocol):
         """Size of their error: 1 is an error of the size of the quantities themselves."""
 
 
-@dataclass(frozen=True)
+@attrs.frozen(slots=False)
 class IntegratorOptions:
     """Options of the integrator.
 
@@ -143,12 +145,12 @@ class IntegratorOptions:
         Share b of order k + 1, for k > 1; 0 leaves plain backward differentiation.
     """
 
-    tolerance: float = 1e-5
-    order: int = 3
-    first: float = 1e-8
-    smallest: float = 1e-13
-    largest: float = 0.02
-    blend: float = 0.5
+    tolerance: float = number(1e-5, "relative", above=0)
+    order: int = count(3, "of the formula", least=1, most=3)
+    first: float = number(1e-8, "step [s]", above=0)
+    smallest: float = number(1e-13, "step [s]", above=0)
+    largest: float = number(0.02, "step", above=0)
+    blend: float = number(0.5, "[-]", least=0, most=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
+import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
@@ -62,7 +62,7 @@ class Run:
         # pressure makes denser is a spring without damping.
         damped = system.least_damping >= DAMPED and not self.equations.conserves_oil
         order = steps.order if damped else min(steps.order, 2)
-        self.control = replace(steps, order=order, largest=steps.largest * span)
+        self.control = attrs.evolve(steps, order=order, largest=steps.largest * span)
         z, rates = assemble(system)
         check_inertia(system, z)
         resting = self.equations.resting(z)

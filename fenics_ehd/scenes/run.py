@@ -15,6 +15,7 @@ from typing import Any
 
 import attrs
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, write_whole
 from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
 from fenics_ehd.multibody.periodic import PeriodicSolver
@@ -36,6 +37,7 @@ from fenics_ehd.scenes.build import Machine, build
 from fenics_ehd.scenes.scene import (
     Scene,
     as_stored,
+    by_key,
     csv_files,
     flexible,
     scene_text,
@@ -51,7 +53,7 @@ def run(
     Parameters
     ----------
     scene
-        As read; a run that goes on has the one it began with.
+        As read; that of a run that goes on must be the one it began with.
     folder
         Made where it is missing.
     resume
@@ -74,6 +76,7 @@ def run(
     directory = Path(folder)
     if resume:
         with RunFolder(directory, resume=True) as held:
+            _require_same(scene, held.path)
             # A periodic solution keeps its last cycle, and nothing to go on with.
             if "cycles" not in (complete_result(held.path) or {}):
                 found, former = stored_scene(held.path), load_run_state(held.path)
@@ -83,6 +86,18 @@ def run(
     with RunFolder(directory, flexible(scene), overwrite=overwrite) as held:
         run_accurately(scene, build(scene), held.path, search)
     return load_history(directory)
+
+
+def _require_same(scene: Scene, directory: Path) -> None:
+    """Refuse to go on with a run of another scene; that of an accuracy chooses some of its own."""
+    ours = dict(by_key(stored(scene).tables))
+    theirs = dict(by_key(as_stored(directory / SCENE_NAME).tables))
+    for key in {} if scene.output.accuracy else {**ours, **theirs}:
+        if ours.get(key) != theirs.get(key):
+            raise SettingsError(
+                f"{key} = {ours.get(key)!r}: the run in {directory} has {theirs.get(key)!r}: go on "
+                f"with read_scene of its {SCENE_NAME}, or choose another folder"
+            )
 
 
 def run_scene(

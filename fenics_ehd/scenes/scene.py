@@ -17,7 +17,7 @@ A scene as text again: every setting with its value and its meaning, files by th
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -62,8 +62,9 @@ class Scene:
         File or shipped scene it was read from.
     tables
         As written.
-    warnings
-        Values that may be in another unit, one line each.
+    renamed, warnings
+        Keys of version 0.2 that were read, and those with values that may be in another unit, one
+        line each.
     """
 
     bodies: dict = entries(
@@ -77,6 +78,7 @@ class Scene:
     output: OutputSettings = section(OutputSettings)
     name: str = ""
     tables: Mapping[str, Any] = attrs.Factory(dict)
+    renamed: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -422,6 +424,9 @@ RENAMED = {
     ("joints", "heat", "mixing"): "outlet_weight",
 }
 
+#: The same by their last words, which name nothing else.
+NOW = {path[-1]: new for path, new in RENAMED.items()}
+
 
 def renamed(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """Tables with today's names of keys that had others, and one line for each of these."""
@@ -489,25 +494,29 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
     SettingsError
         Naming the key that cannot be used.
     """
-    tables = deepcopy(dict(scene.tables))
+    tables, told = deepcopy(dict(scene.tables)), list(scene.renamed)
     for key, value in values.items():
         *path, last = key.split(".")
+        if last in NOW:
+            told.append(f"{key} is now called {NOW[last]}")
+            last = NOW[last]
         table = tables
         for name in path:
             table = table.setdefault(name, {})
         table[last] = deepcopy(value)  # of the caller's tables nothing is changed below
-    return scene_of(beside(tables, Path()), scene.name)
+    return scene_of(beside(tables, Path()), scene.name, told)
 
 
-def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
-    """Scene of tables as a TOML file has them.
+def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> Scene:
+    """Scene of tables as a TOML file has them; `told` is what was said of keys renamed before.
 
     Raises
     ------
     SettingsError
         Naming the key that cannot be used.
     """
-    tables, warnings = renamed(tables)
+    tables, lines = renamed(tables)
+    lines = [*dict.fromkeys((*told, *lines))]
     if "bodies" not in tables:
         raise SettingsError(
             f"{name}: no [bodies.NAME] tables; write bodies, joints, drives and forces: "
@@ -522,7 +531,8 @@ def scene_of(tables: Mapping[str, Any], name: str) -> Scene:
         raise SettingsError(f"unknown key {error}{_hint(tables, str(error))}") from None
     check_names(scene)
     check_time(scene)
-    return attrs.evolve(scene, warnings=(*warnings, *unusual(scene), *notices(scene)))
+    warnings = (*lines, *unusual(scene), *notices(scene))
+    return attrs.evolve(scene, renamed=tuple(lines), warnings=warnings)
 
 
 def _hint(tables: Mapping[str, Any], key: str) -> str:
@@ -560,7 +570,7 @@ def as_stored(source: str | Path) -> Scene:
 
 def stored(scene: Scene) -> Scene:
     """A scene with the values that its text keeps."""
-    return scene_of(tomllib.loads(scene_text(scene)), scene.name)
+    return scene_of(tomllib.loads(scene_text(scene)), scene.name, scene.renamed)
 
 
 def by_key(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
