@@ -338,7 +338,8 @@ def test_a_bore_that_turns_entrains_as_much_oil_as_its_journal():
     for speed, bore_speed in ((500.0, 500.0), (0.0, 1000.0), (-200.0, 1200.0)):
         found = ehd.bearing(load=5e3, speed=speed, bore_speed=bore_speed, **cells)
         alone = ehd.bearing(load=5e3, speed=1000.0, **cells)
-        np.testing.assert_allclose(found.position, alone.position, rtol=2 * 17e-6 / 0.0225)
+        apart = np.linalg.norm(found.position - alone.position) / np.linalg.norm(alone.position)
+        assert apart < 2 * 17e-6 / 0.0225
 
 
 def test_the_small_coefficient_of_a_plain_bearing_does_not_feel_its_mesh():
