@@ -72,7 +72,9 @@ MESH_REACH = 1.2
 
 #: Angle [rad] by which the journal may leave the place that a mesh of a round bore was made for,
 #: the line without pressure at the maximum film; meshes of one search.
-ALIGNED, LINED, MOST_MESHES = 1e-3, 1e-7, 60
+ALIGNED = 1e-3
+LINED = 1e-7
+MOST_MESHES = 60
 
 #: Angle [rad] between force and load line at which the search for an attitude ends.
 TOLERANCE = 1e-9
@@ -96,7 +98,9 @@ EXTRA_CELLS = (2, 4, 6)
 
 #: Of the effective temperature [K]; change of ln(viscosity) that shows how power over flow follows
 #: it, as nothing but the temperature changes them here; operating points of its search.
-WARM, TELLING, MOST_STEPS = 1e-6, 1e-6, 50
+WARM = 1e-6
+TELLING = 1e-6
+MOST_STEPS = 50
 
 
 def shape_of(settings: BearingSettings, angle: float = 0.0) -> Shape:
@@ -401,7 +405,9 @@ def _at_eccentricity(settings: BearingSettings, ratio: float) -> _Found:
 
 #: Attitudes of one search, longest step [rad], and slope of the force's direction over the
 #: attitude below which the secant is not trusted.
-MOST_ATTITUDES, LONGEST_TURN, FLAT = 60, 1.0, 0.05
+MOST_ATTITUDES = 60
+LONGEST_TURN = 1.0
+FLAT = 0.05
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,9 @@ SHARE = 0.01
 #: Of Newton's last update, of a cycle that repeats, and of temperatures that are balanced [K]: what
 #: they leave of a difference along `SHARE`. The squeeze velocity has the first over the step: in
 #: steps of a degree 1e-6 puts a peak pressure's derivative 0.9 % off, 1e-8 less than 0.01 %.
-NEWTON, PERIODICITY, BALANCE = 1e-8, 1e-6, 1e-4
+NEWTON = 1e-8
+PERIODICITY = 1e-6
+BALANCE = 1e-4
 
 #: Slack in the first two on finer films, which tell by how much a derivative changes.
 ROUGHLY = 10.0

@@ -405,11 +405,10 @@ def entries(
 
 
 #: Elements of a film mesh: 9-node, 8-node, 4-node; where its oil is sheared in cavities; conditions
-#: of cavitation; what is outside its sides.
+#: of cavitation.
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 SHEAR_RULES = ("streamers", "full", "none")
 CAVITATIONS = ("reynolds", "mass-conserving")
-AMBIENTS = ("air", "oil")
 
 #: Largest bearing radius, bearing width or crank radius [m].
 LARGEST_LENGTH = 5.0

@@ -38,7 +38,9 @@ _GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 SWITCH = "tetrahedra"
 
 #: Gmsh's second-order cells, and the triangle on the faces of the latter.
-HEXAHEDRON_27, TETRAHEDRON_10, TRIANGLE_6 = 12, 11, 9
+HEXAHEDRON_27 = 12
+TETRAHEDRON_10 = 11
+TRIANGLE_6 = 9
 
 #: Names in meshio of Gmsh's solid cells.
 _NAMES = {4: "tetra", 11: "tetra10", 5: "hexahedron", 17: "hexahedron20"}

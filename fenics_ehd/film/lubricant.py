@@ -204,7 +204,9 @@ ARRAYS = Functions(np.exp, erf, np.where)
 
 #: Shear rate over gamma_c, and exponent, whose power is still a number; and the rate below which
 #: oil is at rest: a power of it has no slope at zero.
-LARGEST_RELATIVE_RATE, LARGEST_EXPONENT, SMALLEST_RELATIVE_RATE = 1e30, 10.0, 1e-30
+LARGEST_RELATIVE_RATE = 1e30
+LARGEST_EXPONENT = 10.0
+SMALLEST_RELATIVE_RATE = 1e-30
 
 
 class Law:

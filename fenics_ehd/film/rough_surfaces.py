@@ -78,7 +78,9 @@ PUBLISHED = 0.5
 PRESSURE = 0.9, 0.56
 
 #: phi_s = A_1 H^alpha_1 exp(-alpha_2 H + alpha_3 H^2) up to H = 5, A_2 exp(-H / 4) above.
-SHEAR, SHEAR_ABOVE, SHEAR_END = (1.899, 0.98, 0.92, 0.05), 1.126, 5.0
+SHEAR = (1.899, 0.98, 0.92, 0.05)
+SHEAR_ABOVE = 1.126
+SHEAR_END = 5.0
 
 #: phi_fs = A_3 H^alpha_4 exp(-alpha_5 H + alpha_6 H^2) up to H = 7, 0 above.
 STRESS, STRESS_END = (11.1, 2.31, 2.38, 0.11), 7.0

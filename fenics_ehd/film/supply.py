@@ -152,6 +152,9 @@ def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
     return t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / blur
 
 
+#: What may be outside the sides of a film without ambient pressure.
+AMBIENTS = ("air", "oil")
+
 #: Surfaces that a supply may be in.
 SURFACES = ("bore", "journal")
 

@@ -30,7 +30,10 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
 #: Places of position, angle and the first of two tilts in a marker's values, and their number.
-POSITION, ANGLE, TILT, WIDTH = slice(0, 2), 2, 3, 5
+POSITION = slice(0, 2)
+ANGLE = 2
+TILT = 3
+WIDTH = 5
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,12 +48,13 @@ from functools import cached_property
 import numpy as np
 
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
-from fenics_ehd.base.fields import AMBIENTS, CAVITATIONS
+from fenics_ehd.base.fields import CAVITATIONS
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
 from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.kinematics import Gap, Shape
+from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.joints import OWN, SECOND, Geometry, Joint

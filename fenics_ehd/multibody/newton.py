@@ -108,7 +108,9 @@ LARGEST_BORDER, MOST_NODES = 0.25, 700
 #: others add to an update is found by repeated substitution, until it changes by less than this
 #: share. Where that shrinks changes by less than `SLOW`, twice the patterns are taken, by more
 #: than `FAST` half of them in the next step.
-LEADING, REFINED, MAX_REFINEMENTS = 30, 0.02, 8
+LEADING = 30
+REFINED = 0.02
+MAX_REFINEMENTS = 8
 SLOW, FAST = 0.4, 0.02
 
 

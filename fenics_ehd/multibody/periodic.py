@@ -55,7 +55,9 @@ WHOLE = 1e-6
 
 #: Cycles that change the films by less than this tell where the next one should begin, at most so
 #: many of them; and the share that a film may become thinner by that.
-NEAR, REMEMBERED, THINNER = 0.3, 6, 0.3
+NEAR = 0.3
+REMEMBERED = 6
+THINNER = 0.3
 
 #: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
 NOISE = 1e-2

@@ -32,7 +32,9 @@ KINDS = {20: "hex", 10: "tet"}
 #: Cosine to the axis of the flattest face that still counts as turned to the viewer.
 FACING = 0.1
 
-STEEL, EDGE, GHOST = "#c9d3dc", "#8594a3", "0.45"
+STEEL = "#c9d3dc"
+EDGE = "#8594a3"
+GHOST = "0.45"
 
 
 def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:

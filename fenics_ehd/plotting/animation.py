@@ -270,7 +270,9 @@ def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: i
 RESOLUTION = {".gif": 90, ".mp4": 120}
 
 #: Colours of a GIF, the same in all its frames; frames they are taken from, and every which pixel.
-COLOURS, SAMPLES, SPARSE = 256, 6, 3
+COLOURS = 256
+SAMPLES = 6
+SPARSE = 3
 
 #: Parts of red, green and blue, of 255, above which a colour is white.
 NEARLY_WHITE = 248

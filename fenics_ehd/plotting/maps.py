@@ -176,7 +176,9 @@ def _title(title: str, joint: ShownJoint, runs: int) -> str:
 
 #: Largest of clearance and radial displacement as drawn, height of the largest pressure, and half
 #: the side of a panel, over the bore's radius.
-ENLARGED, FAN, REACH = 0.2, 0.35, 1.62
+ENLARGED = 0.2
+FAN = 0.35
+REACH = 1.62
 
 #: Points around the bore, and its outward normals there.
 ANGLES = np.linspace(-np.pi, np.pi, 361)

@@ -25,7 +25,10 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
-BLUE, RED, YELLOW, BLACK = "#004488", "#BB5566", "#DDAA33", "#000000"
+BLUE = "#004488"
+RED = "#BB5566"
+YELLOW = "#DDAA33"
+BLACK = "#000000"
 
 #: Of one curve after another.
 COLOURS = (BLUE, RED, YELLOW, BLACK, "#44AA99", "#882255", "#999933")

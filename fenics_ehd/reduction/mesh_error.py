@@ -38,7 +38,9 @@ SMOOTH = (2 * WAVES + 1) * HEIGHTS
 #: Order of the compliance's error, size of a mesh's cells over that of the other's, and largest
 #: mesh that is compared with a finer one [degrees of freedom]: that has three times as many, the
 #: factors of which take 1.2 s for 33 000, 29 s for 223 000.
-ORDER, FINER, MOST_REFINED = 2.0, 1.5, 60_000
+ORDER = 2.0
+FINER = 1.5
+MOST_REFINED = 60_000
 
 #: Order of what lies between the nodes of quadratic cells.
 BETWEEN_NODES = 3.0

@@ -42,7 +42,11 @@ from fenics_ehd.scenes.scene import Scene, changed, meshed, stored
 
 #: Least tolerance of a step, least periodicity, most film cells, vibration modes that a basis may
 #: have, and cells of a part's mesh around a bore.
-TIGHTEST, TIGHTEST_PERIODICITY, MOST_CELLS, MOST_MODES, MOST_CELLS_AROUND = 1e-8, 1e-7, 6400, 48, 60
+TIGHTEST = 1e-8
+TIGHTEST_PERIODICITY = 1e-7
+MOST_CELLS = 6400
+MOST_MODES = 48
+MOST_CELLS_AROUND = 60
 
 #: Share of the accuracy that all components together are aimed at, and what of its steps and films
 #: is left of a run that may not be trusted.
@@ -71,7 +75,10 @@ FEWEST_AROUND, MOST_AROUND = 16, 48
 
 #: Error of the steps at a tolerance of 1e-3, of order 2 or 3: 0.4 to 1.5 % of shipped scenes; the
 #: share of the accuracy that it is to take in a pilot, and least and largest tolerance of one.
-STEP_ERROR, PILOT_SHARE, PILOT_TIGHTEST, PILOT_LOOSEST = 0.006, 0.6, 3e-4, 3e-3
+STEP_ERROR = 0.006
+PILOT_SHARE = 0.6
+PILOT_TIGHTEST = 3e-4
+PILOT_LOOSEST = 3e-3
 
 #: Least accuracy: smaller errors were never judged (`docs/error-budget.md`), and 1e-9 would be 37
 #: hours.

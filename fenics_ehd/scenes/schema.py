@@ -25,7 +25,6 @@ import attrs
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
-    AMBIENTS,
     CAVITATIONS,
     FILM_ELEMENTS,
     LARGEST_LENGTH,
@@ -54,7 +53,12 @@ from fenics_ehd.base.fields import (
     text,
 )
 from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.supply import AxialGrooveSupply, CircumferentialGrooveSupply, HoleSupply
+from fenics_ehd.film.supply import (
+    AMBIENTS,
+    AxialGrooveSupply,
+    CircumferentialGrooveSupply,
+    HoleSupply,
+)
 from fenics_ehd.multibody.body import MasslessBody, Pose, RigidBody
 from fenics_ehd.multibody.forces import RotatingForce, SpringDamper, Torque
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider, Speed

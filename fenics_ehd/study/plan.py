@@ -254,7 +254,10 @@ FINER = 1.2
 LEAST_STEPS = 2
 
 #: Groups of rows, in the order of the table.
-METHODS, TOLERANCE, FILMS, OWN = "methods", "tolerance", "film", "reference"
+METHODS = "methods"
+TOLERANCE = "tolerance"
+FILMS = "film"
+OWN = "reference"
 
 
 @dataclass(frozen=True)
