@@ -697,7 +697,9 @@ class Deviations:
     """
 
     ovality: float = deviation("amplitude of a wave around [m]")
-    ovality_angle: float = number(0.0, "where it is outermost, from the body's x axis [degrees]")
+    ovality_angle: float = number(
+        0.0, "where it is outermost, from the body's x axis; of a bearing, the load [degrees]"
+    )
     lobes: int = count(2, "waves in a turn", least=1, most=100)
     barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
     taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
