@@ -1,5 +1,7 @@
 """``import fenics_ehd as ehd``: what it offers, and what that costs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_made_rod import Joint, make_body
@@ -64,11 +66,15 @@ def test_what_would_be_left_out_in_python_is_refused():
     def film(**more):
         return ehd.Film(ehd.FilmParameters(grid, 17e-6, ehd.Lubricant(0.01), 500.0, **more))
 
+    driven = replace(mechanism, drives={"crank": ehd.Torque("crank", torque=1.0)})
     fed = ehd.HoleSupply(diameter=5e-3, name="oil", table="pressure.csv")
     for make, told in (
         (lambda: ehd.Shape(barrel=3e-6), r"barrel = 3e-06 m, taper = 0 m need half_width"),
         (lambda: ehd.Shape(table="shape.csv"), r"table = 'shape\.csv' is read with a scene"),
         (lambda: film(feeds=(fed,)), r"oil: table = 'pressure\.csv' is read with a scene"),
+        (lambda: ehd.bearing(load="5 kg"), "load = '5 kg' must be a number in N or a unit like it"),
+        (lambda: ehd.read_scene("four-bar", **{"bodies.crank.mass.x": 1}), "mass is no table"),
+        (lambda: ehd.simulate(driven, 1e-3), "that of crank must be a Speed"),
         (lambda: ehd.simulate(mechanism, 1e-3, order=4), "order = 4 must be a whole number, at le"),
         (lambda: ehd.simulate(mechanism, 1e-3, tolerance=0.0), "tolerance = 0.0 must be above 0"),
     ):

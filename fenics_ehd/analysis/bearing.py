@@ -45,6 +45,7 @@ from fenics_ehd.base.errors import (
     VerificationError,
     ViscosityError,
 )
+from fenics_ehd.base.fields import as_float, require_finite
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import MOST_WITHIN_A_CELL, Film, FilmState, steepest_thickening
 from fenics_ehd.film.forces import FlowBalance
@@ -686,11 +687,14 @@ def bearing(
     with_coefficients: bool = False,
     **settings: Any,
 ) -> BearingResult:
-    """`solve_bearing` of `BearingSettings` that are given by name."""
+    """`solve_bearing` of `BearingSettings` that are given by name, and a load, ``"5 kN"``."""
+    size = as_float(load, "N")
+    if load is not None:
+        require_finite("load", size, "N")
     return solve_bearing(
         BearingSettings(**settings),
         eccentricity=eccentricity,
-        load=load,
+        load=size,
         with_coefficients=with_coefficients,
     )
 

@@ -210,6 +210,12 @@ class System:
                 raise SettingsError(
                     f"{name}: table = {load.table!r} is read with a scene: give a curve in Python"
                 )
+        for name, drive in mechanism.drives.items():
+            if not callable(drive):
+                raise SettingsError(
+                    f"drives: that of {name} must be a Speed, or angle and speed of a time; a "
+                    "Torque stands among the forces in Python"
+                )
         bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         # By name: results do not depend on the order in which things are listed.
         self._bodies = {name: bodies[name] for name in sorted(bodies)}

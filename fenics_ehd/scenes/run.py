@@ -16,7 +16,14 @@ from typing import Any
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import SUMMARY, clear, complete_result, versions, write_whole
+from fenics_ehd.base.files import (
+    SUMMARY,
+    clear,
+    complete_result,
+    require_writable,
+    versions,
+    write_whole,
+)
 from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
@@ -74,6 +81,7 @@ def run(
         Of the scene, its parts and the run.
     """
     directory = Path(folder)
+    require_writable(directory / SUMMARY)
     if resume:
         with RunFolder(directory, resume=True) as held:
             _require_same(scene, held.path)

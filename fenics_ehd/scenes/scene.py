@@ -503,6 +503,8 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
         table = tables
         for name in path:
             table = table.setdefault(name, {})
+            if not isinstance(table, dict):
+                raise SettingsError(f"unknown key {key}: {name} is no table")
         table[last] = deepcopy(value)  # of the caller's tables nothing is changed below
     return scene_of(beside(tables, Path()), scene.name, told)
 
