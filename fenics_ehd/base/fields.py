@@ -1,20 +1,18 @@
 """Fields of settings: numbers with units and limits, words, switches, and the oil's own.
 
-Numbers with a written unit, ``"9000 rpm"`` or ``"20 um"``, in the unit of a setting.
+**Units.** A number may have a written unit, ``"9000 rpm"`` or ``"20 um"``; it is converted to that
+of its setting, which stands in brackets in the help text. A table, not a library: pint would read
+"40 C" as coulombs, multiply "1 / 3 m" out and accept hertz for radians per second, and it is larger
+than the rest of `base`. Here C is a temperature, an angle is a dimension of its own, so that a
+frequency is no angular speed, and factors are exact until the last product: ``"20 um"`` is the
+number that ``20e-6`` is.
 
-A table, not a library: pint would read "40 C" as coulombs, multiply "1 / 3 m" out and accept
-hertz for radians per second, and it is larger than the rest of `base`. Here C is a temperature,
-an angle is a dimension of its own, so that a frequency is no angular speed, and factors are exact
-until the last product: ``"20 um"`` is the number that ``20e-6`` is.
+**Limits.** Quantities have limits that catch a wrong unit, or warnings where it may be one. A
+length written in millimetres or micrometres is a thousand times too large or more: the limits are
+generous, and still below that.
 
-Kinds of fields of settings: numbers with units and limits, words, lists, each value checked.
-
-Quantities in settings, with limits that catch a wrong unit or warnings where it may be one.
-
-A length written in millimetres or micrometres is a thousand times too large or more: the limits
-are generous, and still below that.
-
-What settings say of an oil, of rough surfaces, of shapes; the material of a part.
+**Shared settings** stand behind the fields: of an oil, of rough surfaces, of shapes, the material
+of a part.
 """
 
 from __future__ import annotations

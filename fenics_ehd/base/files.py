@@ -1,16 +1,10 @@
 """Files of a user and of this program: text read, results written whole, folders held.
 
-Text that a user or another program wrote: scenes, tables, JSON.
-
-Files that are there whole or not at all, whatever ends the program or fills the disk.
-
-Folders that the program writes to: by one process at a time, and over nothing but its own files.
-
-``manifest.txt`` lists what the program made in a folder or is about to make, a name a line, that of
+Results are there whole or not at all, whatever ends the program or fills the disk. A folder is
+written to by one process at a time, and over nothing but the program's own files: ``manifest.txt``
+lists what the program made in a folder or is about to make, a name a line, that of
 a folder with a slash behind. Nothing else is ever removed or replaced, and nothing is done through
 a symbolic link. Lines are only ever appended, so that whoever is killed has listed what is there.
-
-Results of a run on disk beside its history: a summary, the film of a failed solve.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """Processes: calls in one of their own, signals, ranks that end together, silence.
 
-A call in a process of its own: what a library leaves behind there, or ends, stays there.
-
-Signals that end a run: between two steps, never in the middle of writing one.
-
-One end for all ranks: an error on one of them ends the others, which may wait for it.
-
-Libraries that print what nobody asked for, on the stream that holds this program's answer.
+- What a library leaves behind, or ends, in a process of its own stays there.
+- Signals end a run between two steps, never in the middle of writing one.
+- An error on one rank ends the others, which may wait for it.
+- What libraries print that nobody asked for is kept off the stream of this program's answer.
 """
 
 from __future__ import annotations

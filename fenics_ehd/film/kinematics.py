@@ -1,9 +1,8 @@
 """Gap and surface velocities of a shaft in a bore (2)-(7), and deviations from round.
 
-Shape of a bore or a journal: how far its surface lies outside the round one.
-
-The radial deviation ``delta(phi, z)`` [m] is positive outward, away from the axis: it opens the
-gap where the bore has it and closes it where the journal has it,
+**Shape** of a bore or a journal: how far its surface lies outside the round one. The radial
+deviation ``delta(phi, z)`` [m] is positive outward, away from the axis: it opens the gap where the
+bore has it and closes it where the journal has it,
 
     h = c + delta_bore(phi, z) - delta_journal(phi - alpha, z) - ...,
 
@@ -16,12 +15,10 @@ and nothing else: the flux through a section stays ``h (v_1 + v_2) / 2 - h^3 / (
 for the oil that the inclined surface pushes ahead of it is this rate. (Integrate continuity over
 the film: ``d/dx int u dy - u(h) dh/dx + v(h) - v(0) = 0`` and ``v(h) = dh/dt + u(h) dh/dx``.)
 
-Gap and surface velocities of a shaft in a bore, (2)-(7).
-
-The bore carries the frame: its points keep their angle phi and height z, and
-all velocities are relative to it. A shaft of radius ``R_1 = R_2 - c`` with its
-centre at ``e`` and its axis tilted by the small rotations ``psi_x, psi_y`` has
-its centre at ``e(z) = e + z (psi_y, -psi_x)`` in the plane of height z, and
+**Gap and surface velocities** (2)-(7). The bore carries the frame: its points keep their angle phi
+and height z, and all velocities are relative to it. A shaft of radius ``R_1 = R_2 - c`` with its
+centre at ``e`` and its axis tilted by the small rotations ``psi_x, psi_y`` has its centre at ``e(z)
+= e + z (psi_y, -psi_x)`` in the plane of height z, and
 
     h     = R_2 + delta_r - e_r - s,    s = sqrt(R_1^2 - e_t^2)        (4), (5)
     dh/dt = d(delta_r)/dt - (de/dt)_r + (de/dt)_t e_t / s

@@ -1,8 +1,6 @@
 """Viscosity and density of an oil: pressure, temperature, shear rate, named grades.
 
-Viscosity and density of an oil as functions of its temperature.
-
-Kinematic viscosity follows the Walther equation of ASTM D341,
+**Temperature.** Kinematic viscosity follows the Walther equation of ASTM D341,
 
     log10 log10 (nu + 0.7) = A - B log10 T,    nu in mm2/s, T in K,
 
@@ -10,35 +8,27 @@ through its values at 40 and 100 C. The standard adds terms that matter below 2 
 than where nu is `LARGEST` and hotter than where it is `SMALLEST` the equation is refused.
 Density falls linearly. Dynamic viscosity is their product.
 
-Named grades of oils.
+**Grades.** A grade stands for two nominal kinematic viscosities. The standard gives one of them:
+ISO 3448 the number of an ISO VG grade at 40 C, SAE J300 a range at 100 C, whose middle is taken
+(fuchs.com, "Viscosity charts"; "SAE 10", a winter grade, goes from 4.1 mm2/s to where 15W begins).
+The other follows from an assumed viscosity index by ASTM D2270, whose formulas are at
+dgaequipment.com and whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals).
+Indices stand in for a product's data sheet: 95 for ISO and single grades, as the chart at
+noco.ca/viscosity-chart takes, as listed for multigrade oils. Density and specific heat are those of
+`Oil`.
 
-A grade stands for two nominal kinematic viscosities. The standard gives one of them: ISO 3448 the
-number of an ISO VG grade at 40 C, SAE J300 a range at 100 C, whose middle is taken (fuchs.com,
-"Viscosity charts"; "SAE 10", a winter grade, goes from 4.1 mm2/s to where 15W begins). The other
-follows from an assumed viscosity index by ASTM D2270, whose formulas are at dgaequipment.com and
-whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals). Indices stand in for a
-product's data sheet: 95 for ISO and single grades, as the chart at noco.ca/viscosity-chart takes,
-as listed for multigrade oils. Density and specific heat are those of `Oil`.
+**Shear thinning.** The shear rate is that of the sliding surfaces, ``gamma = |U| / h``. It is the
+mean of du/dy over the thickness whatever the pressure's slope is, whose own part is antisymmetric:
+``-h/2`` to ``h/2`` times ``(dp/dy) / eta``, zero in the middle and small beside U / h in a sliding
+film. So the viscosity is one number across the film and Reynolds' equation keeps its form; the film
+of surfaces that do not slide, a squeeze film, does not thin. Sources that carry the variation
+across the film (Dowson's generalised equation) differ where h^2 dp/dy / (2 eta U) is not small.
 
-Shear thinning: viscosity as a function of the shear rate.
-
-The shear rate is that of the sliding surfaces, ``gamma = |U| / h``. It is the mean of du/dy over
-the thickness whatever the pressure's slope is, whose own part is antisymmetric: ``-h/2`` to
-``h/2`` times ``(dp/dy) / eta``, zero in the middle and small beside U / h in a sliding film. So
-the viscosity is one number across the film and Reynolds' equation keeps its form; the film of
-surfaces that do not slide, a squeeze film, does not thin. Sources that carry the variation across
-the film (Dowson's generalised equation) differ where h^2 dp/dy / (2 eta U) is not small.
-
-Viscosity laws are multiplied: of pressure, of place, of shear rate.
-
-Viscosity and density of the oil as functions of pressure, position and temperature.
-
-A law gives the ratio to the value at ambient pressure. It stands once, as an expression: of arrays
+**Laws.** Viscosity laws are multiplied: of pressure, of place, of shear rate. A law gives the ratio
+to the value at ambient pressure, or at rest. It stands once, as an expression: of arrays
 where values are wanted, of UFL's symbols in the weak form, which differentiates it
 (`fenics_ehd.film.weak_form`). Position enters by a factor on either property, given at the Gauss
-points (`Lubricant.viscosity_field`).
-
-Lubricants from settings.
+points (`Lubricant.viscosity_field`). Settings choose the laws of a `Lubricant` in `make_lubricant`.
 """
 
 from __future__ import annotations

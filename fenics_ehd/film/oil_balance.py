@@ -1,10 +1,9 @@
 """Oil balance of a film that may be partly empty, with limited transport of the void.
 
-Transport of the empty part of the gap by the moving surfaces, second order and limited.
-
-The nodes of one height form a strip around the bore. With the shape function
-``N_i = A_i(phi) Z(z)`` of node i of a strip, the full-film Couette term of the
-weak form is a difference of flows between neighbours,
+**Transport** of the empty part of the gap by the moving surfaces is of second order, and limited.
+The nodes of one height form a strip around the bore. With the shape function ``N_i = A_i(phi)
+Z(z)`` of node i of a strip, the full-film Couette term of the weak form is a difference of flows
+between neighbours,
 
     -int rho H V dN_i/dphi = F_i - F_(i-1),   F_i = -int rho H V dN_i/dphi behind node i,
 
@@ -33,11 +32,9 @@ no variation and no extreme, whatever the step.
 
 so that second neighbours belong to the pattern, too.
 
-Mass-conserving cavitation (Jakobsson and Floberg 1957, Olsson 1965).
-
-The gap holds oil to the fraction ``theta = 1 - s``; where the film is full, s = 0,
-and where it is not, the pressure is the cavitation pressure, p = 0. Per node i,
-dimensionless as in `fenics_ehd.film.weak_form`, the oil is conserved,
+**Balance** (Jakobsson and Floberg 1957, Olsson 1965). The gap holds oil to the fraction ``theta = 1
+- s``; where the film is full, s = 0, and where it is not, the pressure is the cavitation pressure,
+p = 0. Per node i, dimensionless as in `fenics_ehd.film.weak_form`, the oil is conserved,
 
     int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - t(s)_i = 0,
 

@@ -1,10 +1,8 @@
 """Parameters of a film, and supplies that conduct oil into it.
 
-What a film is made of: mesh, clearance, oil and given pressures.
-
-Supply that conducts oil into the film, at rest on the bore or turning with the journal.
-
-In a region of covered share w the film takes in, per area,
+A film is made of a mesh, a clearance, an oil and given pressures. A supply conducts oil into it, at
+rest on the bore or turning with the journal. In a region of covered share w the film takes in, per
+area,
 
     w kappa (p_s - p)
 

@@ -1,10 +1,9 @@
 """Rough surfaces: the gap that the oil sees, and the pressure of asperities that touch.
 
-Pressure of two rough surfaces whose asperities touch (Greenwood and Tripp 1970).
-
-Asperities are paraboloids of one radius beta, eta of them per area, their heights a Gaussian of
-the combined roughness sigma. Elastic contacts of pairs give, h the distance of the surfaces' mean
-planes, above which those of the asperities' tips lie by d sigma together,
+**Asperities that touch** (Greenwood and Tripp 1970) are paraboloids of one radius beta, eta of them
+per area, their heights a Gaussian of the combined roughness sigma. Elastic contacts of pairs give,
+h the distance of the surfaces' mean planes, above which those of the asperities' tips lie by d
+sigma together,
 
     p_c = (16 sqrt(2) pi / 15) (eta beta sigma)^2 sqrt(sigma / beta) E' F_5/2(h / sigma - d),
     1 / E' = (1 - nu_1^2) / E_1 + (1 - nu_2^2) / E_2,
@@ -19,11 +18,9 @@ by the trapezoidal rule over ``t = sqrt(s - H)``, where the integrand is even an
 exact to 1e-12 of the value (`tests/test_asperities.py`). Pressure and its slope are slopes of the
 same polynomial, so that the pressure is conservative to round-off.
 
-A film between rough surfaces: what the Reynolds equation sees of the gap, and what touches.
-
-The nominal gap h is the distance of the mean planes. Oil flows in the average gap ``h_T(h)``,
-which is positive however far the mean planes overlap: it takes the place of h in the Couette and
-squeeze terms (and, without flow factors, in the mobility ``h_T^3``). With flow factors
+**The gap.** The nominal gap h is the distance of the mean planes. Oil flows in the average gap
+``h_T(h)``, which is positive however far the mean planes overlap: it takes the place of h in the
+Couette and squeeze terms (and, without flow factors, in the mobility ``h_T^3``). With flow factors
 the mobility is ``h^3 phi_p`` and the mean velocity
 
     V + (U / 2) sigma w phi_s / h_T,
@@ -34,10 +31,9 @@ power of h_T that has its value and slope there: our own continuation.
 An update or an error of h is small beside ``h_T / (dh_T / dh)``: h itself where the surfaces are
 apart, about sigma where they touch.
 
-Mean flow and mean shear of oil between two rough surfaces (Patir and Cheng 1978, 1979).
-
-With ``H = h / sigma``, h the distance of the mean planes and sigma the combined rms roughness of
-two Gaussian surfaces without direction (gamma = 1), the mean flow and stress are
+**Mean flow and mean shear** of oil (Patir and Cheng 1978, 1979). With ``H = h / sigma``, h the
+distance of the mean planes and sigma the combined rms roughness of two Gaussian surfaces without
+direction (gamma = 1), the mean flow and stress are
 
     q   = -phi_p h^3 / (12 eta) grad p + V h_T + (U / 2) sigma w phi_s
     tau = phi_f eta U / h,                         of the pressure: phi_fp (h / 2) grad p

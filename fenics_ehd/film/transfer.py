@@ -1,25 +1,19 @@
 """Transfer of pressure and displacement between film and bore meshes that do not match.
 
-A mesh of a whole cylinder, unwrapped to the plane (phi, z) and periodic in phi.
+A `Surface` is a mesh of a whole cylinder, unwrapped to the plane (phi, z) and periodic in phi. It
+may have holes. Points on it are found in its cells, where its nodes say what is known there; within
+a hole that is extended from the rim by mean value coordinates (K. Hormann and M. S. Floater, ACM
+Transactions on Graphics 25, 2006): exact where it is linear, and continuous but for the bend of the
+rim's edges.
 
-It may have holes.
-
-Points on a surface: the cells they lie in, and what the nodes of the mesh know there.
-
-Within a hole of the mesh that is extended from its rim by mean value coordinates (K. Hormann and
-M. S. Floater, ACM Transactions on Graphics 25, 2006): exact where it is linear, and continuous but
-for the bend of the rim's edges.
-
-The common refinement of two meshes of one cylinder: triangles that tile all intersections.
-
-Pressure and displacement between film and bore meshes that do not match, section 2.2.
-
-Two ways to the nodal forces of a film pressure. The mortar (14) gives pressures
+**Section 2.2** has two ways to the nodal forces of a film pressure. The mortar (14) gives pressures
 on the bore's nodes, to be loaded with (15). The conservative one integrates the
 film's pressure against the bore's shape functions: resultant force and moment
 stay those of the film to round-off. Displacements come back by the bore's shape
 functions at the film's Gauss points: the transpose of the conservative way, whose
 force and gap are conjugate; those of the mortar are up to its projection's error.
+Integrals are taken over the common refinement of the two meshes, triangles that tile all
+intersections of their cells.
 """
 
 from __future__ import annotations

@@ -25,9 +25,8 @@ pressures of the supplies.
 
 Numbers are constants of the form: only another combination of laws is another form.
 
-Forms of a film on its mesh: dolfinx assembles vectors and matrices of the weak form.
-
-A combination of laws is compiled once; other meshes, oils and temperatures take the same kernels.
+**On a mesh** dolfinx assembles vectors and matrices of the weak form. A combination of laws is
+compiled once; other meshes, oils and temperatures take the same kernels.
 
 The mesh is the unwrapped bore, flat. It is periodic by its numbers: the nodes at both ends of the
 circumference have one number, that of the film's grid. Gap data are functions of the quadrature
@@ -289,6 +288,7 @@ class WeakForm:
 
     @staticmethod
     def _integrand(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, v: Any) -> Any:
+        """The Reynolds equation (1): ``f . grad v + s v`` and what supplies conduct."""
         flow = flow_law(laws, n, q, pressure, SYMBOLS)
         dragged = flow.density * flow.thickness * flow.velocity - n.level
         around = flow.conductance * pressure.dx(0) - dragged

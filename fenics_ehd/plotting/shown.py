@@ -1,6 +1,6 @@
 """Runs as pictures show them: the last cycle, joint by joint, and the mechanism moving.
 
-The mechanism of a run's folder, moving; nothing is meshed, reduced or compiled for it.
+The mechanism is that of the run's folder; nothing is meshed, reduced or compiled for it.
 """
 
 from __future__ import annotations

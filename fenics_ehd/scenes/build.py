@@ -1,8 +1,7 @@
 """From a scene to its mechanism: what can be refused is, then parts are reduced.
 
-Bodies that single entries of a scene stand for; drives and forces, their tables read.
-
-Assembly of a scene with its elastic parts rigid, to refuse at once what cannot move.
+Single entries of a scene stand for bodies, drives and forces, whose tables are read. The mechanism
+is assembled with its elastic parts rigid first, to refuse at once what cannot move.
 """
 
 from __future__ import annotations

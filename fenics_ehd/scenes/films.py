@@ -1,8 +1,7 @@
 """Films of a scene's joints: rough surfaces, shapes, supplies.
 
-Rough surfaces of a scene's lubricated joints.
-
-Shapes of the bores and journals of a scene, and of a measured one from a CSV file.
+The deviations of a bore or journal from the round one are given by its settings, or measured, in a
+CSV file:
 
     # anything
     angle_deg,height_m,deviation_m
@@ -12,10 +11,6 @@ Shapes of the bores and journals of a scene, and of a measured one from a CSV fi
 
 Every angle with every height, in any order; angles within one turn, perhaps a last one that is the
 first again.
-
-Supplies of a scene's films.
-
-Films of a scene's lubricated joints.
 """
 
 from __future__ import annotations

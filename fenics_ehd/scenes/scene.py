@@ -1,17 +1,10 @@
 """Scenes: read from a file, checked as a whole, written as text again.
 
-A scene: what a scene file says, by name.
-
-Heat of a scene's lubricated joints, and the oil at the temperature where it begins.
-
-What a scene may not say although every value is a possible one: names and times.
-
-A scene file: bodies, joints, drives and forces of one mechanism, read and checked.
-
+A `Scene` is what a scene file says of one mechanism: bodies, joints, drives and forces by name.
 What needs no mesh is checked here: keys, kinds, values, and that every name is the name of
-something. `fenics_ehd.scenes.build` makes a mechanism of it.
-
-A scene as text again: every setting with its value and its meaning, files by their own paths.
+something, that times fit each other, that what a joint lists does something.
+`fenics_ehd.scenes.build` makes a mechanism of it. As text again it has every setting with its value
+and its meaning, files by their own paths.
 """
 
 from __future__ import annotations

@@ -1,11 +1,5 @@
 """Schema of scene files: bodies, joints, drives, forces, lubricants, supplies, output.
 
-Fields of a scene's settings beside those of `base.fields`: points, names, film cells.
-
-Settings of an elastic part's reduction, and what to choose from.
-
-What a scene file may say: bodies, joints, drives, forces, lubricants, time, output.
-
 One settings class for every kind of entry; the docstrings and help texts are the reference.
 Angles are counted from the x axis, positive from x to y, and a body's angle is that of its own x
 axis; a crank whose pin lies on its x axis has its outer (top) dead centre, for a piston on the

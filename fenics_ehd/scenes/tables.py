@@ -2,7 +2,7 @@
 
 A header names columns and units, rows of numbers follow; lines that start with ``#`` are comments.
 
-Something periodic over an angle, from a CSV file.
+**Over an angle, periodic:**
 
     # anything
     angle_deg,force_N
@@ -17,7 +17,7 @@ the spline itself swings below zero beside an ignition that a few rows describe.
 something smooth leave all slopes but those at extremes as they are. The slope is continuous, as
 Newton's method wants it.
 
-Something over time, from a CSV file.
+**Over time:**
 
     # anything
     time_s,speed_rad_per_s
@@ -27,7 +27,7 @@ Something over time, from a CSV file.
 Between the rows lies a cubic curve that never leaves their range (F. N. Fritsch and J. Butland,
 SIAM J. Sci. Stat. Comput. 5, 1984); before the first and after the last row their values stay.
 
-A periodic load, from a CSV file of times and forces.
+**A periodic load over time:**
 
     # anything
     time_s,Fx_N,Fy_N
