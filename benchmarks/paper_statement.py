@@ -230,9 +230,12 @@ def _may_have(row: StudyRow, coordinates: float) -> bool:
 
 def near(rows: Iterable[StudyRow], coordinates: float) -> list[StudyRow]:
     """Runs with about this many coordinates, the nearest first."""
-    distance = {row: abs(row["coordinates"] / coordinates - 1) for row in rows}
-    close = [row for row, value in distance.items() if value <= EQUAL_COORDINATES]
-    return sorted(close, key=lambda row: (distance[row], row["run"]))
+
+    def distance(row: StudyRow) -> float:
+        return abs(row["coordinates"] / coordinates - 1)
+
+    close = [row for row in rows if distance(row) <= EQUAL_COORDINATES]
+    return sorted(close, key=lambda row: (distance(row), row["run"]))
 
 
 def reference_history(joint: JointData, until: float = 0.0, *, films: bool = True) -> ehd.History:
