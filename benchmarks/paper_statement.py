@@ -315,16 +315,16 @@ def m2_ahead_of_m1(joint: JointData) -> Finding:
 
 def too_stiff(joint: JointData, rows: Sequence[StudyRow]) -> Finding:
     """Peak pressures come out too high where loads are high: mean error, weighted by time."""
-    excess = {}
+    excess = []
     for row in rows:
         error, load, weight = pressure_errors(joint, row)
         high = load >= HIGH_LOAD
-        excess[row] = float(weight[high] @ error[high] / weight[high].sum())
+        excess.append((row, float(weight[high] @ error[high] / weight[high].sum())))
     words = ", ".join(
         f"{row['method'].upper()} with {row['coordinates']:.0f}: {100 * value:+.1f} %"
-        for row, value in excess.items()
+        for row, value in excess
     )
-    above = (clearly(value > 0, value, row.floor(PRESSURE)) for row, value in excess.items())
+    above = (clearly(value > 0, value, row.floor(PRESSURE)) for row, value in excess)
     return Finding(f"mean pressure error at high loads: {words}", verdict(above))
 
 
