@@ -99,7 +99,7 @@ def require_format(option: str, path: str | Path, known: Collection[str]) -> Non
     require_writable(path)
 
 
-def save_in_formats(figure: Figure, directory: Path, name: str) -> list[Path]:
+def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Path]:
     """Write a figure in each of `PICTURE_FORMATS` into a folder of this program, and close it.
 
     Raises
@@ -108,8 +108,8 @@ def save_in_formats(figure: Figure, directory: Path, name: str) -> list[Path]:
         A file of that name there is not the program's.
     """
     names = [f"{name}.{suffix}" for suffix in PICTURE_FORMATS]
-    claim(directory, names)
-    return save(figure, [directory / name for name in names])
+    claim(Path(directory), names)
+    return save(figure, [Path(directory) / name for name in names])
 
 
 def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:

@@ -152,7 +152,7 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
 OF_EVERY_RUN = tuple(n for n, q in QUANTITIES.items() if isinstance(q, Curves | Paths))
 
 
-def plot_run(directory: Path) -> list[Path]:
+def plot_run(directory: str | Path) -> list[Path]:
     """The pictures that a run leaves in its own folder, of what its models tell."""
     pictures = Pictures({"": directory})
     return [path for name in OF_EVERY_RUN for path in pictures.draw(name, directory)]
@@ -219,7 +219,7 @@ class Pictures:
                     f"--quantity {name}: {what}{joints} in {of}; there is {', '.join(self.names)}"
                 )
 
-    def draw(self, name: str, directory: Path) -> list[Path]:
+    def draw(self, name: str, directory: str | Path) -> list[Path]:
         """Write a picture in each format; none where there is nothing to draw.
 
         Those of several runs have names of their own, and leave those of the first alone.
