@@ -59,7 +59,7 @@ from fenics_ehd.film.supply import AxialGroove, Sides
 from fenics_ehd.multibody.body import MasslessBody, ground
 from fenics_ehd.multibody.forces import PointForce
 from fenics_ehd.multibody.joints import Revolute, Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.lubricated_joint import QUARTER, LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.quantities import JointStep, film_power
 
@@ -532,8 +532,9 @@ def _coefficients(found: _Found, load: float) -> DynamicCoefficients:
     stiffness, damping = np.mean(parts, axis=0)
     if settings.plain:
         # Its force turns with the journal, which a mesh that stays shows to a row of nodes only.
-        across = rotation(np.pi / 2) @ found.position / np.hypot(*found.position)
-        turned = rotation(np.pi / 2) @ found.push / np.hypot(*found.position)
+        distance = np.hypot(*found.position)
+        across = QUARTER @ found.position / distance
+        turned = QUARTER @ found.push / distance
         stiffness += np.outer(turned - stiffness @ across, across)
     mass, whirl = stability(stiffness, damping)
     speed = abs(settings.speed)

@@ -142,17 +142,16 @@ def run(
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
     given = {key: value for key, value in output.items() if value is not None}
-    wishes: dict[str, Any] = {"plots": plots, "interval": interval, "as_json": as_json}
-    wishes["multiplier"] = multiplier
+    options = run.RunOptions(plots, interval, as_json, multiplier)
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
         asked = given | ({"paraview": True} if vtk else {})
-        run.run(run.changed_scene(scene, body, method, asked), target, overwrite, **wishes)
+        run.run(run.changed_scene(scene, body, method, asked), target, overwrite, options)
         return
     if body or method or directory or vtk or overwrite or given:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
-    run.resume(Path(resume), **wishes)
+    run.resume(Path(resume), options)
 
 
 @cli.command()

@@ -6,6 +6,7 @@ Results joint by joint and over the cycle, the error budget, the accuracy asked 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
@@ -152,10 +153,23 @@ def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
 LARGEST_ESTIMATE = 0.2
 
 
-def run(scene: Scene, directory: Path, overwrite: bool, *, multiplier: bool, **wishes: Any) -> None:
-    """Run a scene; collective until it is built. The rest as of `_finish`."""
-    began = perf_counter()
-    if multiplier and not scene.time.periodic:
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of the command line for a run, new or gone on with, beside its scene."""
+
+    plots: bool
+    #: Between two checkpoints [s].
+    interval: float
+    as_json: bool
+    #: Whether the largest multiplier of a periodic solution is found, too.
+    multiplier: bool
+    #: When the command began [s].
+    began: float = field(default_factory=perf_counter)
+
+
+def run(scene: Scene, directory: Path, overwrite: bool, options: RunOptions) -> None:
+    """Run a scene; collective until it is built."""
+    if options.multiplier and not scene.time.periodic:
         raise SettingsError(
             f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
         )
@@ -168,8 +182,7 @@ def run(scene: Scene, directory: Path, overwrite: bool, *, multiplier: bool, **w
         parts = _whole_parts(built) if scene.output.paraview else {}
         # The time integration is serial: other ranks have done their share.
         if folder is not None:
-            wishes |= {"parts": parts, "multiplier": multiplier, "began": began}
-            _finish(scene, built, folder, search, **wishes)
+            _finish(scene, built, folder, options, search, parts=parts)
 
 
 def changed_scene(
@@ -222,44 +235,29 @@ def _whole_parts(built: Machine) -> dict[str, PartFields]:
     return {name: part for name, part in parts.items() if part is not None}
 
 
-def resume(directory: Path, *, as_json: bool, **wishes: Any) -> None:
-    """Go on with a run; serial. The rest as of `_finish`."""
+def resume(directory: Path, options: RunOptions) -> None:
+    """Go on with a run; serial."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
         if done is not None and "cycles" in done:
             # A periodic solution keeps its last cycle, and nothing to go on with.
-            answer(done, report(done, folder.directory), as_json)
+            answer(done, report(done, folder.directory), options.as_json)
             return
-        wishes |= {"former": load_run_state(folder.path), "as_json": as_json}
-        _finish(*stored_scene(folder.path), folder, search_of(folder.path), **wishes)
+        former = load_run_state(folder.path)
+        scene, built = stored_scene(folder.path)
+        _finish(scene, built, folder, options, search_of(folder.path), former)
 
 
 def _finish(
     scene: Scene,
     built: Machine,
     folder: RunFolder,
+    options: RunOptions,
     search: Search | None,
-    *,
-    plots: bool,
-    interval: float,
-    multiplier: bool,
-    as_json: bool,
     former: Checkpoint | None = None,
     parts: Mapping[str, PartFields] = MappingProxyType({}),
-    began: float | None = None,
 ) -> None:
-    """Integrate, draw, print.
-
-    Parameters
-    ----------
-    scene, built, folder, search, interval, former, multiplier
-        See `run_accurately`.
-    plots, as_json
-        What is made of the results.
-    parts
-        For a ParaView series.
-    began
-        When the command began [s]; None: a former one did.
+    """Integrate, draw, print; `parts` go into a ParaView series.
 
     Raises
     ------
@@ -272,12 +270,12 @@ def _finish(
         built,
         folder.path,
         search,
-        interval=interval,
+        interval=options.interval,
         former=former,
-        multiplier=multiplier,
+        multiplier=options.multiplier,
         told=say_next,
     )
-    if plots and scene.output.plots:
+    if options.plots and scene.output.plots:
         from fenics_ehd.plotting.pictures import plot_run
 
         plot_run(folder.path)
@@ -286,8 +284,8 @@ def _finish(
             parts = {**parts, **_whole_parts(built)}
         _write_series(scene, built, folder.path, parts)
     warn_of(summary["notices"])
-    seconds = None if began is None else perf_counter() - began
-    answer(summary, report(summary, folder.directory, seconds), as_json)
+    seconds = perf_counter() - options.began if former is None else None
+    answer(summary, report(summary, folder.directory, seconds), options.as_json)
     if summary["status"] != "complete":
         raise VerificationError(str(summary["status"]))
 

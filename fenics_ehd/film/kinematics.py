@@ -108,6 +108,18 @@ class ShapeTable:
         return np.sum(columns * hats, axis=0)
 
 
+def require_read(table: str, read: object, key: str = "table", given: str = "a curve") -> None:
+    """Refuse a setting's table that nothing has read, as scenes do.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key, and what is to be `given` in its place.
+    """
+    if table != NONE and read is None:
+        raise SettingsError(f"{key} = {table!r} is read with a scene: give {given} in Python")
+
+
 @attrs.frozen(kw_only=True, slots=False)
 class Shape(Deviations):
     """Radial deviation of a surface.
@@ -123,10 +135,7 @@ class Shape(Deviations):
     measured: ShapeTable | None = None
 
     def __attrs_post_init__(self) -> None:
-        if self.table != NONE and self.measured is None:
-            raise SettingsError(
-                f"table = {self.table!r} is read with a scene: give it as measured in Python"
-            )
+        require_read(self.table, self.measured, given="it as measured")
         if (self.barrel or self.taper) and self.half_width == np.inf:
             raise SettingsError(
                 f"barrel = {self.barrel:g} m, taper = {self.taper:g} m need half_width, half the "

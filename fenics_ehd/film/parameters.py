@@ -28,10 +28,9 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE
 from fenics_ehd.film.assembly import Assembly, with_weights
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.film.kinematics import Gap, SurfacePoints
+from fenics_ehd.film.kinematics import Gap, SurfacePoints, require_read
 from fenics_ehd.film.lubricant import Lubricant
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.film.supply import AxialGroove, Sides, Supply, blur_of, check_supply, covered
@@ -194,11 +193,7 @@ class Feeds:
                 f"two supplies of one name, {', '.join(map(repr, sorted(names)))}: give each a name"
             )
         for feed in feeds:
-            if feed.table != NONE and feed.curve is None:
-                raise SettingsError(
-                    f"{feed.name}: table = {feed.table!r} is read with a scene: give a curve in "
-                    "Python"
-                )
+            require_read(feed.table, feed.curve, f"{feed.name}: table")
         # Of every supply either the film's own conductance over w H^3, or that of its passage: the
         # pressure scale over a resistance, in units of the flow c Omega R^2.
         self._film = np.zeros((len(feeds), *area.shape))

@@ -20,9 +20,8 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE
 from fenics_ehd.base.plane import rotation
-from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.kinematics import Gap, require_read
 from fenics_ehd.multibody.body import (
     ANGLE,
     FINE_WEIGHT,
@@ -206,10 +205,8 @@ class System:
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
         for name, load in (*mechanism.drives.items(), *mechanism.forces.items()):
-            if isinstance(load, Speed | Torque) and load.table != NONE and load.curve is None:
-                raise SettingsError(
-                    f"{name}: table = {load.table!r} is read with a scene: give a curve in Python"
-                )
+            if isinstance(load, Speed | Torque):
+                require_read(load.table, load.curve, f"{name}: table")
         for name, drive in mechanism.drives.items():
             if not callable(drive):
                 raise SettingsError(

@@ -421,6 +421,12 @@ RENAMED = {
 NOW = {path[-1]: new for path, new in RENAMED.items()}
 
 
+def today(key: str) -> str:
+    """A key, or its end, with today's name of its last word."""
+    before, dot, last = key.rpartition(".")
+    return before + dot + NOW.get(last, last)
+
+
 def renamed(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """Tables with today's names of keys that had others, and one line for each of these."""
     found, lines = deepcopy(dict(tables)), []
@@ -489,10 +495,9 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """
     tables, told = deepcopy(dict(scene.tables)), list(scene.renamed)
     for key, value in values.items():
-        *path, last = key.split(".")
-        if last in NOW:
-            told.append(f"{key} is now called {NOW[last]}")
-            last = NOW[last]
+        *path, last = today(key).split(".")
+        if last != key.rpartition(".")[2]:
+            told.append(f"{key} is now called {last}")
         table = tables
         for name in path:
             table = table.setdefault(name, {})

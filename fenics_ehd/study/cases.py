@@ -28,7 +28,7 @@ from fenics_ehd.base.settings import key_hint, walk
 from fenics_ehd.reduction.body import FORMAT_VERSION
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
-from fenics_ehd.scenes.scene import NOW, Scene, by_key, changed, meshed, stored
+from fenics_ehd.scenes.scene import Scene, by_key, changed, meshed, stored, today
 
 
 def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
@@ -54,8 +54,7 @@ def resolve_key(scene: Scene, name: str) -> str:
         missing.
     """
     values, free = scene_values(scene)
-    before, dot, last = name.rpartition(".")
-    name = before + dot + NOW.get(last, last)
+    name = today(name)
     found = _ending(values, name)
     if not found and _ending(free, name):
         table = _ending(free, name)[0]
